@@ -1,0 +1,62 @@
+"""The frozen values that the packages talk in. Imports nothing of ours, no UP, no OMPL."""
+
+from up_samp.model.bodies import (
+    Body,
+    Configuration,
+    ControlLaw,
+    Kinematics,
+    MotionModel,
+    Movable,
+    Placed,
+)
+from up_samp.model.deadline import Deadline
+from up_samp.model.errors import EngineError, ProblemError, SampError, UnsupportedError
+from up_samp.model.motion import (
+    FixedMotion,
+    GroupQuery,
+    GroupReport,
+    Outcome,
+    PathQuery,
+    PathReport,
+    Rest,
+    TimedMotion,
+    Trajectory,
+    interpolate,
+)
+from up_samp.model.schedule import (
+    CandidateSchedule,
+    ScheduledChange,
+    ScheduledMotion,
+    ScheduleReport,
+    ScheduleStatus,
+)
+
+__all__ = [
+    "Body",
+    "CandidateSchedule",
+    "Configuration",
+    "ControlLaw",
+    "Deadline",
+    "EngineError",
+    "FixedMotion",
+    "GroupQuery",
+    "GroupReport",
+    "Kinematics",
+    "MotionModel",
+    "Movable",
+    "Outcome",
+    "PathQuery",
+    "PathReport",
+    "Placed",
+    "ProblemError",
+    "Rest",
+    "SampError",
+    "ScheduleReport",
+    "ScheduleStatus",
+    "ScheduledChange",
+    "ScheduledMotion",
+    "TimedMotion",
+    "Trajectory",
+    "UnsupportedError",
+    "interpolate",
+]

@@ -1,0 +1,83 @@
+"""What moves: shapes, kinematics and named objects. Lengths in m, angles in rad, times in s."""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+Configuration = tuple[float, ...]
+"""``(x, y, theta)`` for SE2, ``(x, y, z, qx, qy, qz, qw)`` for SE3, in the world frame."""
+
+
+class MotionModel(enum.Enum):
+    """How a body moves."""
+
+    REEDSSHEPP = "REEDSSHEPP"
+    SE2 = "SE2"
+    SE3 = "SE3"
+    CONTROL = "CONTROL"
+
+
+@dataclass(frozen=True)
+class ControlLaw:
+    """A body's own equations of motion ``qdot = f(q, u)`` (``f`` fills ``qdot`` in place).
+
+    ``bounds`` are ``(name, low, high)`` for each component of ``u``, in order.
+    """
+
+    function: Callable[[Any, Any, Any], None]
+    bounds: tuple[tuple[str, float, float], ...]
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """Limits of motion. ``turning_radius`` in m, ``v_max`` in m/s, ``a_max`` in m/s^2,
+    ``omega_max`` in rad/s; ``omega_max`` binds SE2 and SE3 bodies only: a car's turn rate follows
+    from its speed and turning radius."""
+
+    model: MotionModel
+    turning_radius: float = 1.0
+    v_max: float = 1.0
+    a_max: float = 1.0
+    omega_max: float = 1.0
+    control: ControlLaw | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("turning_radius", "v_max", "a_max", "omega_max"):
+            value = getattr(self, name)
+            if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
+                raise ValueError(f"{name} must be a positive finite number, not {value!r}")
+
+
+@dataclass(frozen=True)
+class Body:
+    """A shape and how it moves. Two objects with equal bodies are *equivalent*.
+
+    ``footprint`` is a simple polygon, counter-clockwise or clockwise, in the body frame
+    (reference point at the origin, heading along +x). ``mesh`` is a file for SE3 bodies.
+    """
+
+    footprint: tuple[tuple[float, float], ...]
+    kinematics: Kinematics
+    mesh: str | None = None
+
+
+@dataclass(frozen=True)
+class Movable:
+    """A named movable object of the problem."""
+
+    name: str
+    type_name: str
+    body: Body
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A named body that rests at a configuration."""
+
+    name: str
+    body: Body
+    pose: Configuration

@@ -1,0 +1,75 @@
+"""Schedules as the loop sees them: plain names and integers, no UP objects."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from up_samp.model.bodies import Configuration
+
+Value = bool | int | str
+"""Value of a decision variable: an object is given by its name."""
+
+
+@dataclass(frozen=True)
+class CandidateSchedule:
+    """A schedule: ``times[name] = (start, end)`` for the activities that are present;
+    ``parameters["activity.parameter"]`` (or the variable's name) for every decision variable."""
+
+    times: Mapping[str, tuple[int, int]]
+    parameters: Mapping[str, Value] = field(default_factory=dict)
+
+    @property
+    def makespan(self) -> int:
+        """Latest end of a present activity (0 when there is none)."""
+        return max((end for _, end in self.times.values()), default=0)
+
+
+class ScheduleStatus(enum.Enum):
+    """What a scheduler's answer is worth. ``INFEASIBLE`` is a proof; ``NOT_FOUND`` is none."""
+
+    OPTIMAL = "optimal"
+    FOUND = "found"
+    INFEASIBLE = "infeasible"
+    NOT_FOUND = "not found"
+    OUT_OF_TIME = "out of time"
+    ERROR = "error"
+
+
+@dataclass(frozen=True)
+class ScheduleReport:
+    """A scheduler's answer. ``bound`` is a proven lower bound on the makespan if there is one."""
+
+    status: ScheduleStatus
+    schedule: CandidateSchedule | None = None
+    bound: int | None = None
+    message: str = ""
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True)
+class ScheduledMotion:
+    """A motion as a candidate schedule wants it: ``object`` drives from ``configurations[0]`` through
+    the others (names), in ``[start, end]`` (schedule units)."""
+
+    activity: str
+    constraint: int
+    object: str
+    configurations: tuple[str, ...]
+    poses: tuple[Configuration, ...]
+    start: int
+    end: int
+    avoid: frozenset[str] | None = None
+    static: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True)
+class ScheduledChange:
+    """An instantaneous change of an object's configuration at ``time``, at an activity's end."""
+
+    activity: str
+    object: str
+    configuration: str
+    pose: Configuration
+    time: int
