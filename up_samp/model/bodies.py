@@ -36,7 +36,8 @@ class ControlLaw:
 class Kinematics:
     """Limits of motion. ``turning_radius`` in m, ``v_max`` in m/s, ``a_max`` in m/s^2,
     ``omega_max`` in rad/s; ``omega_max`` binds SE2 and SE3 bodies only: a car's turn rate follows
-    from its speed and turning radius."""
+    from its speed and turning radius.
+    """
 
     model: MotionModel
     turning_radius: float = 1.0

@@ -112,7 +112,8 @@ class Outcome(enum.Enum):
 @dataclass(frozen=True)
 class PathQuery:
     """Drive ``body`` from ``poses[0]`` through all further ``poses`` (it rests at each), while the
-    ``obstacles`` rest where they are. Time does not matter; the shortest duration is wanted."""
+    ``obstacles`` rest where they are. Time does not matter; the shortest duration is wanted.
+    """
 
     body: Body
     poses: tuple[Configuration, ...]
@@ -152,7 +153,7 @@ class Rest:
 @dataclass(frozen=True)
 class TimedMotion:
     """One motion of a group: ``name`` (the activity) drives ``object`` from ``poses[0]`` through all
-    ``poses``, not before ``release`` and, if it can, done by ``due`` (s, plan time).
+    all ``poses``, not before ``release`` and, if it can, done by ``due`` (s, plan time).
 
     It rests at ``poses[0]`` from ``present_from`` on until it leaves and at ``poses[-1]`` after it
     arrived until ``present_until``: as an obstacle to others it is there that long.
@@ -172,8 +173,9 @@ class TimedMotion:
 
 @dataclass(frozen=True)
 class FixedMotion:
-    """A motion that is already decided: ``object`` with ``body`` follows ``trajectory``; it is there
-    only during ``[present_from, present_until]`` (resting before and after its samples)."""
+    """An already decided motion: ``object`` with ``body`` follows ``trajectory``; it is there
+    only during ``[present_from, present_until]`` (resting before and after its samples).
+    """
 
     name: str
     object: str
@@ -185,8 +187,9 @@ class FixedMotion:
 
 @dataclass(frozen=True)
 class GroupQuery:
-    """Motions that may meet: find trajectories for all ``motions`` that keep clear of each other, of
-    the resting ``rests`` and of the already decided ``fixed``."""
+    """Motions that may meet: find trajectories for all ``motions`` that keep clear of each other,
+    of the resting ``rests`` and of the already decided ``fixed``.
+    """
 
     motions: tuple[TimedMotion, ...]
     rests: tuple[Rest, ...] = ()

@@ -15,7 +15,8 @@ Value = bool | int | str
 @dataclass(frozen=True)
 class CandidateSchedule:
     """A schedule: ``times[name] = (start, end)`` for the activities that are present;
-    ``parameters["activity.parameter"]`` (or the variable's name) for every decision variable."""
+    ``parameters["activity.parameter"]`` (or the variable's name) for every decision variable.
+    """
 
     times: Mapping[str, tuple[int, int]]
     parameters: Mapping[str, Value] = field(default_factory=dict)
@@ -50,8 +51,9 @@ class ScheduleReport:
 
 @dataclass(frozen=True)
 class ScheduledMotion:
-    """A motion as a candidate schedule wants it: ``object`` drives from ``configurations[0]`` through
-    the others (names), in ``[start, end]`` (schedule units)."""
+    """A motion as a candidate schedule wants it: ``object`` drives ``configurations[0]`` through
+    the others (names), in ``[start, end]`` (schedule units).
+    """
 
     activity: str
     constraint: int
