@@ -152,7 +152,7 @@ class Rest:
 
 @dataclass(frozen=True)
 class TimedMotion:
-    """One motion of a group: ``name`` (the activity) drives ``object`` from ``poses[0]`` through all
+    """One motion of a group: ``name`` (the activity) drives ``object`` from ``poses[0]`` through
     all ``poses``, not before ``release`` and, if it can, done by ``due`` (s, plan time).
 
     It rests at ``poses[0]`` from ``present_from`` on until it leaves and at ``poses[-1]`` after it
