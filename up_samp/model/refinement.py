@@ -1,0 +1,176 @@
+"""What the scheduler is told after a motion check, as plain values.
+
+A refinement is a statement about activities. ``upio.write`` puts it into a UP problem.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+
+class Strength(enum.Enum):
+    """What a refinement is worth.
+
+    ``PROVEN``: no valid plan breaks it. ``RELATIVE``: no plan breaks it whose motions are those
+    that the motion planner takes for the fastest (the paper's relative optimality).
+    ``HEURISTIC``: a search ran out of time; it may remove valid plans.
+    """
+
+    PROVEN = "proven"
+    RELATIVE = "relative"
+    HEURISTIC = "heuristic"
+
+
+class Layer(enum.Enum):
+    """Which check gave a refinement."""
+
+    BOUND = "bound"
+    GEOMETRIC = "geometric"
+    TEMPORAL = "temporal"
+    GROUP = "group"
+
+
+class End(enum.Enum):
+    """Which timepoint of an activity."""
+
+    START = "start"
+    END = "end"
+
+
+@dataclass(frozen=True)
+class TimeRef:
+    """The start or end of an activity."""
+
+    activity: str
+    end: End
+
+
+def start_of(activity: str) -> TimeRef:
+    """Return the reference to an activity's start."""
+    return TimeRef(activity, End.START)
+
+
+def end_of(activity: str) -> TimeRef:
+    """Return the reference to an activity's end."""
+    return TimeRef(activity, End.END)
+
+
+@dataclass(frozen=True)
+class Absent:
+    """The activity is not in the schedule."""
+
+    activity: str
+
+    def __str__(self) -> str:
+        return f"{self.activity} absent"
+
+
+@dataclass(frozen=True)
+class Apart:
+    """``later - earlier >= at_least`` (schedule units), both activities present."""
+
+    earlier: TimeRef
+    later: TimeRef
+    at_least: int
+
+    def __str__(self) -> str:
+        return (
+            f"{self.later.activity}.{self.later.end.value} - "
+            f"{self.earlier.activity}.{self.earlier.end.value} >= {self.at_least}"
+        )
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    """While ``activity`` lasts, ``object`` is not at ``configuration`` (the paper's CHCONF)."""
+
+    activity: str
+    object: str
+    configuration: str
+
+    def __str__(self) -> str:
+        return f"{self.object} not at {self.configuration} during {self.activity}"
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """``rival`` is present and overlaps in time with ``activity``."""
+
+    rival: str
+    activity: str
+
+    def __str__(self) -> str:
+        return f"{self.rival} overlaps {self.activity}"
+
+
+Literal = Absent | Apart | Elsewhere | Overlap
+
+
+@dataclass(frozen=True)
+class Clause:
+    """At least one of the literals holds."""
+
+    literals: tuple[Literal, ...]
+
+    def __str__(self) -> str:
+        return " or ".join(str(x) for x in self.literals) or "false"
+
+
+@dataclass(frozen=True)
+class Lasts:
+    """If present, the activity lasts at least ``at_least`` units."""
+
+    activity: str
+    at_least: int
+
+    def __str__(self) -> str:
+        return f"{self.activity} lasts at least {self.at_least}"
+
+
+@dataclass(frozen=True)
+class Requires:
+    """While ``activity`` is under way, in [start + 1, end], ``object`` is at none of these.
+
+    The first instant is left out: a change at the activity's start comes just in time.
+    """
+
+    activity: str
+    object: str
+    configurations: frozenset[str]
+
+    def __str__(self) -> str:
+        return f"{self.activity} requires {self.object} not at {sorted(self.configurations)}"
+
+
+@dataclass(frozen=True)
+class Exclusive:
+    """A place for one: at most one object rests at any of its configurations.
+
+    ``arrivals`` are activities that bring an object there (at their end), ``departures`` those
+    that take it away (at their start); ``taken`` tells whether an object is there at first.
+    """
+
+    name: str
+    arrivals: frozenset[str]
+    departures: frozenset[str]
+    taken: bool
+
+    def __str__(self) -> str:
+        return f"place {self.name} holds one object"
+
+
+Statement = Clause | Lasts | Requires | Exclusive
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """A statement with its reason: which check found it, what it is worth, whom it concerns."""
+
+    statement: Statement
+    layer: Layer
+    strength: Strength
+    why: str
+
+    def __str__(self) -> str:
+        return f"[{self.strength.value}, {self.layer.value}] {self.statement}  ({self.why})"

@@ -1,0 +1,224 @@
+"""The relaxation: the scheduling problem that remains when nothing is known of motions.
+
+Motion activities become plain ones, configurations plain objects. So that trajectories can be
+continuous (Definition 9.3), each object that changes its configuration has a state: an
+object-valued fluent that its motions need at their start and set at their end. Where one of the
+problem's own fluents does just that already (``robot_at``), it serves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from unified_planning.model import Effect, FNode, Timing
+from unified_planning.model.mixins.timed_conds_effs import TimedCondsEffs
+from unified_planning.model.motion import SchedulingMotionProblem
+from unified_planning.model.scheduling import Activity, SchedulingProblem
+from unified_planning.model.scheduling.chronicle import Chronicle
+from unified_planning.model.timing import ClosedTimeInterval, DurationInterval, TimeInterval
+
+from up_samp.model import UnsupportedError
+from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
+from up_samp.upio.rewrite import Rewriter
+
+
+@dataclass
+class Relaxation:
+    """A growing plain problem. ``state[o]`` is the fluent that tells where object ``o`` is."""
+
+    problem: SchedulingProblem
+    snapshot: Snapshot
+    rewriter: Rewriter
+    state: dict[str, FNode]
+    activities: dict[str, Activity] = field(default_factory=dict)
+    elsewhere: dict[tuple[str, str, str], Activity] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.activities = {a.name: a for a in self.problem.activities}
+
+
+def relax(problem: SchedulingMotionProblem, snapshot: Snapshot) -> Relaxation:
+    """Return the relaxation of ``problem``; neither it nor its parts are shared with it."""
+    rewriter = Rewriter(problem.environment)
+    plain = SchedulingProblem(problem.name, problem.environment)
+    _copy_state(problem, plain, rewriter)
+    _copy_chronicle(problem._base, plain._base, rewriter)
+    for activity in problem.activities:
+        copy = Activity(activity.name, 1, activity.optional, _env=problem.environment)
+        _copy_chronicle(activity, copy, rewriter)
+        bounds = activity.duration
+        copy._set_duration_constraint(
+            DurationInterval(
+                rewriter(bounds.lower),
+                rewriter(bounds.upper),
+                bounds.is_left_open(),
+                bounds.is_right_open(),
+            )
+        )
+        plain._activities.append(copy)
+    for metric in problem.quality_metrics:
+        plain.add_quality_metric(metric)
+    relaxation = Relaxation(plain, snapshot, rewriter, {})
+    for name in sorted(snapshot.moved()):
+        _add_state(relaxation, name)
+    return relaxation
+
+
+def _copy_state(
+    problem: SchedulingMotionProblem, plain: SchedulingProblem, rewriter: Rewriter
+) -> None:
+    plain.epsilon = problem.epsilon
+    plain.discrete_time = problem.discrete_time
+    plain.self_overlapping = problem.self_overlapping
+    for obj in problem.all_objects:
+        plain.add_object(rewriter.object(obj))
+    defaults = problem.fluents_defaults
+    for fluent in problem.fluents:
+        value = defaults.get(fluent)
+        plain.add_fluent(
+            rewriter.fluent(fluent),
+            default_initial_value=None if value is None else rewriter(value),
+        )
+    for fluent_exp, value in problem.explicit_initial_values.items():
+        plain.set_initial_value(rewriter(fluent_exp), rewriter(value))
+
+
+def _copy_chronicle(source: Chronicle, target: Chronicle, rewriter: Rewriter) -> None:
+    for name, parameter in source._parameters.items():
+        target._parameters[name] = rewriter.parameter(parameter)
+    for constraint, scope in source._constraints:
+        target._constraints.append((rewriter(constraint), [rewriter(s) for s in scope]))
+    _copy_timed(source, target, rewriter)
+
+
+def _copy_timed(source: TimedCondsEffs, target: TimedCondsEffs, rewriter: Rewriter) -> None:
+    for span, conditions in source.conditions.items():
+        target._conditions[span] = [rewriter(c) for c in conditions]
+    for timing, effects in source.effects.items():
+        for effect in effects:
+            target._add_effect_instance(timing, rewriter.effect(effect))
+    if source._simulated_effects:
+        raise UnsupportedError("simulated effects are not supported in scheduling problems")
+
+
+def _add_state(relaxation: Relaxation, name: str) -> None:
+    """Give object ``name`` a state fluent and tie its motions to it."""
+    snapshot = relaxation.snapshot
+    tasks = [t for t in snapshot.tasks if t.object == name]
+    changes = [c for c in snapshot.changes if c.object == name]
+    own = _tracking_fluent(relaxation, name, tasks, changes)
+    state = own if own is not None else _new_state(relaxation, name)
+    relaxation.state[name] = state
+    manager = relaxation.problem.environment.expression_manager
+    for task in tasks:
+        activity = relaxation.activities[task.activity]
+        start = _value(relaxation, activity, task.terms[0])
+        if start != state:
+            activity.add_condition(whole(activity), manager.Equals(state, start))
+        else:
+            # reading the state itself says nothing, yet nobody else may move the object meanwhile
+            activity.add_condition(whole(activity), manager.Equals(state, state))
+        if own is None:
+            activity.add_effect(activity.end, state, _value(relaxation, activity, task.terms[-1]))
+    for change in changes:
+        activity = relaxation.activities[change.activity]
+        if own is None:
+            activity.add_effect(activity.end, state, _value(relaxation, activity, change.term))
+
+
+def whole(activity: Activity) -> TimeInterval:
+    """Return the closed interval [start, end] of an activity.
+
+    The ends are wrapped in timings: bare timepoints crash UP's ``problem.kind``.
+    """
+    return ClosedTimeInterval(Timing(0, activity.start), Timing(0, activity.end))
+
+
+def _new_state(relaxation: Relaxation, name: str) -> FNode:
+    problem = relaxation.problem
+    place = problem.object(relaxation.snapshot.initial[name])
+    fluent = problem.add_fluent(f"samp_at_{name}", place.type, default_initial_value=place)
+    return fluent()
+
+
+def _value(relaxation: Relaxation, activity: Activity, term: Term) -> FNode:
+    manager = relaxation.problem.environment.expression_manager
+    if term.kind is TermKind.CONSTANT:
+        return manager.ObjectExp(relaxation.problem.object(term.name))
+    if term.kind is TermKind.PARAMETER:
+        for parameter in (*activity.parameters, *relaxation.problem.base_variables):
+            if parameter.name == term.name:
+                return manager.ParameterExp(parameter)
+        raise UnsupportedError(
+            f"activity '{activity.name}' uses the parameter '{term.name}' of another activity"
+        )
+    return _fluent_expression(relaxation, activity, term.name)
+
+
+def _fluent_expression(relaxation: Relaxation, activity: Activity, text: str) -> FNode:
+    for expression in _ground_fluents(relaxation.problem):
+        if str(expression) == text:
+            return expression
+    raise UnsupportedError(
+        f"activity '{activity.name}': the waypoint '{text}' must be a fluent with constant "
+        "arguments"
+    )
+
+
+def _ground_fluents(problem: SchedulingProblem) -> list[FNode]:
+    return list(problem.initial_values)
+
+
+def _tracking_fluent(
+    relaxation: Relaxation, name: str, tasks: list[MotionTask], changes: list[ChangeTask]
+) -> FNode | None:
+    """Return a fluent of the problem that already tells where ``name`` is, if there is one.
+
+    It must start at the object's initial configuration and be assigned by just the activities
+    that move the object, at their ends, to just the values that the motions lead to.
+    """
+    problem = relaxation.problem
+    goals = {t.activity: t.terms[-1] for t in tasks} | {c.activity: c.term for c in changes}
+    initial = problem.object(relaxation.snapshot.initial[name])
+    for expression, value in problem.initial_values.items():
+        if not (value.is_object_exp() and value.object() == initial):
+            continue
+        if _assigned_by(relaxation, expression) == goals:
+            return expression
+    return None
+
+
+def _assigned_by(relaxation: Relaxation, expression: FNode) -> dict[str, Term] | None:
+    """Return activity -> value for a ground fluent assigned only at activities' ends.
+
+    ``None`` where it may be assigned in any other way.
+    """
+    problem = relaxation.problem
+    if any(e.fluent.fluent() == expression.fluent() for _, e in problem.base_effects):
+        return None
+    found: dict[str, Term] = {}
+    for activity in problem.activities:
+        for timing, effects in activity.effects.items():
+            for effect in effects:
+                if effect.fluent.fluent() != expression.fluent():
+                    continue
+                if not all(a.is_constant() for a in effect.fluent.args):
+                    return None
+                if effect.fluent != expression:
+                    continue
+                term = _term(effect)
+                at_end = timing == Timing(0, activity.end)
+                if term is None or not at_end or effect.is_conditional():
+                    return None
+                found[activity.name] = term
+    return found
+
+
+def _term(effect: Effect) -> Term | None:
+    if not effect.is_assignment():
+        return None
+    if effect.value.is_object_exp():
+        return Term(TermKind.CONSTANT, effect.value.object().name)
+    if effect.value.is_parameter_exp():
+        return Term(TermKind.PARAMETER, effect.value.parameter().name)
+    return None

@@ -1,0 +1,94 @@
+"""Rewrite UP expressions: exchange motion types, objects, fluents and parameters for plain ones.
+
+Wrapped engines (and UP's protobuf) know no movable and configuration types, so the relaxation
+uses a plain user type for each, with objects of the same names.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from unified_planning.environment import Environment
+from unified_planning.model import Effect, Fluent, FNode, Object, Parameter
+from unified_planning.model.types import Type
+
+
+class Rewriter:
+    """Maps everything of a SAMP problem to its plain counterpart (memoised)."""
+
+    def __init__(self, environment: Environment):
+        self.environment = environment
+        self._types: dict[Type, Type] = {}
+        self._objects: dict[Object, Object] = {}
+        self._fluents: dict[Fluent, Fluent] = {}
+        self._parameters: dict[Parameter, Parameter] = {}
+        self._expressions: dict[FNode, FNode] = {}
+
+    def type(self, tpe: Type) -> Type:
+        """Return the plain type for ``tpe`` (itself where it is plain already)."""
+        if not tpe.is_user_type():
+            return tpe
+        if tpe not in self._types:
+            father = getattr(tpe, "father", None)
+            plain_father = None if father is None else self.type(father)
+            self._types[tpe] = self.environment.type_manager.UserType(tpe.name, plain_father)
+        return self._types[tpe]
+
+    def object(self, obj: Object) -> Object:
+        """Return the plain object of the same name."""
+        if obj not in self._objects:
+            self._objects[obj] = Object(obj.name, self.type(obj.type), self.environment)
+        return self._objects[obj]
+
+    def fluent(self, fluent: Fluent) -> Fluent:
+        """Return the plain fluent of the same name and signature."""
+        if fluent not in self._fluents:
+            signature = [
+                Parameter(p.name, self.type(p.type), self.environment) for p in fluent.signature
+            ]
+            self._fluents[fluent] = Fluent(
+                fluent.name, self.type(fluent.type), signature, environment=self.environment
+            )
+        return self._fluents[fluent]
+
+    def parameter(self, parameter: Parameter) -> Parameter:
+        """Return the plain parameter of the same (scoped) name."""
+        if parameter not in self._parameters:
+            self._parameters[parameter] = Parameter(
+                parameter.name, self.type(parameter.type), self.environment
+            )
+        return self._parameters[parameter]
+
+    def __call__(self, expression: FNode) -> FNode:
+        """Return ``expression`` over plain things."""
+        done = self._expressions.get(expression)
+        if done is None:
+            done = self._expressions[expression] = self._rewrite(expression)
+        return done
+
+    def _rewrite(self, expression: FNode) -> FNode:
+        manager = self.environment.expression_manager
+        if expression.is_object_exp():
+            return manager.ObjectExp(self.object(expression.object()))
+        if expression.is_parameter_exp():
+            return manager.ParameterExp(self.parameter(expression.parameter()))
+        if expression.is_fluent_exp():
+            arguments = tuple(self(a) for a in expression.args)
+            return manager.FluentExp(self.fluent(expression.fluent()), arguments)
+        if not expression.args:
+            return expression
+        arguments = tuple(self(a) for a in expression.args)
+        if arguments == tuple(expression.args):
+            return expression
+        payload: Any = expression._content.payload
+        return manager.create_node(node_type=expression.node_type, args=arguments, payload=payload)
+
+    def effect(self, effect: Effect) -> Effect:
+        """Return a plain effect."""
+        return Effect(
+            self(effect.fluent),
+            self(effect.value),
+            self(effect.condition),
+            kind=effect.kind,
+            forall=effect.forall,
+        )

@@ -1,0 +1,171 @@
+"""Write refinements into the relaxation through the UP problem API: one function a statement."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from unified_planning.model import FNode, Timing
+from unified_planning.model.scheduling import Activity
+from unified_planning.model.timing import ClosedTimeInterval
+
+from up_samp.model.refinement import (
+    Absent,
+    Apart,
+    Clause,
+    Elsewhere,
+    End,
+    Exclusive,
+    Lasts,
+    Overlap,
+    Refinement,
+    Requires,
+    TimeRef,
+)
+from up_samp.upio.relaxation import Relaxation, whole
+
+
+def write_refinement(relaxation: Relaxation, refinement: Refinement) -> None:
+    """Add what ``refinement`` says to the relaxation's problem."""
+    statement = refinement.statement
+    _WRITERS[type(statement)](relaxation, statement)
+
+
+def _write_clause(relaxation: Relaxation, clause: Clause) -> None:
+    manager = relaxation.problem.environment.expression_manager
+    parts = [_LITERALS[type(x)](relaxation, x) for x in clause.literals]
+    relaxation.problem.add_constraint(manager.Or(parts) if parts else manager.FALSE())
+
+
+def _write_lasts(relaxation: Relaxation, lasts: Lasts) -> None:
+    activity = relaxation.activities[lasts.activity]
+    bounds = activity.duration
+    if bounds.lower.is_int_constant() and bounds.upper.is_int_constant():
+        low, high = bounds.lower.constant_value(), bounds.upper.constant_value()
+        if bounds.is_right_open():
+            high -= 1
+        if lasts.at_least <= low:
+            return
+        if lasts.at_least <= high:
+            activity.set_duration_bounds(lasts.at_least, high)
+            return
+        _forbid(relaxation, activity)
+        return
+    manager = relaxation.problem.environment.expression_manager
+    longer = manager.LE(manager.Plus(activity.start, lasts.at_least), activity.end)
+    activity.add_constraint(longer)
+
+
+def _forbid(relaxation: Relaxation, activity: Activity) -> None:
+    manager = relaxation.problem.environment.expression_manager
+    relaxation.problem.add_constraint(
+        manager.Not(activity.present) if activity.optional else manager.FALSE()
+    )
+
+
+def _write_requires(relaxation: Relaxation, requires: Requires) -> None:
+    manager = relaxation.problem.environment.expression_manager
+    activity = relaxation.activities[requires.activity]
+    span = ClosedTimeInterval(Timing(1, activity.start), Timing(0, activity.end))
+    state = relaxation.state[requires.object]
+    for name in sorted(requires.configurations):
+        place = manager.ObjectExp(relaxation.problem.object(name))
+        activity.add_condition(span, manager.Not(manager.Equals(state, place)))
+
+
+def _write_exclusive(relaxation: Relaxation, place: Exclusive) -> None:
+    """A unary resource: taken at each arrival's end, given back at each departure's start."""
+    problem = relaxation.problem
+    free = problem.add_fluent(
+        f"samp_free_{place.name}",
+        problem.environment.type_manager.IntType(0, 1),
+        default_initial_value=0 if place.taken else 1,
+    )
+    for name in sorted(place.arrivals):
+        activity = relaxation.activities[name]
+        activity.add_decrease_effect(activity.end, free, 1)
+    for name in sorted(place.departures):
+        activity = relaxation.activities[name]
+        activity.add_increase_effect(activity.start, free, 1)
+
+
+def _absent(relaxation: Relaxation, literal: Absent) -> FNode:
+    manager = relaxation.problem.environment.expression_manager
+    activity = relaxation.activities[literal.activity]
+    return manager.Not(activity.present) if activity.optional else manager.FALSE()
+
+
+def _apart(relaxation: Relaxation, literal: Apart) -> FNode:
+    manager = relaxation.problem.environment.expression_manager
+    earlier, later = _timepoint(relaxation, literal.earlier), _timepoint(relaxation, literal.later)
+    if literal.at_least >= 0:
+        difference = manager.LE(manager.Plus(earlier, literal.at_least), later)
+    else:
+        difference = manager.LE(earlier, manager.Plus(later, -literal.at_least))
+    return _with_presence(
+        relaxation, difference, {literal.earlier.activity, literal.later.activity}
+    )
+
+
+def _elsewhere(relaxation: Relaxation, literal: Elsewhere) -> FNode:
+    """The paper's CHCONF with fluents: an auxiliary activity that needs the object elsewhere."""
+    key = (literal.activity, literal.object, literal.configuration)
+    if key not in relaxation.elsewhere:
+        relaxation.elsewhere[key] = _auxiliary(relaxation, literal, len(relaxation.elsewhere))
+    return relaxation.elsewhere[key].present
+
+
+def _auxiliary(relaxation: Relaxation, literal: Elsewhere, number: int) -> Activity:
+    problem = relaxation.problem
+    manager = problem.environment.expression_manager
+    main = relaxation.activities[literal.activity]
+    twin = Activity(f"samp_elsewhere_{number}", 1, True, _env=problem.environment)
+    twin._set_duration_constraint(main.duration)
+    place = manager.ObjectExp(problem.object(literal.configuration))
+    state = relaxation.state[literal.object]
+    twin.add_condition(whole(twin), manager.Not(manager.Equals(state, place)))
+    for mine, other in ((twin.start, main.start), (twin.end, main.end)):
+        twin.add_constraint(manager.LE(mine, other))
+        twin.add_constraint(manager.LE(other, mine))
+    if main.optional:
+        problem.add_constraint(manager.Implies(twin.present, main.present))
+    problem._activities.append(twin)
+    return twin
+
+
+def _overlap(relaxation: Relaxation, literal: Overlap) -> FNode:
+    manager = relaxation.problem.environment.expression_manager
+    rival = relaxation.activities[literal.rival]
+    main = relaxation.activities[literal.activity]
+    both = manager.And(
+        manager.LE(rival.start, main.end),
+        manager.LE(main.start, rival.end),
+    )
+    return _with_presence(relaxation, both, {literal.rival, literal.activity})
+
+
+def _timepoint(relaxation: Relaxation, ref: TimeRef) -> Any:
+    activity = relaxation.activities[ref.activity]
+    return activity.start if ref.end is End.START else activity.end
+
+
+def _with_presence(relaxation: Relaxation, expression: FNode, names: set[str]) -> FNode:
+    manager = relaxation.problem.environment.expression_manager
+    present = [
+        relaxation.activities[n].present for n in sorted(names) if relaxation.activities[n].optional
+    ]
+    return manager.And([*present, expression]) if present else expression
+
+
+_WRITERS: dict[type, Callable[[Relaxation, Any], None]] = {
+    Clause: _write_clause,
+    Lasts: _write_lasts,
+    Requires: _write_requires,
+    Exclusive: _write_exclusive,
+}
+_LITERALS: dict[type, Callable[[Relaxation, Any], FNode]] = {
+    Absent: _absent,
+    Apart: _apart,
+    Elsewhere: _elsewhere,
+    Overlap: _overlap,
+}
