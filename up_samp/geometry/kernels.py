@@ -1,0 +1,476 @@
+"""Compiled collision checks of planar footprints (numba).
+
+Poses are (x, y, theta) in the world frame, lengths in m, angles in rad. A footprint is checked
+against the map in two stages: discs against the clearance field, which settles open space, then the exact
+polygon against the cells. Motions are checked by conservative advancement (Mirtich 1996): from a
+pose with clearance ``c`` a body may move until its fastest point has travelled ``c``, so nothing
+slips through between two checks.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+FAR = 1e9
+"""Clearance (m) where there is nothing to collide with."""
+
+
+class GridData(NamedTuple):
+    """A map for the kernels.
+
+    ``sums``: int32 (rows + 1, cols + 1), summed-area table of the blocked cells. ``clearance``:
+    float32 (rows, cols), the smallest distance (m) between any point of the cell and any blocked
+    cell or the outside of the map. ``frame``: (x, y, cos, sin, yaw, resolution). Without a map
+    both arrays have no rows.
+    """
+
+    sums: npt.NDArray[np.int32]
+    clearance: npt.NDArray[np.float32]
+    frame: npt.NDArray[np.float64]
+
+
+class ShapeData(NamedTuple):
+    """A footprint for the kernels.
+
+    ``verts``: (levels, parts, corners, 2) convex parts, counter-clockwise, in the body frame; level
+    0 bare, level 1 inflated by the margin, level k by the margin and ``slack[k]`` (ascending).
+    ``counts``: (levels, parts). ``discs``: (k, 3) x, y, r that cover it. ``numbers``:
+    (circumscribed radius, margin, radius of the largest disc inside).
+    """
+
+    verts: npt.NDArray[np.float64]
+    counts: npt.NDArray[np.int64]
+    slack: npt.NDArray[np.float64]
+    discs: npt.NDArray[np.float64]
+    numbers: npt.NDArray[np.float64]
+
+
+class PolyData(NamedTuple):
+    """Convex obstacles in the world frame: ``verts`` (n, corners, 2) counter-clockwise, ``counts``
+    (n,), ``centres`` (n, 3) x, y, r of a covering disc, ``owner`` (n,) index of the object.
+    """
+
+    verts: npt.NDArray[np.float64]
+    counts: npt.NDArray[np.int64]
+    centres: npt.NDArray[np.float64]
+    owner: npt.NDArray[np.int64]
+
+
+@njit(cache=True)
+def advance(x: float, y: float, th: float, kappa: float, s: float) -> tuple[float, float, float]:
+    """Return the pose after driving ``s`` m (negative: backwards) along curvature ``kappa``."""
+    turn = kappa * s
+    if abs(turn) < 1e-7:  # series: exact to 1e-14 m per m
+        mid = th + 0.5 * turn
+        return x + s * math.cos(mid), y + s * math.sin(mid), th + turn
+    after = th + turn
+    return (
+        x + (math.sin(after) - math.sin(th)) / kappa,
+        y - (math.cos(after) - math.cos(th)) / kappa,
+        after,
+    )
+
+
+@njit(cache=True)
+def point_clearance(grid: GridData, x: float, y: float) -> float:
+    """Return a lower bound (m) on the distance from a point to what is blocked (0 outside)."""
+    rows, cols = grid.clearance.shape
+    if rows == 0:
+        return FAR
+    f = grid.frame
+    dx, dy = x - f[0], y - f[1]
+    col = math.floor((f[2] * dx + f[3] * dy) / f[5])
+    row = math.floor((f[2] * dy - f[3] * dx) / f[5])
+    if row < 0 or col < 0 or row >= rows or col >= cols:
+        return 0.0
+    return float(grid.clearance[row, col])
+
+
+@njit(cache=True)
+def _disc_bound(grid: GridData, shape: ShapeData, x: float, y: float, c: float, s: float) -> float:
+    """Return a lower bound on the bare footprint's clearance from the map (may be negative)."""
+    bound = point_clearance(grid, x, y) - shape.numbers[0]
+    if bound >= 0.5 * shape.numbers[0]:
+        return bound
+    low = FAR
+    for i in range(shape.discs.shape[0]):
+        dx, dy = shape.discs[i, 0], shape.discs[i, 1]
+        d = point_clearance(grid, x + c * dx - s * dy, y + s * dx + c * dy) - shape.discs[i, 2]
+        low = min(low, d)
+    return max(bound, low)
+
+
+@njit(cache=True)
+def _part_free(
+    grid: GridData, verts: npt.NDArray[np.float64], n: int, x: float, y: float, th: float
+) -> bool:
+    """Return whether a convex polygon placed at a pose covers no blocked cell (exact)."""
+    f = grid.frame
+    inv = 1.0 / f[5]
+    dx, dy = x - f[0], y - f[1]
+    px, py = (f[2] * dx + f[3] * dy) * inv, (f[2] * dy - f[3] * dx) * inv
+    c, s = math.cos(th - f[4]) * inv, math.sin(th - f[4]) * inv
+    p = np.empty((n, 2))
+    low_x = low_y = 1e300
+    high_x = high_y = -1e300
+    for i in range(n):
+        vx = px + c * verts[i, 0] - s * verts[i, 1]
+        vy = py + s * verts[i, 0] + c * verts[i, 1]
+        p[i, 0], p[i, 1] = vx, vy
+        low_x, high_x = min(low_x, vx), max(high_x, vx)
+        low_y, high_y = min(low_y, vy), max(high_y, vy)
+    rows, cols = grid.clearance.shape
+    tiny = 1e-9  # touching a cell's edge is no overlap
+    if low_x < -tiny or low_y < -tiny or high_x > cols + tiny or high_y > rows + tiny:
+        return False
+    r0, r1 = max(0, math.floor(low_y + tiny)), min(rows, math.ceil(high_y - tiny))
+    c0, c1 = max(0, math.floor(low_x + tiny)), min(cols, math.ceil(high_x - tiny))
+    sums = grid.sums
+    if sums[r1, c1] - sums[r0, c1] - sums[r1, c0] + sums[r0, c0] == 0:
+        return True
+    for row in range(r0, r1):
+        if sums[row + 1, c1] - sums[row, c1] - sums[row + 1, c0] + sums[row, c0] == 0:
+            continue
+        left, right = 1e300, -1e300
+        j = n - 1
+        for i in range(n):
+            ay, by = p[j, 1], p[i, 1]
+            if not ((ay < row and by < row) or (ay > row + 1 and by > row + 1)):
+                ax, bx = p[j, 0], p[i, 0]
+                k = (bx - ax) / (by - ay) if ay != by else 0.0
+                xa = ax + (min(max(ay, row), row + 1) - ay) * k
+                xb = bx + (min(max(by, row), row + 1) - by) * k
+                left = min(left, min(xa, xb))
+                right = max(right, max(xa, xb))
+            j = i
+        a, b = max(0, math.floor(left + tiny)), min(cols, math.ceil(right - tiny))
+        if b > a and sums[row + 1, b] - sums[row, b] - sums[row + 1, a] + sums[row, a] > 0:
+            return False
+    return True
+
+
+@njit(cache=True)
+def level_free(grid: GridData, shape: ShapeData, x: float, y: float, th: float, level: int) -> bool:
+    """Return whether the footprint inflated to ``level`` covers no blocked cell (exact)."""
+    for i in range(shape.verts.shape[1]):
+        if not _part_free(grid, shape.verts[level, i], shape.counts[level, i], x, y, th):
+            return False
+    return True
+
+
+@njit(cache=True)
+def map_clearance(grid: GridData, shape: ShapeData, x: float, y: float, th: float) -> float:
+    """Return a lower bound (m) on the clearance from the map beyond the margin; -1 if there is
+    less than the margin (as level 1 of the shape says).
+    """
+    if grid.clearance.shape[0] == 0:
+        return FAR
+    bound = _disc_bound(grid, shape, x, y, math.cos(th), math.sin(th)) - shape.numbers[1]
+    for level in range(shape.slack.shape[0] - 1, 0, -1):
+        if bound >= shape.slack[level]:
+            return bound
+        if level_free(grid, shape, x, y, th, level):
+            return shape.slack[level]
+    return -1.0
+
+
+@njit(cache=True)
+def _place(
+    verts: npt.NDArray[np.float64],
+    n: int,
+    x: float,
+    y: float,
+    th: float,
+    out: npt.NDArray[np.float64],
+) -> None:
+    c, s = math.cos(th), math.sin(th)
+    for i in range(n):
+        vx, vy = verts[i, 0], verts[i, 1]
+        out[i, 0] = x + c * vx - s * vy
+        out[i, 1] = y + s * vx + c * vy
+
+
+@njit(cache=True)
+def _separation(a: npt.NDArray[np.float64], n: int, b: npt.NDArray[np.float64], m: int) -> float:
+    """Return the largest gap between b and an edge's line of a (negative: none separates)."""
+    best = -1e300
+    j = n - 1
+    for i in range(n):
+        ex, ey = a[i, 0] - a[j, 0], a[i, 1] - a[j, 1]
+        length = math.sqrt(ex * ex + ey * ey)
+        if length > 1e-12:
+            nx, ny = ey / length, -ex / length
+            low = 1e300
+            for k in range(m):
+                low = min(low, (b[k, 0] - a[j, 0]) * nx + (b[k, 1] - a[j, 1]) * ny)
+            best = max(best, low)
+        j = i
+    return best
+
+
+@njit(cache=True)
+def _corner_distance(
+    a: npt.NDArray[np.float64], n: int, b: npt.NDArray[np.float64], m: int
+) -> float:
+    """Return the squared distance from b's corners to a's edges."""
+    best = 1e300
+    j = n - 1
+    for i in range(n):
+        ex, ey = a[i, 0] - a[j, 0], a[i, 1] - a[j, 1]
+        square = max(ex * ex + ey * ey, 1e-300)
+        for k in range(m):
+            wx, wy = b[k, 0] - a[j, 0], b[k, 1] - a[j, 1]
+            t = min(1.0, max(0.0, (wx * ex + wy * ey) / square))
+            dx, dy = wx - t * ex, wy - t * ey
+            best = min(best, dx * dx + dy * dy)
+        j = i
+    return best
+
+
+@njit(cache=True)
+def convex_distance(
+    a: npt.NDArray[np.float64], n: int, b: npt.NDArray[np.float64], m: int
+) -> float:
+    """Return the distance (m) of two convex polygons with ``n`` and ``m`` corners, exact where they
+    are apart; where they overlap, minus the depth along the best separating direction.
+    """
+    gap = max(_separation(a, n, b, m), _separation(b, m, a, n))
+    if gap <= 0.0:
+        return gap
+    return math.sqrt(min(_corner_distance(a, n, b, m), _corner_distance(b, m, a, n)))
+
+
+@njit(cache=True)
+def poly_distance(
+    polys: PolyData, shape: ShapeData, x: float, y: float, th: float, enough: float
+) -> tuple[float, int]:
+    """Return the distance (m) from the bare footprint to the nearest obstacle, and its owner.
+
+    Distances above ``enough`` need not be exact (a lower bound that is at least ``enough``).
+    """
+    best, owner = FAR, -1
+    placed = np.empty((shape.verts.shape[2], 2))
+    for k in range(polys.counts.shape[0]):
+        dx, dy = x - polys.centres[k, 0], y - polys.centres[k, 1]
+        far = math.sqrt(dx * dx + dy * dy) - polys.centres[k, 2] - shape.numbers[0]
+        if far >= best:
+            continue
+        if far >= enough:
+            best, owner = far, polys.owner[k]
+            continue
+        for i in range(shape.verts.shape[1]):
+            n = shape.counts[0, i]
+            _place(shape.verts[0, i], n, x, y, th, placed)
+            d = convex_distance(placed, n, polys.verts[k], polys.counts[k])
+            if d < best:
+                best, owner = d, polys.owner[k]
+    return best, owner
+
+
+@njit(cache=True)
+def clearance(
+    grid: GridData, polys: PolyData, shape: ShapeData, x: float, y: float, th: float
+) -> float:
+    """Return a lower bound (m) on the clearance beyond the margin from map and obstacles, or -1."""
+    c = map_clearance(grid, shape, x, y, th)
+    if c >= 0.0 and polys.counts.shape[0] > 0:
+        d, _ = poly_distance(polys, shape, x, y, th, c + shape.numbers[1])
+        d -= shape.numbers[1]
+        if d < 0.0:
+            return -1.0
+        c = min(c, d)
+    return c
+
+
+@njit(cache=True)
+def pose_free(
+    grid: GridData, polys: PolyData, shape: ShapeData, x: float, y: float, th: float
+) -> bool:
+    """Return whether the footprint at a pose keeps the margin from map and obstacles."""
+    if grid.clearance.shape[0] > 0:
+        bound = _disc_bound(grid, shape, x, y, math.cos(th), math.sin(th))
+        if bound < shape.numbers[1] and not level_free(grid, shape, x, y, th, 1):
+            return False
+    if polys.counts.shape[0] > 0:
+        d, _ = poly_distance(polys, shape, x, y, th, shape.numbers[1])
+        return d >= shape.numbers[1]
+    return True
+
+
+@njit(cache=True)
+def travel_ratio(shape: ShapeData, kappa: float) -> float:
+    """Return how far the footprint's fastest point moves per metre of the reference point."""
+    best = 1.0
+    for i in range(shape.verts.shape[1]):
+        for k in range(shape.counts[0, i]):
+            x, y = shape.verts[0, i, k, 0], shape.verts[0, i, k, 1]
+            best = max(best, (1.0 - kappa * y) ** 2 + (kappa * x) ** 2)
+    return math.sqrt(best)
+
+
+@njit(cache=True)
+def arc_free(
+    grid: GridData,
+    polys: PolyData,
+    shape: ShapeData,
+    x: float,
+    y: float,
+    th: float,
+    kappa: float,
+    s: float,
+) -> bool:
+    """Return whether driving ``s`` m along curvature ``kappa`` keeps the margin *all the way*.
+
+    Refuses motions that come closer than the margin plus the shape's smallest slack, too.
+    """
+    ratio = travel_ratio(shape, kappa)
+    least = 0.1 * shape.slack[2]
+    total, done = abs(s), 0.0
+    sign = 1.0 if s >= 0.0 else -1.0
+    while True:
+        px, py, pth = advance(x, y, th, kappa, sign * done)
+        c = clearance(grid, polys, shape, px, py, pth)
+        if c < least:
+            return False
+        done += c / ratio
+        if done >= total:
+            return True
+
+
+@njit(cache=True)
+def path_free(
+    grid: GridData,
+    polys: PolyData,
+    shape: ShapeData,
+    start: npt.NDArray[np.float64],
+    arcs: npt.NDArray[np.float64],
+) -> int:
+    """Return the index of the first of the ``arcs`` (n, 2: curvature, signed length), driven one
+    after the other from ``start``, that does not keep the margin; -1 if all do.
+    """
+    x, y, th = start[0], start[1], start[2]
+    for i in range(arcs.shape[0]):
+        if not arc_free(grid, polys, shape, x, y, th, arcs[i, 0], arcs[i, 1]):
+            return i
+        x, y, th = advance(x, y, th, arcs[i, 0], arcs[i, 1])
+    return -1
+
+
+@njit(cache=True)
+def pair_distance(
+    a: ShapeData,
+    ax: float,
+    ay: float,
+    ath: float,
+    b: ShapeData,
+    bx: float,
+    by: float,
+    bth: float,
+) -> float:
+    """Return the distance (m) of two placed bare footprints (exact if apart, else <= 0)."""
+    best = FAR
+    pa, pb = np.empty((a.verts.shape[2], 2)), np.empty((b.verts.shape[2], 2))
+    for i in range(a.verts.shape[1]):
+        n = a.counts[0, i]
+        _place(a.verts[0, i], n, ax, ay, ath, pa)
+        for j in range(b.verts.shape[1]):
+            m = b.counts[0, j]
+            _place(b.verts[0, j], m, bx, by, bth, pb)
+            best = min(best, convex_distance(pa, n, pb, m))
+    return best
+
+
+@njit(cache=True)
+def between(poses: npt.NDArray[np.float64], i: int, share: float) -> tuple[float, float, float]:
+    """Return the pose ``share`` of the way from sample ``i`` to the next under a constant twist."""
+    turn = poses[i + 1, 2] - poses[i, 2]
+    dx, dy = poses[i + 1, 0] - poses[i, 0], poses[i + 1, 1] - poses[i, 1]
+    if abs(turn) < 1e-9:
+        return poses[i, 0] + share * dx, poses[i, 1] + share * dy, poses[i, 2] + share * turn
+    cot = math.cos(0.5 * turn) / math.sin(0.5 * turn)
+    cx, cy = poses[i, 0] + 0.5 * (dx - dy * cot), poses[i, 1] + 0.5 * (dy + dx * cot)
+    c, s = math.cos(share * turn), math.sin(share * turn)
+    rx, ry = poses[i, 0] - cx, poses[i, 1] - cy
+    return cx + c * rx - s * ry, cy + s * rx + c * ry, poses[i, 2] + share * turn
+
+
+@njit(cache=True)
+def sweep_travel(poses: npt.NDArray[np.float64], i: int, radius: float) -> float:
+    """Return a bound (m) on the travel of any point within ``radius`` from sample i to the next."""
+    turn = abs(poses[i + 1, 2] - poses[i, 2])
+    dx, dy = poses[i + 1, 0] - poses[i, 0], poses[i + 1, 1] - poses[i, 1]
+    chord = math.sqrt(dx * dx + dy * dy)
+    half = 0.5 * turn
+    arc = chord if half < 1e-6 else chord * half / max(abs(math.sin(half)), 1e-9)
+    return arc + turn * radius
+
+
+@njit(cache=True)
+def samples_free(
+    grid: GridData,
+    polys: PolyData,
+    shape: ShapeData,
+    poses: npt.NDArray[np.float64],
+    least: float,
+) -> int:
+    """Return the index of the first sample after which the swept motion through ``poses`` (n, 3),
+    with a constant twist between samples, does not keep the margin; -1 if it keeps it all the way.
+
+    Clearance beyond the margin below ``least`` (> 0, m) counts as none.
+    """
+    credit = 0.0  # how far the fastest point may still travel unseen
+    n = poses.shape[0]
+    if n == 1:
+        c = clearance(grid, polys, shape, poses[0, 0], poses[0, 1], poses[0, 2])
+        return -1 if c >= 0.0 else 0
+    for i in range(n - 1):
+        travel = sweep_travel(poses, i, shape.numbers[0])
+        if travel <= credit:
+            credit -= travel
+            continue
+        share = 0.0 if travel <= 0.0 else credit / travel
+        while True:
+            x, y, th = between(poses, i, share)
+            credit = clearance(grid, polys, shape, x, y, th)
+            if credit < least:
+                return i
+            rest = (1.0 - share) * travel
+            if credit >= rest:
+                credit -= rest
+                break
+            share += credit / travel
+    return -1
+
+
+@njit(cache=True)
+def samples_distance(
+    polys: PolyData, shape: ShapeData, poses: npt.NDArray[np.float64], step: float
+) -> float:
+    """Return a lower bound (m) on the distance between the bare footprint, swept through ``poses``,
+    and the obstacles; below the true value by at most ``step``. Overlap gives a value <= 0.
+    """
+    best = FAR
+    radius = shape.numbers[0]
+    credit = -1.0
+    for i in range(poses.shape[0]):
+        travel = sweep_travel(poses, i, radius) if i + 1 < poses.shape[0] else 0.0
+        pieces = max(1, math.ceil(travel / step))
+        for k in range(pieces):
+            credit -= travel / pieces
+            if credit > 0.0:  # cannot have come closer than what is known
+                continue
+            share = k / pieces
+            x, y, th = poses[i, 0], poses[i, 1], poses[i, 2]
+            if k > 0:
+                x, y, th = between(poses, i, share)
+            d, _ = poly_distance(polys, shape, x, y, th, best + step + 1.0)
+            if d <= 0.0:
+                return d
+            best = min(best, d - step)
+            credit = d - best - step
+    return best

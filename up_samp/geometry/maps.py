@@ -1,0 +1,262 @@
+"""Occupancy grids and the ROS ``map_server`` files that they come from.
+
+Unknown cells, and everything outside the map, are *not drivable*: a robot may not stand on or drive
+over them. They are kept apart from occupied cells only for messages and pictures.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import yaml
+from PIL import Image, UnidentifiedImageError
+
+from up_samp.model import ProblemError
+
+BoolArray = npt.NDArray[np.bool_]
+FloatArray = npt.NDArray[np.float64]
+
+MODES = ("trinary", "scale", "raw")
+KEYS = {"image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode"}
+
+
+@dataclass(frozen=True, eq=False)
+class OccupancyGrid:
+    """A map of square cells.
+
+    ``occupied`` and ``unknown`` are bool arrays of shape (rows, cols); row 0 has the lowest y.
+    ``resolution`` is the edge of a cell in m. ``origin`` is the pose (x, y, yaw) of the map's
+    lower-left corner in the world frame. ``path`` is the YAML file it was read from, if any.
+    """
+
+    occupied: BoolArray
+    resolution: float
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    path: str | None = None
+    unknown: BoolArray = field(default=None)  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        occupied = np.ascontiguousarray(self.occupied, dtype=np.bool_)
+        if occupied.ndim != 2 or occupied.size == 0:
+            raise ProblemError(
+                f"{self._label()}: a map needs a two-dimensional array of cells, "
+                f"not one of shape {occupied.shape}"
+            )
+        unknown = np.zeros_like(occupied) if self.unknown is None else self.unknown
+        unknown = np.ascontiguousarray(unknown, dtype=np.bool_)
+        if unknown.shape != occupied.shape:
+            raise ProblemError(f"{self._label()}: 'unknown' and 'occupied' differ in shape")
+        if not (math.isfinite(self.resolution) and self.resolution > 0):
+            raise ProblemError(f"{self._label()}: the resolution must be > 0 m per cell")
+        if len(self.origin) != 3 or not all(math.isfinite(v) for v in self.origin):
+            raise ProblemError(f"{self._label()}: the origin must be three finite numbers")
+        for name, value in (("occupied", occupied), ("unknown", unknown)):
+            value = value.copy() if value.flags.writeable else value
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+    def _label(self) -> str:
+        return f"map '{self.path}'" if self.path else "map"
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, cols)."""
+        rows, cols = self.occupied.shape
+        return rows, cols
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width (along the map's x) and height (along its y) in m."""
+        rows, cols = self.shape
+        return cols * self.resolution, rows * self.resolution
+
+    @cached_property
+    def blocked(self) -> BoolArray:
+        """Cells that are not drivable: occupied or unknown."""
+        return np.ascontiguousarray(self.occupied | self.unknown)
+
+    @cached_property
+    def digest(self) -> str:
+        """A hash of everything that motions depend on (cells, resolution, origin)."""
+        h = hashlib.sha256()
+        h.update(
+            repr((self.shape, float(self.resolution), tuple(map(float, self.origin)))).encode()
+        )
+        h.update(np.packbits(self.occupied).tobytes())
+        h.update(np.packbits(self.unknown).tobytes())
+        return h.hexdigest()[:32]
+
+    def cells_of(self, points: npt.ArrayLike) -> npt.NDArray[np.int64]:
+        """Return the (row, col) of world ``points`` of shape (n, 2); may lie outside the map."""
+        p = np.asarray(points, dtype=np.float64).reshape(-1, 2) - np.array(self.origin[:2])
+        c, s = math.cos(self.origin[2]), math.sin(self.origin[2])
+        gx = (c * p[:, 0] + s * p[:, 1]) / self.resolution
+        gy = (-s * p[:, 0] + c * p[:, 1]) / self.resolution
+        return np.stack([np.floor(gy), np.floor(gx)], axis=1).astype(np.int64)
+
+    def point_of(self, row: float, col: float) -> tuple[float, float]:
+        """Return the world point of a cell's centre."""
+        gx, gy = (col + 0.5) * self.resolution, (row + 0.5) * self.resolution
+        c, s = math.cos(self.origin[2]), math.sin(self.origin[2])
+        return self.origin[0] + c * gx - s * gy, self.origin[1] + s * gx + c * gy
+
+    def state_at(self, x: float, y: float) -> str:
+        """Return ``"free"``, ``"occupied"``, ``"unknown"`` or ``"outside"`` for a world point."""
+        row, col = self.cells_of([(x, y)])[0]
+        rows, cols = self.shape
+        if not (0 <= row < rows and 0 <= col < cols):
+            return "outside"
+        if self.occupied[row, col]:
+            return "occupied"
+        return "unknown" if self.unknown[row, col] else "free"
+
+
+def load_map(yaml_path: str | Path) -> OccupancyGrid:
+    """Read a ROS ``map_server`` map (YAML beside a PNG or PGM image).
+
+    ``image`` is relative to the YAML's folder; ``origin`` is ``[x, y]`` or ``[x, y, yaw]``. With
+    ``negate: 0`` dark pixels are occupied: with p = (255 - value) / 255 a cell is occupied if
+    p > ``occupied_thresh``, free if p < ``free_thresh`` and unknown between (modes ``trinary`` and
+    ``scale``). In mode ``raw`` a pixel value of 0..100 is the occupancy in per cent, larger values are
+    unknown. Transparent pixels are unknown. Raises ``ProblemError`` naming the file.
+    """
+    path = Path(yaml_path)
+    data = _read_yaml(path)
+    unknown_keys = sorted(set(map(str, data)) - KEYS)
+    if unknown_keys:
+        raise ProblemError(
+            f"map '{path}': unknown keys {unknown_keys}; known are {', '.join(sorted(KEYS))}"
+        )
+    resolution = _number(path, data, "resolution")
+    if resolution <= 0:
+        raise ProblemError(f"map '{path}': 'resolution' must be > 0 m per pixel, not {resolution}")
+    occupied_thresh = _number(path, data, "occupied_thresh", 0.65)
+    free_thresh = _number(path, data, "free_thresh", 0.196)
+    if not 0 <= free_thresh <= occupied_thresh <= 1:
+        raise ProblemError(
+            f"map '{path}': needs 0 <= free_thresh <= occupied_thresh <= 1, not "
+            f"{free_thresh} and {occupied_thresh}"
+        )
+    mode = data.get("mode", "trinary")
+    if mode not in MODES:
+        raise ProblemError(f"map '{path}': mode must be one of {', '.join(MODES)}, not {mode!r}")
+    value, transparent = _read_image(path, data)
+    share = _occupancy(value, mode, _negate(path, data))
+    occupied = (share > occupied_thresh) & ~transparent
+    unknown = ~occupied & (~(share < free_thresh) | transparent)
+    # image rows run downwards, ours run upwards
+    return OccupancyGrid(
+        occupied[::-1], resolution, _origin(path, data), str(path), unknown=unknown[::-1]
+    )
+
+
+def _read_yaml(path: Path) -> Mapping[str, Any]:
+    if not path.is_file():
+        raise ProblemError(f"map '{path}' does not exist; give the path of a map_server YAML file")
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ProblemError(f"map '{path}' is not readable YAML: {error}") from error
+    if not isinstance(data, dict):
+        raise ProblemError(f"map '{path}' must hold keys such as image, resolution and origin")
+    return data
+
+
+def _number(path: Path, data: Mapping[str, Any], key: str, default: float | None = None) -> float:
+    value = data.get(key, default)
+    if value is None:
+        raise ProblemError(f"map '{path}': the key '{key}' is missing")
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise ProblemError(f"map '{path}': '{key}' must be a finite number, not {value!r}")
+    return float(value)
+
+
+def _negate(path: Path, data: Mapping[str, Any]) -> bool:
+    value = data.get("negate", 0)
+    if value not in (0, 1):
+        raise ProblemError(f"map '{path}': 'negate' must be 0 or 1, not {value!r}")
+    return bool(value)
+
+
+def _origin(path: Path, data: Mapping[str, Any]) -> tuple[float, float, float]:
+    value = data.get("origin", [0.0, 0.0, 0.0])
+    if not isinstance(value, (list, tuple)) or len(value) not in (2, 3):
+        raise ProblemError(f"map '{path}': 'origin' must be [x, y, yaw], not {value!r}")
+    named = dict(zip(("origin x", "origin y", "origin yaw"), value, strict=False))
+    numbers = [_number(path, named, key) for key in named]
+    return numbers[0], numbers[1], numbers[2] if len(numbers) == 3 else 0.0
+
+
+def _read_image(path: Path, data: Mapping[str, Any]) -> tuple[FloatArray, BoolArray]:
+    """Return grey values in 0..255 (mean of the colours) and where the image is transparent."""
+    name = data.get("image")
+    if not isinstance(name, str) or not name:
+        raise ProblemError(f"map '{path}': the key 'image' must name a PNG or PGM file")
+    image_path = path.parent / name
+    if not image_path.is_file():
+        raise ProblemError(
+            f"map '{path}': its image '{image_path}' does not exist; 'image' is relative to the YAML"
+        )
+    try:
+        with Image.open(image_path) as image:
+            image.load()
+            if image.mode in ("I", "I;16", "I;16B", "I;16L"):
+                grey = np.asarray(image, dtype=np.float64)
+                full = 65535.0 if grey.max(initial=0.0) > 255 or image.mode != "I" else 255.0
+                return grey * (255.0 / full), np.zeros(grey.shape, dtype=np.bool_)
+            bands = np.asarray(image.convert("RGBA"), dtype=np.float64)
+    except (OSError, UnidentifiedImageError, ValueError, SyntaxError) as error:
+        raise ProblemError(
+            f"map '{path}': its image '{image_path}' cannot be read as PNG or PGM: {error}"
+        ) from error
+    return bands[:, :, :3].mean(axis=2), bands[:, :, 3] < 255
+
+
+def _occupancy(value: FloatArray, mode: str, negate: bool) -> FloatArray:
+    """Return the occupancy (0 free .. 1 occupied, NaN unknown) of grey values 0..255."""
+    if mode == "raw":
+        return np.where(value <= 100, value / 100.0, np.nan)
+    return value / 255.0 if negate else (255.0 - value) / 255.0
+
+
+def write_map(
+    folder: str | Path,
+    name: str,
+    occupied: npt.ArrayLike,
+    resolution: float,
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    unknown: npt.ArrayLike | None = None,
+) -> Path:
+    """Write ``name.yaml`` and ``name.png`` into ``folder`` and return the YAML's path.
+
+    ``occupied`` (and ``unknown``) are bool arrays of shape (rows, cols), row 0 lowest y. Black is
+    occupied, white free, grey unknown; reading it back gives the same grid.
+    """
+    cells = np.asarray(occupied, dtype=np.bool_)
+    grid = OccupancyGrid(
+        cells,
+        resolution,
+        origin,
+        unknown=np.zeros_like(cells) if unknown is None else np.asarray(unknown, dtype=np.bool_),
+    )
+    pixels = np.where(grid.occupied, 0, np.where(grid.unknown, 205, 255)).astype(np.uint8)
+    target = Path(folder)
+    target.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(pixels[::-1].copy()).save(target / f"{name}.png", optimize=True)
+    path = target / f"{name}.yaml"
+    path.write_text(
+        f"image: {name}.png\n"
+        f"resolution: {resolution!r}\n"
+        f"origin: [{', '.join(repr(float(v)) for v in origin)}]\n"
+        "negate: 0\noccupied_thresh: 0.3\nfree_thresh: 0.1\n",
+        encoding="utf-8",
+    )
+    return path

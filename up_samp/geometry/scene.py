@@ -1,0 +1,136 @@
+"""What the compiled checks need of a map and of objects that rest."""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Iterable, Sequence
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from up_samp.geometry import kernels
+from up_samp.geometry.kernels import GridData, PolyData
+from up_samp.geometry.maps import OccupancyGrid
+from up_samp.geometry.shapes import Shape, shape_of
+from up_samp.model import Body, Configuration, Placed
+
+
+def clearance_field(blocked: npt.NDArray[np.bool_], resolution: float) -> npt.NDArray[np.float32]:
+    """Return for each cell the smallest distance (m) from any of its points to a blocked cell or to the
+    outside of the map.
+
+    The squares of two cells i, j are max(|i - j| - 1, 0) cells apart along an axis, which is the
+    distance from i's centre to the blocked cells dilated by one cell: one exact Euclidean distance
+    transform (Maurer et al. 2003) gives a bound that holds for whole cells.
+    """
+    padded = np.pad(blocked, 1, constant_values=True)
+    grown = ndimage.maximum_filter(padded, size=3, mode="constant", cval=1)
+    distance = ndimage.distance_transform_edt(~grown.astype(np.bool_))[1:-1, 1:-1]
+    return np.ascontiguousarray(distance * resolution, dtype=np.float32)
+
+
+def grid_data(grid: OccupancyGrid | None) -> GridData:
+    """Return a map (or the open plane) as the kernels take it."""
+    if grid is None:
+        frame = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 1.0])
+        return GridData(np.zeros((1, 1), np.int32), np.zeros((0, 0), np.float32), frame)
+    blocked = grid.blocked
+    sums = np.zeros((blocked.shape[0] + 1, blocked.shape[1] + 1), dtype=np.int32)
+    np.cumsum(np.cumsum(blocked, axis=0, dtype=np.int32), axis=1, out=sums[1:, 1:])
+    x, y, yaw = grid.origin
+    frame = np.array([x, y, math.cos(yaw), math.sin(yaw), yaw, grid.resolution])
+    return GridData(sums, clearance_field(blocked, grid.resolution), frame)
+
+
+def placed_polygons(body: Body, pose: Configuration) -> list[npt.NDArray[np.float64]]:
+    """Return the convex parts of a resting planar body in the world frame, each of shape (n, 2)."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    turn = np.array([[c, -s], [s, c]])
+    return [np.array(part) @ turn.T + np.array(pose[:2]) for part in shape_of(body).parts]
+
+
+def poly_data(obstacles: Sequence[Placed]) -> PolyData:
+    """Return resting objects as the kernels take them; ``owner`` indexes ``obstacles``."""
+    polygons, owners = [], []
+    for index, placed in enumerate(obstacles):
+        for polygon in placed_polygons(placed.body, placed.pose):
+            polygons.append(polygon)
+            owners.append(index)
+    corners = max((len(p) for p in polygons), default=3)
+    verts = np.zeros((len(polygons), corners, 2))
+    centres = np.zeros((len(polygons), 3))
+    for i, polygon in enumerate(polygons):
+        verts[i, : len(polygon)] = polygon
+        verts[i, len(polygon) :] = polygon[-1]
+        centre = 0.5 * (polygon.min(axis=0) + polygon.max(axis=0))
+        centres[i] = (*centre, float(np.linalg.norm(polygon - centre, axis=1).max()))
+    counts = np.array([len(p) for p in polygons], dtype=np.int64)
+    return PolyData(verts, counts, centres, np.array(owners, dtype=np.int64))
+
+
+class Scene:
+    """A map with a clearance margin (m), and resting objects turned into kernel data on demand."""
+
+    def __init__(self, grid: OccupancyGrid | None, margin: float = 0.01) -> None:
+        if not (math.isfinite(margin) and margin >= 0):
+            raise ValueError(f"the margin must be a finite number >= 0 m, not {margin!r}")
+        self.grid = grid
+        self.margin = margin
+        self._polys: OrderedDict[tuple[tuple[object, ...], ...], PolyData] = OrderedDict()
+
+    @cached_property
+    def data(self) -> GridData:
+        """The map as the kernels take it."""
+        return grid_data(self.grid)
+
+    @property
+    def digest(self) -> str:
+        """A hash of the map ("open" without one)."""
+        return self.grid.digest if self.grid is not None else "open"
+
+    def shape(self, body: Body, margin: float | None = None) -> Shape:
+        """Return the footprint of ``body`` with this scene's margin (or another one)."""
+        return shape_of(body, self.margin if margin is None else margin)
+
+    def polys(self, obstacles: Iterable[Placed] = ()) -> PolyData:
+        """Return resting objects as kernel data (cached by their bodies and poses, in order)."""
+        obstacles = tuple(obstacles)
+        key = tuple((p.body.footprint, tuple(p.pose)) for p in obstacles)
+        if key not in self._polys:
+            self._polys[key] = poly_data(obstacles)
+            if len(self._polys) > 512:
+                self._polys.popitem(last=False)
+        return self._polys[key]
+
+    def pose_free(
+        self,
+        body: Body,
+        pose: Configuration,
+        obstacles: Sequence[Placed] = (),
+        margin: float | None = None,
+    ) -> bool:
+        """Return whether ``body`` at ``pose`` keeps the margin from the map and the obstacles."""
+        shape = self.shape(body, margin).data
+        x, y, th = map(float, pose[:3])
+        return bool(kernels.pose_free(self.data, self.polys(obstacles), shape, x, y, th))
+
+    def map_free(self, body: Body, pose: Configuration, margin: float = 0.0) -> bool:
+        """Return whether ``body`` at ``pose`` touches no blocked cell (``margin`` m away)."""
+        return self.pose_free(body, pose, (), margin)
+
+    def overlap(
+        self, body_a: Body, pose_a: Configuration, body_b: Body, pose_b: Configuration
+    ) -> bool:
+        """Return whether two placed bodies share area (touching is no overlap)."""
+        return self.distance(body_a, pose_a, body_b, pose_b) < -1e-9
+
+    def distance(
+        self, body_a: Body, pose_a: Configuration, body_b: Body, pose_b: Configuration
+    ) -> float:
+        """Return the distance (m) of two placed bodies; <= 0 where they overlap."""
+        a, b = shape_of(body_a).data, shape_of(body_b).data
+        pa, pb = [float(v) for v in pose_a[:3]], [float(v) for v in pose_b[:3]]
+        return float(kernels.pair_distance(a, *pa, b, *pb))

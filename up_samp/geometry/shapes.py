@@ -1,0 +1,248 @@
+"""Footprints as the compiled collision checks need them: convex parts, inflated, and discs."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from up_samp.geometry.kernels import ShapeData
+from up_samp.model import Body, ProblemError
+
+FloatArray = npt.NDArray[np.float64]
+Point = tuple[float, float]
+
+SLACK_MIN, SLACK_MAX = 1e-4, 0.2
+"""Smallest and largest extra inflation (m) that the swept checks use in tight places."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A footprint in the body frame (m), ready for the kernels.
+
+    ``parts`` are convex polygons (counter-clockwise) whose union is the footprint. ``circumscribed``
+    is the radius of the smallest disc about the reference point that covers it, ``inscribed`` that
+    of the largest disc about the reference point inside it (0 if the point is outside);
+    ``inner`` = (x, y, r) is the largest disc inside it anywhere. ``margin`` is the clearance (m)
+    that ``data`` asks for.
+    """
+
+    footprint: tuple[Point, ...]
+    parts: tuple[tuple[Point, ...], ...]
+    margin: float
+    circumscribed: float
+    inscribed: float
+    inner: tuple[float, float, float]
+    discs: FloatArray
+
+    @cached_property
+    def data(self) -> ShapeData:
+        """The arrays that the kernels take (see :class:`ShapeData`)."""
+        slack = np.array([0.0, 0.0, *_slacks(self.margin, self.inner[2])])
+        # level 0 is the bare footprint, level 1 has the margin, the others margin and slack
+        levels = [
+            [
+                _inflate(part, 0.0 if level == 0 else self.margin + slack[level])
+                for part in self.parts
+            ]
+            for level in range(len(slack))
+        ]
+        count = max(len(p) for level in levels for p in level)
+        verts = np.zeros((len(slack), len(self.parts), count, 2))
+        counts = np.zeros((len(slack), len(self.parts)), dtype=np.int64)
+        for i, level in enumerate(levels):
+            for j, polygon in enumerate(level):
+                verts[i, j, : len(polygon)] = polygon
+                verts[i, j, len(polygon) :] = polygon[-1]
+                counts[i, j] = len(polygon)
+        numbers = np.array([self.circumscribed, self.margin, self.inner[2]])
+        return ShapeData(verts, counts, slack, np.ascontiguousarray(self.discs), numbers)
+
+
+def _slacks(margin: float, inner: float) -> list[float]:
+    """Return growing extra inflations (m): the first as small as the margin, the last useful ones
+    below a third of the body's inner radius.
+    """
+    slacks = [min(max(margin, SLACK_MIN), 0.02)]
+    while 4 * slacks[-1] <= min(SLACK_MAX, max(inner / 3, 4 * slacks[0])):
+        slacks.append(4 * slacks[-1])
+    return slacks
+
+
+def shape_of(body: Body, margin: float = 0.0) -> Shape:
+    """Return the (cached) shape of a planar body, asking for ``margin`` metres of clearance."""
+    return _shape(tuple((float(x), float(y)) for x, y in body.footprint), float(margin))
+
+
+@lru_cache(maxsize=1024)
+def _shape(footprint: tuple[Point, ...], margin: float) -> Shape:
+    ring = _checked(footprint)
+    parts = tuple(convex_parts(ring))
+    polygon = shapely.Polygon(ring)
+    line = shapely.maximum_inscribed_circle(polygon, tolerance=1e-4)
+    cx, cy = map(float, line.coords[0])
+    boundary = polygon.exterior
+    inside = polygon.covers(shapely.Point(0.0, 0.0))
+    inscribed = float(boundary.distance(shapely.Point(0.0, 0.0))) if inside else 0.0
+    inner = (cx, cy, float(boundary.distance(shapely.Point(cx, cy))))
+    if inscribed >= inner[2] - 1e-3:  # prefer the reference point where it is as good
+        inner = (0.0, 0.0, inscribed)
+    return Shape(
+        footprint=tuple(ring),
+        parts=parts,
+        margin=margin,
+        circumscribed=max(math.hypot(x, y) for x, y in ring),
+        inscribed=inscribed,
+        inner=inner,
+        discs=np.concatenate([_covering_discs(part) for part in parts]),
+    )
+
+
+def _checked(footprint: tuple[Point, ...]) -> list[Point]:
+    """Return the ring counter-clockwise without repeated and collinear points, or complain."""
+    ring = [p for i, p in enumerate(footprint) if math.dist(p, footprint[i - 1]) > 1e-9]
+    if not all(math.isfinite(v) for p in footprint for v in p):
+        raise ProblemError(f"the footprint {footprint} has coordinates that are not finite")
+    if len(ring) < 3:
+        raise ProblemError(f"the footprint {footprint} needs at least three different corners")
+    polygon = shapely.Polygon(ring)
+    if not polygon.is_valid:
+        reason = shapely.is_valid_reason(polygon)
+        raise ProblemError(f"the footprint {footprint} is not a simple polygon: {reason}")
+    if polygon.area < 1e-8:
+        raise ProblemError(f"the footprint {footprint} has no area")
+    if not polygon.exterior.is_ccw:
+        ring.reverse()
+    keep = [
+        p
+        for i, p in enumerate(ring)
+        if abs(_cross(ring[i - 1], p, ring[(i + 1) % len(ring)])) > 1e-12
+    ]
+    return keep
+
+
+def _cross(a: Point, b: Point, c: Point) -> float:
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
+def convex_parts(ring: list[Point]) -> list[tuple[Point, ...]]:
+    """Return convex polygons whose union is the simple counter-clockwise ``ring``.
+
+    Ear clipping, then merging across diagonals while convex (Hertel & Mehlhorn 1983).
+    """
+    if _is_convex(ring):
+        return [tuple(ring)]
+    pieces = [list(t) for t in _triangles(ring)]
+    merged = True
+    while merged:
+        merged = False
+        for i in range(len(pieces)):
+            for j in range(i + 1, len(pieces)):
+                joined = _join(pieces[i], pieces[j])
+                if joined is not None:
+                    pieces[i] = joined
+                    del pieces[j]
+                    merged = True
+                    break
+            if merged:
+                break
+    return [tuple(piece) for piece in pieces]
+
+
+def _is_convex(ring: list[Point]) -> bool:
+    n = len(ring)
+    return all(_cross(ring[i - 1], ring[i], ring[(i + 1) % n]) >= -1e-12 for i in range(n))
+
+
+def _triangles(ring: list[Point]) -> list[tuple[Point, Point, Point]]:
+    rest, triangles = list(ring), []
+    while len(rest) > 3:
+        for i in range(len(rest)):
+            a, b, c = rest[i - 1], rest[i], rest[(i + 1) % len(rest)]
+            if _cross(a, b, c) <= 0:
+                continue
+            others = (p for p in rest if p not in (a, b, c))
+            if not any(_in_triangle(p, a, b, c) for p in others):
+                triangles.append((a, b, c))
+                del rest[i]
+                break
+        else:  # only collinear leftovers
+            break
+    if len(rest) == 3:
+        triangles.append((rest[0], rest[1], rest[2]))
+    return triangles
+
+
+def _in_triangle(p: Point, a: Point, b: Point, c: Point) -> bool:
+    return _cross(a, b, p) >= 0 and _cross(b, c, p) >= 0 and _cross(c, a, p) >= 0
+
+
+def _join(first: list[Point], second: list[Point]) -> list[Point] | None:
+    """Return the union of two polygons that share an edge if it is convex."""
+    n, m = len(first), len(second)
+    for i in range(n):
+        a, b = first[i], first[(i + 1) % n]
+        for j in range(m):
+            if second[j] == b and second[(j + 1) % m] == a:
+                tail = [second[(j + 2 + k) % m] for k in range(m - 2)]
+                joined = first[: i + 1] + tail + first[i + 1 :]
+                return joined if _is_convex(joined) else None
+    return None
+
+
+def _inflate(part: tuple[Point, ...], by: float) -> FloatArray:
+    """Return a convex polygon that contains every point within ``by`` of the convex ``part``.
+
+    Edges move outwards by ``by``; at each corner the rounded offset is replaced by tangents no more
+    than 45 degrees apart, so the polygon exceeds the exact offset by at most 8 % of ``by``.
+    """
+    if by == 0.0:
+        return np.array(part)
+    n = len(part)
+    normals = []
+    for i in range(n):
+        (x0, y0), (x1, y1) = part[i], part[(i + 1) % n]
+        normals.append(math.atan2(-(x1 - x0), y1 - y0))
+    corners = []
+    for i in range(n):
+        before, after = normals[i - 1], normals[i]
+        turn = (after - before) % (2 * math.pi)
+        pieces = max(1, math.ceil(turn / (math.pi / 4) - 1e-9))
+        reach = by / math.cos(turn / pieces / 2)
+        for k in range(pieces):
+            angle = before + turn * (k + 0.5) / pieces
+            corners.append(
+                (part[i][0] + reach * math.cos(angle), part[i][1] + reach * math.sin(angle))
+            )
+    return np.array(corners)
+
+
+def _covering_discs(part: tuple[Point, ...]) -> FloatArray:
+    """Return discs (x, y, r) of shape (k, 3) that cover a convex polygon (via its tightest box)."""
+    points = np.array(part)
+    best: tuple[float, float, FloatArray, FloatArray] | None = None
+    for i in range(len(points)):
+        edge = points[(i + 1) % len(points)] - points[i]
+        axis = math.atan2(edge[1], edge[0])
+        frame = np.array([[math.cos(axis), math.sin(axis)], [-math.sin(axis), math.cos(axis)]])
+        local = points @ frame.T
+        low, high = local.min(axis=0), local.max(axis=0)
+        area = float(np.prod(high - low))
+        if best is None or area < best[0]:
+            best = (area, axis, low, high)
+    assert best is not None
+    _, axis, low, high = best
+    size = high - low
+    along = int(np.argmax(size))
+    count = int(min(8, max(1, math.ceil(2.0 * size[along] / max(size[1 - along], 1e-6)))))
+    share = (np.arange(count) + 0.5) / count
+    local = np.empty((count, 2))
+    local[:, along] = low[along] + share * size[along]
+    local[:, 1 - along] = 0.5 * (low + high)[1 - along]
+    radius = 0.5 * math.hypot(size[along] / count, size[1 - along]) + 1e-12
+    back = np.array([[math.cos(axis), -math.sin(axis)], [math.sin(axis), math.cos(axis)]])
+    return np.column_stack([local @ back.T, np.full(count, radius)])
