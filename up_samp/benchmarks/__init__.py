@@ -1,1 +1,12 @@
-"""benchmarks."""
+"""Benchmark families of scheduling and motion planning, built through Unified Planning's API.
+
+>>> from up_samp.benchmarks import logistics
+>>> logistics(robots=2, items=4, door="closed").name
+'logistics-dc-all-r2-i4'
+"""
+
+from up_samp.benchmarks.instances import Instance, families, instance, instances
+from up_samp.benchmarks.jobshop import job_shop
+from up_samp.benchmarks.logistics import logistics
+
+__all__ = ["Instance", "families", "instance", "instances", "job_shop", "logistics"]

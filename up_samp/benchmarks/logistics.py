@@ -1,0 +1,212 @@
+"""Logistics: robots fetch items from two shelves, one at a time, and bring them to their depots.
+
+The shelves form a dead-end corridor behind a door. An item may be picked from its inner pose (in
+the corridor) or, if ``sides="all"``, also from its outer one. Geometry and figures are the paper's
+(Tosello et al., "Interleaving Scheduling and Motion Planning with Incremental Learning of Symbolic
+Space-Time Motion Abstractions", Experimental Evaluation); what its text leaves open is fixed here.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import random
+from dataclasses import dataclass
+from typing import Literal
+
+from unified_planning.model import Fluent
+from unified_planning.model.motion import (
+    ConfigurationObject,
+    MotionActivity,
+    MovableObject,
+    SchedulingMotionProblem,
+)
+from unified_planning.model.scheduling import Activity
+from unified_planning.shortcuts import FALSE, TRUE, BoolType
+
+from up_samp.benchmarks.builder import Encoding, Family, at_start
+from up_samp.benchmarks.maps import LOGISTICS_SIZE, logistics_map, logistics_walls
+from up_samp.benchmarks.places import Door, Pose, box, check_poses
+from up_samp.model import ProblemError
+
+A_MAX = 0.5
+"""Acceleration limit of the logistics robots, m/s^2."""
+
+DoorState = Literal["closed", "open"]
+Sides = Literal["all", "corridor"]
+
+DOOR = Door("door", box(1, 10), (51.5, 30.0, 0.0), (51.5, 40.0, 0.0), (46.0, 30.0, 0.0))
+
+_COLUMNS = (59.0, 71.0, 83.0, 95.0)
+_EXTRA_COLUMNS = (65.0, 77.0, 89.0, 54.0)
+_UP = math.pi / 2
+_DEPOTS = {
+    1: (25.0,),
+    2: (20.0, 30.0),
+    3: (15.0, 25.0, 35.0),
+    4: (10.0, 20.0, 30.0, 40.0),
+    5: (15.0, 20.0, 25.0, 30.0, 35.0),
+}
+MAX_ROBOTS = 10
+MAX_ITEMS = 16
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where things are: ``depots[r]``, ``inner[i]`` and ``outer[i]`` (x, y, theta; m, rad)."""
+
+    depots: tuple[Pose, ...]
+    inner: tuple[Pose, ...]
+    outer: tuple[Pose, ...]
+
+
+def layout(robots: int, items: int, seed: int = 0) -> Layout:
+    """Return the layout for so many robots (1 to 10) and items (1 to 16).
+
+    Seed 0 is the paper's order of items; any other seed deals the slots of the shelves (8 for up
+    to 8 items, else 16) and the depots at random.
+    """
+    if not 1 <= robots <= MAX_ROBOTS:
+        raise ProblemError(f"logistics takes 1 to {MAX_ROBOTS} robots, not {robots}")
+    if not 1 <= items <= MAX_ITEMS:
+        raise ProblemError(f"logistics takes 1 to {MAX_ITEMS} items, not {items}")
+    columns = [(x, 0) for x in _COLUMNS] + [(x, 1) for x in _COLUMNS]
+    if items > len(columns):
+        columns += [(x, 0) for x in _EXTRA_COLUMNS] + [(x, 1) for x in _EXTRA_COLUMNS]
+    if robots in _DEPOTS:
+        depots: list[Pose] = [(x, 59.0, _UP) for x in _DEPOTS[robots]]
+    else:
+        upper, lower = (robots + 1) // 2, robots // 2
+        depots = [(x, 61.0, _UP) for x in _DEPOTS[upper]]
+        depots += [(x, 57.0, _UP) for x in _DEPOTS[lower]]
+    if seed:
+        rng = random.Random(f"logistics-{robots}-{items}-{seed}")
+        rng.shuffle(columns)
+        rng.shuffle(depots)
+    inner: list[Pose] = [(x, (32.0, 27.0)[row], 0.0) for x, row in columns[:items]]
+    outer: list[Pose] = [(x, (42.0, 17.0)[row], 0.0) for x, row in columns[:items]]
+    return Layout(tuple(depots), tuple(inner), tuple(outer))
+
+
+def instance_name(robots: int, items: int, door: DoorState, sides: Sides) -> str:
+    """Return the name of an instance, such as ``logistics-dc-all-r2-i4``."""
+    return f"logistics-d{door[0]}-{'all' if sides == 'all' else 'oc'}-r{robots}-i{items}"
+
+
+def logistics(
+    robots: int = 2,
+    items: int = 4,
+    *,
+    door: DoorState = "closed",
+    sides: Sides = "all",
+    encoding: Encoding = "fluents",
+    metric: bool = True,
+    seed: int = 0,
+    name: str | None = None,
+) -> SchedulingMotionProblem:
+    """Build a logistics problem.
+
+    Each robot starts at its depot, drives to an item (by the button, if it is the one to open the
+    door), picks it in 1 unit of time and drives home; every item is picked by exactly one robot,
+    and in the end all are at home. Picks, door openings and moves are optional activities; each
+    move happens at most once. What a schedule means is told in :mod:`up_samp.benchmarks.builder`.
+
+    :param door: ``"open"`` leaves door and button away.
+    :param sides: ``"corridor"`` allows the items' inner poses only.
+    :param encoding: with object fluents, or precedence constraints alone.
+    :param metric: minimise the makespan.
+    :param seed: 0 is the paper's layout.
+    """
+    if door not in ("closed", "open") or sides not in ("all", "corridor"):
+        raise ProblemError(f"no such logistics setting: door={door!r}, sides={sides!r}")
+    spots = layout(robots, items, seed)
+    _check(spots)
+    title = name or instance_name(robots, items, door, sides) + (f"-s{seed}" if seed else "")
+    family = Family(title, str(logistics_map()), a_max=A_MAX, encoding=encoding, metric=metric)
+    shelves = _shelf_places(family, spots, sides)
+    depots = [family.place(f"depot{r}", pose) for r, pose in enumerate(spots.depots)]
+    for r, depot in enumerate(depots):
+        family.robot(f"r{r}", depot)
+    button = None
+    if door == "closed":
+        leaf, closed, opened = family.door(DOOR, prefix="door")
+        button = family.place("button", DOOR.button)
+        family.open_door("open_door", leaf, closed, opened, button)
+    hands = Hands(family)
+    picks: list[list[Activity]] = [[] for _ in range(items)]
+    for robot, depot in zip(family.robots, depots, strict=True):
+        homeward = _moves(family, robot, depot, shelves, button)
+        hands.empty_after(robot, homeward)
+        for (item, side), shelf in shelves.items():
+            pick = family.work(robot, f"pick_{robot.name}_i{item}_{side}", shelf, 1)
+            hands.fill(robot, pick)
+            picks[item].append(pick)
+        family.routes.end(robot, depot)
+    for choices in picks:
+        family.exactly_one(choices)
+    return family.finish()
+
+
+class Hands:
+    """What robots carry, with fluents: ``robot_is_free``; a pick needs and takes free hands.
+
+    Without fluents nothing has to be said: from a pose at the shelf a robot can only drive home,
+    and there it can pick only what stands there.
+    """
+
+    def __init__(self, family: Family) -> None:
+        self.free: Fluent | None = None
+        if family.with_fluents:
+            self.free = Fluent("robot_is_free", BoolType(), robot=family.robot_type)
+            family.problem.add_fluent(self.free, default_initial_value=True)
+
+    def fill(self, robot: MovableObject, pick: Activity) -> None:
+        """``pick`` needs free hands and fills them."""
+        if self.free is not None:
+            pick.add_condition(at_start(pick), self.free(robot))
+            pick.add_effect(pick.end, self.free(robot), FALSE())
+
+    def empty_after(self, robot: MovableObject, homeward: list[MotionActivity]) -> None:
+        """Every homeward move ends with free hands."""
+        if self.free is not None:
+            for move in homeward:
+                move.add_effect(move.end, self.free(robot), TRUE())
+
+
+def _shelf_places(
+    family: Family, spots: Layout, sides: Sides
+) -> dict[tuple[int, str], ConfigurationObject]:
+    """Add the poses from which items may be picked: (item, side) -> place."""
+    shelves = {}
+    for i, pose in enumerate(spots.inner):
+        shelves[i, "in"] = family.place(f"item{i}in", pose)
+        if sides == "all":
+            shelves[i, "out"] = family.place(f"item{i}out", spots.outer[i])
+    return shelves
+
+
+def _moves(
+    family: Family,
+    robot: MovableObject,
+    depot: ConfigurationObject,
+    shelves: dict[tuple[int, str], ConfigurationObject],
+    button: ConfigurationObject | None,
+) -> list[MotionActivity]:
+    """Add all moves of ``robot``; return those that bring it home."""
+    stops = [*shelves.values(), *([button] if button is not None else [])]
+    for stop in stops:
+        family.move(robot, depot, stop)
+    if button is not None:
+        for shelf in shelves.values():
+            family.move(robot, button, shelf)
+    return [family.move(robot, stop, depot) for stop in stops]
+
+
+def _check(spots: Layout) -> None:
+    named = itertools.chain(
+        ((f"depot{r}", pose) for r, pose in enumerate(spots.depots)),
+        ((f"item{i}in", pose) for i, pose in enumerate(spots.inner)),
+        ((f"item{i}out", pose) for i, pose in enumerate(spots.outer)),
+        (("button", DOOR.button),),
+    )
+    check_poses(LOGISTICS_SIZE, logistics_walls(), dict(named), doors=[DOOR])
