@@ -1,8 +1,8 @@
 """Compiled collision checks of planar footprints (numba).
 
 Poses are (x, y, theta) in the world frame, lengths in m, angles in rad. A footprint is checked
-against the map in two stages: discs against the clearance field, which settles open space, then the exact
-polygon against the cells. Motions are checked by conservative advancement (Mirtich 1996): from a
+against the map in two stages: discs against the clearance field, which settles open space, then
+the exact polygon against the cells. Motions are checked by conservative advancement (Mirtich 1996): from a
 pose with clearance ``c`` a body may move until its fastest point has travelled ``c``, so nothing
 slips through between two checks.
 """

@@ -41,7 +41,7 @@ class OccupancyGrid:
     resolution: float
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     path: str | None = None
-    unknown: BoolArray = field(default=None)  # type: ignore[assignment]
+    unknown: BoolArray = field(default=None)  # type: ignore[arg-type]
 
     def __post_init__(self) -> None:
         occupied = np.ascontiguousarray(self.occupied, dtype=np.bool_)
@@ -125,8 +125,8 @@ def load_map(yaml_path: str | Path) -> OccupancyGrid:
     ``image`` is relative to the YAML's folder; ``origin`` is ``[x, y]`` or ``[x, y, yaw]``. With
     ``negate: 0`` dark pixels are occupied: with p = (255 - value) / 255 a cell is occupied if
     p > ``occupied_thresh``, free if p < ``free_thresh`` and unknown between (modes ``trinary`` and
-    ``scale``). In mode ``raw`` a pixel value of 0..100 is the occupancy in per cent, larger values are
-    unknown. Transparent pixels are unknown. Raises ``ProblemError`` naming the file.
+    ``scale``). In mode ``raw`` a pixel value of 0..100 is the occupancy in per cent, larger ones
+    are unknown. Transparent pixels are unknown. Raises ``ProblemError`` naming the file.
     """
     path = Path(yaml_path)
     data = _read_yaml(path)
@@ -203,7 +203,8 @@ def _read_image(path: Path, data: Mapping[str, Any]) -> tuple[FloatArray, BoolAr
     image_path = path.parent / name
     if not image_path.is_file():
         raise ProblemError(
-            f"map '{path}': its image '{image_path}' does not exist; 'image' is relative to the YAML"
+            f"map '{path}': its image '{image_path}' does not exist "
+            "('image' is relative to the YAML)"
         )
     try:
         with Image.open(image_path) as image:

@@ -19,8 +19,8 @@ from up_samp.model import Body, Configuration, Placed
 
 
 def clearance_field(blocked: npt.NDArray[np.bool_], resolution: float) -> npt.NDArray[np.float32]:
-    """Return for each cell the smallest distance (m) from any of its points to a blocked cell or to the
-    outside of the map.
+    """Return for each cell the smallest distance (m) from any of its points to a blocked cell or to
+    the outside of the map.
 
     The squares of two cells i, j are max(|i - j| - 1, 0) cells apart along an axis, which is the
     distance from i's centre to the blocked cells dilated by one cell: one exact Euclidean distance
@@ -29,7 +29,7 @@ def clearance_field(blocked: npt.NDArray[np.bool_], resolution: float) -> npt.ND
     padded = np.pad(blocked, 1, constant_values=True)
     grown = ndimage.maximum_filter(padded, size=3, mode="constant", cval=1)
     distance = ndimage.distance_transform_edt(~grown.astype(np.bool_))[1:-1, 1:-1]
-    return np.ascontiguousarray(distance * resolution, dtype=np.float32)
+    return np.ascontiguousarray(distance * (resolution * (1 - 1e-6)), dtype=np.float32)
 
 
 def grid_data(grid: OccupancyGrid | None) -> GridData:

@@ -24,8 +24,8 @@ SLACK_MIN, SLACK_MAX = 1e-4, 0.2
 class Shape:
     """A footprint in the body frame (m), ready for the kernels.
 
-    ``parts`` are convex polygons (counter-clockwise) whose union is the footprint. ``circumscribed``
-    is the radius of the smallest disc about the reference point that covers it, ``inscribed`` that
+    ``parts`` are convex polygons (counter-clockwise) whose union is the footprint.
+    ``circumscribed`` is the radius of the smallest disc about the reference point that covers it, ``inscribed`` that
     of the largest disc about the reference point inside it (0 if the point is outside);
     ``inner`` = (x, y, r) is the largest disc inside it anywhere. ``margin`` is the clearance (m)
     that ``data`` asks for.
