@@ -1,1 +1,27 @@
-"""upio."""
+"""Between UP problems and our plain values: reading, relaxing, refining, writing plans."""
+
+from up_samp.upio.candidate import Itinerary, read_itinerary
+from up_samp.upio.plan import (
+    SampSchedule,
+    build_plan,
+    build_schedule,
+    trajectories,
+    trajectory_key,
+)
+from up_samp.upio.read import read_problem
+from up_samp.upio.relaxation import Relaxation, relax
+from up_samp.upio.write import write_refinement
+
+__all__ = [
+    "Itinerary",
+    "Relaxation",
+    "SampSchedule",
+    "build_plan",
+    "build_schedule",
+    "read_itinerary",
+    "read_problem",
+    "relax",
+    "trajectories",
+    "trajectory_key",
+    "write_refinement",
+]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from unified_planning.model import FNode
@@ -109,7 +109,8 @@ def _read_kinematics(obj: MovableObject, model: MotionModel) -> Kinematics:
             f"(known: {', '.join(_PARAMETERS)})"
         )
     try:
-        limits = Kinematics(model, **{k: float(v) for k, v in given.items()})
+        numbers: dict[str, Any] = {k: float(v) for k, v in given.items()}
+        limits = Kinematics(model, **numbers)
     except (TypeError, ValueError) as error:
         raise ProblemError(f"object '{obj.name}': {error}") from error
     if obj.control_model is None:
@@ -348,10 +349,11 @@ def _check_initial(
     objects: Mapping[str, Movable],
     configurations: Mapping[str, Configuration],
     initial: Mapping[str, str],
-    tasks: Iterable[MotionTask],
-    changes: Iterable[ChangeTask],
+    tasks: Sequence[MotionTask],
+    changes: Sequence[ChangeTask],
 ) -> None:
-    for activity, name in [(t.activity, t.object) for t in (*tasks, *changes)]:
+    users = [(t.activity, t.object) for t in tasks] + [(c.activity, c.object) for c in changes]
+    for activity, name in users:
         if name not in initial:
             raise ProblemError(
                 f"object '{name}', moved by activity '{activity}', has no initial configuration; "
@@ -372,23 +374,24 @@ def _check_initial(
 def _check_dimensions(
     objects: Mapping[str, Movable],
     configurations: Mapping[str, Configuration],
-    tasks: Iterable[MotionTask],
-    changes: Iterable[ChangeTask],
+    tasks: Sequence[MotionTask],
+    changes: Sequence[ChangeTask],
 ) -> None:
-    for task in (*tasks, *changes):
-        terms = task.terms if isinstance(task, MotionTask) else (task.term,)
-        body = objects[task.object].body
+    uses = [(t.activity, t.object, t.terms) for t in tasks]
+    uses += [(c.activity, c.object, (c.term,)) for c in changes]
+    for activity, name, terms in uses:
+        body = objects[name].body
         size = 7 if body.kinematics.model is MotionModel.SE3 else 3
         for term in terms:
             if term.kind is not TermKind.CONSTANT:
                 continue
             if term.name not in configurations:
                 raise ProblemError(
-                    f"activity '{task.activity}' uses the configuration '{term.name}', which is "
+                    f"activity '{activity}' uses the configuration '{term.name}', which is "
                     "not in the problem (add it with problem.add_object)"
                 )
             if len(configurations[term.name]) != size:
                 raise ProblemError(
-                    f"activity '{task.activity}': configuration '{term.name}' is of the wrong "
-                    f"type for '{task.object}' ({body.kinematics.model.value} needs {size} numbers)"
+                    f"activity '{activity}': configuration '{term.name}' is of the wrong "
+                    f"type for '{name}' ({body.kinematics.model.value} needs {size} numbers)"
                 )

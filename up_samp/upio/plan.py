@@ -1,0 +1,153 @@
+"""UP plans with timed trajectories."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from unified_planning.environment import Environment
+from unified_planning.model.motion import (
+    SE2,
+    SE3,
+    SchedulingMotionProblem,
+    SE2Path,
+    SE2WithControlsPath,
+    SE3Path,
+)
+from unified_planning.model.scheduling import Activity
+from unified_planning.plans import MotionSchedule, Schedule
+
+from up_samp.model import CandidateSchedule, MotionModel, ProblemError, Trajectory
+from up_samp.model.snapshot import MotionTask, Snapshot
+
+
+class SampSchedule(MotionSchedule):  # type: ignore[misc]
+    """A ``MotionSchedule`` that knows when each robot is where.
+
+    ``trajectories`` maps activities to trajectories in s from the plan's start (an activity that
+    moves several objects: ``activity#k`` for its k-th further constraint).
+    """
+
+    def __init__(
+        self,
+        activities: list[Activity],
+        assignment: Mapping[Any, Any],
+        motion_paths: Mapping[Any, Any],
+        trajectories: Mapping[str, Trajectory],
+        environment: Environment,
+    ):
+        super().__init__(activities, dict(assignment), dict(motion_paths), environment)
+        self.trajectories: dict[str, Trajectory] = dict(trajectories)
+
+
+def trajectory_key(task: MotionTask) -> str:
+    """Return the name of a task's trajectory in a plan."""
+    return task.activity if task.index == 0 else f"{task.activity}#{task.index}"
+
+
+def build_plan(
+    problem: SchedulingMotionProblem,
+    snapshot: Snapshot,
+    schedule: CandidateSchedule,
+    trajectories: Mapping[str, Trajectory],
+) -> SampSchedule:
+    """Return the UP plan for a schedule whose motions were found.
+
+    ``trajectories`` are keyed as :func:`trajectory_key` says, in s from the plan's start.
+    """
+    activities = [a for a in problem.activities if a.name in schedule.times]
+    paths = {}
+    by_name = {a.name: a for a in activities}
+    for task in snapshot.tasks:
+        if task.activity not in by_name:
+            continue
+        activity = by_name[task.activity]
+        model = snapshot.objects[task.object].body.kinematics.model
+        paths[activity, activity.motion_constraints[task.index]] = up_path(
+            trajectories[trajectory_key(task)], model
+        )
+    return SampSchedule(
+        activities,
+        _assignment(problem, schedule, activities),
+        paths,
+        trajectories,
+        problem.environment,
+    )
+
+
+def build_schedule(problem: Any, schedule: CandidateSchedule) -> Schedule:
+    """Return the UP plan of a problem without motions."""
+    activities = [a for a in problem.activities if a.name in schedule.times]
+    assignment = _assignment(problem, schedule, activities)
+    return Schedule(activities, assignment, problem.environment)
+
+
+def _assignment(
+    problem: Any, schedule: CandidateSchedule, activities: list[Activity]
+) -> dict[Any, Any]:
+    assignment: dict[Any, Any] = {}
+    for activity in activities:
+        start, end = schedule.times[activity.name]
+        assignment[activity.start] = start
+        assignment[activity.end] = end
+        for parameter in activity.parameters:
+            assignment[parameter] = _value(problem, schedule, parameter)
+    for variable in problem.base_variables:
+        assignment[variable] = _value(problem, schedule, variable)
+    return assignment
+
+
+def _value(problem: Any, schedule: CandidateSchedule, parameter: Any) -> Any:
+    value = schedule.parameters[parameter.name]
+    return problem.object(value) if isinstance(value, str) else value
+
+
+def up_path(trajectory: Trajectory, model: MotionModel) -> SE2Path | SE3Path | SE2WithControlsPath:
+    """Return a UP path: poses with controls (m/s, rad/s, s) for cars, poses for others."""
+    poses = trajectory.poses
+    if model is MotionModel.SE3:
+        return SE3Path([SE3(*map(float, p)) for p in poses])
+    if model is MotionModel.SE2:
+        return SE2Path([SE2(*map(float, p)) for p in poses])
+    steps = np.diff(trajectory.times)
+    moves = np.diff(poses, axis=0)
+    middle = poses[:-1, 2] + 0.5 * moves[:, 2]
+    chord = moves[:, 0] * np.cos(middle) + moves[:, 1] * np.sin(middle)
+    half = 0.5 * moves[:, 2]
+    stretch = np.ones_like(half)
+    bent = np.abs(half) > 1e-9
+    stretch[bent] = half[bent] / np.sin(half[bent])
+    speeds = chord * stretch / steps
+    turns = moves[:, 2] / steps
+    path = [
+        (SE2(*map(float, p)), float(v), float(w), float(dt))
+        for p, v, w, dt in zip(poses[:-1], speeds, turns, steps, strict=True)
+    ]
+    path.append((SE2(*map(float, poses[-1])), 0.0, 0.0, 0.0))
+    return SE2WithControlsPath(path)
+
+
+def trajectories(plan: MotionSchedule) -> dict[str, Trajectory]:
+    """Return the timed trajectory of each motion, by activity (s from the plan's start).
+
+    Plans of this package carry them; for other plans they are read from
+    ``SE2WithControlsPath`` paths, starting at their activities' starts (1 unit = 1 s).
+    Raises :class:`ProblemError` for paths that carry no times.
+    """
+    own = getattr(plan, "trajectories", None)
+    if own is not None:
+        return dict(own)
+    found: dict[str, Trajectory] = {}
+    for (activity, _), path in plan.motion_paths.items():
+        if not isinstance(path, SE2WithControlsPath):
+            raise ProblemError(
+                f"the path of activity '{activity.name}' has no times ({type(path).__name__})"
+            )
+        start = float(plan.get(activity.start).constant_value())
+        durations = np.array([step[3] for step in path.path[:-1]])
+        times = start + np.concatenate([[0.0], np.cumsum(durations)])
+        poses = np.array([list(step[0]) for step in path.path])
+        poses[:, 2] = np.unwrap(poses[:, 2])
+        found[activity.name] = Trajectory(times, poses)
+    return found
