@@ -1,0 +1,175 @@
+"""The 132 instances of the paper: names, sizes, figures, frozen files, free and reachable poses."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.ndimage
+import yaml
+from PIL import Image
+
+from up_samp.benchmarks import families, freeze, instance, instances, job_shop, logistics, maps
+from up_samp.benchmarks.jobshop import draw_shop, frozen_shops
+from up_samp.benchmarks.logistics import layout
+from up_samp.benchmarks.places import box, check_poses, duration_bounds
+from up_samp.model import ProblemError
+
+
+def test_the_paper_has_132():
+    paper = instances("paper")
+    assert len(paper) == len({i.name for i in paper}) == 132
+    groups = [i.group for i in paper]
+    assert [groups.count(g) for g in ("OC-DO", "OC-DC", "ALL-DO", "ALL-DC", "JSP")] == [24] * 4 + [
+        36
+    ]
+    assert len(instances("logistics")) == 96
+    assert len(instances("jobshop")) == 36
+    assert instance("logistics-dc-all-r2-i4").family == "logistics"
+    assert instance("jobshop-r2-j2-m4").group == "JSP"
+    names = [i.name for family in families() for i in instances(family)]
+    assert len(names) == len(set(names))
+
+
+@pytest.mark.parametrize("bad", ["logistics-r1", "nothing"])
+def test_unknown_names_are_refused(bad):
+    with pytest.raises(ProblemError, match=bad):
+        instance(bad)
+    with pytest.raises(ProblemError, match=bad):
+        instances(bad)
+
+
+def test_sizes():
+    # per robot: 8 + 1 places out and back, 8 from the button, 8 picks, 1 door
+    problem = logistics(2, 4, door="closed", sides="all")
+    assert len(problem.activities) == 2 * (9 + 9 + 8 + 8 + 1)
+    assert len(logistics(3, 8, door="open", sides="corridor").activities) == 72
+    # per robot: 9 places (start, 4 machines, 4 buttons), 8 operations, 4 doors
+    assert len(job_shop(2, 2, 4).activities) == 2 * (9 * 8 + 8 + 4) == 168
+
+
+@pytest.mark.parametrize("arguments", [(0, 1), (11, 1), (1, 0), (1, 17)])
+def test_impossible_sizes_are_refused(arguments):
+    with pytest.raises(ProblemError, match="logistics takes"):
+        logistics(*arguments)
+
+
+def test_unknown_settings_are_refused():
+    with pytest.raises(ProblemError, match="ajar"):
+        logistics(1, 1, door="ajar")
+    with pytest.raises(ProblemError, match="encoding"):
+        logistics(1, 1, encoding="latin")
+    with pytest.raises(ProblemError, match="machines"):
+        job_shop(1, 1, 7)
+
+
+def test_duration_bounds():
+    # 8 m at 0.5 m/s^2: 2 sqrt(8 / 0.5) = 8 s exactly; at 0.1 m/s: 80 s
+    assert duration_bounds((0, 0, 0), (8, 0, 0), 0.5) == (8, 80)
+    assert duration_bounds((0, 0, 0), (0, 0, 1), 0.5) == (1, 1)
+    assert duration_bounds((0, 0, 0), (3, 4, 0), 1.0) == (math.floor(2 * math.sqrt(5)), 50)
+    # beyond 800 m the guess of 20 m/s is reached: 1000 / 20 + 20 / 0.5
+    assert duration_bounds((0, 0, 0), (1000, 0, 0), 0.5)[0] == 90
+
+
+def test_a_move_as_up_sees_it():
+    problem = logistics(2, 1, door="closed", sides="corridor")
+    move = problem.get_activity("move_r0_depot0_to_item0in")
+    (constraint,) = move.motion_constraints
+    assert move.optional
+    assert str(constraint.movable) == "r0"
+    assert [o.name for o in constraint.static_obstacles] == ["door"]
+    assert [o.name for o in constraint.dynamic_obstacles_at_start] == ["r1"]
+    opening = problem.get_activity("open_door_r1")
+    assert not opening.motion_constraints
+    assert {str(k): str(v) for k, v in opening.motion_effects.items()} == {"door": "door_open"}
+    assert problem.clone() == problem
+
+
+@pytest.mark.parametrize("encoding", ["fluents", "no-fluents"])
+def test_encodings_use_what_they_say(encoding):
+    for problem in (logistics(2, 2, encoding=encoding), job_shop(1, 1, 1, encoding=encoding)):
+        assert bool(problem.fluents) == (encoding == "fluents")
+        assert problem.quality_metrics
+    assert not logistics(1, 1, metric=False).quality_metrics
+
+
+def test_frozen_files_are_what_the_code_draws(tmp_path):
+    freeze.write(tmp_path)
+    drawn = {p.name for p in tmp_path.iterdir()}
+    assert drawn <= {p.name for p in maps.DATA.iterdir()}
+    for name in drawn:
+        if name.endswith(".png"):
+            fresh, kept = (np.asarray(Image.open(d / name)) for d in (tmp_path, maps.DATA))
+            assert np.array_equal(fresh, kept)
+        else:
+            assert (tmp_path / name).read_text() == (maps.DATA / name).read_text()
+    assert frozen_shops()["jobshop-r2-j2-m4"] == draw_shop(2, 2, 4, 0)
+
+
+def test_other_sizes_are_drawn_into_the_cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("UP_SAMP_CACHE", str(tmp_path))
+    problem = job_shop(1, 1, 3, seed=5)
+    yaml_file = problem.user_type("pose").occupancy_map.filename
+    assert yaml_file == str(tmp_path / "maps" / "jobshop-3.yaml")
+    assert yaml.safe_load(Path(yaml_file).read_text())["image"] == "jobshop-3.png"
+    assert maps.job_shop_map(3) == tmp_path / "maps" / "jobshop-3.yaml"
+    assert job_shop(1, 1, 3, seed=5).name == "jobshop-r1-j1-m3-s5"
+
+
+def test_seeds_deal_other_layouts():
+    assert layout(3, 8, 0) != layout(3, 8, 1) == layout(3, 8, 1)
+    assert sorted(layout(3, 8, 1).inner) == sorted(layout(3, 8, 0).inner)
+    assert len(set(layout(10, 16).inner)) == 16
+    assert draw_shop(2, 2, 2, 1) != draw_shop(2, 2, 2, 2)
+
+
+def test_poses_in_walls_or_too_close_are_refused():
+    walls = [(0, 0, 1, 10)]
+    with pytest.raises(ProblemError, match="wall"):
+        check_poses((10, 10), walls, {"a": (1.5, 5, 0)})
+    with pytest.raises(ProblemError, match="wall"):
+        check_poses((10, 10), walls, {"a": (9.5, 5, 0)})
+    with pytest.raises(ProblemError, match="a and b"):
+        check_poses((10, 10), walls, {"a": (5, 5, 0), "b": (5, 6, 0)})
+    check_poses((10, 10), walls, {"a": (5, 5, 0), "b": (5, 7, 0)})
+
+
+def free_for_a_turning_robot(yaml_file, open_doors):
+    """Label the cells where a robot could even turn on the spot; returns (labels, to_cell)."""
+    meta = yaml.safe_load(Path(yaml_file).read_text())
+    image = np.asarray(Image.open(maps.DATA / meta["image"]).convert("L"))[::-1]
+    free = image > 127
+    for (x0, y0), (x1, y1) in open_doors:
+        free[round(y0 * 10) : round(y1 * 10), round(x0 * 10) : round(x1 * 10)] = False
+    reach = scipy.ndimage.distance_transform_edt(np.pad(free, 1))[1:-1, 1:-1]
+    labels, _ = scipy.ndimage.label(reach > math.hypot(1, 0.5) * 10 + 1.5)
+    return labels, lambda p: labels[int(p[1] * 10), int(p[0] * 10)]
+
+
+def test_all_places_are_reachable():
+    # A disc of the footprint's circumradius can be there, and discs connect all places: a
+    # Reeds-Shepp car, which is small-time locally controllable, can follow such a way.
+    labels, cell = free_for_a_turning_robot(maps.logistics_map(), [((51, 35), (52, 45))])
+    spots = layout(10, 16)
+    found = {int(cell(p)) for p in (*spots.depots, *spots.inner, *spots.outer, (46, 30, 0))}
+    assert found == {int(labels[300, 300])}
+    for name, shop in frozen_shops().items():
+        cells = len(shop.machines)
+        doors = [((18 + 50 * i, 31.5), (24 + 50 * i, 32.5)) for i in range(cells)]
+        labels, cell = free_for_a_turning_robot(maps.job_shop_map(cells), doors)
+        buttons = [(25 + 50 * i, 29) for i in range(cells)]
+        found = {int(cell(p)) for p in (*shop.starts, *shop.machines, *buttons)}
+        assert found == {int(labels[100, 100])}, name
+
+
+def test_box():
+    assert box(2, 1) == ((-1.0, -0.5), (1.0, -0.5), (1.0, 0.5), (-1.0, 0.5))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("encoding", ["fluents", "no-fluents"])
+def test_all_instances_build(encoding):
+    for family in families():
+        for i in instances(family):
+            assert i.build(encoding, False).name == i.name
