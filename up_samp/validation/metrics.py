@@ -1,0 +1,39 @@
+"""Values of UP's quality metrics for a schedule."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from unified_planning.model import metrics
+
+from up_samp.model import UnsupportedError
+from up_samp.validation.schedule import holds_throughout
+from up_samp.validation.timeline import Reading, Timeline
+from up_samp.validation.values import Reader, Value, plain
+
+
+def evaluate_metric(metric: Any, timeline: Timeline) -> Value:
+    """Return the value of ``metric``: the makespan is the latest end of a present activity; values
+    of fluents and goals are those after all effects.
+    """
+    if isinstance(metric, metrics.MinimizeMakespan):
+        return timeline.decisions.makespan
+    final = Reader(
+        timeline.decisions,
+        lambda key: timeline.value(key, timeline.horizon + 1, Reading.LATER),
+    )
+    if isinstance(
+        metric, (metrics.MinimizeExpressionOnFinalState, metrics.MaximizeExpressionOnFinalState)
+    ):
+        return final.value(metric.expression)
+    if isinstance(metric, metrics.Oversubscription):
+        reached = (gain for goal, gain in metric.goals.items() if final.value(goal) is True)
+        return plain(sum(reached))
+    if isinstance(metric, metrics.TemporalOversubscription):
+        reached = (
+            gain
+            for (interval, goal), gain in metric.goals.items()
+            if holds_throughout(interval, goal, timeline, Reading.LATER)
+        )
+        return plain(sum(reached))
+    raise UnsupportedError(f"the metric '{metric}' has no meaning for schedules")

@@ -1,0 +1,356 @@
+"""Judge the schedule part of a plan: presence, durations, constraints, effects, conditions.
+
+The numbered rules in comments are those of ``semantics.py``.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from unified_planning.model import OperatorKind, TimepointKind
+
+from up_samp.model import UnsupportedError
+from up_samp.validation.timeline import (
+    Change,
+    Reading,
+    Timeline,
+    build_timeline,
+    constant,
+    in_type,
+    show,
+)
+from up_samp.validation.values import MISSING, Decisions, Key, Reader, Value
+from up_samp.validation.verdict import Verdict, Violation
+
+
+@dataclass(frozen=True)
+class JudgedSchedule:
+    """The verdict on a schedule, with what it decides and the fluents over time (``None`` when
+    the plan is too broken to tell).
+    """
+
+    verdict: Verdict
+    decisions: Decisions | None = None
+    timeline: Timeline | None = None
+
+
+def validate_schedule(problem: Any, plan: Any) -> Verdict:
+    """Judge a UP ``Schedule`` of a ``SchedulingProblem`` (motions, if any, are not looked at).
+
+    The rules are in ``semantics.py`` beside this file. Raises ``UnsupportedError`` for a feature
+    that has no rule there, ``ProblemError`` for a problem that leaves a needed value open.
+    """
+    return judge_schedule(problem, plan).verdict
+
+
+def judge_schedule(problem: Any, plan: Any) -> JudgedSchedule:
+    """Like :func:`validate_schedule`, and also return what was found on the way."""
+    decisions, broken = read_decisions(problem, plan)
+    if decisions is None or broken:
+        return JudgedSchedule(Verdict(tuple(broken), False))
+    timeline = build_timeline(problem, decisions)
+    common = [
+        *_constraints(problem, timeline),
+        *timeline.violations,
+    ]
+    later, at_once = (
+        [*_durations(problem, timeline, r), *_conditions(problem, timeline, r)] for r in Reading
+    )
+    kept = [*common, *later, *_interference(problem, timeline)]
+    verdict = Verdict(tuple(kept), definition3=not common and not at_once)
+    return JudgedSchedule(verdict, decisions, timeline)
+
+
+# ------------------------------------------------------------------ presence and variables
+
+
+def read_decisions(problem: Any, plan: Any) -> tuple[Decisions | None, list[Violation]]:
+    """Read presence, times and parameters from a plan (rule 1). ``None`` when names are wrong."""
+    found: list[Violation] = []
+    known = {a.name: a for a in problem.activities}
+    if len(known) < len(problem.activities):
+        raise UnsupportedError("activities with equal names")
+    counts = Counter(a.name for a in plan.activities)
+    for name, count in counts.items():
+        if name not in known:
+            found.append(Violation("presence", f"{name} is no activity of the problem"))
+        elif count > 1:
+            found.append(Violation("presence", f"{name} is in the plan {count} times"))
+    for name, activity in known.items():
+        if not activity.optional and name not in counts:
+            found.append(Violation("presence", f"{name} is mandatory but not in the plan"))
+    if found:
+        return None, found
+    objects = _objects_by_type(problem)
+    assigned = _assignment(plan)
+    times: dict[str, tuple[int, int]] = {}
+    for name in counts:
+        times.update(_times(name, assigned, found))
+    parameters: dict[str, Value] = {}
+    wanted = list(problem.base_variables)
+    wanted += [p for name in counts for p in known[name].parameters]
+    for parameter in wanted:
+        value = assigned.get(parameter.name, MISSING)
+        if value is MISSING:
+            found.append(Violation("unassigned", f"parameter {parameter.name} has no value"))
+        elif not in_type(value, parameter.type, objects):
+            what = f"parameter {parameter.name} = {value} is not of type {parameter.type}"
+            found.append(Violation("parameter", what))
+        else:
+            parameters[parameter.name] = value
+    return Decisions(times, parameters, objects), found
+
+
+def _objects_by_type(problem: Any) -> dict[str, tuple[str, ...]]:
+    """Return the names of each user type's objects; an object belongs to its type's ancestors."""
+    found: dict[str, list[str]] = defaultdict(list)
+    for item in problem.all_objects:
+        for type_ in item.type.ancestors:
+            found[type_.name].append(item.name)
+    return {name: tuple(objects) for name, objects in found.items()}
+
+
+def _assignment(plan: Any) -> dict[Any, Value]:
+    """Return the plan's values by ``(kind, activity)`` of timepoints and by name of parameters."""
+    values: dict[Any, Value] = {}
+    for variable, node in plan.assignment.items():
+        is_timepoint = hasattr(variable, "container")
+        key = (variable.kind, variable.container) if is_timepoint else variable.name
+        values[key] = constant(node)
+    return values
+
+
+def _times(
+    name: str, assigned: dict[Any, Value], found: list[Violation]
+) -> dict[str, tuple[int, int]]:
+    start = assigned.get((TimepointKind.START, name), MISSING)
+    end = assigned.get((TimepointKind.END, name), MISSING)
+    for what, value in (("start", start), ("end", end)):
+        if value is MISSING:
+            found.append(Violation("unassigned", f"{name} has no {what}"))
+        elif isinstance(value, (bool, str)) or not isinstance(value, int) or value < 0:
+            found.append(Violation("time", f"{name}'s {what} {value} is no integer >= 0"))
+    if not all(isinstance(v, int) for v in (start, end)):
+        return {}
+    if end < start:
+        found.append(Violation("time", f"{name} ends at {end}, before its start at {start}"))
+    return {name: (start, end)}
+
+
+# ------------------------------------------------------------------ durations and constraints
+
+
+def _durations(problem: Any, timeline: Timeline, reading: Reading) -> Iterator[Violation]:
+    """Rule 2."""
+    for activity in _present(problem, timeline):
+        start, end = timeline.decisions.times[activity.name]
+        reader = _reader_at(timeline, start, reading, activity.name)
+        bounds = activity.duration
+        low, high = reader.value(bounds.lower), reader.value(bounds.upper)
+        length = end - start
+        short = low is not MISSING and (length < low or (length == low and bounds.is_left_open()))
+        long = high is not MISSING and (
+            length > high or (length == high and bounds.is_right_open())
+        )
+        if short or long:
+            what = f"{activity.name} lasts {length}, not within {bounds} (start {start}, end {end})"
+            yield Violation("duration", what)
+
+
+def _constraints(problem: Any, timeline: Timeline) -> Iterator[Violation]:
+    """Rules 3 to 5."""
+    changed = _changed_fluents(problem)
+
+    def static(key: Key) -> Value:
+        if key[0] in changed:
+            raise UnsupportedError(f"fluent {key[0]} in a constraint: effects change it")
+        return timeline.initial(key)
+
+    sources = [(problem._base, None)] + [(a, a.name) for a in problem.activities]
+    for chronicle, owner in sources:
+        if owner is not None and owner not in timeline.decisions.times:
+            continue
+        for constraint, scope in chronicle.scoped_constraints:
+            reader = Reader(timeline.decisions, static, owner)
+            if all(reader.value(s) is True for s in scope) and reader.value(constraint) is False:
+                under = f" (scope {list(scope)})" if scope else ""
+                by = f" of {owner}" if owner else ""
+                what = f"'{constraint}'{under}{by} does not hold{_times_in(constraint, timeline)}"
+                yield Violation("constraint", what)
+
+
+def _changed_fluents(problem: Any) -> set[str]:
+    """Return the names of all fluents that some effect could change."""
+    return {effect.fluent.fluent().name for _, effect, _ in problem.all_effects()}
+
+
+def _times_in(node: Any, timeline: Timeline) -> str:
+    """Return the times of the activities that an expression mentions, for people."""
+    names: set[str] = set()
+    stack = [node]
+    while stack:
+        item = stack.pop()
+        stack += item.args
+        if item.node_type == OperatorKind.TIMING_EXP and item.timing().timepoint.container:
+            names.add(item.timing().timepoint.container)
+    times = timeline.decisions.times
+    shown = [f"{n} [{times[n][0]}, {times[n][1]}]" for n in sorted(names & set(times))]
+    return f": {', '.join(shown)}" if shown else ""
+
+
+# ------------------------------------------------------------------ conditions
+
+
+@dataclass(frozen=True)
+class _Condition:
+    """A timed condition of an activity (``owner``) or of the problem, over integer instants."""
+
+    owner: str | None
+    node: Any
+    first: int
+    last: int
+
+    @property
+    def what(self) -> str:
+        over = f"at {self.first}" if self.first == self.last else f"over {self.first}..{self.last}"
+        return f"condition '{self.node}' of {self.owner or 'the problem'} {over}"
+
+
+def _present(problem: Any, timeline: Timeline) -> list[Any]:
+    return [a for a in problem.activities if a.name in timeline.decisions.times]
+
+
+def _reader_at(timeline: Timeline, instant: int, reading: Reading, owner: str | None) -> Reader:
+    return Reader(timeline.decisions, lambda k: timeline.value(k, instant, reading), owner)
+
+
+def _timed_conditions(problem: Any, timeline: Timeline, reading: Reading) -> Iterator[_Condition]:
+    """Rules 10, 12 and 13: each condition with its first and last instant."""
+    chronicles = [(problem._base, None)] + [(a, a.name) for a in _present(problem, timeline)]
+    for chronicle, owner in chronicles:
+        for interval, nodes in chronicle.conditions.items():
+            found = _instants(interval, owner, timeline, reading)
+            if found is not None and found[0] <= found[1]:
+                yield from (_Condition(owner, node, *found) for node in nodes)
+
+
+def _instants(
+    interval: Any, owner: str | None, timeline: Timeline, reading: Reading
+) -> tuple[int, int] | None:
+    """Return the first and last instant of an interval (``None``: it hangs on an absent one)."""
+    end = timeline.global_end(reading)
+    first = timeline.decisions.timing(interval.lower, owner, end)
+    last = timeline.decisions.timing(interval.upper, owner, end)
+    if first is MISSING or last is MISSING:
+        return None
+    if not (isinstance(first, int) and isinstance(last, int)):
+        raise UnsupportedError(f"fractional time in the condition interval {interval}")
+    return first + interval.is_left_open(), last - interval.is_right_open()
+
+
+def _new_values(timeline: Timeline, reading: Reading) -> dict[str, set[int]]:
+    """Return for each fluent's name the instants at which a new value is seen first."""
+    times_of: dict[str, set[int]] = defaultdict(set)
+    for change in timeline.changes:
+        seen = change.time + 1 if reading is Reading.LATER else change.time
+        times_of[change.key[0]].add(seen)
+    return times_of
+
+
+def _conditions(problem: Any, timeline: Timeline, reading: Reading) -> Iterator[Violation]:
+    """Rule 9 and 10: every condition holds at every instant of its interval."""
+    times_of = _new_values(timeline, reading)
+    for condition in _timed_conditions(problem, timeline, reading):
+        instant = _first_failure(condition, timeline, reading, times_of)
+        if instant is not None:
+            yield Violation("condition", f"{condition.what} is false at {instant}")
+
+
+def _first_failure(
+    condition: _Condition, timeline: Timeline, reading: Reading, times_of: Mapping[str, set[int]]
+) -> int | None:
+    """Return the first instant at which a condition is false. Looking at the first instant and
+    where a fluent that it mentions gets a new value is enough.
+    """
+    instants = {condition.first}
+    for name in _fluents_in(condition.node):
+        new = times_of.get(name, set())
+        instants |= {t for t in new if condition.first < t <= condition.last}
+    for instant in sorted(instants):
+        reader = _reader_at(timeline, instant, reading, condition.owner)
+        if reader.value(condition.node) is False:
+            return instant
+    return None
+
+
+def holds_throughout(interval: Any, node: Any, timeline: Timeline, reading: Reading) -> bool:
+    """Return whether an expression holds at every instant of a global time interval."""
+    found = _instants(interval, None, timeline, reading)
+    if found is None:
+        return False
+    condition = _Condition(None, node, *found)
+    return _first_failure(condition, timeline, reading, _new_values(timeline, reading)) is None
+
+
+def _interference(problem: Any, timeline: Timeline) -> Iterator[Violation]:
+    """Rule 11: an activity's effects keep apart from what other activities read."""
+    by_name: dict[str, list[Change]] = defaultdict(list)
+    for change in timeline.changes:
+        if change.owner is not None:
+            by_name[change.key[0]].append(change)
+    for condition in _timed_conditions(problem, timeline, Reading.LATER):
+        if condition.owner is None:
+            continue
+        for name in sorted(_fluents_in(condition.node)):
+            for change in by_name[name]:
+                if change.owner == condition.owner:
+                    continue
+                if not condition.first <= change.time <= condition.last:
+                    continue
+                reader = _reader_at(timeline, change.time, Reading.LATER, condition.owner)
+                reader.value(condition.node)
+                if change.key in reader.reads:
+                    yield _clash(change, condition.what)
+    yield from _other_interference(problem, timeline, by_name)
+
+
+def _other_interference(
+    problem: Any, timeline: Timeline, by_name: dict[str, list[Change]]
+) -> Iterator[Violation]:
+    """Rule 11 for what effects and durations read."""
+    readings = [(r.time, r.owner, r.keys, r.what) for r in timeline.effect_reads]
+    for activity in _present(problem, timeline):
+        start = timeline.decisions.times[activity.name][0]
+        reader = _reader_at(timeline, start, Reading.LATER, activity.name)
+        reader.value(activity.duration.lower)
+        reader.value(activity.duration.upper)
+        if reader.reads:
+            what = f"the duration of {activity.name}, read at {start}"
+            readings.append((start, activity.name, frozenset(reader.reads), what))
+    for time, owner, keys, what in readings:
+        for change in (c for key in sorted(keys, key=str) for c in by_name[key[0]]):
+            same = change.time == time and change.key in keys
+            if same and owner is not None and change.owner != owner:
+                yield _clash(change, what)
+
+
+def _clash(change: Change, what: str) -> Violation:
+    return Violation(
+        "interference",
+        f"{change.what} changes {show(change.key)}, which the {what.removeprefix('the ')} reads",
+    )
+
+
+def _fluents_in(node: Any) -> set[str]:
+    """Return the names of all fluents that an expression mentions."""
+    names: set[str] = set()
+    stack = [node]
+    while stack:
+        item = stack.pop()
+        stack += item.args
+        if item.is_fluent_exp():
+            names.add(item.fluent().name)
+    return names

@@ -1,0 +1,84 @@
+"""What makes a schedule valid.
+
+This is the reading by which ``up_samp.validation`` judges, and which every engine of this
+package follows. It was found by experiments with up-aries 0.5.0 on one- and two-activity
+problems; where it differs from aries (always to the strict or to the plain side) this page says
+so. Time is integer; an *instant* is an integer.
+
+Presence, variables, constraints
+--------------------------------
+1. ``plan.activities`` are the present activities (by name, each at most once). Every mandatory
+   one is present, and every present one belongs to the problem. A present activity has an
+   integer ``start >= 0`` and ``end >= start``; its parameters, and the problem's variables,
+   have values in their types (an object of the type or of one of its subtypes; integers within
+   bounds). What the plan says about absent activities is ignored.
+2. ``end - start`` lies in the duration interval, whose ends may be open and may hold parameters
+   and fluents (read at the start, like a condition).
+3. A constraint binds when all literals of its scope are true. Start, end and parameters of an
+   *absent* activity have no value, and logic over them is Kleene's three-valued one: a relation
+   or sum with a missing value is unknown; ``Or`` with a true part is true, ``And`` with a false
+   part is false, otherwise unknown parts make ``And``, ``Or``, ``Not``, ``Iff``, ``Implies``
+   unknown. A binding constraint is broken only if it is *false*; an unknown one holds; a scope
+   literal that is unknown does not bind. (So ``LE(a.end, b.start)`` says nothing when ``a`` or
+   ``b`` is absent, and an ``And`` is the same as its parts one by one.) A missing value never
+   appears for ``present`` itself: it is always true or false.
+4. Fluents in constraints must be static (no effect anywhere changes them). Otherwise:
+   unsupported.
+5. ``GlobalStart`` is 0. In constraints ``GlobalEnd`` is the makespan: the latest end of a
+   present activity (0 if none).
+
+Effects
+-------
+6. An effect of a present activity (or of the problem itself) happens at one instant ``t >= 0``;
+   one before 0 is a violation. An effect whose time hangs on an absent activity does not
+   happen. Its condition, its value and its amount are read from the state *before* the effects
+   at ``t``. A conditional effect whose condition is false does not happen (aries 0.5.0 ignores
+   such conditions).
+7. Increases and decreases of one fluent at one instant add up. Any other two effects on one
+   fluent (same arguments) at one instant conflict, also with equal values, also within one
+   activity, also an assignment with an increase (the last is laxer in aries).
+8. After the effects of an instant every value is within its type's bounds. Between effects of
+   the same instant bounds are not looked at. So ``uses`` takes an amount during [start, end):
+   back-to-back uses fit into one unit, and a use with duration 0 takes nothing.
+
+Conditions (PDDL 2.1 style, the reading that decides ``Verdict.valid``)
+---------------------------------------------------------------------
+9. *An effect at t is seen from t + 1 on*; at t the old value is seen. (Values at instants
+   before 0 are the initial ones.)
+10. A condition over an interval holds at every instant in it: ``[l, u]`` is l..u, ``(l, u)`` is
+    l+1..u-1, and so on. An empty interval asks nothing (aries asks for the value at one of the
+    ends; avoid empty intervals when writing for it).
+11. *Kept apart*: an effect of *another activity* at instant t, on a fluent (same arguments)
+    that the condition of an activity reads at t, is a violation, for every t in the condition's
+    instants, whatever values. For ``[l, u]`` this includes both ends; ``(l, u]`` allows an
+    effect at l (seen from l + 1 on); ``[l, u)`` and ``(l, u)`` allow one at u. The activity's
+    own effects are not kept apart from its own conditions: the old value at t counts. Effects
+    and conditions of the problem itself (not of an activity) are not kept apart from anything;
+    the old value at t counts. A fluent is read by a condition if the condition mentions it,
+    true or not. An effect's condition, value or amount that reads other fluents is such a
+    condition at the effect's instant, but for the effect's own fluent; a duration with fluents
+    is one at the start. Effects that do not happen (absent, condition false) keep nothing
+    apart.
+12. In conditions ``GlobalEnd`` is the first instant at which all effects are seen: 1 + H, H the
+    latest of all ends of present activities and all effects' times. An effect at ``GlobalEnd +
+    d`` happens at H' + d, H' the latest end or other effect. So a condition at ``GlobalEnd``
+    reads the final state.
+13. A condition whose interval hangs on an absent activity asks nothing. One that is unknown
+    (rule 3) holds.
+
+Definition 3 (``Verdict.definition3``)
+------------------------------------
+The same rules, but an effect at t is seen *at t* (by conditions of everybody, the activity
+itself included), nothing is kept apart (11 falls away), and ``GlobalEnd`` in conditions is H.
+Effect conditions and values still read the state before t. An effect at 0 counts (the paper's
+formula, read by the letter, would lose it). Unified Planning's own recorded schedules
+(``sched:symbolic``, ``sched:optional``) have an effect and another activity's condition at the
+same instant and hold only by this reading: the UP engine ``samp-validator`` therefore accepts a
+schedule that is valid by either reading. Our planners return only plans with ``Verdict.valid``.
+A plan without coinciding effects and conditions is judged alike by both.
+
+Starting configurations
+-----------------------
+14. Configurations of a motion constraint that are given by fluents are read at the activity's
+    start, by rule 9 (``valid``).
+"""

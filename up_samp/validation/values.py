@@ -1,0 +1,183 @@
+"""Values of UP expressions under a plan: Kleene's logic for what absent activities leave open."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Any, Final
+
+from unified_planning.model import OperatorKind as Op
+from unified_planning.model import TimepointKind
+
+from up_samp.model import UnsupportedError
+
+
+class _Missing:
+    def __repr__(self) -> str:
+        return "MISSING"
+
+
+MISSING: Final = _Missing()
+"""The value of a start, end or parameter of an absent activity, and of all that depends on it."""
+
+Value = Any
+"""``bool``, ``int``, ``Fraction``, an object's name, or ``MISSING``."""
+
+Key = tuple[str, tuple[Value, ...]]
+"""A ground fluent: its name and the values of its arguments."""
+
+
+@dataclass(frozen=True)
+class Decisions:
+    """What a plan decides: ``times[name] = (start, end)`` of present activities only, values of
+    the parameters that have one (by their full name), and the makespan.
+    """
+
+    times: Mapping[str, tuple[int, int]]
+    parameters: Mapping[str, Value]
+    objects: Mapping[str, tuple[str, ...]]
+    """Names of the objects of each user type, subtypes included."""
+
+    @property
+    def makespan(self) -> int:
+        """Latest end of a present activity."""
+        return max((end for _, end in self.times.values()), default=0)
+
+    def timepoint(self, point: Any, owner: str | None, global_end: int) -> Value:
+        """Return the time of a UP ``Timepoint``; one without a container belongs to ``owner``."""
+        if point.kind == TimepointKind.GLOBAL_START:
+            return 0
+        if point.kind == TimepointKind.GLOBAL_END:
+            return global_end
+        name = point.container if point.container is not None else owner
+        if name is None or name not in self.times:
+            return MISSING
+        return self.times[name][0 if point.kind == TimepointKind.START else 1]
+
+    def timing(self, timing: Any, owner: str | None, global_end: int) -> Value:
+        """Return the time of a UP ``Timing`` (a timepoint and a delay)."""
+        base = self.timepoint(timing.timepoint, owner, global_end)
+        return MISSING if base is MISSING else plain(base + timing.delay)
+
+
+@dataclass
+class Reader:
+    """Evaluates expressions. ``fluent`` gives the value of a ground fluent (at the instant that
+    the caller has in mind); ``reads`` collects the ground fluents that were looked at.
+    """
+
+    decisions: Decisions
+    fluent: Callable[[Key], Value]
+    owner: str | None = None
+    bindings: Mapping[str, Value] = field(default_factory=dict)
+    reads: set[Key] = field(default_factory=set)
+
+    def value(self, node: Any) -> Value:
+        """Return the value of a UP expression."""
+        kind = node.node_type
+        if kind in (Op.BOOL_CONSTANT, Op.INT_CONSTANT, Op.REAL_CONSTANT):
+            return plain(node.constant_value())
+        if kind == Op.OBJECT_EXP:
+            return node.object().name
+        if kind == Op.PARAM_EXP:
+            return self.decisions.parameters.get(node.parameter().name, MISSING)
+        if kind == Op.VARIABLE_EXP:
+            return self.bindings[node.variable().name]
+        if kind == Op.PRESENT_EXP:
+            return node.presence().container in self.decisions.times
+        if kind == Op.TIMING_EXP:
+            return self.decisions.timing(node.timing(), self.owner, self.decisions.makespan)
+        if kind == Op.FLUENT_EXP:
+            return self._fluent(node)
+        if kind in (Op.EXISTS, Op.FORALL):
+            return self._quantifier(node)
+        if kind in _OPERATORS:
+            return _OPERATORS[kind]([self.value(a) for a in node.args])
+        raise UnsupportedError(f"the validator does not know the operator {kind.name} in '{node}'")
+
+    def key(self, node: Any) -> Key | None:
+        """Return the ground fluent that a fluent expression means (None: unknown arguments)."""
+        arguments = tuple(self.value(a) for a in node.args)
+        return None if MISSING in arguments else (node.fluent().name, arguments)
+
+    def _fluent(self, node: Any) -> Value:
+        key = self.key(node)
+        if key is None:
+            return MISSING
+        self.reads.add(key)
+        return self.fluent(key)
+
+    def _quantifier(self, node: Any) -> Value:
+        values = []
+        for bindings in combinations(node.variables(), self.decisions.objects):
+            inner = Reader(
+                self.decisions, self.fluent, self.owner, {**self.bindings, **bindings}, self.reads
+            )
+            values.append(inner.value(node.args[0]))
+        return _any(values) if node.node_type == Op.EXISTS else _all(values)
+
+
+def plain(number: Any) -> Value:
+    """Return an integral ``Fraction`` as ``int``, anything else unchanged."""
+    if isinstance(number, Fraction) and number.denominator == 1:
+        return int(number)
+    return number
+
+
+def domain(type_: Any, objects: Mapping[str, tuple[str, ...]]) -> list[Value]:
+    """Return all values of a finite UP type."""
+    if type_.is_bool_type():
+        return [False, True]
+    if type_.is_user_type():
+        return list(objects.get(type_.name, ()))
+    if type_.is_int_type() and type_.lower_bound is not None and type_.upper_bound is not None:
+        return list(range(type_.lower_bound, type_.upper_bound + 1))
+    raise UnsupportedError(f"the validator cannot quantify over the infinite type {type_}")
+
+
+def combinations(variables: Any, objects: Mapping[str, tuple[str, ...]]) -> list[dict[str, Value]]:
+    """Return all ways to bind quantified UP variables to values of their types."""
+    found: list[dict[str, Value]] = [{}]
+    for variable in variables:
+        values = domain(variable.type, objects)
+        found = [{**old, variable.name: value} for old in found for value in values]
+    return found
+
+
+def _all(values: list[Value]) -> Value:
+    if any(v is False for v in values):
+        return False
+    return MISSING if MISSING in values else True
+
+
+def _any(values: list[Value]) -> Value:
+    if any(v is True for v in values):
+        return True
+    return MISSING if MISSING in values else False
+
+
+def _not(value: Value) -> Value:
+    return MISSING if value is MISSING else not value
+
+
+def _strict(function: Callable[..., Value]) -> Callable[[list[Value]], Value]:
+    """Return ``function`` of all values, missing as soon as one of them is."""
+    return lambda values: MISSING if MISSING in values else plain(function(*values))
+
+
+_OPERATORS: dict[Any, Callable[[list[Value]], Value]] = {
+    Op.AND: _all,
+    Op.OR: _any,
+    Op.NOT: lambda v: _not(v[0]),
+    Op.IMPLIES: lambda v: _any([_not(v[0]), v[1]]),
+    Op.IFF: _strict(lambda a, b: a == b),
+    Op.EQUALS: _strict(lambda a, b: a == b),
+    Op.LE: _strict(lambda a, b: a <= b),
+    Op.LT: _strict(lambda a, b: a < b),
+    Op.PLUS: _strict(lambda *v: sum(v)),
+    Op.MINUS: _strict(lambda a, b: a - b),
+    Op.TIMES: _strict(lambda *v: math.prod(v)),
+    Op.DIV: _strict(lambda a, b: Fraction(a) / Fraction(b)),
+}

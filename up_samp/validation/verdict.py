@@ -1,0 +1,33 @@
+"""What the validator says about a plan."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Violation:
+    """One broken rule. ``kind`` is a short stable word, ``what`` names the activities, objects or
+    constraints and the times, for people.
+    """
+
+    kind: str
+    what: str
+
+    def __str__(self) -> str:
+        return f"{self.kind}: {self.what}"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """All violations found. ``definition3`` tells whether the plan also holds (everything else
+    being in order) when an effect at ``t`` is seen at ``t``, as in the SAMP paper's Definition 3.
+    """
+
+    violations: tuple[Violation, ...]
+    definition3: bool
+
+    @property
+    def valid(self) -> bool:
+        """Whether no rule is broken (under the PDDL 2.1 reading of effects and conditions)."""
+        return not self.violations
