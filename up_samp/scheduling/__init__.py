@@ -1,1 +1,14 @@
-"""scheduling."""
+"""Schedulers: any UP scheduling engine through compilers, and our own on CP-SAT."""
+
+from up_samp.scheduling.adapters import Scheduler, open_scheduler
+from up_samp.scheduling.quirks import is_compatible, known_engines
+from up_samp.scheduling.schedules import to_candidate, to_up_schedule
+
+__all__ = [
+    "Scheduler",
+    "is_compatible",
+    "known_engines",
+    "open_scheduler",
+    "to_candidate",
+    "to_up_schedule",
+]

@@ -1,0 +1,255 @@
+"""Any UP scheduling engine behind one protocol: compile, run in a worker, map back, check."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, Protocol
+
+from up_samp.model import (
+    CandidateSchedule,
+    Deadline,
+    EngineError,
+    ProblemError,
+    ScheduleReport,
+    ScheduleStatus,
+    UnsupportedError,
+)
+
+if TYPE_CHECKING:
+    from unified_planning.model.scheduling import SchedulingProblem
+    from unified_planning.plans import Schedule
+
+    from up_samp.scheduling.compilers.plain import Compiled
+    from up_samp.scheduling.process import WorkerProcess
+    from up_samp.scheduling.worker import Answer
+
+Check = Callable[["SchedulingProblem", "Schedule"], list[str]]
+
+_STATUSES = {
+    "SOLVED_OPTIMALLY": ScheduleStatus.OPTIMAL,
+    "SOLVED_SATISFICING": ScheduleStatus.FOUND,
+    "INTERMEDIATE": ScheduleStatus.FOUND,
+    "UNSOLVABLE_PROVEN": ScheduleStatus.INFEASIBLE,
+    "UNSOLVABLE_INCOMPLETELY": ScheduleStatus.NOT_FOUND,
+    "TIMEOUT": ScheduleStatus.OUT_OF_TIME,
+}
+
+
+class Scheduler(Protocol):
+    """What the search asks for schedules."""
+
+    def solve(
+        self,
+        deadline: Deadline,
+        *,
+        optimal: bool = True,
+        hint: CandidateSchedule | None = None,
+        lower_bound: int | None = None,
+    ) -> ScheduleReport:
+        """Schedule the problem as it is now (it may have grown since the last call)."""
+        ...
+
+    def close(self) -> None:
+        """End whatever processes the scheduler keeps."""
+        ...
+
+
+def open_scheduler(
+    engine: Any,
+    problem: SchedulingProblem,
+    *,
+    params: Mapping[str, Any] | None = None,
+    seed: int = 0,
+    check: Check | None = None,
+    environment: Any = None,
+) -> Scheduler:
+    """Return a scheduler for ``problem`` that runs ``engine`` (a UP engine class, or the name of
+    one that is registered in ``environment``, by default the problem's).
+
+    ``check`` judges every schedule against the problem as given and returns violations; a
+    schedule that fails is reported as an error, never returned. ``params`` go to the engine.
+    ``seed`` is for engines that take one.
+
+    Raises:
+        ProblemError: no such engine.
+        UnsupportedError: the engine cannot schedule, or not be started in another process.
+    """
+    if engine == "cpsat" or getattr(engine, "__name__", "") == "CpsatEngine":
+        return _open_cpsat(problem, params or {}, seed)
+    cls = _engine_class(engine, environment or problem.environment)
+    return EngineScheduler(cls, problem, params or {}, check)
+
+
+def _open_cpsat(problem: SchedulingProblem, params: Mapping[str, Any], seed: int) -> Scheduler:
+    from up_samp.scheduling.cpsat import CpsatSession
+
+    session: Any = CpsatSession(problem, seed=seed, **params)
+    return session
+
+
+def _engine_class(engine: Any, environment: Any) -> Any:
+    from up_samp.scheduling.quirks import is_compatible, known_engines
+
+    if isinstance(engine, str):
+        name = engine
+        if name in environment.factory.engines:
+            engine = environment.factory.engine(name)
+        else:
+            import importlib
+
+            known = {n: (module, cls) for n, module, cls in known_engines()}
+            if name not in known:
+                raise ProblemError(f"no engine named {name!r} is installed and registered")
+            engine = getattr(importlib.import_module(known[name][0]), known[name][1])
+    reason = is_compatible(engine)
+    if reason is not True:
+        raise UnsupportedError(f"engine {engine.__name__} cannot be a scheduler: {reason}")
+    if engine.__module__ == "__main__" or "<locals>" in engine.__qualname__:
+        raise UnsupportedError(
+            f"engine {engine.__qualname__} runs in a process of its own: move it to a module "
+            "that can be imported"
+        )
+    return engine
+
+
+class EngineScheduler:
+    """Runs a UP engine on the compiled problem, in a worker process."""
+
+    def __init__(
+        self,
+        engine: Any,
+        problem: SchedulingProblem,
+        params: Mapping[str, Any],
+        check: Check | None,
+    ):
+        from up_samp.scheduling.process import WorkerProcess
+        from up_samp.scheduling.quirks import quirks_of
+
+        self._engine = engine
+        self._problem = problem
+        self._params = dict(params)
+        self._check = check
+        self._quirks = quirks_of(engine)
+        self._worker: WorkerProcess | None = WorkerProcess()  # starts while we compile
+
+    @property
+    def name(self) -> str:
+        """The engine's class name."""
+        return str(self._engine.__name__)
+
+    def solve(
+        self,
+        deadline: Deadline,
+        *,
+        optimal: bool = True,
+        hint: CandidateSchedule | None = None,
+        lower_bound: int | None = None,
+    ) -> ScheduleReport:
+        """Schedule the problem as it is now.
+
+        Raises:
+            UnsupportedError: the problem cannot be compiled to what the engine can do.
+        """
+        from up_samp.scheduling.compilers.pipeline import chain, compilers_for
+        from up_samp.scheduling.compilers.read import read_problem
+        from up_samp.scheduling.process import OverrunError
+        from up_samp.scheduling.worker import Task
+
+        started = time.monotonic()
+        try:
+            compiled = chain(read_problem(self._problem), compilers_for(self._quirks))
+        except UnsupportedError as error:
+            raise UnsupportedError(f"engine {self.name}: {error}") from error
+        if deadline.expired():
+            return _report(ScheduleStatus.OUT_OF_TIME, lower_bound, started)
+        endless = deadline.at == float("inf")
+        task = Task(
+            self._engine.__module__,
+            self._engine.__qualname__,
+            self._params,
+            compiled.problem,
+            None if endless else 0.97 * deadline.remaining(),
+            self._quirks.message_limit,
+        )
+        try:
+            answer = self._ready_worker().ask(task, deadline)
+        except OverrunError:
+            message = f"engine {self.name} did not stop at its deadline and was ended"
+            return _report(ScheduleStatus.OUT_OF_TIME, lower_bound, started, message)
+        except EngineError as error:
+            message = f"engine {self.name}: {error}"
+            return _report(ScheduleStatus.ERROR, lower_bound, started, message)
+        return self._judge(answer, compiled, lower_bound, started)
+
+    def _ready_worker(self) -> WorkerProcess:
+        from up_samp.scheduling.process import WorkerProcess
+
+        if self._worker is None or not self._worker.alive:
+            if self._worker is not None:
+                self._worker.close()
+            self._worker = WorkerProcess()
+        return self._worker
+
+    def _judge(
+        self, answer: Answer, compiled: Compiled, lower_bound: int | None, started: float
+    ) -> ScheduleReport:
+        """Turn the worker's answer into a report that can be believed."""
+        if answer.status == "unsupported":
+            raise UnsupportedError(f"engine {self.name}: {answer.message}")
+        status = _STATUSES.get(answer.status, ScheduleStatus.ERROR)
+        if status is ScheduleStatus.INFEASIBLE and not self._quirks.proves_unsolvable:
+            status = ScheduleStatus.NOT_FOUND
+        solved = status in (ScheduleStatus.OPTIMAL, ScheduleStatus.FOUND)
+        if solved and answer.times is None:
+            status = ScheduleStatus.ERROR
+        if answer.times is None or not solved:
+            message = f"engine {self.name}: {answer.status}. {answer.message}".strip()
+            return _report(status, lower_bound, started, message)
+        schedule = compiled.map_back(CandidateSchedule(answer.times, answer.parameters))
+        wrong = self._violations(schedule)
+        if wrong:
+            message = f"engine {self.name} returned a wrong schedule: " + "; ".join(wrong)
+            return _report(ScheduleStatus.ERROR, lower_bound, started, message)
+        if status is ScheduleStatus.OPTIMAL:
+            if self._proven(schedule, compiled):
+                lower_bound = max(lower_bound or 0, schedule.makespan)
+            else:
+                status = ScheduleStatus.FOUND
+        if compiled.problem.minimize_makespan and lower_bound == schedule.makespan:
+            status = ScheduleStatus.OPTIMAL
+        return ScheduleReport(
+            status, schedule, lower_bound, answer.message, time.monotonic() - started
+        )
+
+    def _proven(self, schedule: CandidateSchedule, compiled: Compiled) -> bool:
+        return (
+            self._quirks.proves_optimal
+            and compiled.problem.minimize_makespan
+            and schedule.makespan > compiled.floor
+        )
+
+    def _violations(self, schedule: CandidateSchedule) -> list[str]:
+        from up_samp.scheduling.schedules import to_up_schedule
+
+        if self._check is None:
+            return []
+        return self._check(self._problem, to_up_schedule(self._problem, schedule))[:5]
+
+    def close(self) -> None:
+        """End the worker process."""
+        if self._worker is not None:
+            self._worker.close()
+            self._worker = None
+
+    def __enter__(self) -> EngineScheduler:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _report(
+    status: ScheduleStatus, bound: int | None, started: float, message: str = ""
+) -> ScheduleReport:
+    return ScheduleReport(status, None, bound, message, time.monotonic() - started)

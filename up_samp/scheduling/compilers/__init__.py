@@ -1,0 +1,1 @@
+"""Compilers: passes over :class:`PlainProblem`, each with a map back for schedules."""

@@ -1,0 +1,203 @@
+"""Constraints to negation-free combinations of differences ``A + k <= B``.
+
+What comes out knows no ``Not`` above anything but a boolean parameter, a presence or an equality
+of objects, no ``Implies`` and ``Iff``, no ``Minus``, no ``Equals`` on times or numbers and only
+binary ``Plus``: aries 0.5.0 and cpse 0.1.0 stumble over each of these. Strict comparisons become
+``A + 1 <= B`` (times are integers).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from up_samp.model import UnsupportedError
+from up_samp.scheduling.compilers.plain import (
+    FALSE,
+    TRUE,
+    Compiled,
+    Expr,
+    Fluent,
+    PlainProblem,
+    Type,
+    conjunction,
+    disjunction,
+    integer,
+    later,
+    show,
+)
+
+
+def compile_differences(problem: PlainProblem) -> Compiled:
+    """Rewrite every constraint; conditions and effects stay as they are."""
+    normal = NormalForm(problem)
+    constraints: dict[Expr, None] = {}
+    for constraint in problem.constraints:
+        rewritten = normal(constraint)
+        parts = rewritten[1:] if rewritten[0] == "and" else (rewritten,)
+        constraints.update(dict.fromkeys(p for p in parts if p != TRUE))
+    return Compiled(replace(problem, constraints=tuple(constraints)))
+
+
+@dataclass
+class Linear:
+    """``sum(coefficients) + constant``; variables are ``time`` (without delay) or other leaves."""
+
+    coefficients: dict[Expr, int]
+    constant: int
+
+    def add(self, other: Linear, factor: int) -> Linear:
+        """Return ``self + factor * other``."""
+        sums = dict(self.coefficients)
+        for variable, coefficient in other.coefficients.items():
+            sums[variable] = sums.get(variable, 0) + factor * coefficient
+        return Linear({v: c for v, c in sums.items() if c}, self.constant + factor * other.constant)
+
+
+def linear(expression: Expr) -> Linear:
+    """Return a numeric expression as a linear form.
+
+    Raises:
+        UnsupportedError: a product of variables or a division.
+    """
+    operator = expression[0]
+    if operator == "int":
+        return Linear({}, expression[1])
+    if operator == "time":
+        if expression[1] == "zero":
+            return Linear({}, expression[3])
+        return Linear({(*expression[:3], 0): 1}, expression[3])
+    if operator in ("par", "flu"):
+        return Linear({expression: 1}, 0)
+    if operator == "plus":
+        total = Linear({}, 0)
+        for operand in expression[1:]:
+            total = total.add(linear(operand), 1)
+        return total
+    if operator == "minus":
+        return linear(expression[1]).add(linear(expression[2]), -1)
+    if operator == "times":
+        return _product(expression)
+    raise UnsupportedError(f"{show(expression)} in a linear constraint")
+
+
+def _product(expression: Expr) -> Linear:
+    result = Linear({}, 1)
+    for factor in (linear(e) for e in expression[1:]):
+        if not factor.coefficients:
+            result = Linear({}, 0).add(result, factor.constant)
+        elif not result.coefficients:
+            result = Linear({}, 0).add(factor, result.constant)
+        else:
+            raise UnsupportedError(f"the product of variables {show(expression)}")
+    return result
+
+
+def at_most(left: Expr, right: Expr, slack: int = 0) -> Expr:
+    """Return ``left + slack <= right`` without ``Minus`` and without negative numbers."""
+    return less_equal_zero(linear(left).add(linear(right), -1).add(Linear({}, slack), 1))
+
+
+def less_equal_zero(form: Linear) -> Expr:
+    """Return ``form <= 0`` in the shape ``A + k <= B`` (every ``k`` is on the side where it is
+    positive).
+    """
+    left = [(v, c) for v, c in form.coefficients.items() if c > 0]
+    right = [(v, -c) for v, c in form.coefficients.items() if c < 0]
+    constant = form.constant
+    if not left and not right:
+        return TRUE if constant <= 0 else FALSE
+    if not right and constant > 0 and all(v[0] == "time" for v, _ in left):
+        return FALSE  # times are not negative
+    if not left and constant <= 0 and all(v[0] == "time" for v, _ in right):
+        return TRUE
+    return ("le", _side(left, max(constant, 0)), _side(right, max(-constant, 0)))
+
+
+def _side(terms: list[tuple[Expr, int]], constant: int) -> Expr:
+    if not terms:
+        return integer(constant)
+    if len(terms) == 1 and terms[0][1] == 1 and terms[0][0][0] == "time":
+        return later(terms[0][0], constant)
+    total: Expr | None = None
+    for variable, coefficient in terms:
+        term = variable if coefficient == 1 else ("times", integer(coefficient), variable)
+        total = term if total is None else ("plus", total, term)
+    assert total is not None
+    return ("plus", total, integer(constant)) if constant else total
+
+
+class NormalForm:
+    """Negation normal form over differences (memoised per polarity)."""
+
+    def __init__(self, problem: PlainProblem):
+        self._parameters: Mapping[str, Type] = problem.parameter_types()
+        self._fluents: Mapping[str, Fluent] = problem.fluents
+        self._memo: dict[tuple[Expr, bool], Expr] = {}
+
+    def __call__(self, expression: Expr, positive: bool = True) -> Expr:
+        """Return ``expression`` (or its negation) in normal form."""
+        key = (expression, positive)
+        done = self._memo.get(key)
+        if done is None:
+            done = self._memo[key] = self._normal(expression, positive)
+        return done
+
+    def _normal(self, expression: Expr, positive: bool) -> Expr:
+        operator = expression[0]
+        if operator == "bool":
+            return ("bool", expression[1] == positive)
+        if operator in ("and", "or"):
+            join = conjunction if (operator == "and") == positive else disjunction
+            return join([self(e, positive) for e in expression[1:]])
+        if operator == "not":
+            return self(expression[1], not positive)
+        if operator == "implies":
+            join = disjunction if positive else conjunction
+            return join([self(expression[1], not positive), self(expression[2], positive)])
+        if operator == "iff":
+            return self._same(expression[1], expression[2], positive)
+        if operator in ("le", "lt"):
+            a, b = expression[1:]
+            if positive:
+                return at_most(a, b, 1 if operator == "lt" else 0)
+            return at_most(b, a, 0 if operator == "lt" else 1)
+        if operator == "eq":
+            return self._equal(expression, positive)
+        if operator in ("par", "pres", "flu"):
+            return expression if positive else ("not", expression)
+        raise UnsupportedError(f"constraint {show(expression)}")
+
+    def _same(self, a: Expr, b: Expr, positive: bool) -> Expr:
+        return conjunction(
+            [
+                disjunction([self(a, False), self(b, positive)]),
+                disjunction([self(a), self(b, not positive)]),
+            ]
+        )
+
+    def _equal(self, expression: Expr, positive: bool) -> Expr:
+        _, a, b = expression
+        kind = self._kind(a)
+        if kind == "bool":
+            return self._same(a, b, positive)
+        if kind == "int":
+            if positive:
+                return conjunction([at_most(a, b), at_most(b, a)])
+            return disjunction([at_most(a, b, 1), at_most(b, a, 1)])
+        if a[0] == "obj" and b[0] == "obj":
+            return ("bool", (a == b) == positive)
+        equal = ("eq", b, a) if a[0] == "obj" else expression
+        return equal if positive else ("not", equal)
+
+    def _kind(self, expression: Expr) -> str:
+        operator = expression[0]
+        if operator == "par":
+            return str(self._parameters[expression[1]][0])
+        if operator == "flu":
+            return str(self._fluents[expression[1]].type[0])
+        if operator == "obj":
+            return "user"
+        if operator in ("int", "time", "plus", "minus", "times", "div"):
+            return "int"
+        return "bool"

@@ -1,0 +1,329 @@
+"""Optional activities away: every activity becomes mandatory, a bool parameter says presence.
+
+An absent activity runs at time 0, as short as it can. Its conditions and effects stay, on private
+copies of the fluents: every fluent that an optional activity touches gets one more parameter, a
+*slot*. The slot ``main`` is the real fluent. Each condition and effect of an optional activity has
+a slot parameter that is ``main`` if the activity is present, and ``off...`` if not; the copies that
+absent conditions read have suitable initial values (shared where those are equal, as nobody
+writes there), the copies that absent effects write are read by nobody.
+
+Size: linear in the conditions and effects.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import replace
+
+from up_samp.model import CandidateSchedule, UnsupportedError
+from up_samp.scheduling.compilers.plain import (
+    TRUE,
+    Activity,
+    Compiled,
+    Condition,
+    Effect,
+    Expr,
+    Fluent,
+    PlainProblem,
+    Type,
+    conjunction,
+    disjunction,
+    end,
+    fresh,
+    implies,
+    integer,
+    names_in_use,
+    rewrite,
+    show,
+    start,
+    subexpressions,
+)
+
+
+def compile_optional(problem: PlainProblem) -> Compiled:
+    """Return a problem without optional activities.
+
+    Raises:
+        UnsupportedError: an optional activity with a duration that depends on parameters, or with
+            a condition that no values of the fluents satisfy.
+    """
+    if not problem.optional_names():
+        return Compiled(problem)
+    return _Compiler(problem).compile()
+
+
+class _Compiler:
+    def __init__(self, problem: PlainProblem):
+        self.problem = problem
+        self.taken = names_in_use(problem)
+        self.optional = problem.optional_names()
+        self.shortest = {a.name: self._shortest(a) for a in problem.activities if a.optional}
+        self.present: dict[str, str] = {
+            name: fresh(f"{name}.present", self.taken) for name in sorted(self.optional)
+        }
+        self.slotted = _touched(problem, self.optional)
+        self.slot_types = {f: fresh(f"Slot_{f}", self.taken) for f in self.slotted}
+        self.main = {f: fresh(f"main_{f}", self.taken) for f in self.slotted}
+        self.types: dict[str, str | None] = dict(problem.types)
+        self.objects = dict(problem.objects)
+        for f in self.slotted:
+            self.types[self.slot_types[f]] = None
+            self.objects[self.main[f]] = self.slot_types[f]
+        self.initial: dict[Expr, Expr] = {}
+        self.extra: dict[str, list[tuple[str, Type]]] = {name: [] for name in self.optional}
+        self.constraints: list[Expr] = []
+        self._copies: dict[tuple[str, Expr], str] = {}
+
+    def compile(self) -> Compiled:
+        problem = self.problem
+        activities = [self._activity(a) for a in problem.activities]
+        conditions = [self._condition(c) for c in problem.conditions]
+        effects = [self._effect(e) for e in problem.effects]
+        for ground in _ground(problem, self.slotted):
+            self.initial[self._at_main(ground)] = problem.initial_value(ground)
+        fluents = {
+            name: replace(f, parameters=(*f.parameters, ("slot", ("user", self.slot_types[name]))))
+            if name in self.slotted
+            else f
+            for name, f in problem.fluents.items()
+        }
+        kept = {k: v for k, v in problem.initial.items() if k[1] not in self.slotted}
+        for name in self.slotted:
+            fluents[name] = self._with_default(fluents[name])
+        compiled = replace(
+            problem,
+            activities=tuple(
+                replace(a, parameters=(*a.parameters, *self.extra.get(a.name, ())))
+                for a in activities
+            ),
+            constraints=(*map(self._expression, problem.constraints), *self.constraints),
+            conditions=tuple(conditions),
+            effects=tuple(effects),
+            types=self.types,
+            objects=self.objects,
+            fluents=fluents,
+            initial={**kept, **self.initial},
+        )
+        return Compiled(compiled, self._map_back(), max(self.shortest.values(), default=0))
+
+    def _with_default(self, fluent: Fluent) -> Fluent:
+        """Return the fluent with a default value, for copies whose value does not matter."""
+        if fluent.default is not None:
+            return fluent
+        return replace(fluent, default=_some_value(self.problem, fluent.type))
+
+    def _map_back(self) -> Callable[[CandidateSchedule], CandidateSchedule]:
+        present = self.present
+        added = {name for extra in self.extra.values() for name, _ in extra}
+        absent_parameters = {
+            a.name: {name for name, _ in a.parameters} for a in self.problem.activities
+        }
+
+        def map_back(schedule: CandidateSchedule) -> CandidateSchedule:
+            gone = {a for a, p in present.items() if not schedule.parameters[p]}
+            drop = added.union(*(absent_parameters[a] for a in gone)) if gone else added
+            return CandidateSchedule(
+                {a: t for a, t in schedule.times.items() if a not in gone},
+                {p: v for p, v in schedule.parameters.items() if p not in drop},
+            )
+
+        return map_back
+
+    def _shortest(self, activity: Activity) -> int:
+        """Return the shortest duration with which none of the activity's conditions is empty
+        (an empty interval makes aries 0.5.0 call a problem unsolvable).
+        """
+        shortest = 0
+        for condition in self.problem.conditions:
+            if condition.owner != activity.name:
+                continue
+            (_, low, at, low_delay), (_, high, to, high_delay) = condition.low, condition.high
+            if at != activity.name or to != activity.name:
+                continue  # relative to the plan's start or end
+            if low == high and low_delay <= high_delay:
+                continue
+            if low == "start" and high == "end":
+                shortest = max(shortest, low_delay - high_delay)
+            else:
+                raise UnsupportedError(
+                    f"the condition of optional activity {activity.name} over "
+                    f"[{show(condition.low)}, {show(condition.high)}]"
+                )
+        return shortest
+
+    def _activity(self, activity: Activity) -> Activity:
+        if not activity.optional:
+            return activity
+        name, lower, upper = activity.name, activity.lower, activity.upper
+        if lower[0] != "int" or upper[0] != "int":
+            raise UnsupportedError(f"a duration of optional activity {name} that is not constant")
+        shortest, present = self.shortest[name], ("par", self.present[name])
+        self.extra[name].append((self.present[name], ("bool",)))
+        if lower[1] > shortest:
+            self.constraints.append(implies(present, ("le", start(name, lower[1]), end(name))))
+        if upper[1] < shortest:
+            self.constraints.append(implies(present, ("le", end(name), start(name, upper[1]))))
+        self.constraints.append(disjunction([present, ("le", start(name), integer(0))]))
+        self.constraints.append(disjunction([present, ("le", end(name), integer(shortest))]))
+        duration = integer(min(shortest, lower[1])), integer(max(shortest, upper[1]))
+        return Activity(name, False, *duration, activity.parameters)
+
+    def _expression(self, expression: Expr) -> Expr:
+        def leaf(e: Expr) -> Expr | None:
+            if e[0] == "pres":
+                return ("par", self.present[e[1]]) if e[1] in self.present else TRUE
+            if e[0] == "flu" and e[1] in self.slotted:
+                return self._at_main((*e[:2], *(self._expression(a) for a in e[2:])))
+            return None
+
+        return rewrite(expression, leaf)
+
+    def _at_main(self, fluent: Expr) -> Expr:
+        return (*fluent, ("obj", self.main[fluent[1]]))
+
+    def _condition(self, condition: Condition) -> Condition:
+        owner = condition.owner
+        if owner not in self.optional:
+            return replace(condition, expression=self._expression(condition.expression))
+        assert owner is not None
+        atoms = [e for e in subexpressions(condition.expression) if e[0] == "flu"]
+        wishes = _wishes(self.problem, condition, atoms)
+        slots = {
+            atom: self._slot(owner, atom[1], self._reading_copy(atom, wishes[atom]))(atom)
+            for atom in dict.fromkeys(atoms)
+        }
+        return replace(condition, expression=rewrite(condition.expression, slots.get))
+
+    def _effect(self, effect: Effect) -> Effect:
+        owner, fluent = effect.owner, effect.fluent
+        value, condition = self._expression(effect.value), self._expression(effect.condition)
+        if owner not in self.optional:
+            return replace(
+                effect, fluent=self._expression(fluent), value=value, condition=condition
+            )
+        assert owner is not None
+        own = fresh(f"off_{fluent[1]}_{owner}", self.taken)
+        self.objects[own] = self.slot_types[fluent[1]]
+        slot = self._slot(owner, fluent[1], own)(fluent)
+        return replace(effect, fluent=slot, value=value, condition=condition)
+
+    def _reading_copy(self, atom: Expr, wish: Expr) -> str:
+        """Return the slot in which the fluent has the wished value and nobody writes."""
+        key = (atom[1], wish)
+        if key not in self._copies:
+            copy = fresh(f"off_{atom[1]}", self.taken)
+            self._copies[key] = copy
+            self.objects[copy] = self.slot_types[atom[1]]
+            for ground in _ground(self.problem, {atom[1]}):
+                self.initial[(*ground, ("obj", copy))] = wish
+        return self._copies[key]
+
+    def _slot(self, owner: str, fluent: str, off: str) -> Callable[[Expr], Expr]:
+        """Add a slot parameter: ``main`` if the owner is present, ``off`` if not."""
+        parameter = fresh(f"{owner}.slot", self.taken)
+        self.extra[owner].append((parameter, ("user", self.slot_types[fluent])))
+        present, slot = ("par", self.present[owner]), ("par", parameter)
+        self.constraints.append(
+            disjunction([("not", present), ("eq", slot, ("obj", self.main[fluent]))])
+        )
+        self.constraints.append(disjunction([present, ("eq", slot, ("obj", off))]))
+        return lambda expression: (*expression, slot)
+
+
+def _touched(problem: PlainProblem, optional: frozenset[str]) -> set[str]:
+    touched = {e.fluent[1] for e in problem.effects if e.owner in optional}
+    for condition in problem.conditions:
+        if condition.owner in optional:
+            touched.update(e[1] for e in subexpressions(condition.expression) if e[0] == "flu")
+    return touched
+
+
+def _ground(problem: PlainProblem, fluents: set[str]) -> list[Expr]:
+    """Return all ground expressions of these fluents."""
+    ground = []
+    for name in sorted(fluents):
+        domains = [values_of(problem, t) for _, t in problem.fluents[name].parameters]
+        ground += [("flu", name, *choice) for choice in itertools.product(*domains)]
+    return ground
+
+
+def values_of(problem: PlainProblem, tpe: Type) -> list[Expr]:
+    """Return all values of a type.
+
+    Raises:
+        UnsupportedError: an unbounded integer.
+    """
+    if tpe[0] == "bool":
+        return [("bool", False), ("bool", True)]
+    if tpe[0] == "user":
+        return [("obj", name) for name in problem.objects_of(tpe[1])]
+    if tpe[1] is None or tpe[2] is None:
+        raise UnsupportedError("an unbounded integer where all values are needed")
+    return [integer(n) for n in range(tpe[1], tpe[2] + 1)]
+
+
+def _some_value(problem: PlainProblem, tpe: Type) -> Expr:
+    if tpe[0] == "int":
+        return integer(tpe[1] if tpe[1] is not None else tpe[2] if tpe[2] is not None else 0)
+    return values_of(problem, tpe)[0]
+
+
+def _wishes(problem: PlainProblem, condition: Condition, atoms: list[Expr]) -> dict[Expr, Expr]:
+    """Return values of the fluents with which the condition holds (whatever the parameters)."""
+    distinct = list(dict.fromkeys(atoms))
+    domains = [_candidates(problem, condition.expression, atom) for atom in distinct]
+    for choice in itertools.islice(itertools.product(*domains), 100_000):
+        values = dict(zip(distinct, choice, strict=True))
+        if evaluate(rewrite(condition.expression, values.get)) == TRUE:
+            return values
+    raise UnsupportedError(
+        f"condition {show(condition.expression)} of optional activity {condition.owner}: no values "
+        "of its fluents are known to satisfy it"
+    )
+
+
+def _candidates(problem: PlainProblem, expression: Expr, atom: Expr) -> list[Expr]:
+    tpe = problem.fluents[atom[1]].type
+    if tpe[0] != "int":
+        return values_of(problem, tpe)
+    numbers = {e[1] + d for e in subexpressions(expression) if e[0] == "int" for d in (-1, 0, 1)}
+    numbers |= {0} | {bound for bound in tpe[1:] if bound is not None}
+    low, high = tpe[1], tpe[2]
+    inside = [
+        n for n in sorted(numbers) if (low is None or low <= n) and (high is None or n <= high)
+    ]
+    return [integer(n) for n in inside]
+
+
+def evaluate(expression: Expr) -> Expr:
+    """Return the expression with all constant parts evaluated."""
+    operator = expression[0]
+    if operator in ("bool", "int", "obj", "par", "pres", "time", "flu"):
+        return expression
+    operands = [evaluate(e) for e in expression[1:]]
+    if operator in ("and", "or"):
+        return (conjunction if operator == "and" else disjunction)(operands)
+    if any(o[0] not in ("bool", "int", "obj") for o in operands):
+        if operator == "implies" and (operands[0] == ("bool", False) or operands[1] == TRUE):
+            return TRUE
+        return (operator, *operands)
+    return _constant(operator, [o[1] for o in operands])
+
+
+def _constant(operator: str, values: list[int]) -> Expr:
+    if operator == "not":
+        return ("bool", not values[0])
+    if operator == "implies":
+        return ("bool", not values[0] or bool(values[1]))
+    if operator in ("iff", "eq"):
+        return ("bool", values[0] == values[1])
+    if operator in ("le", "lt"):
+        return ("bool", values[0] <= values[1] if operator == "le" else values[0] < values[1])
+    if operator == "plus":
+        return integer(sum(values))
+    if operator == "minus":
+        return integer(values[0] - values[1])
+    if operator == "times":
+        return integer(values[0] * values[1])
+    raise UnsupportedError(f"operator {operator} in a condition")

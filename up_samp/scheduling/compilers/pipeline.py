@@ -1,0 +1,41 @@
+"""The ordered list of compilers that an engine needs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from up_samp.model import CandidateSchedule
+from up_samp.scheduling.compilers.differences import compile_differences
+from up_samp.scheduling.compilers.names import compile_names
+from up_samp.scheduling.compilers.optional import compile_optional
+from up_samp.scheduling.compilers.plain import Compiled, PlainProblem
+from up_samp.scheduling.quirks import Quirks
+
+Compiler = Callable[[PlainProblem], Compiled]
+
+
+def compilers_for(quirks: Quirks) -> list[Compiler]:
+    """Return the passes, in order, that make a problem fit an engine."""
+    passes: list[Compiler] = []
+    if not quirks.optional:
+        passes.append(compile_optional)
+    passes.append(compile_differences)
+    passes.append(compile_names)
+    return passes
+
+
+def chain(problem: PlainProblem, passes: Sequence[Compiler]) -> Compiled:
+    """Run the passes one after the other; their maps back run the other way round."""
+    backs: list[Callable[[CandidateSchedule], CandidateSchedule]] = []
+    floor = 0
+    for compiler in passes:
+        compiled = compiler(problem)
+        problem, floor = compiled.problem, max(floor, compiled.floor)
+        backs.append(compiled.map_back)
+
+    def map_back(schedule: CandidateSchedule) -> CandidateSchedule:
+        for back in reversed(backs):
+            schedule = back(schedule)
+        return schedule
+
+    return Compiled(problem, map_back, floor)

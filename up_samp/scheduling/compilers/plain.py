@@ -1,0 +1,262 @@
+"""Scheduling problems as plain values: what the compilers work on.
+
+A :class:`PlainProblem` says the same as a UP ``SchedulingProblem`` in tuples and names: it is
+cheap to rewrite, to compare and to send to another process. Expressions are nested tuples:
+
+====================================  ===========================================================
+``("bool", b)``, ``("int", n)``       constants
+``("obj", name)``                     an object
+``("par", name)``                     a decision variable (``activity.parameter`` or a global one)
+``("pres", activity)``                the activity is present
+``("time", anchor, activity, k)``     ``anchor + k``; anchor is one of ``start``, ``end`` (of
+                                      the activity), ``zero``, ``horizon`` (activity ``None``)
+``("flu", name, *arguments)``         a fluent
+``("and"|"or", *operands)``           n-ary; ``("not", x)``, ``("implies"|"iff", a, b)``
+``("eq"|"le"|"lt", a, b)``            comparisons
+``("plus"|"times", *operands)``       n-ary; ``("minus"|"div", a, b)``
+====================================  ===========================================================
+
+Types are ``("bool",)``, ``("int", low, high)`` (``None``: open) and ``("user", name)``.
+Times are integers (schedule units).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from up_samp.model import CandidateSchedule, UnsupportedError
+
+Expr = tuple[Any, ...]
+Type = tuple[Any, ...]
+
+TRUE: Expr = ("bool", True)
+FALSE: Expr = ("bool", False)
+_LEAVES = ("bool", "int", "obj", "par", "pres", "time", "var")
+
+
+@dataclass(frozen=True)
+class Activity:
+    """An activity; ``lower`` and ``upper`` bound its duration (both included)."""
+
+    name: str
+    optional: bool
+    lower: Expr
+    upper: Expr
+    parameters: tuple[tuple[str, Type], ...] = ()
+
+
+@dataclass(frozen=True)
+class Condition:
+    """``expression`` holds at every instant of the closed interval ``[low, high]`` (two ``time``
+    expressions; nothing is demanded where it is empty), if its ``owner`` is present.
+    """
+
+    low: Expr
+    high: Expr
+    expression: Expr
+    owner: str | None = None
+
+
+@dataclass(frozen=True)
+class Effect:
+    """At ``time``: ``fluent`` is set to, increased or decreased by ``value`` (``kind`` is
+    ``assign``, ``increase`` or ``decrease``) if ``condition`` holds and its ``owner`` is present.
+    """
+
+    time: Expr
+    kind: str
+    fluent: Expr
+    value: Expr
+    condition: Expr = TRUE
+    owner: str | None = None
+
+
+@dataclass(frozen=True)
+class Fluent:
+    """A fluent: its type, its parameters ``(name, type)`` and its default initial value."""
+
+    type: Type
+    parameters: tuple[tuple[str, Type], ...] = ()
+    default: Expr | None = None
+
+
+@dataclass(frozen=True)
+class PlainProblem:
+    """A scheduling problem. Constraints carry no scopes: they are written as implications.
+
+    ``types`` maps a user type to its father, ``objects`` an object to its type, ``initial`` a
+    ground fluent expression to its value where that is not the fluent's default.
+    """
+
+    name: str
+    activities: tuple[Activity, ...]
+    constraints: tuple[Expr, ...] = ()
+    conditions: tuple[Condition, ...] = ()
+    effects: tuple[Effect, ...] = ()
+    variables: Mapping[str, Type] = field(default_factory=dict)
+    types: Mapping[str, str | None] = field(default_factory=dict)
+    objects: Mapping[str, str] = field(default_factory=dict)
+    fluents: Mapping[str, Fluent] = field(default_factory=dict)
+    initial: Mapping[Expr, Expr] = field(default_factory=dict)
+    minimize_makespan: bool = False
+
+    def activity(self, name: str) -> Activity:
+        """Return the activity with this name."""
+        for activity in self.activities:
+            if activity.name == name:
+                return activity
+        raise KeyError(name)
+
+    def optional_names(self) -> frozenset[str]:
+        """Return the names of the optional activities."""
+        return frozenset(a.name for a in self.activities if a.optional)
+
+    def parameter_types(self) -> dict[str, Type]:
+        """Return the type of every decision variable, by its full name."""
+        types = dict(self.variables)
+        for activity in self.activities:
+            types.update(activity.parameters)
+        return types
+
+    def objects_of(self, user_type: str) -> list[str]:
+        """Return the objects of a user type and of the types below it."""
+        below = {user_type}
+        grown = True
+        while grown:
+            more = {t for t, father in self.types.items() if father in below} - below
+            grown = bool(more)
+            below |= more
+        return [name for name, t in self.objects.items() if t in below]
+
+    def initial_value(self, fluent: Expr) -> Expr:
+        """Return the initial value of a ground fluent expression."""
+        value = self.initial.get(fluent, self.fluents[fluent[1]].default)
+        if value is None:
+            raise UnsupportedError(f"fluent {show(fluent)} has no initial value")
+        return value
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """A compiled problem and the way back for its schedules.
+
+    ``floor``: schedules of the compiled problem are never shorter than this even where the
+    original's are, so an optimum at or below it proves nothing about the original.
+    """
+
+    problem: PlainProblem
+    map_back: Callable[[CandidateSchedule], CandidateSchedule] = lambda schedule: schedule
+    floor: int = 0
+
+
+def start(activity: str, delay: int = 0) -> Expr:
+    """Return the start of ``activity`` plus ``delay``."""
+    return ("time", "start", activity, delay)
+
+
+def end(activity: str, delay: int = 0) -> Expr:
+    """Return the end of ``activity`` plus ``delay``."""
+    return ("time", "end", activity, delay)
+
+
+def integer(n: int) -> Expr:
+    """Return an integer constant."""
+    return ("int", n)
+
+
+def later(time: Expr, delay: int) -> Expr:
+    """Return a time expression moved by ``delay``."""
+    return (*time[:3], time[3] + delay)
+
+
+def conjunction(operands: Iterable[Expr]) -> Expr:
+    """Return the flattened, simplified conjunction."""
+    return _nary("and", operands, TRUE, FALSE)
+
+
+def disjunction(operands: Iterable[Expr]) -> Expr:
+    """Return the flattened, simplified disjunction."""
+    return _nary("or", operands, FALSE, TRUE)
+
+
+def _nary(operator: str, operands: Iterable[Expr], neutral: Expr, absorbing: Expr) -> Expr:
+    flat: dict[Expr, None] = {}
+    for operand in operands:
+        if operand == absorbing:
+            return absorbing
+        if operand[0] == operator:
+            flat.update(dict.fromkeys(operand[1:]))
+        elif operand != neutral:
+            flat[operand] = None
+    if not flat:
+        return neutral
+    return next(iter(flat)) if len(flat) == 1 else (operator, *flat)
+
+
+def implies(condition: Expr, consequence: Expr) -> Expr:
+    """Return the simplified implication."""
+    if condition == TRUE or consequence == TRUE:
+        return consequence
+    if condition == FALSE:
+        return TRUE
+    return ("implies", condition, consequence)
+
+
+def subexpressions(expression: Expr) -> Iterator[Expr]:
+    """Yield the expression and everything below it."""
+    yield expression
+    if expression[0] == "flu":
+        for argument in expression[2:]:
+            yield from subexpressions(argument)
+    elif expression[0] not in _LEAVES:
+        for operand in expression[1:]:
+            yield from subexpressions(operand)
+
+
+def rewrite(expression: Expr, leaf: Callable[[Expr], Expr | None]) -> Expr:
+    """Return ``expression`` with every node replaced for which ``leaf`` returns one (top-down)."""
+    replaced = leaf(expression)
+    if replaced is not None:
+        return replaced
+    operator = expression[0]
+    if operator in _LEAVES:
+        return expression
+    keep = 2 if operator == "flu" else 1
+    return (*expression[:keep], *(rewrite(e, leaf) for e in expression[keep:]))
+
+
+def show(expression: Expr) -> str:
+    """Return the expression as text for people."""
+    operator, rest = expression[0], expression[1:]
+    if operator in ("bool", "int", "obj", "par"):
+        return str(rest[0])
+    if operator == "pres":
+        return f"present({rest[0]})"
+    if operator == "time":
+        anchor, activity, delay = rest
+        name = anchor if activity is None else f"{activity}.{anchor}"
+        return name if delay == 0 else f"{name} {'+' if delay > 0 else '-'} {abs(delay)}"
+    if operator == "flu":
+        arguments = ", ".join(show(e) for e in rest[1:])
+        return f"{rest[0]}({arguments})" if arguments else str(rest[0])
+    return f"{operator}({', '.join(show(e) for e in rest)})"
+
+
+def fresh(base: str, taken: set[str]) -> str:
+    """Return a name like ``base`` that is not taken, and take it."""
+    name, count = base, 0
+    while name in taken:
+        count += 1
+        name = f"{base}_{count}"
+    taken.add(name)
+    return name
+
+
+def names_in_use(problem: PlainProblem) -> set[str]:
+    """Return every name of the problem."""
+    names = {a.name for a in problem.activities}
+    names.update(problem.variables, problem.types, problem.objects, problem.fluents)
+    names.update(problem.parameter_types())
+    return names

@@ -1,0 +1,245 @@
+"""From a UP ``SchedulingProblem`` to a :class:`PlainProblem`."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+from unified_planning.model import FNode, TimepointKind, Timing
+from unified_planning.model.metrics import MinimizeMakespan
+from unified_planning.model.operators import OperatorKind
+from unified_planning.model.scheduling import Activity as UpActivity
+from unified_planning.model.scheduling import SchedulingProblem
+
+from up_samp.model import UnsupportedError
+from up_samp.scheduling.compilers.plain import (
+    TRUE,
+    Activity,
+    Condition,
+    Effect,
+    Expr,
+    Fluent,
+    PlainProblem,
+    Type,
+    conjunction,
+    disjunction,
+    implies,
+    later,
+    rewrite,
+)
+
+_OPERATORS = {
+    OperatorKind.NOT: "not",
+    OperatorKind.IMPLIES: "implies",
+    OperatorKind.IFF: "iff",
+    OperatorKind.EQUALS: "eq",
+    OperatorKind.LE: "le",
+    OperatorKind.LT: "lt",
+    OperatorKind.PLUS: "plus",
+    OperatorKind.MINUS: "minus",
+    OperatorKind.TIMES: "times",
+    OperatorKind.DIV: "div",
+}
+_ANCHORS = {
+    TimepointKind.START: "start",
+    TimepointKind.END: "end",
+    TimepointKind.GLOBAL_START: "zero",
+    TimepointKind.GLOBAL_END: "horizon",
+}
+
+
+def read_problem(problem: SchedulingProblem) -> PlainProblem:
+    """Return ``problem`` as plain values.
+
+    Scopes become implications, intervals closed ones over integers, presence of a mandatory
+    activity becomes true, quantifiers are expanded.
+
+    Raises:
+        UnsupportedError: real numbers, or a metric other than the makespan.
+    """
+    return _Reader(problem).read()
+
+
+def read_type(tpe: Any) -> Type:
+    """Return a UP type as plain values."""
+    if tpe.is_bool_type():
+        return ("bool",)
+    if tpe.is_int_type():
+        return ("int", tpe.lower_bound, tpe.upper_bound)
+    if tpe.is_user_type():
+        return ("user", tpe.name)
+    raise UnsupportedError(f"type {tpe} in a scheduling problem")
+
+
+class _Reader:
+    def __init__(self, problem: SchedulingProblem):
+        self.problem = problem
+        self.optional = {a.name for a in problem.activities if a.optional}
+        self._memo: dict[int, Expr] = {}
+        self.fathers: dict[str, str | None] = {
+            t.name: None if t.father is None else t.father.name for t in problem.user_types
+        }
+        self.objects = {o.name: o.type.name for o in problem.all_objects}
+
+    def read(self) -> PlainProblem:
+        problem = self.problem
+        constraints = [self._scoped(c, scope) for c, scope in problem.base_scoped_constraints]
+        conditions, effects = [], []
+        chronicles: list[tuple[Any, str | None]] = [(problem._base, None)]
+        for activity in problem.activities:
+            constraints += [self._scoped(c, scope) for c, scope in activity.scoped_constraints]
+            chronicles.append((activity, activity.name))
+        for chronicle, owner in chronicles:
+            for span, expressions in chronicle.conditions.items():
+                conditions += [self._condition(span, e, owner) for e in expressions]
+            for timing, all_effects in chronicle.effects.items():
+                for effect in all_effects:
+                    effects += self._effects(timing, effect, owner)
+        return PlainProblem(
+            name=problem.name or "problem",
+            activities=tuple(self._activity(a) for a in problem.activities),
+            constraints=tuple(c for c in constraints if c != TRUE),
+            conditions=tuple(conditions),
+            effects=tuple(effects),
+            variables={p.name: read_type(p.type) for p in problem.base_variables},
+            types=self.fathers,
+            objects=self.objects,
+            fluents={f.name: self._fluent(f) for f in problem.fluents},
+            initial={
+                self.expression(f): self.expression(v)
+                for f, v in problem.explicit_initial_values.items()
+            },
+            minimize_makespan=self._metric(),
+        )
+
+    def _metric(self) -> bool:
+        for metric in self.problem.quality_metrics:
+            if not isinstance(metric, MinimizeMakespan):
+                raise UnsupportedError(f"metric {metric} (only the makespan is supported)")
+        return bool(self.problem.quality_metrics)
+
+    def _fluent(self, fluent: Any) -> Fluent:
+        default = self.problem.fluents_defaults.get(fluent)
+        return Fluent(
+            read_type(fluent.type),
+            tuple((p.name, read_type(p.type)) for p in fluent.signature),
+            None if default is None else self.expression(default),
+        )
+
+    def _activity(self, activity: UpActivity) -> Activity:
+        duration = activity.duration
+        lower, upper = self.expression(duration.lower), self.expression(duration.upper)
+        if duration.is_left_open():
+            lower = _shift(lower, 1)
+        if duration.is_right_open():
+            upper = _shift(upper, -1)
+        parameters = tuple((p.name, read_type(p.type)) for p in activity.parameters)
+        return Activity(activity.name, activity.optional, lower, upper, parameters)
+
+    def _scoped(self, constraint: FNode, scope: Any) -> Expr:
+        guard = conjunction(self.expression(s) for s in scope)
+        return implies(guard, self.expression(constraint))
+
+    def _condition(self, span: Any, expression: FNode, owner: str | None) -> Condition:
+        low, high = self._timing(span.lower, owner), self._timing(span.upper, owner)
+        if span.is_left_open():
+            low = later(low, 1)
+        if span.is_right_open():
+            high = later(high, -1)
+        return Condition(low, high, self.expression(expression), owner)
+
+    def _effects(self, timing: Any, effect: Any, owner: str | None) -> list[Effect]:
+        if effect.is_assignment():
+            kind = "assign"
+        elif effect.is_increase():
+            kind = "increase"
+        elif effect.is_decrease():
+            kind = "decrease"
+        else:
+            raise UnsupportedError(f"effect {effect} of {owner or 'the problem'}")
+        time = self._timing(timing, owner)
+        fluent, value, condition = (
+            self.expression(e) for e in (effect.fluent, effect.value, effect.condition)
+        )
+        return [
+            Effect(time, kind, put(fluent), put(value), put(condition), owner)
+            for put in self._instances(effect.forall)
+        ]
+
+    def _instances(self, variables: Any) -> list[Callable[[Expr], Expr]]:
+        """Return one substitution for every choice of objects for the quantified variables."""
+        domains = []
+        for variable in variables:
+            if not variable.type.is_user_type():
+                raise UnsupportedError(f"quantified variable {variable} of type {variable.type}")
+            domains.append([o.name for o in self.problem.objects(variable.type)])
+
+        def substitution(values: dict[str, str]) -> Callable[[Expr], Expr]:
+            def leaf(e: Expr) -> Expr | None:
+                return ("obj", values[e[1]]) if e[0] == "var" and e[1] in values else None
+
+            return (lambda e: rewrite(e, leaf)) if values else (lambda e: e)
+
+        names = [variable.name for variable in variables]
+        return [
+            substitution(dict(zip(names, choice, strict=True)))
+            for choice in itertools.product(*domains)
+        ]
+
+    def _timing(self, timing: Timing, owner: str | None) -> Expr:
+        anchor = _ANCHORS[timing.timepoint.kind]
+        container = timing.timepoint.container
+        if anchor in ("start", "end") and container is None:
+            container = owner
+        if timing.delay != int(timing.delay):
+            raise UnsupportedError(f"fractional time {timing}")
+        return ("time", anchor, container, int(timing.delay))
+
+    def expression(self, node: FNode) -> Expr:
+        """Return a UP expression as plain values."""
+        done = self._memo.get(node.node_id)
+        if done is None:
+            done = self._memo[node.node_id] = self._expression(node)
+        return done
+
+    def _expression(self, node: FNode) -> Expr:
+        kind = node.node_type
+        if kind in (OperatorKind.AND, OperatorKind.OR):
+            join = conjunction if kind == OperatorKind.AND else disjunction
+            return join(self.expression(a) for a in node.args)
+        if kind in _OPERATORS:
+            return (_OPERATORS[kind], *(self.expression(a) for a in node.args))
+        if kind in (OperatorKind.EXISTS, OperatorKind.FORALL):
+            inner = self.expression(node.args[0])
+            join = disjunction if kind == OperatorKind.EXISTS else conjunction
+            return join(put(inner) for put in self._instances(node.variables()))
+        return self._leaf(node)
+
+    def _leaf(self, node: FNode) -> Expr:
+        if node.is_bool_constant():
+            return ("bool", node.bool_constant_value())
+        if node.is_int_constant():
+            return ("int", node.int_constant_value())
+        if node.is_real_constant() and node.real_constant_value().denominator == 1:
+            return ("int", int(node.real_constant_value()))
+        if node.is_object_exp():
+            return ("obj", node.object().name)
+        if node.is_parameter_exp():
+            return ("par", node.parameter().name)
+        if node.is_timing_exp():
+            return self._timing(node.timing(), None)
+        if node.is_present_exp():
+            name = node.presence().container
+            return ("pres", name) if name in self.optional else TRUE
+        if node.is_fluent_exp():
+            return ("flu", node.fluent().name, *(self.expression(a) for a in node.args))
+        if node.is_variable_exp():
+            return ("var", node.variable().name)
+        raise UnsupportedError(f"expression {node}")
+
+
+def _shift(expression: Expr, by: int) -> Expr:
+    if expression[0] == "int":
+        return ("int", expression[1] + by)
+    return ("plus", expression, ("int", by))

@@ -1,0 +1,119 @@
+"""The parent's end of a worker process: start it, ask it, end it, always in time."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pickle
+import select
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import weakref
+from typing import IO, Any
+
+from up_samp.model import Deadline, EngineError
+from up_samp.scheduling.worker import _LENGTH, Answer, Task, send
+
+_GRACE = 0.5
+"""Seconds that an engine gets beyond its deadline to hand over what it has."""
+
+
+class OverrunError(EngineError):
+    """The engine did not answer by its deadline."""
+
+
+class WorkerProcess:
+    """A worker in a process group of its own with a private temporary folder.
+
+    The group (the worker and whatever servers its engines start) is killed when a call overruns
+    its deadline, when the caller is interrupted, and on :meth:`close`.
+    """
+
+    def __init__(self) -> None:
+        self._folder = tempfile.mkdtemp(prefix="up-samp-")
+        self._errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 (closed in _end)
+        environment = {**os.environ, "TMPDIR": self._folder, "TMP": self._folder}
+        environment["PYTHONPATH"] = os.pathsep.join(p for p in sys.path if p)
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", "from up_samp.scheduling.worker import main; main()"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._errors,
+            env=environment,
+            start_new_session=True,
+        )
+        self._end = weakref.finalize(self, _end, self._process, self._folder, self._errors)
+
+    @property
+    def alive(self) -> bool:
+        """Whether the worker can take a task."""
+        return self._end.alive and self._process.poll() is None
+
+    def ask(self, task: Task, deadline: Deadline) -> Answer:
+        """Send a task and wait for the answer until shortly after the deadline.
+
+        Raises:
+            OverrunError: no answer in time; the process group has been killed.
+            EngineError: the worker died.
+        """
+        assert self._process.stdin is not None
+        try:
+            send(self._process.stdin, task)
+            header = self._read(_LENGTH.size, deadline)
+            answer: Any = pickle.loads(self._read(_LENGTH.unpack(header)[0], deadline))
+        except (BrokenPipeError, EOFError) as error:
+            reason = self._reason()
+            self.close()
+            raise EngineError(f"the engine's process died ({reason})") from error
+        except BaseException:
+            self.close()
+            raise
+        assert isinstance(answer, Answer)
+        return answer
+
+    def _read(self, size: int, deadline: Deadline) -> bytes:
+        assert self._process.stdout is not None
+        descriptor = self._process.stdout.fileno()
+        data = b""
+        while len(data) < size:
+            left = deadline.remaining() + _GRACE if deadline.at != float("inf") else None
+            if deadline.expired():
+                left = max(0.0, deadline.at + _GRACE - time.monotonic())
+            ready, _, _ = select.select([descriptor], [], [], left)
+            if not ready:
+                raise OverrunError("no answer by the deadline")
+            chunk = os.read(descriptor, size - len(data))
+            if not chunk:
+                raise EOFError
+            data += chunk
+        return data
+
+    def _reason(self) -> str:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(2.0)
+        code = self._process.returncode
+        how = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
+        self._errors.seek(0, os.SEEK_END)
+        self._errors.seek(max(0, self._errors.tell() - 1500))
+        said = self._errors.read().decode(errors="replace").strip()
+        return f"{how}: {said}" if said else how
+
+    def close(self) -> None:
+        """Kill the process group and remove the temporary folder."""
+        self._end()
+
+
+def _end(process: subprocess.Popen[bytes], folder: str, errors: IO[bytes]) -> None:
+    # the worker leads its group, so its id stays reserved until the last member is gone
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    for stream in (process.stdin, process.stdout, errors):
+        if stream is not None:
+            with contextlib.suppress(OSError):
+                stream.close()
+    shutil.rmtree(folder, ignore_errors=True)

@@ -1,0 +1,94 @@
+"""What known engines really do, where that differs from what they say."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import dataclass
+from typing import Any
+
+_KNOWN = (
+    ("aries", "up_aries", "Aries"),
+    ("aries-opt", "up_aries", "AriesOpt"),
+    ("cpse", "cpse", "CPSE"),
+)
+
+
+@dataclass(frozen=True)
+class Quirks:
+    """How far an engine can be believed, and what it must not be given.
+
+    Attributes:
+        optional: understands optional activities (presence) itself.
+        assignments: understands effects that assign values to fluents, and conditions on them.
+        hierarchical_types: understands types below other types.
+        long_names: digests any name.
+        resources_with_variable_durations: counts resources rightly then.
+        empty_intervals: takes a condition over an empty interval as none.
+        proves_unsolvable: its ``UNSOLVABLE_PROVEN`` is a proof.
+        proves_optimal: its ``SOLVED_OPTIMALLY`` is a proof.
+        message_limit: largest problem in bytes of protobuf, if it is sent to a server.
+    """
+
+    optional: bool
+    assignments: bool
+    hierarchical_types: bool = True
+    resources_with_variable_durations: bool = True
+    empty_intervals: bool = True
+    proves_unsolvable: bool = True
+    proves_optimal: bool = True
+    message_limit: int | None = None
+
+
+_ARIES = Quirks(
+    optional=False,  # 0.5.0 ignores ``optional`` without a word
+    assignments=True,
+    resources_with_variable_durations=False,
+    empty_intervals=False,
+    proves_unsolvable=False,
+    message_limit=4 * 2**20,
+)
+_CPSE = Quirks(
+    optional=True,
+    assignments=False,  # passes ``supports()``, fails in ``solve``
+    hierarchical_types=False,  # gives a wrong UNSOLVABLE_PROVEN
+)
+_TABLE = {
+    ("up_aries", "Aries"): _ARIES,
+    ("up_aries", "AriesOpt"): _ARIES,
+    ("cpse", "CPSE"): _CPSE,
+    ("cpse", "CPSETimepoints"): _CPSE,
+}
+
+
+def known_engines() -> list[tuple[str, str, str]]:
+    """Return ``(name, module, class)`` of the installed engines that we know how to wrap."""
+    return [k for k in _KNOWN if importlib.util.find_spec(k[1]) is not None]
+
+
+def quirks_of(engine: Any) -> Quirks:
+    """Return the table's entry for an engine class, else what its ``supported_kind`` says."""
+    for cls in engine.__mro__:
+        known = _TABLE.get((cls.__module__.split(".")[0], cls.__name__))
+        if known is not None:
+            return known
+    kind = engine.supported_kind()
+    return Quirks(
+        optional=kind.has_optional_activities() and kind.has_scoped_constraints(),
+        assignments=kind.has_object_fluents(),
+        hierarchical_types=kind.has_hierarchical_typing(),
+    )
+
+
+def is_compatible(engine: Any) -> bool | str:
+    """Return whether an engine class can schedule at all: ``True``, or the reason why not."""
+    from unified_planning.engines.mixins import OneshotPlannerMixin
+
+    name = getattr(engine, "__name__", str(engine))
+    if not (isinstance(engine, type) and issubclass(engine, OneshotPlannerMixin)):
+        return f"{name} is not a oneshot planner"
+    kind = engine.supported_kind()  # type: ignore[attr-defined]
+    if not kind.has_scheduling():
+        return f"{name} does not support scheduling problems"
+    if not (kind.has_continuous_time() or kind.has_discrete_time()):
+        return f"{name} does not support time"
+    return True

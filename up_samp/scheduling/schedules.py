@@ -1,0 +1,49 @@
+"""Between UP's ``Schedule`` and :class:`CandidateSchedule`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from up_samp.model import CandidateSchedule
+from up_samp.model.schedule import Value
+
+if TYPE_CHECKING:
+    from unified_planning.model.scheduling import SchedulingProblem
+    from unified_planning.plans import Schedule
+
+
+def to_candidate(problem: SchedulingProblem, schedule: Schedule) -> CandidateSchedule:
+    """Return a UP schedule as plain values."""
+    from up_samp.scheduling.compilers.write import plain_schedule
+
+    return CandidateSchedule(*plain_schedule(schedule))
+
+
+def to_up_schedule(problem: SchedulingProblem, candidate: CandidateSchedule) -> Schedule:
+    """Return a candidate as a UP schedule of ``problem``: the present activities with their
+    times, and the values of their parameters and of the problem's variables.
+    """
+    from unified_planning.plans import Schedule
+
+    assignment: dict[Any, Any] = {}
+    for parameter in problem.base_variables:
+        _assign(problem, assignment, parameter, candidate.parameters)
+    present = [a for a in problem.activities if a.name in candidate.times]
+    for activity in present:
+        assignment[activity.start], assignment[activity.end] = candidate.times[activity.name]
+        for parameter in activity.parameters:
+            _assign(problem, assignment, parameter, candidate.parameters)
+    return Schedule(present, assignment, problem.environment)
+
+
+def _assign(
+    problem: SchedulingProblem, assignment: dict[Any, Any], parameter: Any, values: Any
+) -> None:
+    value: Value | None = values.get(parameter.name)
+    if value is None:
+        return
+    if parameter.type.is_user_type():
+        manager = problem.environment.expression_manager
+        assignment[parameter] = manager.ObjectExp(problem.object(str(value)))
+    else:
+        assignment[parameter] = value

@@ -1,0 +1,169 @@
+"""Runs UP engines in a process of its own (started by ``process.WorkerProcess``).
+
+The parent sends a :class:`Task` and gets a :class:`Answer` back, one after the other, as pickles
+with a length in front, over the worker's standard input and output (what an engine prints goes to
+standard error). When the parent goes away, however that happens, the worker ends its whole process
+group, removes its temporary folder and so leaves nothing behind.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import os
+import pickle
+import queue
+import shutil
+import signal
+import struct
+import tempfile
+import threading
+import time
+import traceback
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import IO, Any
+
+from up_samp.scheduling.compilers.plain import PlainProblem
+
+_LENGTH = struct.Struct("!Q")
+
+
+@dataclass(frozen=True)
+class Task:
+    """Solve ``problem`` with the engine class ``module.name`` made with ``params``.
+
+    ``timeout`` in s for the engine itself; ``message_limit`` in bytes for engines that are reached
+    through protobuf messages.
+    """
+
+    module: str
+    name: str
+    params: Mapping[str, Any]
+    problem: PlainProblem
+    timeout: float | None = None
+    message_limit: int | None = None
+
+
+@dataclass(frozen=True)
+class Answer:
+    """``status`` is the name of UP's status, ``unsupported`` or ``exception``."""
+
+    status: str
+    times: Mapping[str, tuple[int, int]] | None = None
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    message: str = ""
+    seconds: float = 0.0
+
+
+def send(stream: IO[bytes], value: object) -> None:
+    """Write a value with its length in front."""
+    data = pickle.dumps(value, protocol=pickle.HIGHEST_PROTOCOL)
+    stream.write(_LENGTH.pack(len(data)))
+    stream.write(data)
+    stream.flush()
+
+
+def receive(stream: IO[bytes]) -> Any:
+    """Read a value.
+
+    Raises:
+        EOFError: the other side is gone.
+    """
+    header = stream.read(_LENGTH.size)
+    if len(header) < _LENGTH.size:
+        raise EOFError
+    (length,) = _LENGTH.unpack(header)
+    data = stream.read(length)
+    if len(data) < length:
+        raise EOFError
+    return pickle.loads(data)
+
+
+class _Engines:
+    """Engine instances by class and parameters, made once."""
+
+    def __init__(self) -> None:
+        self._engines: dict[tuple[str, str, str], Any] = {}
+
+    def get(self, task: Task) -> Any:
+        key = (task.module, task.name, repr(sorted(task.params.items())))
+        if key not in self._engines:
+            found: Any = importlib.import_module(task.module)
+            for part in task.name.split("."):
+                found = getattr(found, part)
+            self._engines[key] = found(**task.params)
+        return self._engines[key]
+
+
+def run(task: Task, engines: _Engines) -> Answer:
+    """Solve one task; every failure of the engine becomes an answer."""
+    from up_samp.model import UnsupportedError
+    from up_samp.scheduling.compilers.write import plain_schedule, write_problem
+
+    started = time.monotonic()
+    try:
+        engine = engines.get(task)
+        problem = write_problem(task.problem)
+        if task.message_limit is not None:
+            from up_samp.scheduling.messages import slim_down
+
+            slim_down(engine, task.message_limit)
+        lacking = sorted(problem.kind.features - engine.supported_kind().features)
+        if lacking:
+            raise UnsupportedError(f"{', '.join(lacking)} (after compilation)")
+        engine.skip_checks = True  # just done, with the features' names
+        spent = time.monotonic() - started
+        timeout = None if task.timeout is None else max(0.1, task.timeout - spent)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            result = engine.solve(problem, timeout=timeout)
+        seconds = time.monotonic() - started
+        logs = "; ".join(str(m.message) for m in result.log_messages or [])
+        if result.plan is None:
+            return Answer(result.status.name, None, {}, logs[-2000:], seconds)
+        times, parameters = plain_schedule(result.plan)
+        return Answer(result.status.name, times, parameters, logs[-2000:], seconds)
+    except UnsupportedError as error:
+        return Answer("unsupported", message=str(error), seconds=time.monotonic() - started)
+    except Exception as error:
+        text = f"{type(error).__name__}: {error}".strip()
+        tail = "".join(traceback.format_tb(error.__traceback__)[-3:])
+        return Answer("exception", None, {}, f"{text[:1500]}\n{tail}", time.monotonic() - started)
+
+
+def _clean(folder: str) -> None:
+    """Remove the files that an engine left in the temporary folder."""
+    for entry in os.scandir(folder):
+        with contextlib.suppress(OSError):
+            shutil.rmtree(entry.path) if entry.is_dir() else os.unlink(entry.path)
+
+
+def _read_tasks(stream: IO[bytes], tasks: queue.SimpleQueue[Task], folder: str) -> None:
+    """Put what the parent sends into the queue; when it is gone, end the process group."""
+    try:
+        while True:
+            tasks.put(receive(stream))
+    except (EOFError, OSError):
+        shutil.rmtree(folder, ignore_errors=True)
+        os.killpg(os.getpgid(0), signal.SIGKILL)
+
+
+def main() -> None:
+    """Serve tasks until the parent closes the worker's standard input."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    tasks: queue.SimpleQueue[Task] = queue.SimpleQueue()
+    folder = tempfile.gettempdir()
+    stdin = os.fdopen(os.dup(0), "rb")
+    threading.Thread(target=_read_tasks, args=(stdin, tasks, folder), daemon=True).start()
+    import unified_planning.shortcuts as shortcuts
+
+    shortcuts.get_environment().credits_stream = None
+    engines = _Engines()
+    while True:
+        answer = run(tasks.get(), engines)
+        _clean(folder)
+        send(answers, answer)
