@@ -24,9 +24,10 @@ from unified_planning.model.motion import (
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import FALSE, TRUE, BoolType
 
-from up_samp.benchmarks.builder import Encoding, Family, at_start
+from up_samp.benchmarks.builder import Encoding, Family
 from up_samp.benchmarks.maps import LOGISTICS_SIZE, logistics_map, logistics_walls
 from up_samp.benchmarks.places import Door, Pose, box, check_poses
+from up_samp.benchmarks.routes import at_start
 from up_samp.model import ProblemError
 
 A_MAX = 0.5

@@ -1,0 +1,106 @@
+"""``up-samp bench``: run sweeps over the benchmark families and report on them."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from up_samp.benchmarks import report, runner
+from up_samp.benchmarks.builder import ENCODINGS
+from up_samp.benchmarks.instances import families
+from up_samp.benchmarks.runs import select, sweep
+from up_samp.model import SampError
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the ``bench`` command with its own commands ``run``, ``report`` and ``list``."""
+    bench = subparsers.add_parser("bench", help="run the benchmark families and report on them")
+    commands = bench.add_subparsers(dest="bench_command", required=True)
+    _add_run(commands)
+    show = commands.add_parser("report", help="tables and plots of finished sweeps, as Markdown")
+    show.add_argument("folders", nargs="+", type=Path, metavar="DIR")
+    show.add_argument(
+        "--out", type=Path, metavar="DIR", help="where report.md goes (default: the first DIR)"
+    )
+    names = commands.add_parser("list", help="names of instances")
+    names.add_argument("names", nargs="*", default=["paper"], metavar="FAMILY")
+    bench.set_defaults(run=run)
+
+
+def _add_run(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    known = ", ".join(("paper", *families()))
+    sweeper = commands.add_parser("run", help="run a sweep (resumes where it was stopped)")
+    sweeper.add_argument(
+        "names",
+        nargs="+",
+        metavar="FAMILY",
+        help=f"{known}; or an instance's name or a pattern such as 'logistics-oc-*-r1-*'",
+    )
+    sweeper.add_argument("--engines", nargs="+", default=["samp-refine[cpsat]"], metavar="ENGINE")
+    sweeper.add_argument("--preset", nargs="+", default=["default"], metavar="NAME")
+    sweeper.add_argument("--encodings", nargs="+", default=["fluents"], choices=ENCODINGS)
+    sweeper.add_argument(
+        "--first-plan",
+        action="store_true",
+        help="no metric: stop at the first plan (default: minimise the makespan, with proof)",
+    )
+    sweeper.add_argument("--timeout", type=float, default=60.0, metavar="S", help="s per run")
+    sweeper.add_argument("--memory", type=int, default=20_000, metavar="MB", help="MB per run")
+    sweeper.add_argument("--runs", type=int, default=1, metavar="N", help="repetitions (seeds)")
+    sweeper.add_argument("--jobs", type=int, default=1, metavar="J", help="runs at a time")
+    sweeper.add_argument("--cluster", metavar="ADDRESS", help="a Dask scheduler to run on")
+    sweeper.add_argument(
+        "--again", nargs="+", default=[], metavar="STATUS", help="do runs that ended so again"
+    )
+    sweeper.add_argument("--out", type=Path, required=True, metavar="DIR")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Do what the parsed ``args`` say; return the exit status."""
+    commands = {"run": _run, "report": _report, "list": _list}
+    try:
+        return commands[args.bench_command](args)
+    except SampError as error:
+        print(f"up-samp bench: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("\nup-samp bench: stopped; the same command goes on from here", file=sys.stderr)
+        return 130
+
+
+def _run(args: argparse.Namespace) -> int:
+    specs = sweep(
+        select(args.names),
+        args.engines,
+        encodings=args.encodings,
+        presets=args.preset,
+        optimal=not args.first_plan,
+        runs=args.runs,
+        timeout=args.timeout,
+        memory=args.memory,
+    )
+    with runner.executor_for(args.jobs, args.cluster) as executor:
+        records = runner.run_sweep(specs, args.out, executor, again=args.again)
+    for record in records:
+        print(runner.describe(record))
+    path = report.write(records, args.out)
+    print(f"\n{report.summary(records)}\nreport: {path}")
+    return 1 if any(r.get("valid") is False for r in records) else 0
+
+
+def _report(args: argparse.Namespace) -> int:
+    records = runner.read_records(*args.folders)
+    if not records:
+        print("up-samp bench: no runs in " + ", ".join(map(str, args.folders)), file=sys.stderr)
+        return 2
+    print(
+        f"{report.summary(records)}\nreport: {report.write(records, args.out or args.folders[0])}"
+    )
+    return 0
+
+
+def _list(args: argparse.Namespace) -> int:
+    for chosen in select(args.names):
+        print(chosen.name)
+    return 0

@@ -1,0 +1,172 @@
+"""One benchmark run in a process of its own: ``python -m up_samp.benchmarks.one_run OUT < SPEC``.
+
+Reads a :class:`~up_samp.benchmarks.runs.RunSpec` as JSON from stdin, writes the record as JSON to
+the file OUT. Whatever goes wrong becomes part of the record; a process that dies leaves no record,
+and its parent says so.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import math
+import os
+import platform
+import signal
+import sys
+import threading
+import time
+import traceback
+from pathlib import Path
+from typing import Any
+
+from up_samp.benchmarks.runs import Record, RunSpec
+
+VERSIONS = ("up-samp", "unified-planning", "ortools", "up-aries", "up-cpse", "ompl", "numba")
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what matters for a result, where installed."""
+    found = {"python": platform.python_version()}
+    for name in VERSIONS:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def machine() -> dict[str, Any]:
+    """Return what the run's machine is."""
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return {"system": platform.system(), "processor": platform.machine(), "cores": usable}
+
+
+def limit_memory(megabytes: int) -> None:
+    """Bound the data of this process (and, each by itself, of its children), where possible."""
+    try:
+        import resource
+    except ImportError:  # not on this system: the record says so
+        return
+    _, most = resource.getrlimit(resource.RLIMIT_DATA)
+    wanted = megabytes * 1_000_000
+    if most != resource.RLIM_INFINITY:
+        wanted = min(wanted, most)
+    resource.setrlimit(resource.RLIMIT_DATA, (wanted, most))
+
+
+def die_with_parent() -> None:
+    """End this process and its children when the process that started it is gone."""
+    if not hasattr(os, "killpg") or os.getpgrp() != os.getpid():
+        return
+    parent = os.getppid()
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os.killpg(os.getpgrp(), signal.SIGKILL)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def perform(spec: RunSpec) -> Record:
+    """Solve the instance and judge the plan; return what the run found."""
+    record: Record = {}
+    began = time.perf_counter()
+    try:
+        _solve(spec, record)
+    except MemoryError:
+        record |= {"status": "MEMOUT", "error": "out of memory"}
+    except Exception as error:
+        record["status"] = "CRASH"
+        record["error"] = f"{type(error).__name__}: {error}"
+        record["traceback"] = traceback.format_exc()[-4000:]
+    record["seconds_process"] = round(time.perf_counter() - began, 3)
+    return record
+
+
+def _solve(spec: RunSpec, record: Record) -> None:
+    import unified_planning
+    from unified_planning.shortcuts import OneshotPlanner
+
+    import up_samp  # noqa: F401  (registers the engines)
+    from up_samp.benchmarks.instances import instance
+
+    unified_planning.environment.get_environment().credits_stream = None
+    began = time.perf_counter()
+    problem = instance(spec.instance).build(spec.encoding, spec.optimal)
+    record["seconds_build"] = round(time.perf_counter() - began, 3)
+    record["activities"] = len(problem.activities)
+    parameters = {"preset": spec.preset, "seed": spec.number, "optimal": spec.optimal}
+    began = time.perf_counter()
+    with OneshotPlanner(name=spec.engine, params=parameters) as planner:
+        result = planner.solve(problem, timeout=spec.timeout)
+    record["seconds"] = round(time.perf_counter() - began, 3)
+    record["status"] = result.status.name
+    record["metrics"] = {k: _plain(v) for k, v in (result.metrics or {}).items()}
+    if result.log_messages:
+        record["messages"] = [m.message[:500] for m in result.log_messages[:5]]
+    if result.plan is not None:
+        record |= _judge(problem, result.plan)
+
+
+def _judge(problem: Any, plan: Any) -> Record:
+    """Return what the independent validator says, and figures of the plan."""
+    from up_samp.validation import validate_plan
+
+    began = time.perf_counter()
+    verdict = validate_plan(problem, plan)
+    judged: Record = {
+        "valid": verdict.valid,
+        "violations": [str(v) for v in verdict.violations[:5]],
+        "seconds_validation": round(time.perf_counter() - began, 3),
+    }
+    names = {a.name for a in plan.activities}
+    times = {
+        a.name: (int(str(plan.get(a.start))), int(str(plan.get(a.end))))
+        for a in problem.activities
+        if a.name in names
+    }
+    judged["makespan"] = max((end for _, end in times.values()), default=0)
+    judged["sequential"] = _sequential(plan, times)
+    return judged
+
+
+def _sequential(plan: Any, times: dict[str, tuple[int, int]]) -> int:
+    """Return the makespan, units, if the plan's activities came one after another.
+
+    Motions count with the whole units that their trajectories need (waiting for others falls away
+    when nothing is parallel); between two activities lies one unit, as within one robot's plan.
+    """
+    moves = getattr(plan, "trajectories", None) or {}
+    needed = [
+        math.ceil(round(moves[name].duration, 6)) if name in moves else end - start
+        for name, (start, end) in times.items()
+    ]
+    return sum(needed) + max(0, len(needed) - 1)
+
+
+def _plain(value: object) -> Any:
+    """Return a metric as the number that it says, if it says one."""
+    text = str(value)
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
+
+
+def main() -> None:
+    """Run the spec on stdin; write the record to the file named on the command line."""
+    die_with_parent()
+    spec = RunSpec(**json.load(sys.stdin))
+    limit_memory(spec.memory)
+    record = perform(spec)
+    scratch = Path(sys.argv[1] + ".part")
+    scratch.write_text(json.dumps(record), encoding="utf-8")
+    scratch.replace(sys.argv[1])
+
+
+if __name__ == "__main__":
+    main()

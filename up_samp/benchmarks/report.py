@@ -1,0 +1,254 @@
+"""Reports on sweeps: the paper's Table 1 with ours beside it, coverage over time, Markdown."""
+
+from __future__ import annotations
+
+import statistics
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from up_samp.benchmarks.instances import families, instances
+from up_samp.benchmarks.runs import Record, RunSpec
+
+GROUPS = ("OC-DO", "OC-DC", "ALL-DO", "ALL-DC", "JSP")
+SIZES = (24, 24, 24, 24, 36)
+
+PAPER: dict[str, tuple[float, ...]] = {
+    "CPSE, no fluents": (16.7, 14.7, 14.0, 11.7, 13.0, 70.0, 378),
+    "Aries, no fluents": (9.0, 11.0, 9.3, 10.3, 12.0, 51.7, 132),
+    "Aries, fluents": (18.3, 19.3, 17.0, 16.0, 17.0, 87.7, 343),
+    "CPSE-opt, no fluents": (13.3, 12.3, 9.7, 7.3, 11.7, 54.3, 332),
+    "Aries-opt, no fluents": (10.3, 8.0, 7.3, 2.3, 12.3, 40.3, 194),
+    "Aries-opt, fluents": (12.7, 10.0, 8.3, 6.0, 17.7, 54.7, 227),
+}
+"""Table 1 of the paper: solved per group, in total, and mean seconds of the solved (1800 s and
+20 GB per instance, means of three runs, AMD EPYC 7413)."""
+
+REFINEMENTS = ("refinements_geometric", "refinements_temporal", "refinements_group")
+
+
+def solved(record: Record) -> bool:
+    """Return whether the run found a plan that the independent validator accepts."""
+    return str(record.get("status", "")).startswith("SOLVED") and record.get("valid") is True
+
+
+def proven(record: Record) -> bool:
+    """Return whether the run's plan is valid and was proven optimal."""
+    return solved(record) and record["status"] == "SOLVED_OPTIMALLY"
+
+
+def counts(record: Record) -> bool:
+    """Return whether the run did what its column asks for: a plan, or a proven optimal one."""
+    return proven(record) if record["optimal"] else solved(record)
+
+
+def column(record: Record) -> str:
+    """Return the column that a record counts under."""
+    fields = RunSpec.__dataclass_fields__
+    return RunSpec(**{k: record[k] for k in fields}).column
+
+
+def columns(records: Sequence[Record]) -> dict[str, list[Record]]:
+    """Return the records by column, in order of appearance."""
+    found: dict[str, list[Record]] = {}
+    for record in records:
+        found.setdefault(column(record), []).append(record)
+    return found
+
+
+def _groups() -> dict[str, str]:
+    names = {i.name: i.group for i in instances("paper")}
+    for family in families():
+        for i in instances(family):
+            names.setdefault(i.name, family)
+    return names
+
+
+def write(records: Sequence[Record], folder: Path) -> Path:
+    """Write ``report.md`` with its plot into ``folder``; return its path."""
+    folder.mkdir(parents=True, exist_ok=True)
+    plot = folder / "coverage.png"
+    plot_coverage(records, plot)
+    parts = [
+        "# Benchmark report",
+        summary(records),
+        "## Solved, beside the paper's Table 1",
+        table_one(records),
+        "A run counts as solved if its plan is valid by the independent validator; in the "
+        "*optimal* columns only if it was also proven optimal (relative to the durations that the "
+        "motion planner finds), with the number of valid plans after the slash. Numbers are means "
+        "over repeated runs. The paper's figures: 1800 s and 20 GB per instance, three runs.",
+        "## Coverage over time",
+        f"![solved instances over time]({plot.name})",
+        "## Where the time goes, and refinements",
+        table_effort(records),
+        "## Parallel against sequential",
+        table_parallel(records),
+        "## Beyond the paper",
+        table_beyond(records),
+        "## Runs that were not solved",
+        table_failures(records),
+        "## Versions and machines",
+        table_machines(records),
+    ]
+    path = folder / "report.md"
+    path.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+    return path
+
+
+def summary(records: Sequence[Record]) -> str:
+    """Return one sentence on what was solved, and on invalid plans if there are any."""
+    runs = len(records)
+    text = (
+        f"{sum(map(solved, records))} of {runs} runs found a valid plan, "
+        f"{sum(map(proven, records))} proven optimal."
+    )
+    wrong = [r["instance"] for r in records if r.get("valid") is False]
+    return text + (f" **{len(wrong)} invalid plans**: {', '.join(wrong)}." if wrong else "")
+
+
+def table_one(records: Sequence[Record]) -> str:
+    """Return the paper's Table 1 with a row for each of our columns."""
+    group_of = _groups()
+    sizes = [*(f"{g} ({n})" for g, n in zip(GROUPS, SIZES, strict=True)), "total (132)", "mean s"]
+    rows = [["engine", *sizes]]
+    for title, figures in PAPER.items():
+        rows.append([f"paper: {title}", *(f"{v:g}" for v in figures)])
+    for title, members in columns(records).items():
+        ours = [r for r in members if group_of.get(r["instance"]) in GROUPS]
+        if not ours:
+            continue
+        repeats = len({r["number"] for r in ours})
+        cells = []
+        for group in (*GROUPS, None):
+            part = [r for r in ours if group is None or group_of[r["instance"]] == group]
+            cells.append(_solved_cell(part, repeats))
+        cells.append(_mean(r["seconds"] for r in ours if counts(r)))
+        rows.append([title, *cells])
+    return _table(rows)
+
+
+def _solved_cell(part: Sequence[Record], repeats: int) -> str:
+    if not part:
+        return "not run"
+    cell = f"{sum(map(counts, part)) / repeats:g}"
+    if any(r["optimal"] for r in part):
+        cell += f" / {sum(map(solved, part)) / repeats:g}"
+    return cell
+
+
+def table_effort(records: Sequence[Record]) -> str:
+    """Return means over the solved runs: rounds, refinements by layer, shares of time."""
+    rows = [["engine", "rounds", "geometric", "temporal", "group", "scheduler s", "motion s"]]
+    for title, members in columns(records).items():
+        good = [r.get("metrics", {}) for r in members if counts(r)]
+        keys = ("rounds", *REFINEMENTS, "seconds_scheduler", "seconds_motion")
+        rows.append([title, *(_mean(m[k] for m in good if _number(m.get(k))) for k in keys)])
+    return _table(rows)
+
+
+def table_parallel(records: Sequence[Record]) -> str:
+    """Return how much shorter plans are than the same activities one after another, on instances
+    with several robots (and several items or jobs), where parallel work can help.
+    """
+    rows = [["engine", "runs", "mean saving", "theoretical maximum"]]
+    for title, members in columns(records).items():
+        savings, most = [], []
+        for r in members:
+            workers = _workers(r["instance"])
+            if counts(r) and workers > 1 and r.get("sequential"):
+                savings.append(1 - r["makespan"] / r["sequential"])
+                most.append(1 - 1 / workers)
+        if savings:
+            mean, best = statistics.fmean(savings), statistics.fmean(most)
+            rows.append([title, str(len(savings)), f"{mean:.0%}", f"{best:.0%}"])
+    return _table(rows) if len(rows) > 1 else "No solved instance with several robots."
+
+
+def _workers(name: str) -> int:
+    """Return how many robots can be at work at once: no more than items or jobs."""
+    sizes = {part[0]: int(part[1:]) for part in name.split("-")[1:] if part[1:].isdigit()}
+    return min(sizes.get("r", 1), sizes.get("i", sizes.get("j", 1)))
+
+
+def table_beyond(records: Sequence[Record]) -> str:
+    """Return the runs on instances that are not the paper's, one row each."""
+    paper = {i.name for i in instances("paper")}
+    rows = [["instance", "engine", "status", "makespan", "lower bound", "s"]]
+    for r in records:
+        if r["instance"] not in paper:
+            bound = r.get("metrics", {}).get("lower_bound", "")
+            cells = [r["status"], r.get("makespan", ""), bound, r.get("seconds", "")]
+            rows.append([r["instance"], column(r), *map(str, cells)])
+    return _table(rows) if len(rows) > 1 else "None was run."
+
+
+def table_failures(records: Sequence[Record]) -> str:
+    """Return every run that did not do what was asked, with its reason."""
+    rows = [["instance", "engine", "status", "reason"]]
+    for r in records:
+        if not counts(r):
+            rows.append([r["instance"], column(r), str(r.get("status")), _reason(r)])
+    return _table(rows) if len(rows) > 1 else "None."
+
+
+def _reason(record: Record) -> str:
+    if record.get("valid") is False:
+        text = "invalid plan: " + "; ".join(record.get("violations", []))
+    elif solved(record):
+        bound = record.get("metrics", {}).get("lower_bound", "none")
+        text = f"valid plan of {record.get('makespan')}, not proven optimal (lower bound {bound})"
+    else:
+        text = record.get("error") or "; ".join(record.get("messages", []))
+    return " ".join(text.split()).replace("|", "\\|")[:200]
+
+
+def table_machines(records: Sequence[Record]) -> str:
+    """Return the versions and machines that the runs were made with."""
+
+    def listed(key: str) -> Counter[str]:
+        return Counter(
+            ", ".join(f"{k} {v}" for k, v in sorted(r.get(key, {}).items())) for r in records
+        )
+
+    rows = [["runs", "with"]]
+    for key in ("versions", "machine"):
+        rows += [[str(n), what] for what, n in listed(key).items()]
+    return _table(rows)
+
+
+def plot_coverage(records: Sequence[Record], path: Path) -> None:
+    """Draw how many runs were solved (as their column asks) within how many seconds."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    axes = figure.add_subplot()
+    for title, members in columns(records).items():
+        repeats = len({r["number"] for r in members})
+        times = sorted(max(r["seconds"], 1e-2) for r in members if counts(r))
+        if times:
+            end = max(times[-1], members[0]["timeout"])
+            heights = [(i + 1) / repeats for i in range(len(times))]
+            axes.step([*times, end], [*heights, heights[-1]], where="post", label=title)
+    axes.set_xscale("log")
+    axes.set_xlabel("time (s)")
+    axes.set_ylabel("instances solved")
+    axes.grid(alpha=0.3)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(fontsize="small")
+    figure.savefig(path, dpi=120)
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _mean(values: Any) -> str:
+    found = list(values)
+    return f"{statistics.fmean(found):.3g}" if found else "-"
+
+
+def _table(rows: Sequence[Sequence[str]]) -> str:
+    line: Callable[[Sequence[str]], str] = lambda cells: "| " + " | ".join(cells) + " |"  # noqa: E731
+    return "\n".join([line(rows[0]), "|" + "---|" * len(rows[0]), *map(line, rows[1:])])
