@@ -87,10 +87,12 @@ def perform(spec: RunSpec) -> Record:
 
 def _solve(spec: RunSpec, record: Record) -> None:
     import unified_planning
+    from unified_planning.exceptions import UPNoRequestedEngineAvailableException
     from unified_planning.shortcuts import OneshotPlanner
 
     import up_samp  # noqa: F401  (registers the engines)
     from up_samp.benchmarks.instances import instance
+    from up_samp.model import EngineError
 
     unified_planning.environment.get_environment().credits_stream = None
     began = time.perf_counter()
@@ -99,7 +101,11 @@ def _solve(spec: RunSpec, record: Record) -> None:
     record["activities"] = len(problem.activities)
     parameters = {"preset": spec.preset, "seed": spec.number, "optimal": spec.optimal}
     began = time.perf_counter()
-    with OneshotPlanner(name=spec.engine, params=parameters) as planner:
+    try:
+        planner = OneshotPlanner(name=spec.engine, params=parameters)
+    except UPNoRequestedEngineAvailableException as error:
+        raise EngineError(f"there is no engine {spec.engine!r} here ({error})") from error
+    with planner:
         result = planner.solve(problem, timeout=spec.timeout)
     record["seconds"] = round(time.perf_counter() - began, 3)
     record["status"] = result.status.name
