@@ -1,0 +1,234 @@
+"""Plans as plain dictionaries, ready for JSON. The format is documented in docs/plan-format.md."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from typing import Any
+
+from unified_planning.engines import PlanGenerationResult
+from unified_planning.model import FNode
+from unified_planning.model.motion import SchedulingMotionProblem
+from unified_planning.plans import MotionSchedule
+
+from up_samp.io.sampling import DECIMALS, path_trajectory, trajectory_rows
+from up_samp.model import (
+    Configuration,
+    MotionModel,
+    Movable,
+    ProblemError,
+    Trajectory,
+    UnsupportedError,
+)
+from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
+from up_samp.upio.plan import trajectory_key
+from up_samp.upio.read import read_problem
+
+FORMAT = "up-samp-plan"
+VERSION = 1
+
+PlanDict = dict[str, Any]
+"""A plan as JSON would hold it; see docs/plan-format.md."""
+
+
+def plan_to_dict(
+    problem: SchedulingMotionProblem,
+    plan: MotionSchedule,
+    *,
+    engine: str = "",
+    status: str = "",
+    lower_bound: float | None = None,
+    seconds_per_unit: float = 1.0,
+) -> PlanDict:
+    """Return ``plan`` as a self-contained dictionary: who is where, at every instant.
+
+    ``engine``, ``status`` (a name such as ``SOLVED_OPTIMALLY``) and ``lower_bound`` (proven bound
+    on the makespan, schedule units) are written down as they are given. Activities are in schedule
+    units of ``seconds_per_unit`` s, everything about motions in s, m and rad in the map's world
+    frame. The order of everything is that of the problem; motions are in the order of their start.
+
+    Raises :class:`ProblemError` where the plan does not fit the problem.
+    """
+    snapshot = read_problem(problem, seconds_per_unit)
+    activities = _activities(problem, plan)
+    times = {a["name"]: (a["start"], a["end"]) for a in activities}
+    data: PlanDict = {
+        "format": FORMAT,
+        "version": VERSION,
+        "problem": snapshot.name,
+        "engine": engine,
+        "status": status,
+        "makespan": max((end for _, end in times.values()), default=0),
+        "lower_bound": _plain(lower_bound),
+        "seconds_per_unit": _plain(seconds_per_unit),
+        "map": {"yaml": None if snapshot.map_file is None else os.path.abspath(snapshot.map_file)},
+        "objects": [_object(o, snapshot) for o in snapshot.objects.values()],
+        "activities": activities,
+        "motions": _motions(problem, plan, snapshot, times),
+        "changes": _changes(plan, snapshot, times),
+    }
+    if problem.base_variables:
+        # only by these can a plan with variables be read back and judged
+        data["parameters"] = {v.name: value_of(plan.get(v)) for v in problem.base_variables}
+    return data
+
+
+def result_to_dict(
+    problem: SchedulingMotionProblem,
+    result: PlanGenerationResult,
+    *,
+    seconds_per_unit: float = 1.0,
+) -> PlanDict:
+    """Return the plan of an engine's result as :func:`plan_to_dict` does, with the engine's name,
+    status and the ``lower_bound`` of its metrics. Raises :class:`ProblemError` without a plan.
+    """
+    if result.plan is None:
+        raise ProblemError(f"{result.engine_name} found no plan ({result.status.name})")
+    bound = (result.metrics or {}).get("lower_bound")
+    return plan_to_dict(
+        problem,
+        result.plan,
+        engine=result.engine_name,
+        status=result.status.name,
+        lower_bound=None if bound in (None, "", "None") else float(bound),
+        seconds_per_unit=seconds_per_unit,
+    )
+
+
+def _plain(value: float | None) -> float | int | None:
+    """Return a whole number as an int, anything else rounded; bounds that say nothing as None."""
+    if value is None or not math.isfinite(value):
+        return None
+    return int(value) if float(value).is_integer() else round(float(value), DECIMALS)
+
+
+def _object(movable: Movable, snapshot: Snapshot) -> dict[str, Any]:
+    limits = movable.body.kinematics
+    place = snapshot.initial.get(movable.name)
+    entry: dict[str, Any] = {
+        "name": movable.name,
+        "type": movable.type_name,
+        "footprint": [[_plain(x), _plain(y)] for x, y in movable.body.footprint],
+        "model": limits.model.value,
+        "turning_radius": _plain(limits.turning_radius),
+        "v_max": _plain(limits.v_max),
+        "a_max": _plain(limits.a_max),
+        "initial": None if place is None else _pose(snapshot.configurations[place]),
+    }
+    if limits.model is not MotionModel.REEDSSHEPP:
+        entry["omega_max"] = _plain(limits.omega_max)
+    if movable.body.mesh is not None:
+        entry["mesh"] = os.path.abspath(movable.body.mesh)
+    return entry
+
+
+def _pose(configuration: Configuration) -> list[float]:
+    return [round(float(v), DECIMALS) + 0.0 for v in configuration]
+
+
+def _activities(problem: SchedulingMotionProblem, plan: MotionSchedule) -> list[dict[str, Any]]:
+    """Return the present activities in the order of their start, then of the problem."""
+    known = {a.name: i for i, a in enumerate(problem.activities)}
+    entries = []
+    for activity in plan.activities:
+        if activity.name not in known:
+            raise ProblemError(f"the plan's activity '{activity.name}' is not in the problem")
+        entry: dict[str, Any] = {
+            "name": activity.name,
+            "start": _number(plan.get(activity.start)),
+            "end": _number(plan.get(activity.end)),
+        }
+        if activity.parameters:
+            entry["parameters"] = {
+                p.name.removeprefix(f"{activity.name}."): value_of(plan.get(p))
+                for p in activity.parameters
+            }
+        entries.append(entry)
+    return sorted(entries, key=lambda e: (e["start"], known[e["name"]]))
+
+
+def _number(value: FNode) -> float | int:
+    constant = value.constant_value()
+    return int(constant) if int(constant) == constant else float(constant)
+
+
+def value_of(value: FNode) -> bool | int | float | str:
+    """Return a constant expression as JSON would hold it: objects by their name."""
+    if value.is_object_exp():
+        name: str = value.object().name
+        return name
+    if value.is_bool_constant():
+        return bool(value.bool_constant_value())
+    return _number(value)
+
+
+def _motions(
+    problem: SchedulingMotionProblem,
+    plan: MotionSchedule,
+    snapshot: Snapshot,
+    times: Mapping[str, tuple[float, float]],
+) -> list[dict[str, Any]]:
+    entries = []
+    for task in snapshot.tasks:
+        if task.activity not in times:
+            continue
+        start = times[task.activity][0] * snapshot.seconds_per_unit
+        trajectory = _trajectory(problem, plan, task, start)
+        entries.append(
+            {
+                "activity": task.activity,
+                "object": task.object,
+                "samples": trajectory_rows(trajectory),
+            }
+        )
+    return sorted(entries, key=lambda e: (times[e["activity"]][0], e["samples"][0][0]))
+
+
+def _trajectory(
+    problem: SchedulingMotionProblem, plan: MotionSchedule, task: MotionTask, start: float
+) -> Trajectory:
+    """Return the plan's own trajectory of a motion, or the one that its UP path tells."""
+    timed: Mapping[Any, Trajectory] = getattr(plan, "trajectories", {})
+    if trajectory_key(task) in timed:
+        return timed[trajectory_key(task)]
+    for (activity, constraint), path in plan.motion_paths.items():
+        same = activity.name == task.activity and constraint.movable.is_object_exp()
+        if same and constraint.movable.object().name == task.object:
+            return path_trajectory(path, start, task.activity)
+    raise ProblemError(
+        f"the plan has neither a trajectory nor a path for '{task.object}' in activity "
+        f"'{task.activity}'"
+    )
+
+
+def _changes(
+    plan: MotionSchedule, snapshot: Snapshot, times: Mapping[str, tuple[float, float]]
+) -> list[dict[str, Any]]:
+    entries = []
+    for change in snapshot.changes:
+        if change.activity not in times:
+            continue
+        name = _configuration_name(plan, change, change.term)
+        entries.append(
+            {
+                "activity": change.activity,
+                "object": change.object,
+                "time": _plain(times[change.activity][1] * snapshot.seconds_per_unit),
+                "configuration": _pose(snapshot.configurations[name]),
+            }
+        )
+    return sorted(entries, key=lambda e: e["time"])
+
+
+def _configuration_name(plan: MotionSchedule, change: ChangeTask, term: Term) -> str:
+    if term.kind is TermKind.CONSTANT:
+        return term.name
+    if term.kind is TermKind.PARAMETER:
+        for variable, value in plan.assignment.items():
+            if getattr(variable, "name", None) == term.name:
+                return str(value_of(value))
+    raise UnsupportedError(
+        f"activity '{change.activity}' moves '{change.object}' to where {term.kind.value} "
+        f"'{term.name}' says; plan files need a configuration object or a parameter there"
+    )

@@ -1,0 +1,62 @@
+"""Make a UP plan of a plan dictionary again, to validate or to reuse it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from unified_planning.model.motion import SchedulingMotionProblem
+
+from up_samp.io.files import check_plan
+from up_samp.io.plan_dict import PlanDict
+from up_samp.io.sampling import rows_trajectory
+from up_samp.model import CandidateSchedule, ProblemError, Trajectory
+from up_samp.model.schedule import Value
+from up_samp.upio.plan import SampSchedule, build_plan, trajectory_key
+from up_samp.upio.read import read_problem
+
+
+def plan_from_dict(problem: SchedulingMotionProblem, plan: PlanDict) -> SampSchedule:
+    """Return the UP plan that ``plan`` holds, with its trajectories.
+
+    It is read, not judged: use the validator on it. Raises :class:`ProblemError` where names of
+    activities, objects or parameters do not fit the problem.
+    """
+    check_plan(plan, "the plan")
+    unit = plan["seconds_per_unit"]
+    snapshot = read_problem(problem, unit)
+    known = {a.name: a for a in problem.activities}
+    times: dict[str, tuple[int, int]] = {}
+    parameters: dict[str, Value] = dict(plan.get("parameters", {}))
+    for entry in plan["activities"]:
+        name = entry["name"]
+        if name not in known:
+            raise ProblemError(f"the plan's activity '{name}' is not in problem '{snapshot.name}'")
+        times[name] = (_whole(entry, "start"), _whole(entry, "end"))
+        given = entry.get("parameters", {})
+        for parameter in known[name].parameters:
+            short = parameter.name.removeprefix(f"{name}.")
+            if short not in given:
+                raise ProblemError(f"the plan gives activity '{name}' no parameter '{short}'")
+            parameters[parameter.name] = given[short]
+    missing = [v.name for v in problem.base_variables if v.name not in parameters]
+    if missing:
+        raise ProblemError(f"the plan gives the variable '{missing[0]}' no value")
+    trajectories: dict[str, Trajectory] = {}
+    samples = {(m["activity"], m["object"]): m["samples"] for m in plan["motions"]}
+    for task in snapshot.tasks:
+        if task.activity in times:
+            rows = samples.get((task.activity, task.object))
+            if rows is None:
+                raise ProblemError(
+                    f"the plan has no motion of '{task.object}' in activity '{task.activity}'"
+                )
+            trajectories[trajectory_key(task)] = rows_trajectory(rows)
+    candidate = CandidateSchedule(times, parameters)
+    return build_plan(problem, snapshot, candidate, trajectories)
+
+
+def _whole(entry: dict[str, Any], key: str) -> int:
+    value = entry[key]
+    if not isinstance(value, int | float) or value != int(value):
+        raise ProblemError(f"activity '{entry['name']}' has the {key} {value!r}, no whole number")
+    return int(value)

@@ -1,0 +1,129 @@
+"""Turn trajectories and UP paths into the rows that plan files hold."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from unified_planning.model.motion import SE2Path, SE2WithControlsPath, SE3Path
+
+from up_samp.model import ProblemError, Trajectory, interpolate
+
+FILE_STEP = 0.1
+"""Largest gap in s between two samples of a plan file while the object moves."""
+
+DECIMALS = 6
+"""Digits after the point of every time, coordinate and angle in a plan file."""
+
+
+def trajectory_rows(trajectory: Trajectory) -> list[list[float]]:
+    """Return ``[[t, *pose], ...]``: every sample, with more where they lie further apart than
+    :data:`FILE_STEP` s, without those in the middle of a rest.
+
+    Times in s, poses as in the trajectory, all rounded to :data:`DECIMALS` digits; times increase
+    strictly.
+    """
+    times, poses = trajectory.times, trajectory.poses
+    rows: list[list[float]] = []
+    for i in range(len(times)):
+        if i > 0:
+            _fill_gap(rows, trajectory, i)
+        if 0 < i < len(times) - 1 and _same(poses[i - 1], poses[i], poses[i + 1]):
+            continue
+        _append(rows, float(times[i]), poses[i])
+    return rows
+
+
+def _same(before: np.ndarray, here: np.ndarray, after: np.ndarray) -> bool:
+    return bool(np.array_equal(before, here) and np.array_equal(here, after))
+
+
+def _fill_gap(rows: list[list[float]], trajectory: Trajectory, i: int) -> None:
+    """Add samples between ``i - 1`` and ``i`` where the object moves for longer than a step."""
+    before, after = float(trajectory.times[i - 1]), float(trajectory.times[i])
+    if np.array_equal(trajectory.poses[i - 1], trajectory.poses[i]):
+        return
+    # a hair below the step, so that rounding cannot push a gap above it
+    pieces = math.ceil((after - before) / (FILE_STEP - 2 * 10.0**-DECIMALS) - 1e-12)
+    for k in range(1, pieces):
+        share = k / pieces
+        pose = interpolate(trajectory.poses[i - 1], trajectory.poses[i], share)
+        _append(rows, before + share * (after - before), pose)
+
+
+def _append(rows: list[list[float]], t: float, pose: tuple[float, ...] | np.ndarray) -> None:
+    row = [_rounded(t), *(_rounded(float(v)) for v in pose)]
+    if rows and row[0] <= rows[-1][0]:
+        # two samples within the last digit: the later one tells where the object is
+        row[0] = rows[-1][0]
+        rows[-1] = row
+        return
+    rows.append(row)
+
+
+def _rounded(value: float) -> float:
+    """Return ``value`` with :data:`DECIMALS` digits and no negative zero."""
+    return round(value, DECIMALS) + 0.0
+
+
+def rows_trajectory(rows: list[list[float]]) -> Trajectory:
+    """Return the trajectory whose samples are ``[[t, *pose], ...]``."""
+    table = np.asarray(rows, dtype=np.float64)
+    return Trajectory(table[:, 0].copy(), table[:, 1:].copy())
+
+
+def path_trajectory(path: object, start: float, activity: str) -> Trajectory:
+    """Return the timed motion along a UP path that starts at ``start`` (s, plan time).
+
+    A ``SE2WithControlsPath`` is read as pieces of constant twist: from each pose its linear
+    velocity (m/s, along the heading) and angular velocity (rad/s) hold for its duration (s).
+    Paths without times cannot be written to a plan file: :class:`ProblemError`.
+    """
+    if isinstance(path, SE2Path | SE3Path) or not isinstance(path, SE2WithControlsPath):
+        raise ProblemError(
+            f"the path of activity '{activity}' ({type(path).__name__}) says nothing about time; "
+            "a plan needs a trajectory or a SE2WithControlsPath for every motion"
+        )
+    if not path.path:
+        raise ProblemError(f"the path of activity '{activity}' is empty")
+    times: list[float] = [start]
+    poses: list[tuple[float, float, float]] = []
+    turned = 0.0
+    for index, (pose, speed, turn, seconds) in enumerate(path.path):
+        theta = pose.theta
+        if poses:
+            # continuous heading: the representation nearest to where the last piece ended
+            theta += 2 * math.pi * round((turned - theta) / (2 * math.pi))
+        here = (float(pose.x), float(pose.y), float(theta))
+        poses.append(here)
+        if seconds > 0:
+            after = _after(here, speed, turn, seconds)
+            turned = after[2]
+            times.append(times[-1] + seconds)
+            if index == len(path.path) - 1:
+                poses.append(after)
+        else:
+            turned = theta
+            if index < len(path.path) - 1:
+                poses.pop()
+    return Trajectory(np.asarray(times[: len(poses)]), np.asarray(poses, dtype=np.float64))
+
+
+def _after(
+    pose: tuple[float, float, float], speed: float, turn: float, seconds: float
+) -> tuple[float, float, float]:
+    """Return the pose after driving an arc: unicycle model, exact integration."""
+    x, y, theta = pose
+    end = theta + turn * seconds
+    if abs(turn) < 1e-12:
+        return (
+            x + speed * seconds * math.cos(theta),
+            y + speed * seconds * math.sin(theta),
+            end,
+        )
+    radius = speed / turn
+    return (
+        x + radius * (math.sin(end) - math.sin(theta)),
+        y - radius * (math.cos(end) - math.cos(theta)),
+        end,
+    )

@@ -1,0 +1,185 @@
+"""A plan's schedule as a Gantt chart."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch, Rectangle
+from matplotlib.text import Text
+from matplotlib.transforms import Bbox
+
+from up_samp.plotting.colors import INK, OTHER, ink_on, mixed
+from up_samp.plotting.labels import drawn
+from up_samp.plotting.rows import Bar, Row, rows_of
+from up_samp.plotting.tracks import horizon
+
+_LANE = 1.0
+_HEADROOM = 0.55
+_BAR = 0.72
+
+
+def plot_gantt(plan: dict[str, Any], ax: Axes | None = None) -> Axes:
+    """Draw a row for each moving object, each object that is changed, and each group of others.
+
+    ``plan`` is a plan dictionary (:func:`up_samp.io.plan_to_dict`). In a motion's bar the solid
+    part is driving, the hatched part waiting. The time axis is in seconds. Returns the axes;
+    without ``ax``, those of a new figure (``ax.figure.savefig(...)``).
+    """
+    rows = rows_of(plan)
+    heights = [row.lanes * _LANE + _HEADROOM for row in rows]
+    if ax is None:
+        tall = 1.9 + 0.42 * sum(heights)
+        figure = Figure(figsize=(13.0, min(tall, 40.0)), layout="constrained", dpi=130)
+        ax = figure.add_subplot()
+    end = horizon(plan)
+    ax.set_xlim(-0.004 * end, 1.012 * end)
+    ax.set_ylim(max(sum(heights), 1.0), 0.0)
+    _frame(ax, plan, rows, heights)
+    drawn(ax)
+    top = 0.0
+    for row, height in zip(rows, heights, strict=True):
+        _draw_row(ax, row, top, end)
+        top += height
+    _mark_ends(ax, plan)
+    return ax
+
+
+def _frame(ax: Axes, plan: dict[str, Any], rows: list[Row], heights: list[float]) -> None:
+    top = 0.0
+    ticks = []
+    for i, height in enumerate(heights):
+        ticks.append(top + (height + _HEADROOM - (_LANE - _BAR)) / 2)
+        ax.axhspan(top, top + height, color="#F4F6F8" if i % 2 else "#FFFFFF", zorder=0, lw=0)
+        top += height
+    ax.set_yticks(ticks, [row.name for row in rows])
+    for text, row in zip(ax.get_yticklabels(), rows, strict=True):
+        text.set_color(row.color if row.track is not None else INK)
+        text.set_fontweight("bold" if row.track is not None else "normal")
+    ax.tick_params(axis="y", length=0)
+    ax.set_xlabel("time [s]")
+    ax.xaxis.grid(True, color="#D5DAE0", lw=0.6, zorder=0.5)
+    ax.set_axisbelow(True)
+    for side in ("top", "right", "left"):
+        ax.spines[side].set_visible(False)
+    ax.set_title(title_of(plan), loc="left", fontsize=11, color=INK, pad=26)
+    keys = [
+        Patch(fc=OTHER, ec=OTHER, label="driving"),
+        Patch(fc=mixed(OTHER, 0.75), ec=OTHER, hatch="////", label="motion, waiting"),
+        Patch(fc=mixed(OTHER, 0.75), ec=OTHER, label="other activity"),
+    ]
+    ax.legend(
+        handles=keys, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False,
+        fontsize=8, borderaxespad=0.2,
+    )  # fmt: skip
+
+
+def title_of(plan: dict[str, Any]) -> str:
+    """Return a line that says which plan this is."""
+    parts = [plan["problem"], f"makespan {plan['makespan']}"]
+    if plan["lower_bound"] is not None:
+        parts.append(f"proven lower bound {plan['lower_bound']}")
+    parts += [plan["engine"], plan["status"].replace("_", " ").lower()]
+    return "  ·  ".join(p for p in parts if p)
+
+
+def _draw_row(ax: Axes, row: Row, top: float, end: float) -> None:
+    taken: list[Bbox] = []
+    for bar in row.bars:
+        bottom = top + _HEADROOM + bar.lane * _LANE
+        _draw_bar(ax, row, bar, bottom)
+    if row.track is not None and not row.track.moves:
+        _draw_changes(ax, row, top, end)
+    for bar in row.bars:
+        _write_label(ax, row, bar, top + _HEADROOM + bar.lane * _LANE, taken)
+
+
+def _draw_bar(ax: Axes, row: Row, bar: Bar, bottom: float) -> None:
+    width = max(bar.end - bar.start, 1e-9)
+    ax.add_patch(
+        Rectangle(
+            (bar.start, bottom), width, _BAR, fc=mixed(row.color, 0.75), ec=row.color, lw=0.9,
+            hatch="////" if bar.motion else None, zorder=2,
+        )
+    )  # fmt: skip
+    for start, end in bar.driving:
+        ax.add_patch(
+            Rectangle((start, bottom), end - start, _BAR, fc=row.color, ec="none", zorder=3)
+        )
+
+
+def _draw_changes(ax: Axes, row: Row, top: float, end: float) -> None:
+    """Draw an object that is changed as one strip a configuration, with a mark at each change."""
+    assert row.track is not None
+    times = [t for t, _ in row.track.changes]
+    middle = top + _HEADROOM + _BAR / 2
+    for i, (start, stop) in enumerate(zip([0.0, *times], [*times, end], strict=True)):
+        ax.plot(
+            [start, stop], [middle, middle], color=mixed(row.color, 0.0 if i % 2 == 0 else 0.6),
+            lw=5, solid_capstyle="butt", zorder=1.5,
+        )  # fmt: skip
+    ax.plot(times, [middle] * len(times), "D", ms=7, mfc="white", mec=row.color, mew=1.6, zorder=5)
+    for t, pose in row.track.changes:
+        ax.annotate(
+            f"to ({pose[0]:g}, {pose[1]:g}) at {t:g} s", (t, middle), xytext=(9, 0),
+            textcoords="offset points", fontsize=8, va="center", color=INK, zorder=6,
+            bbox={"boxstyle": "round,pad=0.15", "fc": "#FFFFFFE0", "ec": "none"},
+        )  # fmt: skip
+
+
+def _write_label(ax: Axes, row: Row, bar: Bar, bottom: float, taken: list[Bbox]) -> None:
+    """Write the longest of the bar's names that fits into it, else the first above it."""
+    if row.track is not None and not row.track.moves:
+        return
+    solid = sum(b - a for a, b in bar.driving) > 0.5 * (bar.end - bar.start)
+    color = ink_on(row.color) if solid else INK
+    middle = bottom + _BAR / 2
+    room = _width(ax, bar.start, bar.end) - 4
+    for name in bar.labels:
+        text = ax.text(
+            (bar.start + bar.end) / 2, middle, name, ha="center", va="center", fontsize=8,
+            color=color, zorder=6, clip_on=True,
+        )  # fmt: skip
+        if _extent(text).width <= room:
+            if bar.motion and not solid:
+                text.set_bbox({"boxstyle": "round,pad=0.1", "fc": "#FFFFFFD0", "ec": "none"})
+            taken.append(_extent(text))
+            return
+        text.remove()
+    _write_above(ax, bar, bottom, taken)
+
+
+def _write_above(ax: Axes, bar: Bar, bottom: float, taken: list[Bbox]) -> None:
+    """Name a narrow bar in the free strip above it, unless that would cover another name."""
+    right_edge = ax.get_window_extent().x1
+    for name in reversed(bar.labels):
+        text = ax.text(
+            bar.start, bottom - 0.06, name, ha="left", va="bottom", fontsize=7, color=INK, zorder=6
+        )
+        box = _extent(text)
+        if box.x1 > right_edge:
+            text.set(ha="right", x=bar.end)
+            box = _extent(text)
+        if not any(box.overlaps(other) for other in taken):
+            taken.append(box)
+            return
+        text.remove()
+
+
+def _extent(text: Text) -> Bbox:
+    return text.get_window_extent()
+
+
+def _width(ax: Axes, start: float, end: float) -> float:
+    left, right = ax.transData.transform([(start, 0.0), (end, 0.0)])
+    return float(right[0] - left[0])
+
+
+def _mark_ends(ax: Axes, plan: dict[str, Any]) -> None:
+    unit = plan["seconds_per_unit"]
+    span = plan["makespan"] * unit
+    ax.axvline(span, color=INK, lw=1.2, ls="--", zorder=4)
+    bound = plan["lower_bound"]
+    if bound is not None and 0 < bound < plan["makespan"]:
+        ax.axvline(bound * unit, color=INK, lw=1.2, ls=":", zorder=4)

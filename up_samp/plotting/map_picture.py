@@ -1,0 +1,215 @@
+"""A plan's paths on its map."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib import patheffects
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Polygon
+from matplotlib.transforms import Bbox
+
+from up_samp.plotting.background import background_of
+from up_samp.plotting.colors import FIXTURE, INK, color_of, mixed
+from up_samp.plotting.gantt import title_of
+from up_samp.plotting.labels import Label, place_labels
+from up_samp.plotting.tracks import FloatArray, Leg, Track, tracks_of
+
+_Pose = tuple[float, float, float]
+
+
+def plot_map(
+    plan: dict[str, Any],
+    ax: Axes | None = None,
+    *,
+    places: Mapping[str, tuple[float, ...]] | None = None,
+    footprint_every: float | None = None,
+) -> Axes:
+    """Draw the map, every object's path, and footprints where motions start, end and on the way.
+
+    ``plan`` is a plan dictionary. ``places`` maps names to poses (:func:`places_of`): those where a
+    motion starts or ends are labelled. ``footprint_every`` is the distance in m between footprints
+    along a path (default: so that they do not clutter). Objects that are changed rather
+    than driven (doors) are solid as they are at first and outlined as they become. Returns the
+    axes; without ``ax``, those of a new figure.
+    """
+    ground = background_of(plan)
+    left, right, bottom, top = ground.extent
+    if ax is None:
+        width = 13.0
+        height = min(max(width * (top - bottom) / (right - left), 2.5), 20.0) + 1.3
+        ax = Figure(figsize=(width, height), layout="constrained", dpi=130).add_subplot()
+    ax.imshow(ground.pixels, extent=ground.extent, interpolation="nearest", zorder=0)
+    ax.set_xlim(left, right)
+    ax.set_ylim(bottom, top)
+    ax.set_aspect("equal")
+    ax.set_xlabel("x [m]")
+    ax.set_ylabel("y [m]")
+    tracks = tracks_of(plan)
+    movers = [t for t in tracks if t.moves]
+    step = footprint_every or _spacing(movers, max(right - left, top - bottom))
+    labels: list[Label] = []
+    for i, track in enumerate(movers):
+        _draw_mover(ax, track, color_of(i), step)
+        if track.initial is not None:
+            labels.append(_named(track, track.name, track.initial, color_of(i), bold=True))
+    for track in tracks:
+        if not track.moves and track.initial is not None:
+            labels += _draw_still(ax, track)
+    labels += _place_labels(movers, places or {})
+    ax.set_title(title_of(plan), loc="left", fontsize=11, color=INK)
+    _legend(ax, movers, any(not t.moves for t in tracks))
+    place_labels(ax, labels, avoid=_stops(ax, movers))
+    return ax
+
+
+def places_of(problem: Any) -> dict[str, tuple[float, ...]]:
+    """Return the named configurations of a UP problem, for the labels of :func:`plot_map`."""
+    found: dict[str, tuple[float, ...]] = {}
+    for obj in problem.all_objects:
+        configuration = getattr(obj, "configuration", None)
+        if configuration is not None:
+            found[obj.name] = tuple(float(v) for v in configuration)
+    return found
+
+
+def _spacing(movers: list[Track], longest: float) -> float:
+    """Return a distance between footprints at which they stay apart and do not clutter, m."""
+    sizes = [np.ptp(np.asarray(t.footprint), axis=0).max() for t in movers if t.footprint]
+    return float(max([longest / 30, *(2.0 * s for s in sizes)]))
+
+
+def _draw_mover(ax: Axes, track: Track, color: str, step: float) -> None:
+    casing = [patheffects.Stroke(linewidth=3.4, foreground="white"), patheffects.Normal()]
+    for leg in track.legs:
+        ax.plot(
+            leg.poses[:, 0], leg.poses[:, 1], color=color, lw=1.7, zorder=3, path_effects=casing,
+            solid_capstyle="round",
+        )  # fmt: skip
+        for pose in _along(leg, step):
+            _draw_body(ax, track, pose, fc=mixed(color, 0.7), ec=color, lw=0.6, zorder=2, alpha=0.7)
+        _draw_direction(ax, leg, color)
+    for leg in track.legs:
+        for pose in (_pose(leg, 0), _pose(leg, -1)):
+            _draw_body(ax, track, pose, fc=mixed(color, 0.35), ec=color, lw=1.1, zorder=4)
+    if track.initial is not None:
+        _draw_body(ax, track, track.initial, fc=color, ec=INK, lw=1.2, zorder=5)
+
+
+def _draw_body(ax: Axes, track: Track, pose: _Pose, **style: Any) -> None:
+    """Draw a footprint with a stroke from its centre to its front."""
+    outline = track.outline(pose)
+    ax.add_patch(Polygon(outline, closed=True, **style))
+    front = max((c[0] for c in track.footprint), default=0.2)
+    tip = (pose[0] + front * np.cos(pose[2]), pose[1] + front * np.sin(pose[2]))
+    ax.plot(
+        [pose[0], tip[0]], [pose[1], tip[1]], color=style["ec"], lw=style["lw"],
+        zorder=style["zorder"] + 0.1,
+    )  # fmt: skip
+
+
+def _pose(leg: Leg, i: int) -> _Pose:
+    x, y, yaw = (float(v) for v in leg.poses[i])
+    return x, y, yaw
+
+
+def _gone(leg: Leg) -> FloatArray:
+    """Return the distance driven (m) up to each sample."""
+    steps = np.hypot(*np.diff(leg.poses[:, :2], axis=0).T)
+    gone: FloatArray = np.concatenate([[0.0], np.cumsum(steps)])
+    return gone
+
+
+def _along(leg: Leg, step: float) -> list[_Pose]:
+    """Return poses about every ``step`` m along the leg, without its ends."""
+    gone = _gone(leg)
+    count = int(gone[-1] / step)
+    marks = (np.arange(count) + 0.5) * gone[-1] / count if count else np.array([])
+    return [_pose(leg, int(np.searchsorted(gone, m))) for m in marks]
+
+
+def _draw_direction(ax: Axes, leg: Leg, color: str) -> None:
+    """Draw an arrow head halfway along the leg, where it drives to."""
+    gone = _gone(leg)
+    if gone[-1] <= 0:
+        return
+    i = max(1, int(np.searchsorted(gone, gone[-1] / 2)))
+    before = int(np.searchsorted(gone, max(0.0, gone[i] - 0.5)))
+    before = min(before, i - 1)
+    ax.annotate(
+        "", xy=_pose(leg, i)[:2], xytext=_pose(leg, before)[:2], zorder=6,
+        arrowprops={
+            "arrowstyle": "-|>,head_length=0.5,head_width=0.28", "color": color, "lw": 0,
+            "mutation_scale": 13, "shrinkA": 0, "shrinkB": 0,
+        },
+    )  # fmt: skip
+
+
+def _draw_still(ax: Axes, track: Track) -> list[Label]:
+    """Draw an object that nobody drives: solid where it starts, outlined where it is put."""
+    assert track.initial is not None
+    ax.add_patch(
+        Polygon(track.outline(track.initial), closed=True, fc=FIXTURE, ec=INK, lw=0.8, zorder=2.6)
+    )
+    labels = [_named(track, track.name, track.initial, FIXTURE, bold=True)]
+    for t, pose in track.changes:
+        ax.add_patch(
+            Polygon(
+                track.outline(pose), closed=True, fc="none", ec=FIXTURE, lw=1.4, ls=(0, (3, 2)),
+                zorder=2.6,
+            )
+        )  # fmt: skip
+        labels.append(_named(track, f"{track.name} from {t:g} s", pose, FIXTURE))
+    return labels
+
+
+def _named(track: Track, text: str, pose: _Pose, color: str, *, bold: bool = False) -> Label:
+    """Return a label that stays outside the footprint at ``pose``."""
+    reach = np.abs(track.outline(pose) - pose[:2]).max(axis=0)
+    return Label(text, pose[0], pose[1], color, bold, (float(reach[0]), float(reach[1])))
+
+
+def _place_labels(movers: list[Track], places: Mapping[str, tuple[float, ...]]) -> list[Label]:
+    """Return a label for each place where a motion starts or ends; one where places coincide."""
+    found: dict[tuple[float, float], tuple[Track, _Pose, list[str]]] = {}
+    for track in movers:
+        for leg in track.legs:
+            for stop in (_pose(leg, 0), _pose(leg, -1)):
+                for name, pose in places.items():
+                    if np.hypot(stop[0] - pose[0], stop[1] - pose[1]) > 1e-2:
+                        continue
+                    key = (round(pose[0], 2), round(pose[1], 2))
+                    names = found.setdefault(key, (track, stop, []))[2]
+                    if name not in names:
+                        names.append(name)
+    return [_named(t, " / ".join(names), stop, INK) for t, stop, names in found.values()]
+
+
+def _stops(ax: Axes, movers: list[Track]) -> list[Bbox]:
+    """Return what labels must not cover: the places where motions start and end, display units."""
+    boxes = []
+    for track in movers:
+        for leg in track.legs:
+            for i in (0, -1):
+                corners = ax.transData.transform(track.outline(_pose(leg, i)))
+                boxes.append(Bbox([corners.min(axis=0), corners.max(axis=0)]))
+    return boxes
+
+
+def _legend(ax: Axes, movers: list[Track], fixtures: bool) -> None:
+    keys: list[Any] = [
+        Line2D([], [], color=color_of(i), lw=2.4, label=t.name) for i, t in enumerate(movers)
+    ]
+    keys.append(Patch(fc=INK, ec=INK, label="robot at the start"))
+    keys.append(Patch(fc=mixed(INK, 0.5), ec=INK, label="a motion's start or end"))
+    if fixtures:
+        keys.append(Patch(fc=FIXTURE, ec=INK, label="door, or other object, at first"))
+        keys.append(Patch(fc="none", ec=FIXTURE, ls="--", label="after a change"))
+    ax.legend(
+        handles=keys, loc="upper center", bbox_to_anchor=(0.5, -0.06), frameon=False,
+        ncols=min(len(keys), 7), fontsize=8,
+    )  # fmt: skip

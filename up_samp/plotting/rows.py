@@ -1,0 +1,135 @@
+"""Which activity is shown in which row of a Gantt chart, and under which short name."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import Any
+
+from up_samp.plotting.colors import FIXTURE, OTHER, color_of
+from up_samp.plotting.tracks import Track, tracks_of
+
+MOST_GROUPS = 10
+"""More groups of other activities than this are shown as one."""
+
+
+@dataclass(frozen=True)
+class Bar:
+    """An activity in a row: ``start`` and ``end`` in s, ``lane`` counts from 0 within the row.
+
+    ``driving`` are the intervals (s) in which the row's object really moves.
+    """
+
+    activity: str
+    start: float
+    end: float
+    labels: tuple[str, ...]
+    lane: int = 0
+    motion: bool = False
+    driving: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass
+class Row:
+    """A row: an object that moves, an object that is changed, or a group of other activities."""
+
+    name: str
+    color: str
+    track: Track | None = None
+    bars: list[Bar] = field(default_factory=list)
+
+    @property
+    def lanes(self) -> int:
+        """How many bars lie above each other at most."""
+        return max((b.lane for b in self.bars), default=0) + 1
+
+
+def rows_of(plan: dict[str, Any]) -> list[Row]:
+    """Return the rows of a plan: moving objects, changed objects, then other activities.
+
+    An activity that moves no object belongs to the moving object that its name or its parameters
+    mention (``pick_r0_item`` to ``r0``), else to the object that it changes, else to a group of
+    activities whose names start alike.
+    """
+    tracks = tracks_of(plan)
+    movers = [t for t in tracks if t.moves]
+    changed = [t for t in tracks if not t.moves and t.changes]
+    rows = {t.name: Row(t.name, color_of(i), t) for i, t in enumerate(movers)}
+    rows |= {t.name: Row(t.name, FIXTURE, t) for t in changed}
+    motions: dict[str, list[str]] = {}
+    for motion in plan["motions"]:
+        motions.setdefault(motion["activity"], []).append(motion["object"])
+    groups: dict[str, Row] = {}
+    unit = plan["seconds_per_unit"]
+    for activity in plan["activities"]:
+        name = activity["name"]
+        span = (activity["start"] * unit, activity["end"] * unit)
+        homes = motions.get(name) or _homes(activity, movers, plan["changes"])
+        for row in [rows[home] for home in homes] or [_group(groups, name)]:
+            row.bars.append(_bar(row, name, span, motion=name in motions))
+    if len(groups) > MOST_GROUPS:
+        bars = sorted((b for g in groups.values() for b in g.bars), key=lambda b: b.start)
+        groups = {"other": Row("other", OTHER, None, bars)}
+    everything = [*rows.values(), *groups.values()]
+    for row in everything:
+        row.bars = _laned(row.bars)
+    return everything
+
+
+def mentions(text: str, name: str) -> bool:
+    """Return whether ``name`` occurs in ``text`` as a word of its own (``r1`` not in ``r10``)."""
+    return bool(re.search(rf"(?<![A-Za-z0-9]){re.escape(name)}(?![A-Za-z0-9])", text))
+
+
+def _homes(
+    activity: dict[str, Any], movers: list[Track], changes: list[dict[str, Any]]
+) -> list[str]:
+    given = {str(v) for v in activity.get("parameters", {}).values()}
+    named = [t.name for t in movers if t.name in given or mentions(activity["name"], t.name)]
+    if named:
+        return named
+    return list(dict.fromkeys(c["object"] for c in changes if c["activity"] == activity["name"]))
+
+
+def _group(groups: dict[str, Row], activity: str) -> Row:
+    stem = re.split(r"[^A-Za-z]+", activity, maxsplit=1)[0] or "other"
+    return groups.setdefault(stem, Row(stem, OTHER))
+
+
+def _bar(row: Row, activity: str, span: tuple[float, float], *, motion: bool) -> Bar:
+    driving: tuple[tuple[float, float], ...] = ()
+    if motion and row.track is not None:
+        legs = [leg for leg in row.track.legs if leg.activity == activity]
+        driving = tuple(s for leg in legs for s in leg.driving())
+    labels = short_names(activity, row.name if row.track is not None else "", motion=motion)
+    return Bar(activity, span[0], span[1], labels, motion=motion, driving=driving)
+
+
+def short_names(activity: str, row: str, *, motion: bool) -> tuple[str, ...]:
+    """Return names for an activity in the row of the object ``row`` (or ""), the longest first."""
+    words = activity
+    if row:
+        words = re.sub(rf"(?<![A-Za-z0-9]){re.escape(row)}(?![A-Za-z0-9])", " ", activity)
+    text = " ".join(w for w in re.split(r"[\s_]+", words) if w) or activity
+    names = [text]
+    if motion and re.search(r"\bto\b", text):
+        origin, _, goal = text.partition(" to ")
+        if goal:
+            names += [f"{origin.split()[-1]} → {goal}" if origin else f"→ {goal}", f"→ {goal}"]
+            names.append(goal)
+    return tuple(dict.fromkeys(names))
+
+
+def _laned(bars: list[Bar]) -> list[Bar]:
+    """Put bars that overlap into lanes of their own (touching ends share a lane)."""
+    free: list[float] = []
+    placed = []
+    for bar in sorted(bars, key=lambda b: (b.start, b.end)):
+        lane = next((i for i, end in enumerate(free) if end <= bar.start), len(free))
+        if lane == len(free):
+            free.append(bar.end)
+        free[lane] = bar.end
+        placed.append(
+            Bar(bar.activity, bar.start, bar.end, bar.labels, lane, bar.motion, bar.driving)
+        )
+    return placed

@@ -1,0 +1,128 @@
+"""Where every object of a plan is at every instant, read from the plan dictionary alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """One motion of an object: ``times`` (n,) in s, ``poses`` (n, 3): x, y in m, yaw in rad."""
+
+    activity: str
+    times: FloatArray
+    poses: FloatArray
+
+    def driving(self, least: float = 0.25) -> list[tuple[float, float]]:
+        """Return the intervals (s) in which the object moves; rests below ``least`` s are
+        bridged, so that a cusp does not count as waiting.
+        """
+        moves = np.any(np.abs(np.diff(self.poses, axis=0)) > 1e-9, axis=1)
+        spans: list[tuple[float, float]] = []
+        for i in np.flatnonzero(moves):
+            start, end = float(self.times[i]), float(self.times[i + 1])
+            if spans and start - spans[-1][1] < least:
+                spans[-1] = (spans[-1][0], end)
+            else:
+                spans.append((start, end))
+        return spans
+
+
+@dataclass(frozen=True)
+class Track:
+    """An object over time. It rests at its last configuration; ``changes`` are instantaneous."""
+
+    name: str
+    type_name: str
+    footprint: tuple[tuple[float, float], ...]
+    initial: tuple[float, float, float] | None
+    legs: tuple[Leg, ...]
+    changes: tuple[tuple[float, tuple[float, float, float]], ...]
+
+    @property
+    def moves(self) -> bool:
+        """Whether the object is driven by some motion (a robot, not a door)."""
+        return bool(self.legs)
+
+    def at(self, t: float) -> tuple[float, float, float] | None:
+        """Return x, y (m) and yaw (rad) at ``t`` s; None where the plan does not tell."""
+        pose, since = self.initial, -math.inf
+        for leg in self.legs:
+            if leg.times[0] <= t and leg.times[0] >= since:
+                since = float(leg.times[0])
+                x, y, yaw = (float(np.interp(t, leg.times, leg.poses[:, k])) for k in range(3))
+                pose = (x, y, yaw)
+        for when, configuration in self.changes:
+            if since <= when <= t:
+                since, pose = when, configuration
+        return pose
+
+    def outline(self, pose: tuple[float, float, float]) -> FloatArray:
+        """Return the footprint's corners (n, 2) at a pose, m, world frame."""
+        return placed(self.footprint, pose)
+
+
+def placed(
+    footprint: Sequence[tuple[float, float]], pose: tuple[float, float, float]
+) -> FloatArray:
+    """Return the corners (n, 2) of a footprint at a pose; a small square where it has none."""
+    corners = footprint or ((-0.2, -0.2), (0.2, -0.2), (0.2, 0.2), (-0.2, 0.2))
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    turn = np.array([[c, s], [-s, c]])
+    moved: FloatArray = np.asarray(corners, dtype=np.float64) @ turn + np.asarray(pose[:2])
+    return moved
+
+
+def flat(row: Sequence[float]) -> tuple[float, float, float]:
+    """Return a configuration as seen from above: (x, y, yaw) of a planar or a spatial pose."""
+    if len(row) == 3:
+        return float(row[0]), float(row[1]), float(row[2])
+    qx, qy, qz, qw = (float(v) for v in row[3:7])
+    yaw = math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
+    return float(row[0]), float(row[1]), yaw
+
+
+def tracks_of(plan: dict[str, Any]) -> list[Track]:
+    """Return a track for each object of a plan dictionary, in its order."""
+    tracks = []
+    for entry in plan["objects"]:
+        name = entry["name"]
+        legs = [_leg(m) for m in plan["motions"] if m["object"] == name]
+        changes = [
+            (float(c["time"]), flat(c["configuration"]))
+            for c in plan["changes"]
+            if c["object"] == name
+        ]
+        tracks.append(
+            Track(
+                name,
+                entry["type"],
+                tuple((float(x), float(y)) for x, y in entry["footprint"]),
+                None if entry["initial"] is None else flat(entry["initial"]),
+                tuple(sorted(legs, key=lambda leg: float(leg.times[0]))),
+                tuple(sorted(changes)),
+            )
+        )
+    return tracks
+
+
+def _leg(motion: dict[str, Any]) -> Leg:
+    rows = motion["samples"]
+    poses = np.array([flat(r[1:]) for r in rows], dtype=np.float64)
+    poses[:, 2] = np.unwrap(poses[:, 2])
+    return Leg(motion["activity"], np.array([r[0] for r in rows], dtype=np.float64), poses)
+
+
+def horizon(plan: dict[str, Any]) -> float:
+    """Return the plan's length in s (at least a hair, so that axes have a width)."""
+    ends = [m["samples"][-1][0] for m in plan["motions"]]
+    ends += [c["time"] for c in plan["changes"]]
+    return float(max([plan["makespan"] * plan["seconds_per_unit"], *ends, 1e-3]))
