@@ -95,13 +95,13 @@ class Elsewhere:
 
 @dataclass(frozen=True)
 class Overlap:
-    """``rival`` is present and overlaps in time with ``activity``."""
+    """``rival`` is present and neither wholly before nor wholly after all of ``activities``."""
 
     rival: str
-    activity: str
+    activities: tuple[str, ...]
 
     def __str__(self) -> str:
-        return f"{self.rival} overlaps {self.activity}"
+        return f"{self.rival} overlaps {', '.join(self.activities)}"
 
 
 Literal = Absent | Apart | Elsewhere | Overlap
@@ -128,19 +128,32 @@ class Lasts:
         return f"{self.activity} lasts at least {self.at_least}"
 
 
+class Span(enum.Enum):
+    """Over which part of an activity something is required."""
+
+    START = "at its start"
+    TAIL = "in its last part"
+    WHOLE = "all the time"
+
+
 @dataclass(frozen=True)
 class Requires:
-    """While ``activity`` is under way, in [start + 1, end], ``object`` is at none of these.
+    """``object`` is at none of ``configurations`` over a span of ``activity``.
 
-    The first instant is left out: a change at the activity's start comes just in time.
+    ``WHOLE`` is [start + 1, end] (a change at the start comes just in time), ``TAIL`` is
+    [end - tail + 1, end] (or the end alone where ``tail`` is 0), ``START`` the start alone.
     """
 
     activity: str
     object: str
     configurations: frozenset[str]
+    span: Span = Span.WHOLE
+    tail: int = 0
 
     def __str__(self) -> str:
-        return f"{self.activity} requires {self.object} not at {sorted(self.configurations)}"
+        when = f"in its last {self.tail} units" if self.span is Span.TAIL else self.span.value
+        places = ", ".join(sorted(self.configurations))
+        return f"{self.activity} needs {self.object} away from {places} {when}"
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,6 @@
-"""refinement."""
+"""Pure functions from motion reports to refinements."""
+
+from up_samp.refinement import rules
+from up_samp.refinement.evaluate import holds
+
+__all__ = ["holds", "rules"]

@@ -7,7 +7,7 @@ from typing import Any
 
 from unified_planning.model import FNode, Timing
 from unified_planning.model.scheduling import Activity
-from unified_planning.model.timing import ClosedTimeInterval
+from unified_planning.model.timing import ClosedTimeInterval, TimePointInterval
 
 from up_samp.model.refinement import (
     Absent,
@@ -20,6 +20,7 @@ from up_samp.model.refinement import (
     Overlap,
     Refinement,
     Requires,
+    Span,
     TimeRef,
 )
 from up_samp.upio.relaxation import Relaxation, whole
@@ -66,7 +67,13 @@ def _forbid(relaxation: Relaxation, activity: Activity) -> None:
 def _write_requires(relaxation: Relaxation, requires: Requires) -> None:
     manager = relaxation.problem.environment.expression_manager
     activity = relaxation.activities[requires.activity]
-    span = ClosedTimeInterval(Timing(1, activity.start), Timing(0, activity.end))
+    end = Timing(0, activity.end)
+    if requires.span is Span.WHOLE:
+        span = ClosedTimeInterval(Timing(1, activity.start), end)
+    elif requires.span is Span.TAIL:
+        span = ClosedTimeInterval(Timing(-max(0, requires.tail - 1), activity.end), end)
+    else:
+        span = TimePointInterval(Timing(0, activity.start))
     state = relaxation.state[requires.object]
     for name in sorted(requires.configurations):
         place = manager.ObjectExp(relaxation.problem.object(name))
@@ -136,12 +143,12 @@ def _auxiliary(relaxation: Relaxation, literal: Elsewhere, number: int) -> Activ
 def _overlap(relaxation: Relaxation, literal: Overlap) -> FNode:
     manager = relaxation.problem.environment.expression_manager
     rival = relaxation.activities[literal.rival]
-    main = relaxation.activities[literal.activity]
-    both = manager.And(
-        manager.LE(rival.start, main.end),
-        manager.LE(main.start, rival.end),
+    others = [relaxation.activities[n] for n in literal.activities]
+    not_after = manager.Or([manager.LE(rival.start, a.end) for a in others])
+    not_before = manager.Or([manager.LE(a.start, rival.end) for a in others])
+    return _with_presence(
+        relaxation, manager.And(not_after, not_before), {literal.rival, *literal.activities}
     )
-    return _with_presence(relaxation, both, {literal.rival, literal.activity})
 
 
 def _timepoint(relaxation: Relaxation, ref: TimeRef) -> Any:

@@ -1,0 +1,74 @@
+"""Problems without motions are simply scheduled."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from unified_planning.engines import (
+    LogLevel,
+    LogMessage,
+    PlanGenerationResult,
+    PlanGenerationResultStatus,
+)
+from unified_planning.model.motion import SchedulingMotionProblem
+from unified_planning.plans import Schedule
+
+from up_samp.model import Deadline, ScheduleReport, ScheduleStatus
+from up_samp.scheduling import open_scheduler
+from up_samp.upio import build_schedule, read_problem, relax
+from up_samp.validation import validate_schedule
+
+_STATUSES = {
+    ScheduleStatus.OPTIMAL: PlanGenerationResultStatus.SOLVED_OPTIMALLY,
+    ScheduleStatus.FOUND: PlanGenerationResultStatus.SOLVED_SATISFICING,
+    ScheduleStatus.INFEASIBLE: PlanGenerationResultStatus.UNSOLVABLE_PROVEN,
+    ScheduleStatus.NOT_FOUND: PlanGenerationResultStatus.UNSOLVABLE_INCOMPLETELY,
+    ScheduleStatus.OUT_OF_TIME: PlanGenerationResultStatus.TIMEOUT,
+    ScheduleStatus.ERROR: PlanGenerationResultStatus.INTERNAL_ERROR,
+}
+
+
+def schedule_plainly(
+    engine: Any, problem: Any, deadline: Deadline, optimal: bool
+) -> PlanGenerationResult:
+    """Return the wrapped engine's schedule for a problem that moves nothing, validated."""
+    plain = problem
+    if isinstance(problem, SchedulingMotionProblem):
+        plain = relax(problem, read_problem(problem, engine.params.seconds_per_unit)).problem
+    scheduler = open_scheduler(
+        engine._engine_class,
+        plain,
+        params=engine.engine_params,
+        seed=engine.params.seed,
+        check=_check,
+        environment=problem.environment,
+    )
+    try:
+        report = scheduler.solve(deadline, optimal=optimal or bool(problem.quality_metrics))
+    finally:
+        scheduler.close()
+    return _to_result(engine, problem, report)
+
+
+def _check(problem: Any, schedule: Schedule) -> list[str]:
+    return [str(v) for v in validate_schedule(problem, schedule).violations]
+
+
+def _to_result(engine: Any, problem: Any, report: ScheduleReport) -> PlanGenerationResult:
+    status, message, plan = _STATUSES[report.status], report.message, None
+    if report.schedule is not None:
+        plan = build_schedule(problem, report.schedule)
+        violations = _check(problem, plan)
+        if violations:
+            status = PlanGenerationResultStatus.INTERNAL_ERROR
+            message, plan = f"invalid schedule: {violations[0]}", None
+    if status is PlanGenerationResultStatus.SOLVED_OPTIMALLY and not problem.quality_metrics:
+        status = PlanGenerationResultStatus.SOLVED_SATISFICING
+    metrics = {"seconds_scheduler": f"{report.seconds:.3f}", "preset": engine.params.preset}
+    if report.bound is not None:
+        metrics["lower_bound"] = str(report.bound)
+    if plan is not None and report.schedule is not None:
+        metrics["makespan"] = str(report.schedule.makespan)
+    level = LogLevel.ERROR if report.status is ScheduleStatus.ERROR else LogLevel.INFO
+    messages = [LogMessage(level, message)] if message else []
+    return PlanGenerationResult(status, plan, engine.name, metrics, messages)

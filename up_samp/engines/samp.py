@@ -1,0 +1,272 @@
+"""The meta-engine ``samp-refine``: any UP scheduling engine, with motions."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator
+from typing import IO, Any
+
+from unified_planning.engines import (
+    Credits,
+    Engine,
+    LogLevel,
+    LogMessage,
+    MetaEngine,
+    PlanGenerationResult,
+    PlanGenerationResultStatus,
+)
+from unified_planning.engines.mixins.anytime_planner import AnytimeGuarantee, AnytimePlannerMixin
+from unified_planning.engines.mixins.oneshot_planner import OneshotPlannerMixin, OptimalityGuarantee
+from unified_planning.model import ProblemKind
+from unified_planning.model.motion import SchedulingMotionProblem
+from unified_planning.plans import Plan, Schedule
+
+from up_samp.engines.kinds import engine_kind, samp_kind
+from up_samp.engines.plain import schedule_plainly
+from up_samp.model import Deadline, EngineError
+from up_samp.model.refinement import Layer
+from up_samp.scheduling import is_compatible
+from up_samp.search.context import Context, Incumbent
+from up_samp.search.history import History, ProgressEvent
+from up_samp.search.loop import Conclusion, InvalidPlanError, SearchResult
+from up_samp.search.params import split_parameters
+from up_samp.search.session import open_search, run, to_plan
+from up_samp.upio import SampSchedule
+from up_samp.validation import validate_plan, validate_schedule
+
+credits = Credits(
+    "samp-refine",
+    "the up_samp authors",
+    "https://arxiv.org/abs/2603.10651",
+    "https://arxiv.org/abs/2603.10651",
+    "Apache-2.0",
+    "Scheduling and motion planning, interleaved by learning from motion checks",
+    "Scheduling and motion planning, interleaved: a scheduler proposes, motion planners check, "
+    "and what they learn refines the scheduling problem until schedule and motions fit.",
+)
+
+_STATUSES = {
+    Conclusion.OPTIMAL: PlanGenerationResultStatus.SOLVED_OPTIMALLY,
+    Conclusion.SOLVED: PlanGenerationResultStatus.SOLVED_SATISFICING,
+    Conclusion.UNSOLVABLE: PlanGenerationResultStatus.UNSOLVABLE_PROVEN,
+    Conclusion.EXHAUSTED: PlanGenerationResultStatus.UNSOLVABLE_INCOMPLETELY,
+    Conclusion.OUT_OF_TIME: PlanGenerationResultStatus.TIMEOUT,
+    Conclusion.FAILED: PlanGenerationResultStatus.INTERNAL_ERROR,
+}
+
+
+class SampResult(PlanGenerationResult):  # type: ignore[misc]
+    """A UP result that carries the search's history (rounds, refinements, times, bounds)."""
+
+    history: History
+
+
+class SampRefine(MetaEngine, OneshotPlannerMixin, AnytimePlannerMixin):  # type: ignore[misc]
+    """Schedules with the wrapped engine and refines with motion planning.
+
+    Parameters that are fields of :class:`up_samp.search.Parameters` are ours; all others go to
+    the wrapped engine.
+    """
+
+    def __init__(self, *args: Any, **kwargs: Any):
+        self.params, self.engine_params = split_parameters(kwargs)
+        MetaEngine.__init__(self, *args, **self.engine_params)
+        OneshotPlannerMixin.__init__(self)
+        AnytimePlannerMixin.__init__(self)
+
+    @property
+    def name(self) -> str:
+        """Return the name in UP's factory."""
+        return f"samp-refine[{self.engine.name}]"
+
+    @staticmethod
+    def get_credits(**kwargs: Any) -> Credits:
+        """Return whom to cite."""
+        return credits
+
+    @staticmethod
+    def is_compatible_engine(engine: type[Engine]) -> bool:
+        """Return whether ``engine`` can schedule."""
+        return is_compatible(engine) is True
+
+    @staticmethod
+    def _supported_kind(engine: type[Engine]) -> ProblemKind:
+        return samp_kind(engine_kind(engine))
+
+    @staticmethod
+    def _supports(problem_kind: ProblemKind, engine: type[Engine]) -> bool:
+        return bool(problem_kind <= SampRefine._supported_kind(engine))
+
+    @classmethod
+    def satisfies(cls, optimality_guarantee: OptimalityGuarantee) -> bool:
+        """Return whether the wrapped engine can prove optimality, and so can we."""
+        if optimality_guarantee is OptimalityGuarantee.SATISFICING:
+            return True
+        return bool(cls._engine_class.satisfies(OptimalityGuarantee.SOLVED_OPTIMALLY))
+
+    @staticmethod
+    def ensures(anytime_guarantee: AnytimeGuarantee) -> bool:
+        """Return whether plans get better and better (they do)."""
+        return anytime_guarantee is AnytimeGuarantee.INCREASING_QUALITY
+
+    # ------------------------------------------------------------------ solving
+    def _solve(
+        self,
+        problem: Any,
+        heuristic: Callable[[Any], float | None] | None = None,
+        timeout: float | None = None,
+        output_stream: IO[str] | None = None,
+    ) -> PlanGenerationResult:
+        if heuristic is not None:
+            warnings.warn(f"{self.name} ignores the heuristic", stacklevel=2)
+        optimal = self._wants_optimum(problem)
+        return list(self._results(problem, timeout, output_stream, optimal))[-1]
+
+    def _get_solutions(
+        self,
+        problem: Any,
+        timeout: float | None = None,
+        output_stream: IO[str] | None = None,
+    ) -> Iterator[PlanGenerationResult]:
+        optimal = bool(problem.quality_metrics) and self.params.optimal is not False
+        yield from self._results(problem, timeout, output_stream, optimal)
+
+    def _wants_optimum(self, problem: Any) -> bool:
+        if not problem.quality_metrics:
+            return False
+        if self.params.optimal is not None:
+            return self.params.optimal
+        engine_proves = self._engine_class.satisfies(OptimalityGuarantee.SOLVED_OPTIMALLY)
+        return self.optimality_metric_required or (engine_proves and not self._native)
+
+    @property
+    def _native(self) -> bool:
+        return self._engine_class.__name__ == "CpsatEngine"
+
+    def _results(
+        self, problem: Any, timeout: float | None, stream: IO[str] | None, optimal: bool
+    ) -> Iterator[PlanGenerationResult]:
+        """Yield each better plan as INTERMEDIATE, and last the final result."""
+        deadline = Deadline.after(timeout)
+        if not isinstance(problem, SchedulingMotionProblem) or not problem.motion_activities:
+            yield schedule_plainly(self, problem, deadline, optimal)
+            return
+        context = self._open(problem, deadline, stream)
+        search = run(context, optimal=optimal)
+        try:
+            while True:
+                incumbent = next(search)
+                yield self._intermediate(problem, context, incumbent)
+        except StopIteration as stop:
+            yield self._final(problem, context, stop.value)
+        except (InvalidPlanError, EngineError) as error:
+            yield self._failure(context, str(error))
+        finally:
+            search.close()
+
+    def _open(
+        self, problem: SchedulingMotionProblem, deadline: Deadline, stream: IO[str] | None
+    ) -> Context:
+        params = self.params
+        if stream is not None and params.progress is None:
+            params = _with_progress(params, stream)
+        spu = params.seconds_per_unit
+
+        def check_plan(plan: SampSchedule) -> list[str]:
+            verdict = validate_plan(problem, plan, seconds_per_unit=spu)
+            return [str(v) for v in verdict.violations]
+
+        def check_schedule(relaxed: Any, schedule: Schedule) -> list[str]:
+            return [str(v) for v in validate_schedule(relaxed, schedule).violations]
+
+        return open_search(
+            problem,
+            self._engine_class,
+            params,
+            self.engine_params,
+            deadline,
+            check_schedule=check_schedule,
+            check_plan=check_plan,
+            native=self._native,
+        )
+
+    # ------------------------------------------------------------------ results
+    def _intermediate(
+        self, problem: SchedulingMotionProblem, context: Context, incumbent: Incumbent
+    ) -> PlanGenerationResult:
+        plan = to_plan(problem, context.snapshot, incumbent)
+        return self._result(PlanGenerationResultStatus.INTERMEDIATE, plan, context, "")
+
+    def _final(
+        self, problem: SchedulingMotionProblem, context: Context, ending: SearchResult
+    ) -> PlanGenerationResult:
+        plan = None
+        if context.incumbent is not None:
+            plan = to_plan(problem, context.snapshot, context.incumbent)
+        status = _STATUSES[ending.conclusion]
+        solved = PlanGenerationResultStatus.SOLVED_SATISFICING
+        if status is PlanGenerationResultStatus.SOLVED_OPTIMALLY and not problem.quality_metrics:
+            status = solved
+        if plan is not None and ending.conclusion is Conclusion.FAILED:
+            status = solved
+        return self._result(status, plan, context, ending.why)
+
+    def _failure(self, context: Context, why: str) -> PlanGenerationResult:
+        return self._result(PlanGenerationResultStatus.INTERNAL_ERROR, None, context, why)
+
+    def _result(
+        self,
+        status: PlanGenerationResultStatus,
+        plan: Plan | None,
+        context: Context,
+        why: str,
+    ) -> PlanGenerationResult:
+        level = (
+            LogLevel.ERROR if status is PlanGenerationResultStatus.INTERNAL_ERROR else LogLevel.INFO
+        )
+        messages = [LogMessage(level, why)] if why else []
+        result = SampResult(status, plan, self.name, self._metrics(context), messages)
+        result.history = context.history
+        return result
+
+    def _metrics(self, context: Context) -> dict[str, str]:
+        history = context.history
+        metrics = {
+            "preset": self.params.preset,
+            "lower_bound": str(context.lower_bound),
+            "bound_kind": (
+                "relative to the motion planner's durations"
+                if context.bound_is_relative
+                else "absolute"
+            ),
+            "rounds": str(len(history.rounds)),
+            "restarts": str(history.restarts),
+            "refinements_bound": str(history.count(Layer.BOUND)),
+            "refinements_geometric": str(history.count(Layer.GEOMETRIC)),
+            "refinements_temporal": str(history.count(Layer.TEMPORAL)),
+            "refinements_group": str(history.count(Layer.GROUP)),
+            "seconds_scheduler": f"{history.seconds_scheduler:.3f}",
+            "seconds_motion": f"{history.seconds_motion:.3f}",
+            "seconds_total": f"{context.deadline.elapsed():.3f}",
+            "seconds_per_unit": f"{self.params.seconds_per_unit:g}",
+        }
+        if context.incumbent is not None:
+            metrics["makespan"] = str(context.incumbent.schedule.makespan)
+        return metrics
+
+
+def _with_progress(params: Any, stream: IO[str]) -> Any:
+    """Return parameters that write each step to ``stream``."""
+    import dataclasses
+
+    def write(event: ProgressEvent) -> None:
+        bounds = f"[{event.lower_bound}, {event.upper_bound}]"
+        stream.write(
+            f"{event.elapsed:8.2f} s  round {event.round}  {bounds}  {event.phase}: "
+            f"{event.message}\n"
+        )
+
+    return dataclasses.replace(params, progress=write)
+
+
+__all__ = ["SampRefine", "SampResult"]

@@ -1,0 +1,270 @@
+"""From a failed motion check to refinements: one pure function a rule.
+
+The rules of the paper (RCOND, CHCONF, CHTIME) and their smaller relatives. Times are in schedule
+units. Each function returns what to tell the scheduler, with its strength and its reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from up_samp.model import ScheduledMotion
+from up_samp.model.refinement import (
+    Absent,
+    Apart,
+    Clause,
+    Elsewhere,
+    Exclusive,
+    Lasts,
+    Layer,
+    Literal,
+    Overlap,
+    Refinement,
+    Requires,
+    Span,
+    Strength,
+    end_of,
+    start_of,
+)
+
+
+def impossible(activity: str, why: str) -> Refinement:
+    """Return that a motion can never be made (the map alone forbids it)."""
+    return Refinement(Clause((Absent(activity),)), Layer.GEOMETRIC, Strength.PROVEN, why)
+
+
+def lasts(
+    activity: str,
+    units: int,
+    why: str,
+    *,
+    layer: Layer = Layer.BOUND,
+    strength: Strength = Strength.PROVEN,
+) -> Refinement:
+    """Return that a motion takes at least ``units``."""
+    return Refinement(Lasts(activity, units), layer, strength, why)
+
+
+def needs_open(
+    activity: str,
+    obstacle: str,
+    configuration: str,
+    tail: int,
+    why: str,
+    *,
+    strength: Strength = Strength.PROVEN,
+    layer: Layer = Layer.GEOMETRIC,
+) -> Refinement:
+    """Return that an obstacle must have left ``configuration`` ``tail`` units before the end.
+
+    Right only where nothing brings the obstacle back there (see :func:`blocked_while`).
+    """
+    statement = Requires(activity, obstacle, frozenset({configuration}), Span.TAIL, tail)
+    return Refinement(statement, layer, strength, why)
+
+
+def needs_away_at_start(activity: str, obstacle: str, configuration: str, why: str) -> Refinement:
+    """Return that an obstacle which lies on the motion's first pose must not be there then."""
+    statement = Requires(activity, obstacle, frozenset({configuration}), Span.START)
+    return Refinement(statement, Layer.GEOMETRIC, Strength.PROVEN, why)
+
+
+def blocked_while(
+    activity: str,
+    blockers: Mapping[str, str],
+    movers: Mapping[str, Iterable[str]],
+    why: str,
+    *,
+    strength: Strength = Strength.PROVEN,
+) -> Refinement:
+    """Return that a motion cannot be made while all ``blockers`` rest (object -> configuration).
+
+    Some blocker must be elsewhere, or some activity that moves one (``movers``) must overlap.
+    This is RCOND -> CHCONF with only the rivals that matter.
+    """
+    literals: list[Literal] = [Absent(activity)]
+    for obstacle, configuration in sorted(blockers.items()):
+        literals.append(Elsewhere(activity, obstacle, configuration))
+        literals += [Overlap(m, (activity,)) for m in sorted(movers[obstacle]) if m != activity]
+    return Refinement(Clause(tuple(literals)), Layer.GEOMETRIC, strength, why)
+
+
+def slower_while(
+    activity: str,
+    units: int,
+    blockers: Mapping[str, str],
+    movers: Mapping[str, Iterable[str]],
+    why: str,
+) -> Refinement:
+    """Return that a motion takes ``units`` while all ``blockers`` rest where they are."""
+    base = blocked_while(activity, blockers, movers, why, strength=Strength.RELATIVE)
+    assert isinstance(base.statement, Clause)
+    longer = Apart(start_of(activity), end_of(activity), units)
+    return Refinement(
+        Clause((*base.statement.literals, longer)), Layer.TEMPORAL, Strength.RELATIVE, why
+    )
+
+
+def place_for_one(
+    name: str, arrivals: Iterable[str], departures: Iterable[str], taken: bool
+) -> Refinement:
+    """Return that poses which overlap can hold only one object at a time."""
+    statement = Exclusive(name, frozenset(arrivals), frozenset(departures), taken)
+    why = "objects that rest at these configurations would overlap"
+    return Refinement(statement, Layer.BOUND, Strength.PROVEN, why)
+
+
+def pair_meets(
+    first: str,
+    second: str,
+    offsets: tuple[int, int],
+    second_ends: int,
+    first_ends: int,
+    why: str,
+) -> Refinement:
+    """Return what two motions that meet need: an interaction profile over start offsets.
+
+    For ``second.start - first.start`` in the closed range ``offsets``, either the second gives
+    way and ends no earlier than ``second_ends`` after the first's start, or the first does and
+    ends no earlier than ``first_ends`` after the second's start (collision intervals of
+    continuous-time conflict-based search, Andreychuk et al. 2019, as scheduling disjunctions).
+    """
+    low, high = offsets
+    literals = (
+        Absent(first),
+        Absent(second),
+        Apart(start_of(second), start_of(first), 1 - low),
+        Apart(start_of(first), start_of(second), high + 1),
+        Apart(start_of(first), end_of(second), second_ends),
+        Apart(start_of(second), end_of(first), first_ends),
+    )
+    return Refinement(Clause(literals), Layer.GROUP, Strength.RELATIVE, why)
+
+
+def group_timing(
+    motions: Sequence[ScheduledMotion],
+    arrivals: Mapping[str, int],
+    blockers: Mapping[str, str],
+    movers: Mapping[str, Iterable[str]],
+    why: str,
+    *,
+    strength: Strength = Strength.RELATIVE,
+) -> Refinement:
+    """Return CHTIME for a small group: as timed, some late motion must end later.
+
+    ``arrivals`` are the late motions' needed ends in units after the first start. The cut gives
+    way when an offset changes, except that a single late motion does not arrive earlier by
+    starting later. ``blockers`` rest in the way; the cut gives way when one may have moved.
+    """
+    reference = min(motions, key=lambda m: (m.start, m.activity))
+    only_late = next(iter(arrivals)) if len(arrivals) == 1 else None
+    literals: list[Literal] = [Absent(m.activity) for m in motions]
+    for motion in motions:
+        if motion is reference:
+            continue
+        offset = motion.start - reference.start
+        earlier, later = start_of(reference.activity), start_of(motion.activity)
+        literals.append(Apart(later, earlier, 1 - offset))
+        if motion.activity != only_late:
+            literals.append(Apart(earlier, later, offset + 1))
+    for name, units in sorted(arrivals.items()):
+        literals.append(Apart(start_of(reference.activity), end_of(name), units))
+    names = tuple(m.activity for m in motions)
+    for obstacle, configuration in sorted(blockers.items()):
+        literals += [Elsewhere(n, obstacle, configuration) for n in names]
+        literals += [Overlap(m, names) for m in sorted(movers[obstacle]) if m not in names]
+    return Refinement(Clause(tuple(literals)), Layer.GROUP, strength, why)
+
+
+def group_fails(
+    motions: Sequence[ScheduledMotion],
+    blockers: Mapping[str, str],
+    movers: Mapping[str, Iterable[str]],
+    why: str,
+) -> Refinement:
+    """Return that a group found no trajectories as timed: some offset or end must change.
+
+    Nothing is proven by a search that ran out of time, so the cut is heuristic and narrow.
+    """
+    reference = min(motions, key=lambda m: (m.start, m.activity))
+    literals: list[Literal] = [Absent(m.activity) for m in motions]
+    for motion in motions:
+        earlier, later = start_of(reference.activity), start_of(motion.activity)
+        if motion is not reference:
+            offset = motion.start - reference.start
+            literals += [Apart(later, earlier, 1 - offset), Apart(earlier, later, offset + 1)]
+        finish = motion.end - reference.start
+        literals.append(Apart(earlier, end_of(motion.activity), finish + 1))
+    names = tuple(m.activity for m in motions)
+    for obstacle, configuration in sorted(blockers.items()):
+        literals += [Elsewhere(n, obstacle, configuration) for n in names]
+        literals += [Overlap(m, names) for m in sorted(movers[obstacle]) if m not in names]
+    return Refinement(Clause(tuple(literals)), Layer.GROUP, Strength.HEURISTIC, why)
+
+
+def paper_condition(motions: Sequence[ScheduledMotion], rivals: Iterable[str]) -> list[Literal]:
+    """Return the negation of RCOND(G): the ways in which the paper's cut does not apply.
+
+    Some activity of the group absent, the first motion of an object not first, or a rival that
+    overlaps the group.
+    """
+    literals: list[Literal] = [Absent(m.activity) for m in motions]
+    for name in sorted({m.object for m in motions}):
+        own = sorted((m for m in motions if m.object == name), key=lambda m: m.start)
+        literals += [Apart(start_of(m.activity), end_of(own[0].activity), 1) for m in own[1:]]
+    names = tuple(m.activity for m in motions)
+    literals += [Overlap(r, names) for r in sorted(rivals) if r not in names]
+    return literals
+
+
+def paper_geometric(
+    motions: Sequence[ScheduledMotion],
+    rivals: Iterable[str],
+    blockers: Mapping[str, str],
+    why: str,
+    *,
+    layer: Layer,
+    strength: Strength,
+) -> Refinement:
+    """Return the paper's geometric refinement: RCOND(G) -> some blocker changes (CHCONF)."""
+    literals = paper_condition(motions, rivals)
+    literals += [
+        Elsewhere(m.activity, o, c)
+        for m in motions
+        for o, c in sorted(blockers.items())
+        if o != m.object
+    ]
+    return Refinement(Clause(tuple(literals)), layer, strength, why)
+
+
+def paper_temporal(
+    motions: Sequence[ScheduledMotion],
+    rivals: Iterable[str],
+    arrivals: Mapping[str, int],
+    places: Mapping[str, str],
+    why: str,
+    *,
+    layer: Layer,
+) -> Refinement:
+    """Return the paper's temporal refinement: RCOND(G) -> CHTIME.
+
+    ``arrivals``: needed ends of the late motions after the group's first start; ``places``:
+    where every other object that may move is.
+    """
+    reference = min(motions, key=lambda m: (m.start, m.activity))
+    literals = paper_condition(motions, rivals)
+    literals += [
+        Elsewhere(m.activity, o, c)
+        for m in motions
+        for o, c in sorted(places.items())
+        if o != m.object
+    ]
+    for motion in motions:
+        if motion is not reference:
+            offset = motion.start - reference.start
+            literals.append(
+                Apart(start_of(motion.activity), start_of(reference.activity), 1 - offset)
+            )
+    for name, units in sorted(arrivals.items()):
+        literals.append(Apart(start_of(reference.activity), end_of(name), units))
+    return Refinement(Clause(tuple(literals)), layer, Strength.RELATIVE, why)

@@ -1,0 +1,240 @@
+"""Check a candidate schedule's motions, layer by layer (Algorithm 1, lines 8 to 15).
+
+Layer 1 asks for each motion alone whether there is a path and how long it takes; layer 2 whether
+the motions of a parallel group can be made as scheduled. Everything that a layer learns from one
+candidate is collected, unless the preset stops at the first refinement as the paper does.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from up_samp.model import GroupQuery, GroupReport, Outcome, PathQuery, ScheduledMotion, Trajectory
+from up_samp.model.refinement import Layer, Refinement, Strength
+from up_samp.refinement import rules
+from up_samp.search import groups as group_rules
+from up_samp.search.context import Context
+from up_samp.search.prepare import duration_refinements
+from up_samp.search.world import group_query, groups_of, instant_obstacles, motion_key
+from up_samp.upio import Itinerary
+
+
+@dataclass
+class Check:
+    """What came of a candidate: trajectories for all motions, or refinements.
+
+    ``needed`` are ends (units) that motions need beyond what was scheduled, for repairs.
+    ``failed`` are motions that found no trajectory at all.
+    """
+
+    trajectories: dict[str, Trajectory] = field(default_factory=dict)
+    refinements: list[Refinement] = field(default_factory=list)
+    needed: dict[str, int] = field(default_factory=dict)
+    failed: set[str] = field(default_factory=set)
+
+    @property
+    def passed(self) -> bool:
+        """Whether every motion can be made as scheduled."""
+        return not self.refinements and not self.needed and not self.failed
+
+
+def check_itinerary(
+    context: Context, itinerary: Itinerary, *, learn: bool = True, first_only: bool = False
+) -> Check:
+    """Check all motions of an itinerary; ``learn=False`` asks for trajectories alone."""
+    check = Check()
+    started = time.monotonic()
+    before = context.history.seconds_motion
+    for group in groups_of(itinerary.motions):
+        _check_group(context, itinerary, group, check, learn=learn, first_only=first_only)
+        if context.deadline.expired():
+            check.failed |= {motion_key(m) for m in group}
+        if context.deadline.expired() or (first_only and not check.passed):
+            break
+    context.history.seconds_motion = before + time.monotonic() - started
+    return check
+
+
+def _check_group(
+    context: Context,
+    itinerary: Itinerary,
+    group: Sequence[ScheduledMotion],
+    check: Check,
+    *,
+    learn: bool,
+    first_only: bool,
+) -> None:
+    params = context.params
+    found: list[Refinement] = []
+    if params.single_geometric:
+        for motion in group:
+            found += check_path(context, itinerary, motion, check)
+            if found and first_only:
+                break
+    if params.single_temporal and not found:
+        for motion in group:
+            found += check_duration(context, itinerary, motion, check)
+            if found and first_only:
+                break
+    check.refinements += found
+    if found and not params.incumbents:
+        return
+    if any(motion_key(m) in check.failed for m in group):
+        return
+    query = group_query(context, itinerary, group)
+    report = coordinate(context, query)
+    check.trajectories.update(report.trajectories)
+    if report.outcome is not Outcome.FOUND:
+        check.failed |= report.conflict or {motion_key(m) for m in group}
+    for name, arrival in report.late.items():
+        check.needed[name] = context.units(arrival)
+    if learn and not found and (report.outcome is not Outcome.FOUND or report.late):
+        check.refinements += group_rules.learn(context, itinerary, group, query, report)
+
+
+def coordinate(context: Context, query: GroupQuery) -> GroupReport:
+    """Ask the motion service for a group, within the time of one query."""
+    limit = context.query_seconds * max(1, len(query.motions)) ** 0.5
+    context.report("group", f"{len(query.motions)} motions together")
+    return context.service.coordinate(query, context.deadline.within(limit))
+
+
+def check_path(
+    context: Context, itinerary: Itinerary, motion: ScheduledMotion, check: Check
+) -> list[Refinement]:
+    """Layer 1, geometric: is there a path among what rests all through the motion's time?"""
+    body = context.snapshot.objects[motion.object].body
+    obstacles = instant_obstacles(context, itinerary, motion)
+    report = context.service.plan(
+        PathQuery(body, motion.poses, obstacles),
+        context.deadline.within(context.query_seconds),
+    )
+    if report.outcome is Outcome.FOUND:
+        return []
+    check.failed.add(motion_key(motion))
+    proven = report.outcome is Outcome.IMPOSSIBLE
+    strength = Strength.PROVEN if proven else Strength.HEURISTIC
+    names = report.blockers if proven else frozenset(o.name for o in obstacles)
+    movable = {n: _place_at(context, itinerary, n, motion) for n in names if context.movers[n]}
+    why = report.reason or f"no path for {motion.activity} found"
+    found = []
+    for activity in _equivalent(context, motion):
+        if not movable:
+            found.append(
+                Refinement(
+                    rules.impossible(activity, why).statement, Layer.GEOMETRIC, strength, why
+                )
+            )
+        elif context.params.small_cuts:
+            found.append(
+                rules.blocked_while(activity, movable, context.movers, why, strength=strength)
+            )
+        else:
+            found.append(
+                rules.paper_geometric(
+                    (_as(motion, activity),),
+                    _rivals(context),
+                    movable,
+                    why,
+                    layer=Layer.GEOMETRIC,
+                    strength=strength,
+                )
+            )
+    return found
+
+
+def check_duration(
+    context: Context, itinerary: Itinerary, motion: ScheduledMotion, check: Check
+) -> list[Refinement]:
+    """Layer 1, temporal: does the motion alone fit its scheduled time?"""
+    body = context.snapshot.objects[motion.object].body
+    found = []
+    if context.params.small_cuts:
+        found = duration_refinements(context, (body, motion.poses), context.query_seconds)
+        found = [r for r in found if not _fulfilled(r, itinerary)]
+        if found:
+            return found
+    obstacles = instant_obstacles(context, itinerary, motion)
+    report = context.service.plan(
+        PathQuery(body, motion.poses, obstacles),
+        context.deadline.within(context.query_seconds),
+    )
+    if report.trajectory is None:
+        return []
+    units = context.units(report.trajectory.duration)
+    if units <= motion.end - motion.start:
+        return []
+    places = {
+        o.name: _place_at(context, itinerary, o.name, motion)
+        for o in obstacles
+        if context.movers[o.name]
+    }
+    why = f"the fastest motion found takes {report.trajectory.duration:.2f} s"
+    for activity in _equivalent(context, motion):
+        if context.params.small_cuts:
+            found.append(rules.slower_while(activity, units, places, context.movers, why))
+        else:
+            found.append(
+                rules.paper_temporal(
+                    (_as(motion, activity),),
+                    _rivals(context),
+                    {activity: units},
+                    places,
+                    why,
+                    layer=Layer.TEMPORAL,
+                )
+            )
+    return found
+
+
+def _fulfilled(refinement: Refinement, itinerary: Itinerary) -> bool:
+    statement = refinement.statement
+    times = itinerary.schedule.times
+    name = getattr(statement, "activity", None)
+    if name not in times:
+        return True
+    start, end = times[name]
+    at_least: int = getattr(statement, "at_least", 0)
+    return end - start >= at_least
+
+
+def _place_at(context: Context, itinerary: Itinerary, name: str, motion: ScheduledMotion) -> str:
+    current = context.snapshot.initial[name]
+    for since, place in itinerary.places(context.snapshot, name):
+        if since <= motion.start:
+            current = place
+    return current
+
+
+def _equivalent(context: Context, motion: ScheduledMotion) -> list[str]:
+    """Return the activity and, if asked for, those that make the same motion with equal bodies."""
+    if not context.params.equivalents:
+        return [motion.activity]
+    body = context.snapshot.objects[motion.object].body
+    tasks = context.by_signature.get((body, motion.poses), [])
+    same = [t.activity for t in tasks if t.avoid is None or motion.avoid is None]
+    heeding = [t.activity for t in tasks if t.avoid is not None and motion.avoid is not None]
+    return sorted({motion.activity, *same, *heeding})
+
+
+def _as(motion: ScheduledMotion, activity: str) -> ScheduledMotion:
+    """Return the same motion under an equivalent activity's name (a cut for one activity)."""
+    if activity == motion.activity:
+        return motion
+    return ScheduledMotion(
+        activity,
+        0,
+        motion.object,
+        motion.configurations,
+        motion.poses,
+        motion.start,
+        motion.end,
+        motion.avoid,
+        motion.static,
+    )
+
+
+def _rivals(context: Context) -> Mapping[str, None]:
+    return dict.fromkeys(t.activity for t in context.snapshot.tasks)

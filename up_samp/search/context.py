@@ -1,0 +1,177 @@
+"""What one search shares: the problem in its forms, the services, and what was found so far."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from up_samp.model import Body, CandidateSchedule, Configuration, Deadline, Trajectory
+from up_samp.model.refinement import Refinement, Strength
+from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
+from up_samp.motion import MotionService
+from up_samp.scheduling import Scheduler
+from up_samp.search.history import History, ProgressEvent
+from up_samp.search.params import Parameters
+from up_samp.upio import Itinerary, Relaxation, write_refinement
+
+Signature = tuple[Body, tuple[Configuration, ...]]
+"""What a motion is to the motion planner: motions of equal signatures are equivalent."""
+
+
+@dataclass(frozen=True)
+class Incumbent:
+    """A schedule with trajectories for all of its motions (by activity, s from the start)."""
+
+    schedule: CandidateSchedule
+    trajectories: Mapping[str, Trajectory]
+
+
+@dataclass
+class Context:
+    """The state of one search (the only mutable thing in it, with the history)."""
+
+    snapshot: Snapshot
+    relaxation: Relaxation
+    service: MotionService
+    scheduler: Scheduler
+    params: Parameters
+    deadline: Deadline
+    query_seconds: float
+    reopen: Callable[[], tuple[Relaxation, Scheduler]]
+    """Makes the relaxation and its scheduler anew, without refinements."""
+    native: bool = False
+    """The scheduler is our own: it knows places for one."""
+    validate: Callable[[Incumbent], list[str]] = lambda _: []
+    history: History = field(default_factory=History)
+    incumbent: Incumbent | None = None
+    lower_bound: int = 0
+    bound_is_relative: bool = False
+    written: set[object] = field(default_factory=set)
+    standing: list[Refinement] = field(default_factory=list)
+    durations: dict[Signature, float] = field(default_factory=dict)
+
+    # ------------------------------------------------------------------ units
+    def seconds(self, units: float) -> float:
+        """Return schedule units in s."""
+        return units * self.snapshot.seconds_per_unit
+
+    def units(self, seconds: float) -> int:
+        """Return s in schedule units, rounded up (a hair of slack against float noise)."""
+        return math.ceil(seconds / self.snapshot.seconds_per_unit - 1e-6)
+
+    # ------------------------------------------------------- facts of the problem
+    @cached_property
+    def constant_tasks(self) -> dict[str, list[MotionTask]]:
+        """Motion tasks whose configurations are all constants, by activity."""
+        found: dict[str, list[MotionTask]] = {}
+        for task in self.snapshot.tasks:
+            if all(t.kind is TermKind.CONSTANT for t in task.terms):
+                found.setdefault(task.activity, []).append(task)
+        return found
+
+    @cached_property
+    def drivers(self) -> frozenset[str]:
+        """Objects that some activity drives."""
+        return frozenset(t.object for t in self.snapshot.tasks)
+
+    @cached_property
+    def instant(self) -> frozenset[str]:
+        """Objects that change their configuration but never drive (doors)."""
+        return frozenset(c.object for c in self.snapshot.changes) - self.drivers
+
+    @cached_property
+    def movers(self) -> dict[str, frozenset[str]]:
+        """Object -> activities that move or change it."""
+        found: dict[str, set[str]] = {name: set() for name in self.snapshot.objects}
+        for task in self.snapshot.tasks:
+            found[task.object].add(task.activity)
+        for change in self.snapshot.changes:
+            found[change.object].add(change.activity)
+        return {name: frozenset(v) for name, v in found.items()}
+
+    def signature(self, task: MotionTask) -> Signature:
+        """Return what a constant task is to the motion planner."""
+        body = self.snapshot.objects[task.object].body
+        return body, tuple(self.snapshot.configurations[t.name] for t in task.terms)
+
+    @cached_property
+    def by_signature(self) -> dict[Signature, list[MotionTask]]:
+        """Equivalent motion tasks."""
+        found: dict[Signature, list[MotionTask]] = {}
+        for tasks in self.constant_tasks.values():
+            for task in tasks:
+                found.setdefault(self.signature(task), []).append(task)
+        return found
+
+    def returns_to(self, obstacle: str, configuration: str) -> bool:
+        """Return whether some activity may bring ``obstacle`` to ``configuration``."""
+        terms = [t.terms[-1] for t in self.snapshot.tasks if t.object == obstacle]
+        terms += [c.term for c in self.snapshot.changes if c.object == obstacle]
+        return any(t.kind is not TermKind.CONSTANT or t.name == configuration for t in terms)
+
+    # ------------------------------------------------------------- learning
+    def learn(self, refinements: Iterable[Refinement]) -> int:
+        """Write new refinements into the relaxation and return how many were new."""
+        count = 0
+        for refinement in refinements:
+            if refinement.statement in self.written:
+                continue
+            self.written.add(refinement.statement)
+            write_refinement(self.relaxation, refinement)
+            self.history.refinements.append(refinement)
+            self.standing.append(refinement)
+            self.bound_is_relative |= refinement.strength is Strength.RELATIVE
+            count += 1
+        return count
+
+    def start_over(self) -> None:
+        """Begin anew with what is proven or relative; drop what was only guessed."""
+        kept = [r for r in self.standing if r.strength is not Strength.HEURISTIC]
+        self.scheduler.close()
+        self.relaxation, self.scheduler = self.reopen()
+        self.standing = kept
+        self.written = {r.statement for r in kept}
+        for refinement in kept:
+            write_refinement(self.relaxation, refinement)
+
+    @property
+    def heuristic(self) -> bool:
+        """Whether some refinement in play may remove valid plans."""
+        return any(r.strength is Strength.HEURISTIC for r in self.standing)
+
+    @property
+    def upper_bound(self) -> int | None:
+        """Makespan of the best plan so far."""
+        return None if self.incumbent is None else self.incumbent.schedule.makespan
+
+    def report(self, phase: str, message: str) -> None:
+        """Tell the progress callback."""
+        if self.params.progress is not None:
+            self.params.progress(
+                ProgressEvent(
+                    len(self.history.rounds),
+                    phase,
+                    message,
+                    self.lower_bound,
+                    self.upper_bound,
+                    self.deadline.elapsed(),
+                )
+            )
+
+
+def places_between(
+    itinerary: Itinerary, snapshot: Snapshot, name: str, first: int, last: int
+) -> set[str]:
+    """Return the configurations that object ``name``'s state has during [first, last].
+
+    As PDDL 2.1 reads it: a change at t is seen from t + 1 on.
+    """
+    periods = itinerary.places(snapshot, name)
+    found = set()
+    for index, (since, place) in enumerate(periods):
+        until = periods[index + 1][0] if index + 1 < len(periods) else math.inf
+        if since + 1 <= last and first <= until:
+            found.add(place)
+    return found

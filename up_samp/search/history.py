@@ -1,0 +1,90 @@
+"""What happened in a search: rounds, refinements, times, bounds. Exported as CSV and JSON."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections import Counter
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from up_samp.model.refinement import Layer, Refinement
+
+
+@dataclass(frozen=True)
+class ProgressEvent:
+    """One step of the search, for progress displays. Bounds are makespans in units."""
+
+    round: int
+    phase: str
+    message: str
+    lower_bound: int | None
+    upper_bound: int | None
+    elapsed: float
+
+
+@dataclass
+class Round:
+    """One candidate schedule and what came of it (times in s, bounds in units)."""
+
+    number: int
+    makespan: int | None
+    lower_bound: int | None
+    upper_bound: int | None
+    refinements: int
+    seconds_scheduler: float
+    seconds_motion: float
+    elapsed: float
+    outcome: str
+
+
+@dataclass
+class History:
+    """All rounds and refinements of a search."""
+
+    rounds: list[Round] = field(default_factory=list)
+    refinements: list[Refinement] = field(default_factory=list)
+    seconds_scheduler: float = 0.0
+    seconds_motion: float = 0.0
+    restarts: int = 0
+
+    def count(self, layer: Layer) -> int:
+        """Return how many refinements a layer gave."""
+        return sum(1 for r in self.refinements if r.layer is layer)
+
+    def by_kind(self) -> dict[str, int]:
+        """Return how many refinements there were of each layer and strength."""
+        kinds = Counter(f"{r.layer.value}/{r.strength.value}" for r in self.refinements)
+        return dict(sorted(kinds.items()))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything as plain values."""
+        return {
+            "rounds": [asdict(r) for r in self.rounds],
+            "refinements": [
+                {
+                    "layer": r.layer.value,
+                    "strength": r.strength.value,
+                    "statement": str(r.statement),
+                    "why": r.why,
+                }
+                for r in self.refinements
+            ],
+            "refinements_by_kind": self.by_kind(),
+            "seconds_scheduler": self.seconds_scheduler,
+            "seconds_motion": self.seconds_motion,
+            "restarts": self.restarts,
+        }
+
+    def write_json(self, path: str | Path) -> None:
+        """Write the history as JSON."""
+        Path(path).write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")
+
+    def write_csv(self, path: str | Path) -> None:
+        """Write one line a round."""
+        names = list(Round.__dataclass_fields__)
+        with Path(path).open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.DictWriter(stream, fieldnames=names)
+            writer.writeheader()
+            writer.writerows(asdict(r) for r in self.rounds)

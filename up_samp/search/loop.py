@@ -1,0 +1,247 @@
+"""The interleaving loop: Algorithm 1 of the paper, with bounds, certificates and incumbents.
+
+``solve`` is the algorithm; each stage is one named call. Line numbers in comments are those of
+Algorithm 1 (Tosello et al., AAAI 2026).
+"""
+
+from __future__ import annotations
+
+import enum
+import time
+from collections.abc import Generator
+from dataclasses import dataclass
+
+from up_samp.model import ScheduleReport, ScheduleStatus
+from up_samp.model.refinement import Refinement, Strength
+from up_samp.refinement import holds
+from up_samp.search.check import Check, check_itinerary
+from up_samp.search.context import Context, Incumbent, places_between
+from up_samp.search.history import Round
+from up_samp.search.prepare import (
+    state_bounds,
+    state_certificates,
+    state_durations,
+    state_places,
+)
+from up_samp.search.repair import repair
+from up_samp.search.trace import write_trace
+from up_samp.upio import Itinerary, read_itinerary
+
+
+class Conclusion(enum.Enum):
+    """How a search ended."""
+
+    OPTIMAL = "optimal"
+    SOLVED = "solved"
+    UNSOLVABLE = "unsolvable"
+    EXHAUSTED = "exhausted"
+    OUT_OF_TIME = "out of time"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """The end of a search; ``why`` is for people."""
+
+    conclusion: Conclusion
+    why: str = ""
+
+
+def solve(context: Context, *, optimal: bool) -> Generator[Incumbent, None, SearchResult]:
+    """Search for a plan; with ``optimal`` go on until its makespan meets the lower bound.
+
+    Yields each plan that is better than all before it, and returns how the search ended.
+    """
+    state_what_is_known(context)
+    while not context.deadline.expired():
+        report = get_schedule(context, optimal=optimal)  # line 4
+        if report.schedule is None:
+            ending = conclude_without_schedule(context, report)  # lines 18 to 20
+            if ending is not None:
+                return ending
+            continue
+        itinerary = read_itinerary(context.relaxation, report.schedule)
+        check = check_motions(context, itinerary)  # lines 6 to 15
+        better = adopt_or_repair(context, itinerary, check)  # line 16
+        learned = learn_from(context, itinerary, check)  # lines 31 and 35
+        record(context, report, check, learned)
+        if better is not None:
+            yield better
+        if is_done(context, report, check, learned, optimal=optimal):
+            break
+    return conclude(context)
+
+
+def state_what_is_known(context: Context) -> None:
+    """Tell the scheduler, before it starts, what holds for any schedule (bounds first)."""
+    started = time.monotonic()
+    params = context.params
+    stages = []
+    if params.bounds_first:
+        stages += [("lower bounds on motions", state_bounds)]
+    if params.certificates:
+        stages += [("proofs of unreachability", state_certificates)]
+        if context.native:
+            stages += [("places for one", state_places)]
+    if params.bounds_first:
+        stages += [("unobstructed motions", state_durations)]
+    for name, stage in stages:
+        context.report("prepare", name)
+        context.learn(stage(context))
+    context.history.seconds_motion = time.monotonic() - started
+
+
+def get_schedule(context: Context, *, optimal: bool) -> ScheduleReport:
+    """Invoke the scheduler on the relaxation and what was learned (line 4)."""
+    context.report("schedule", "scheduling")
+    last = context.incumbent.schedule if context.incumbent else None
+    report = context.scheduler.solve(
+        context.deadline,
+        optimal=optimal,
+        hint=last,
+        lower_bound=None if context.heuristic else context.lower_bound,
+    )
+    context.history.seconds_scheduler += report.seconds
+    if report.bound is not None and not context.heuristic:
+        context.lower_bound = max(context.lower_bound, report.bound)
+    return report
+
+
+def check_motions(context: Context, itinerary: Itinerary) -> Check:
+    """Check the candidate's motions (lines 8 to 15)."""
+    context.report("motions", f"checking {len(itinerary.motions)} motions")
+    return check_itinerary(context, itinerary, first_only=not context.params.small_cuts)
+
+
+def adopt_or_repair(context: Context, itinerary: Itinerary, check: Check) -> Incumbent | None:
+    """Keep the candidate if its motions fit, or repair it; return it if it is better."""
+    found = None
+    if check.passed:
+        found = Incumbent(itinerary.schedule, check.trajectories)
+    elif context.params.incumbents and not check.failed:
+        context.report("repair", "giving motions the time they need")
+        found = repair(context, itinerary.schedule, check)
+    if found is None:
+        return None
+    violations = context.validate(found)
+    if violations:
+        raise InvalidPlanError("; ".join(violations[:3]))
+    upper = context.upper_bound
+    if upper is not None and found.schedule.makespan >= upper:
+        return None
+    context.incumbent = found
+    context.report("plan", f"plan with makespan {found.schedule.makespan}")
+    return found
+
+
+class InvalidPlanError(RuntimeError):
+    """The independent validator rejected a plan that the search took for valid."""
+
+
+def learn_from(context: Context, itinerary: Itinerary, check: Check) -> list[Refinement]:
+    """Write the candidate's refinements; return those that reject it."""
+    if not context.params.refine:
+        return []
+    context.learn(check.refinements)
+
+    def places(name: str, first: int, last: int) -> set[str]:
+        return places_between(itinerary, context.snapshot, name, first, last)
+
+    return [r for r in check.refinements if not holds(r.statement, itinerary.schedule, places)]
+
+
+def record(
+    context: Context, report: ScheduleReport, check: Check, learned: list[Refinement]
+) -> None:
+    """Write the round into the history, and the trace if asked for."""
+    history = context.history
+    schedule = report.schedule
+    history.rounds.append(
+        Round(
+            number=len(history.rounds) + 1,
+            makespan=None if schedule is None else schedule.makespan,
+            lower_bound=context.lower_bound,
+            upper_bound=context.upper_bound,
+            refinements=len(learned),
+            seconds_scheduler=history.seconds_scheduler,
+            seconds_motion=history.seconds_motion,
+            elapsed=context.deadline.elapsed(),
+            outcome="fits" if check.passed else "refined",
+        )
+    )
+    context.report("round", f"{len(learned)} refinements" if learned else "candidate fits")
+    write_trace(context, report, learned)
+
+
+def is_done(
+    context: Context,
+    report: ScheduleReport,
+    check: Check,
+    learned: list[Refinement],
+    *,
+    optimal: bool,
+) -> bool:
+    """Return whether there is all that was asked for, or nothing more to come."""
+    if not context.params.refine:
+        return True
+    if context.incumbent is not None and (
+        not optimal or context.incumbent.schedule.makespan <= context.lower_bound
+    ):
+        return True
+    return check.passed or not learned
+
+
+def conclude_without_schedule(context: Context, report: ScheduleReport) -> SearchResult | None:
+    """Decide what it means that the scheduler found nothing (lines 17 to 20).
+
+    Returns None to go on: heuristic refinements were dropped and t_p was doubled.
+    """
+    if report.status is ScheduleStatus.ERROR:
+        return SearchResult(Conclusion.FAILED, report.message)
+    if report.status is ScheduleStatus.OUT_OF_TIME or context.deadline.expired():
+        return conclude(context)
+    proven = report.status is ScheduleStatus.INFEASIBLE
+    if context.heuristic and context.history.restarts < context.params.max_restarts:
+        restart(context)
+        return None
+    if context.incumbent is not None:
+        return conclude(context)
+    if proven and all(r.strength is Strength.PROVEN for r in context.standing):
+        return SearchResult(Conclusion.UNSOLVABLE, explain(context))
+    return SearchResult(
+        Conclusion.EXHAUSTED,
+        report.message or "no schedule is left, but not all that was learned is proven",
+    )
+
+
+def restart(context: Context) -> None:
+    """Drop what was only guessed and allow motion queries twice the time (line 19)."""
+    context.history.restarts += 1
+    context.query_seconds *= 2
+    context.report("restart", f"motion queries may take {context.query_seconds:g} s now")
+    context.start_over()
+
+
+def explain(context: Context) -> str:
+    """Return the proven facts that leave no schedule, as text."""
+    facts = [r for r in context.standing if r.strength is Strength.PROVEN]
+    telling = [r for r in facts if "no motion between" not in r.why]
+    if not telling:
+        return "the activities cannot be scheduled, whatever the motions"
+    lines = sorted({f"{r.statement}: {r.why}" for r in telling})
+    more = f" (and {len(lines) - 5} more)" if len(lines) > 5 else ""
+    return "these proven facts leave no schedule: " + "; ".join(lines[:5]) + more
+
+
+def conclude(context: Context) -> SearchResult:
+    """Return what the search has, now that it ends."""
+    if context.incumbent is None:
+        if context.deadline.expired():
+            return SearchResult(Conclusion.OUT_OF_TIME, "no plan found in time")
+        return SearchResult(
+            Conclusion.EXHAUSTED,
+            "the motions of the last candidate do not fit, and nothing more was learned from it",
+        )
+    if context.incumbent.schedule.makespan <= context.lower_bound:
+        return SearchResult(Conclusion.OPTIMAL)
+    return SearchResult(Conclusion.SOLVED)

@@ -1,0 +1,101 @@
+"""What the search does: one validated dataclass, and the presets."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from up_samp.model.errors import ProblemError
+from up_samp.search.history import ProgressEvent
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Parameters of ``samp-refine``; everything else goes to the wrapped engine.
+
+    The switches from ``refine`` on are the ideas that presets and ablations turn on and off;
+    docs/architecture.md says where each of them lives.
+    """
+
+    preset: str = "default"
+    seed: int = 0
+    seconds_per_unit: float = 1.0
+    margin: float = 0.01
+    """Clearance that motions keep from everything (m)."""
+    optimal: bool | None = None
+    """Go on until proven optimal (``None``: as UP's optimality guarantee says)."""
+    query_seconds: float = 10.0
+    """First limit of one motion query (the paper's t_p, doubled at each restart)."""
+    max_restarts: int = 3
+    cache: str | None = None
+    """Folder that keeps motions across runs (``None``: in memory only)."""
+    trace: str | None = None
+    """Folder for a readable trace of every candidate schedule and refinement."""
+    progress: Callable[[ProgressEvent], None] | None = None
+    path_planner: str = "default"
+    group_planner: str = "default"
+
+    refine: bool = True
+    """Learn from failed checks (off: the sequential pipeline of schedule, then motions)."""
+    bounds_first: bool = True
+    """Motion durations known before the first schedule."""
+    certificates: bool = True
+    """Proofs of unreachability and places for one, stated before the first schedule."""
+    small_cuts: bool = True
+    """Failed groups shrunk to the motions that conflict, with only the rivals that matter."""
+    equivalents: bool = True
+    """Refinements stated for all equivalent objects."""
+    profiles: bool = True
+    """Pairs of motions that meet learned for whole ranges of start offsets."""
+    incumbents: bool = True
+    """Candidate schedules repaired into plans."""
+    single_geometric: bool = True
+    """Layer 1, geometric: a path for each motion alone, first."""
+    single_temporal: bool = True
+    """Layer 1, temporal: a duration for each motion alone, first."""
+
+    def __post_init__(self) -> None:
+        if self.preset not in PRESETS:
+            raise ProblemError(f"unknown preset '{self.preset}' (known: {', '.join(PRESETS)})")
+        for name in ("seconds_per_unit", "query_seconds"):
+            if not getattr(self, name) > 0:
+                raise ProblemError(f"parameter '{name}' must be positive")
+        if self.margin < 0:
+            raise ProblemError("parameter 'margin' must not be negative")
+        if self.max_restarts < 0:
+            raise ProblemError("parameter 'max_restarts' must not be negative")
+
+
+PRESETS: Mapping[str, Mapping[str, Any]] = {
+    "default": {},
+    "paper": {
+        "bounds_first": False,
+        "certificates": False,
+        "small_cuts": False,
+        "profiles": False,
+        "incumbents": False,
+        "path_planner": "RRT",
+        "group_planner": "ST-RRT*",
+    },
+    "sequential": {
+        "refine": False,
+        "bounds_first": False,
+        "certificates": False,
+        "small_cuts": False,
+        "profiles": False,
+        "incumbents": False,
+    },
+}
+
+
+def split_parameters(given: Mapping[str, Any]) -> tuple[Parameters, dict[str, Any]]:
+    """Return our parameters (over their preset) and those left for the wrapped engine."""
+    names = {f.name for f in dataclasses.fields(Parameters)}
+    ours = {k: v for k, v in given.items() if k in names}
+    rest = {k: v for k, v in given.items() if k not in names}
+    preset = ours.get("preset", "default")
+    if preset not in PRESETS:
+        raise ProblemError(f"unknown preset '{preset}' (known: {', '.join(PRESETS)})")
+    return Parameters(**{**PRESETS[preset], **ours}), rest

@@ -1,0 +1,267 @@
+"""Before the first schedule: check the input's geometry, state bounds and certificates."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from collections.abc import Iterator
+
+from up_samp.model import (
+    Configuration,
+    MotionModel,
+    Outcome,
+    PathQuery,
+    Placed,
+    ProblemError,
+)
+from up_samp.model.refinement import Refinement, Strength
+from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
+from up_samp.motion import MotionService
+from up_samp.refinement import rules
+from up_samp.search.context import Context, Signature
+
+EAGER_SHARE = 0.2
+"""Share of the remaining time (at most ``EAGER_SECONDS``) that goes into durations known early."""
+EAGER_SECONDS = 30.0
+
+
+def check_geometry(snapshot: Snapshot, service: MotionService) -> None:
+    """Raise :class:`ProblemError` where a robot starts in a wall or in another object."""
+    drivers = sorted({t.object for t in snapshot.tasks})
+    for name in drivers:
+        body = snapshot.objects[name].body
+        pose = snapshot.configurations[snapshot.initial[name]]
+        in_wall, _ = service.pose_blockers(body, pose, ())
+        if in_wall:
+            raise ProblemError(
+                f"object '{name}' starts at '{snapshot.initial[name]}' {_show(pose)}, which is in "
+                f"a wall or outside the map '{snapshot.map_file}'"
+            )
+        heeded = _heeded(snapshot, name)
+        others = tuple(
+            Placed(o, snapshot.objects[o].body, snapshot.configurations[place])
+            for o, place in snapshot.initial.items()
+            if o != name and (heeded is None or o in heeded)
+        )
+        _, hit = service.pose_blockers(body, pose, others)
+        if hit:
+            raise ProblemError(
+                f"object '{name}' overlaps '{min(hit)}' at the start; move one of them "
+                f"('{name}' starts at '{snapshot.initial[name]}' {_show(pose)})"
+            )
+
+
+def _show(pose: Configuration) -> str:
+    return "(" + ", ".join(f"{v:g}" for v in pose) + ")"
+
+
+def _heeded(snapshot: Snapshot, name: str) -> frozenset[str] | None:
+    """Return the obstacles that all motions of ``name`` heed (None: all objects)."""
+    heeded: frozenset[str] | None = None
+    for task in snapshot.tasks:
+        if task.object == name and task.avoid is not None:
+            heeded = task.avoid if heeded is None else heeded & task.avoid
+    return heeded
+
+
+def state_bounds(context: Context) -> list[Refinement]:
+    """Return a lower bound on every motion's duration, admissible for any planner."""
+    found = []
+    for signature, tasks in context.by_signature.items():
+        units = context.units(admissible_duration(context, signature))
+        why = "no motion between these poses is faster, whatever else stands there"
+        found += [rules.lasts(t.activity, units, why) for t in tasks if units > 1]
+    return found
+
+
+def admissible_duration(context: Context, signature: Signature) -> float:
+    """Return an admissible duration (s) of a motion: the sum over its legs."""
+    body, poses = signature
+    return sum(context.service.lower_bound(body, a, b) for a, b in itertools.pairwise(poses))
+
+
+def state_durations(context: Context) -> list[Refinement]:
+    """Return the planner's own best duration of every motion, as far as time allows.
+
+    They are found among the fixed obstacles alone: objects that move only make motions slower.
+    """
+    limit = min(EAGER_SECONDS, EAGER_SHARE * context.deadline.remaining())
+    deadline = context.deadline.within(limit if math.isfinite(limit) else EAGER_SECONDS)
+    found = []
+    total = len(context.by_signature)
+    for count, signature in enumerate(context.by_signature):
+        if deadline.expired():
+            break
+        if count % 10 == 0:
+            context.report("motions", f"unobstructed motions {count}/{total}")
+        found += duration_refinements(context, signature, context.query_seconds)
+    return found
+
+
+def duration_refinements(
+    context: Context, signature: Signature, seconds: float
+) -> list[Refinement]:
+    """Plan a motion among fixed obstacles; return what that tells of all equivalent motions."""
+    if signature in context.durations:
+        return []
+    started = time.monotonic()
+    body, poses = signature
+    tasks = context.by_signature.get(signature, [])
+    query = PathQuery(body, poses, fixed_obstacles(context))
+    report = context.service.plan(query, context.deadline.within(seconds))
+    context.history.seconds_motion += time.monotonic() - started
+    if report.outcome is Outcome.IMPOSSIBLE:
+        return [rules.impossible(t.activity, report.reason) for t in tasks]
+    if report.trajectory is None:
+        return []
+    context.durations[signature] = report.trajectory.duration
+    units = context.units(report.trajectory.duration)
+    why = f"the planner's fastest unobstructed motion takes {report.trajectory.duration:.2f} s"
+    return [rules.lasts(t.activity, units, why, strength=Strength.RELATIVE) for t in tasks]
+
+
+def fixed_obstacles(context: Context) -> tuple[Placed, ...]:
+    """Return the movable objects that nothing ever moves."""
+    snapshot = context.snapshot
+    still = set(snapshot.initial) - snapshot.moved()
+    return tuple(
+        Placed(n, snapshot.objects[n].body, snapshot.configurations[snapshot.initial[n]])
+        for n in sorted(still)
+    )
+
+
+def state_certificates(context: Context) -> list[Refinement]:
+    """Return proofs of what is unreachable while a door-like object is where it may be."""
+    found: list[Refinement] = []
+    for obstacle, configuration in _instant_places(context):
+        placed = Placed(
+            obstacle,
+            context.snapshot.objects[obstacle].body,
+            context.snapshot.configurations[configuration],
+        )
+        for signature, tasks in context.by_signature.items():
+            heeding = [t for t in tasks if t.avoid is None or obstacle in t.avoid]
+            if heeding and signature[0].kinematics.model is not MotionModel.SE3:
+                found += _certify(context, signature, heeding, placed, configuration)
+    return found
+
+
+def _certify(
+    context: Context,
+    signature: Signature,
+    tasks: list[MotionTask],
+    placed: Placed,
+    configuration: str,
+) -> list[Refinement]:
+    body, poses = signature
+    service = context.service
+    why = f"{placed.name} at {configuration} blocks the way"
+    _, at_start = service.pose_blockers(body, poses[0], (placed,))
+    if at_start:
+        why = f"{placed.name} at {configuration} lies on the first pose"
+        return [
+            rules.needs_away_at_start(t.activity, placed.name, configuration, why) for t in tasks
+        ]
+    proof = service.certificate(body, poses, (placed,))
+    if proof is None:
+        return []
+    if context.returns_to(placed.name, configuration):
+        places = {placed.name: configuration}
+        return [rules.blocked_while(t.activity, places, context.movers, why) for t in tasks]
+    tail = _tail_units(context, signature, placed)
+    return [rules.needs_open(t.activity, placed.name, configuration, tail, why) for t in tasks]
+
+
+def _tail_units(context: Context, signature: Signature, placed: Placed) -> int:
+    """Return how long a motion at least takes after the obstacle has gone (whole units, down)."""
+    body, poses = signature
+    seconds = context.service.lower_bound_after(body, poses, placed)
+    return math.floor(seconds / context.snapshot.seconds_per_unit)
+
+
+def _instant_places(context: Context) -> Iterator[tuple[str, str]]:
+    snapshot = context.snapshot
+    for obstacle in sorted(context.instant):
+        places = {snapshot.initial[obstacle]}
+        places |= {
+            c.term.name
+            for c in snapshot.changes
+            if c.object == obstacle and c.term.kind is TermKind.CONSTANT
+        }
+        for place in sorted(places):
+            yield obstacle, place
+
+
+def state_places(context: Context) -> list[Refinement]:
+    """Return that configurations which overlap hold one driving object at a time."""
+    nodes = _resting_nodes(context)
+    found = []
+    covered: set[tuple[int, int]] = set()
+    edges = _overlapping(context, nodes)
+    for pair in sorted(edges):
+        if pair in covered:
+            continue
+        clique = _grow(pair, len(nodes), edges, nodes)
+        covered |= {p for p in itertools.combinations(sorted(clique), 2)}
+        found.append(_place(context, [nodes[i] for i in sorted(clique)]))
+    return found
+
+
+def _resting_nodes(context: Context) -> list[tuple[str, str]]:
+    """Return (object, configuration) for objects whose whole motion is known and heeds all."""
+    snapshot = context.snapshot
+    nodes: set[tuple[str, str]] = set()
+    for name in sorted(context.drivers):
+        tasks = [t for t in snapshot.tasks if t.object == name]
+        constant = all(t.kind is TermKind.CONSTANT for task in tasks for t in task.terms)
+        heeds = all(t.avoid is None or t.avoid >= context.drivers - {name} for t in tasks)
+        changed = any(c.object == name for c in snapshot.changes)
+        if constant and heeds and not changed:
+            nodes |= {(name, t.name) for task in tasks for t in (task.terms[0], task.terms[-1])}
+            nodes.add((name, snapshot.initial[name]))
+    return sorted(nodes)
+
+
+def _overlapping(context: Context, nodes: list[tuple[str, str]]) -> set[tuple[int, int]]:
+    snapshot = context.snapshot
+    edges = set()
+    for i, j in itertools.combinations(range(len(nodes)), 2):
+        (a, place_a), (b, place_b) = nodes[i], nodes[j]
+        if a != b and context.service.overlap(
+            snapshot.objects[a].body,
+            snapshot.configurations[place_a],
+            snapshot.objects[b].body,
+            snapshot.configurations[place_b],
+        ):
+            edges.add((i, j))
+    return edges
+
+
+def _grow(
+    pair: tuple[int, int],
+    count: int,
+    edges: set[tuple[int, int]],
+    nodes: list[tuple[str, str]],
+) -> set[int]:
+    """Return a clique around an edge: all of different objects overlap each other."""
+    clique = set(pair)
+    for node in range(count):
+        if node not in clique and all(
+            nodes[node][0] == nodes[m][0] or (min(node, m), max(node, m)) in edges for m in clique
+        ):
+            clique.add(node)
+    return clique
+
+
+def _place(context: Context, members: list[tuple[str, str]]) -> Refinement:
+    inside = set(members)
+    arrivals, departures = set(), set()
+    for task in context.snapshot.tasks:
+        if (task.object, task.terms[-1].name) in inside:
+            arrivals.add(task.activity)
+        if (task.object, task.terms[0].name) in inside:
+            departures.add(task.activity)
+    taken = any(context.snapshot.initial[name] == place for name, place in members)
+    name = "_".join(sorted({place for _, place in members}))
+    return rules.place_for_one(name, arrivals, departures, taken)

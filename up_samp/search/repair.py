@@ -1,0 +1,145 @@
+"""Turn a candidate schedule into a plan: keep what is present, give motions the time they need.
+
+The candidate's activities alone make a small mandatory problem; it is scheduled anew with the
+ends that the motions turned out to need, until the motions fit (or it has no schedule).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from unified_planning.model import FNode
+from unified_planning.model.scheduling import Activity, SchedulingProblem
+from unified_planning.model.scheduling.chronicle import Chronicle
+
+from up_samp.model import CandidateSchedule
+from up_samp.scheduling.cpsat import CpsatSession
+from up_samp.search.check import Check, check_itinerary
+from up_samp.search.context import Context, Incumbent
+from up_samp.upio import Relaxation, read_itinerary
+
+MAX_STEPS = 25
+REPAIR_SECONDS = 5.0
+
+
+def repair(context: Context, schedule: CandidateSchedule, check: Check) -> Incumbent | None:
+    """Return a plan with the activities of ``schedule``, or None where this way finds none."""
+    problem = restricted(context.relaxation, schedule)
+    session = CpsatSession(problem, seed=context.params.seed, workers=1)
+    activities = {a.name: a for a in problem.activities}
+    current = schedule
+    for _ in range(MAX_STEPS):
+        if check.failed or context.deadline.expired():
+            return None
+        _demand(problem, activities, current, check.needed)
+        report = session.solve(context.deadline.within(REPAIR_SECONDS), optimal=True, hint=current)
+        if report.schedule is None:
+            return None
+        if context.upper_bound is not None and report.schedule.makespan >= context.upper_bound:
+            return None
+        current = CandidateSchedule(
+            report.schedule.times, {**schedule.parameters, **report.schedule.parameters}
+        )
+        itinerary = read_itinerary(context.relaxation, current)
+        check = check_itinerary(context, itinerary, learn=False)
+        if check.passed:
+            return Incumbent(current, check.trajectories)
+        context.history.seconds_motion += 0.0
+    return None
+
+
+def _demand(
+    problem: SchedulingProblem,
+    activities: Mapping[str, Activity],
+    current: CandidateSchedule,
+    needed: Mapping[str, int],
+) -> None:
+    """Make motions last as long as they turned out to need."""
+    manager = problem.environment.expression_manager
+    for key, end in needed.items():
+        activity = activities[key.split("#")[0]]
+        start, _ = current.times[activity.name]
+        longer = manager.LE(manager.Plus(activity.start, end - start), activity.end)
+        problem.add_constraint(longer)
+
+
+def restricted(relaxation: Relaxation, schedule: CandidateSchedule) -> SchedulingProblem:
+    """Return the relaxation with presence decided: present activities mandatory, others gone."""
+    source = relaxation.problem
+    target = source.clone()
+    fix = _PresenceFixer(source, schedule)
+    target._activities = []
+    for activity in source.activities:
+        if activity.name not in schedule.times:
+            continue
+        copy = Activity(activity.name, 1, False, _env=source.environment)
+        activity._clone_to(copy)
+        copy._duration = activity.duration
+        fix.constraints(activity, copy)
+        target._activities.append(copy)
+    fix.constraints(source._base, target._base)
+    return target
+
+
+class _PresenceFixer:
+    """Replaces presence by constants and drops what speaks of absent activities only."""
+
+    def __init__(self, problem: SchedulingProblem, schedule: CandidateSchedule):
+        self.manager = problem.environment.expression_manager
+        self.simplifier = problem.environment.simplifier
+        self.names = {a.name for a in problem.activities}
+        self.present = set(schedule.times)
+        self.memo: dict[FNode, FNode] = {}
+
+    def constraints(self, source: Chronicle, target: Chronicle) -> None:
+        """Copy constraints with presence decided."""
+        target._constraints = []
+        for constraint, scope in source._constraints:
+            if any(self(s).is_false() for s in scope):
+                continue
+            fixed = self(constraint)
+            if not fixed.is_true():
+                target._constraints.append(
+                    (fixed, [s for s in map(self, scope) if not s.is_true()])
+                )
+
+    def __call__(self, expression: FNode) -> FNode:
+        done = self.memo.get(expression)
+        if done is None:
+            done = self.memo[expression] = self._fix(expression)
+        return done
+
+    def _fix(self, expression: FNode) -> FNode:
+        m = self.manager
+        if expression.is_present_exp():
+            return m.Bool(expression.presence().container in self.present)
+        if not expression.args:
+            return expression
+        arguments = [self(a) for a in expression.args]
+        if expression.is_and():
+            kept = [a for a in arguments if not a.is_true()]
+            if any(a.is_false() for a in kept):
+                return m.FALSE()
+            return m.And(kept) if kept else m.TRUE()
+        if expression.is_or():
+            kept = [a for a in arguments if not a.is_false()]
+            if any(a.is_true() for a in kept):
+                return m.TRUE()
+            return m.Or(kept) if kept else m.FALSE()
+        if expression.is_not():
+            if arguments[0].is_bool_constant():
+                return m.Bool(not arguments[0].constant_value())
+            return m.Not(arguments[0])
+        if expression.is_implies():
+            return self(m.Or(m.Not(expression.arg(0)), expression.arg(1)))
+        if expression.is_iff() and any(a.is_bool_constant() for a in arguments):
+            left, right = arguments
+            constant, other = (left, right) if left.is_bool_constant() else (right, left)
+            return other if constant.is_true() else self(m.Not(other))
+        if tuple(arguments) == tuple(expression.args):
+            return expression
+        return m.create_node(
+            node_type=expression.node_type,
+            args=tuple(arguments),
+            payload=expression._content.payload,
+        )

@@ -1,0 +1,101 @@
+"""Set a search up for a UP problem and run it: the entry from the engines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Mapping
+from typing import Any
+
+from unified_planning.model.motion import SchedulingMotionProblem
+from unified_planning.plans import Schedule
+
+from up_samp.geometry import load_map
+from up_samp.model import Deadline, ProblemError
+from up_samp.model.snapshot import Snapshot
+from up_samp.motion import MotionService
+from up_samp.scheduling import Scheduler, open_scheduler
+from up_samp.search.context import Context, Incumbent
+from up_samp.search.loop import SearchResult, solve
+from up_samp.search.params import Parameters
+from up_samp.search.prepare import check_geometry
+from up_samp.upio import Relaxation, SampSchedule, build_plan, read_problem, relax
+
+ScheduleCheck = Callable[[Any, Schedule], list[str]]
+PlanCheck = Callable[[SampSchedule], list[str]]
+
+
+def open_search(
+    problem: SchedulingMotionProblem,
+    engine: Any,
+    params: Parameters,
+    engine_params: Mapping[str, Any],
+    deadline: Deadline,
+    *,
+    check_schedule: ScheduleCheck,
+    check_plan: PlanCheck,
+    native: bool,
+) -> Context:
+    """Read the problem, check its geometry, relax it and open a scheduler on the relaxation.
+
+    Raises :class:`ProblemError` where the problem is wrong, before any search.
+    """
+    snapshot = read_problem(problem, params.seconds_per_unit)
+    service = open_service(snapshot, params)
+    check_geometry(snapshot, service)
+
+    def reopen() -> tuple[Relaxation, Scheduler]:
+        relaxation = relax(problem, snapshot)
+        scheduler = open_scheduler(
+            engine,
+            relaxation.problem,
+            params=engine_params,
+            seed=params.seed,
+            check=check_schedule,
+            environment=problem.environment,
+        )
+        return relaxation, scheduler
+
+    def validate(incumbent: Incumbent) -> list[str]:
+        return check_plan(to_plan(problem, snapshot, incumbent))
+
+    relaxation, scheduler = reopen()
+    return Context(
+        snapshot=snapshot,
+        relaxation=relaxation,
+        service=service,
+        scheduler=scheduler,
+        params=params,
+        deadline=deadline,
+        query_seconds=params.query_seconds,
+        reopen=reopen,
+        native=native,
+        validate=validate,
+    )
+
+
+def open_service(snapshot: Snapshot, params: Parameters) -> MotionService:
+    """Return the motion service for a problem's map."""
+    if snapshot.map_file is None and snapshot.tasks:
+        raise ProblemError(f"problem '{snapshot.name}' has motions but no occupancy map")
+    grid = None if snapshot.map_file is None else load_map(snapshot.map_file)
+    return MotionService(
+        grid,
+        planner=params.path_planner,
+        margin=params.margin,
+        seed=params.seed,
+        cache=params.cache,
+    )
+
+
+def to_plan(
+    problem: SchedulingMotionProblem, snapshot: Snapshot, incumbent: Incumbent
+) -> SampSchedule:
+    """Return the UP plan of an incumbent."""
+    return build_plan(problem, snapshot, incumbent.schedule, incumbent.trajectories)
+
+
+def run(context: Context, *, optimal: bool) -> Generator[Incumbent, None, SearchResult]:
+    """Run the search; the scheduler is closed whatever happens."""
+    try:
+        return (yield from solve(context, optimal=optimal))
+    finally:
+        context.scheduler.close()
