@@ -1,0 +1,258 @@
+"""``cpsat``: exact scheduling on OR-Tools CP-SAT, as a Unified Planning engine."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Iterator
+from typing import IO, Any
+
+from unified_planning.engines import (
+    Credits,
+    Engine,
+    LogLevel,
+    LogMessage,
+    PlanGenerationResult,
+    PlanGenerationResultStatus,
+)
+from unified_planning.engines.mixins import AnytimePlannerMixin, OneshotPlannerMixin
+from unified_planning.engines.mixins.anytime_planner import AnytimeGuarantee
+from unified_planning.engines.mixins.oneshot_planner import OptimalityGuarantee
+from unified_planning.model import ProblemKind
+from unified_planning.model.problem_kind_versioning import LATEST_PROBLEM_KIND_VERSION
+from unified_planning.model.scheduling import SchedulingProblem
+from unified_planning.plans import Schedule
+
+from up_samp.model import (
+    CandidateSchedule,
+    Deadline,
+    ProblemError,
+    ScheduleReport,
+    ScheduleStatus,
+    UnsupportedError,
+)
+from up_samp.scheduling.cpsat import CpsatSession
+from up_samp.upio.plan import build_schedule
+from up_samp.validation import validate_schedule
+
+_FEATURES = ["SCHEDULING", "OPTIONAL_ACTIVITIES", "SCOPED_CONSTRAINTS", "SIMPLE_NUMERIC_PLANNING", "GENERAL_NUMERIC_PLANNING", "BOUNDED_TYPES", "DISCRETE_NUMBERS", "DISCRETE_TIME", "CONTINUOUS_TIME", "INTERMEDIATE_CONDITIONS_AND_EFFECTS", "EXTERNAL_CONDITIONS_AND_EFFECTS", "TIMED_EFFECTS", "TIMED_GOALS", "DURATION_INEQUALITIES", "SELF_OVERLAPPING", "STATIC_FLUENTS_IN_DURATIONS", "FLUENTS_IN_DURATIONS", "INT_TYPE_DURATIONS", "NEGATIVE_CONDITIONS", "DISJUNCTIVE_CONDITIONS", "EQUALITIES", "CONDITIONAL_EFFECTS", "INCREASE_EFFECTS", "DECREASE_EFFECTS", "STATIC_FLUENTS_IN_BOOLEAN_ASSIGNMENTS", "STATIC_FLUENTS_IN_NUMERIC_ASSIGNMENTS", "STATIC_FLUENTS_IN_OBJECT_ASSIGNMENTS", "FLUENTS_IN_BOOLEAN_ASSIGNMENTS", "FLUENTS_IN_NUMERIC_ASSIGNMENTS", "FLUENTS_IN_OBJECT_ASSIGNMENTS", "FLAT_TYPING", "HIERARCHICAL_TYPING", "INT_FLUENTS", "OBJECT_FLUENTS", "NUMERIC_FLUENTS", "BOOL_FLUENT_PARAMETERS", "BOUNDED_INT_FLUENT_PARAMETERS", "BOOL_ACTION_PARAMETERS", "BOUNDED_INT_ACTION_PARAMETERS", "UNBOUNDED_INT_ACTION_PARAMETERS", "MAKESPAN", "FINAL_VALUE", "OVERSUBSCRIPTION", "INT_NUMBERS_IN_OVERSUBSCRIPTION"]
+
+_STATUSES = {
+    ScheduleStatus.OPTIMAL: PlanGenerationResultStatus.SOLVED_OPTIMALLY,
+    ScheduleStatus.FOUND: PlanGenerationResultStatus.SOLVED_SATISFICING,
+    ScheduleStatus.INFEASIBLE: PlanGenerationResultStatus.UNSOLVABLE_PROVEN,
+    ScheduleStatus.NOT_FOUND: PlanGenerationResultStatus.UNSOLVABLE_INCOMPLETELY,
+    ScheduleStatus.OUT_OF_TIME: PlanGenerationResultStatus.TIMEOUT,
+    ScheduleStatus.ERROR: PlanGenerationResultStatus.INTERNAL_ERROR,
+}
+
+CREDITS = Credits(
+    "cpsat",
+    "the up_samp authors",
+    "",
+    "https://developers.google.com/optimization/cp/cp_solver",
+    "Apache-2.0",
+    "Exact scheduling with OR-Tools CP-SAT",
+    "Schedules with optional activities, fluents and resources as a CP-SAT model.",
+)
+
+
+class CpsatEngine(Engine, OneshotPlannerMixin, AnytimePlannerMixin):
+    """``OneshotPlanner(name="cpsat")`` and ``AnytimePlanner(name="cpsat")``.
+
+    :param seed: of the search; with ``workers=1`` the same seed gives the same plan.
+    :param workers: threads (``None``: one per core).
+    """
+
+    def __init__(self, seed: int = 0, workers: int | None = None, **options: Any) -> None:
+        Engine.__init__(self)
+        OneshotPlannerMixin.__init__(self)
+        AnytimePlannerMixin.__init__(self)
+        if options:
+            raise ProblemError(f"cpsat has no option {', '.join(sorted(options))}")
+        if workers is not None and int(workers) < 1:
+            raise ProblemError(f"cpsat needs at least one worker, not {workers}")
+        self.seed = int(seed)
+        self.workers = None if workers is None else int(workers)
+
+    @property
+    def name(self) -> str:
+        """The engine's name."""
+        return "cpsat"
+
+    @staticmethod
+    def supported_kind() -> ProblemKind:
+        """Return the features that are supported (a new object at each call)."""
+        return ProblemKind(_FEATURES, version=LATEST_PROBLEM_KIND_VERSION)
+
+    @staticmethod
+    def supports(problem_kind: ProblemKind) -> bool:
+        """Return whether problems of this kind can be scheduled."""
+        return bool(problem_kind <= CpsatEngine.supported_kind())
+
+    @staticmethod
+    def satisfies(optimality_guarantee: OptimalityGuarantee) -> bool:
+        """Return whether plans come with this guarantee: both do."""
+        return True
+
+    @staticmethod
+    def ensures(anytime_guarantee: AnytimeGuarantee) -> bool:
+        """Return whether the anytime mode gives this guarantee: each plan beats the last."""
+        return bool(anytime_guarantee == AnytimeGuarantee.INCREASING_QUALITY)
+
+    @staticmethod
+    def get_credits(**kwargs: Any) -> Credits | None:
+        """Return who made the solver that does the work."""
+        return CREDITS
+
+    def _solve(
+        self,
+        problem: Any,
+        heuristic: Any = None,
+        timeout: float | None = None,
+        output_stream: IO[str] | None = None,
+    ) -> PlanGenerationResult:
+        return self._solve_with_params(problem, heuristic, timeout, output_stream)
+
+    def _solve_with_params(
+        self,
+        problem: Any,
+        heuristic: Any = None,
+        timeout: float | None = None,
+        output_stream: IO[str] | None = None,
+        warm_start_plan: Any = None,
+        **kwargs: Any,
+    ) -> PlanGenerationResult:
+        deadline = Deadline.after(timeout)
+        try:
+            session = self._session(problem)
+            report = session.solve(deadline, hint=_candidate(warm_start_plan))
+        except UnsupportedError as error:
+            return self._unsupported(error)
+        result = self._result(problem, report)
+        _write(output_stream, result)
+        return result
+
+    def _get_solutions(
+        self, problem: Any, timeout: float | None = None, output_stream: IO[str] | None = None
+    ) -> Iterator[PlanGenerationResult]:
+        return self._get_solutions_with_params(problem, timeout, output_stream)
+
+    def _get_solutions_with_params(
+        self,
+        problem: Any,
+        timeout: float | None = None,
+        output_stream: IO[str] | None = None,
+        warm_start_plan: Any = None,
+        **kwargs: Any,
+    ) -> Iterator[PlanGenerationResult]:
+        deadline = Deadline.after(timeout)
+        try:
+            session = self._session(problem)
+        except UnsupportedError as error:
+            yield self._unsupported(error)
+            return
+        found: queue.Queue[Any] = queue.Queue()
+        stop = threading.Event()
+
+        def progress(schedule: CandidateSchedule, bound: int | None) -> None:
+            if stop.is_set():
+                raise _StoppedError
+            found.put(ScheduleReport(ScheduleStatus.FOUND, schedule, bound, "", deadline.elapsed()))
+
+        def work() -> None:
+            try:
+                hint = _candidate(warm_start_plan)
+                found.put(("end", session.solve(deadline, hint=hint, on_solution=progress)))
+            except BaseException as error:  # raised again by the generator
+                found.put(("error", error))
+
+        thread = threading.Thread(target=work, daemon=True)
+        thread.start()
+        try:
+            yield from self._stream(problem, found, output_stream)
+        finally:
+            stop.set()
+            session.interrupt()
+            thread.join()
+
+    def _stream(
+        self, problem: Any, found: queue.Queue[Any], output: IO[str] | None
+    ) -> Iterator[PlanGenerationResult]:
+        """Yield intermediate plans as they are found, then the final result."""
+        while True:
+            item = found.get()
+            if isinstance(item, ScheduleReport):
+                result = self._result(problem, item, final=False)
+            elif item[0] == "error":
+                if isinstance(item[1], UnsupportedError):
+                    yield self._unsupported(item[1])
+                    return
+                raise item[1]
+            else:
+                result = self._result(problem, item[1])
+            _write(output, result)
+            yield result
+            if not isinstance(item, ScheduleReport):
+                return
+
+    def _session(self, problem: Any) -> CpsatSession:
+        if not isinstance(problem, SchedulingProblem):
+            raise ProblemError("cpsat schedules scheduling problems only")
+        return CpsatSession(problem, seed=self.seed, workers=self.workers)
+
+    def _unsupported(self, error: UnsupportedError) -> PlanGenerationResult:
+        messages = [LogMessage(LogLevel.ERROR, str(error))]
+        status = PlanGenerationResultStatus.UNSUPPORTED_PROBLEM
+        return PlanGenerationResult(status, None, self.name, {}, messages)
+
+    def _result(
+        self, problem: Any, report: ScheduleReport, final: bool = True
+    ) -> PlanGenerationResult:
+        status, plan = _STATUSES[report.status], None
+        messages = [LogMessage(LogLevel.INFO, report.message)] if report.message else []
+        metrics = {"engine_internal_time": f"{report.seconds:.3f}"}
+        if report.bound is not None:
+            metrics["lower_bound"] = str(report.bound)
+        if report.schedule is not None:
+            plan = build_schedule(problem, report.schedule)
+            metrics["makespan"] = str(report.schedule.makespan)
+            violations = validate_schedule(problem, plan).violations
+            if violations:
+                messages.append(LogMessage(LogLevel.ERROR, f"invalid schedule: {violations[0]}"))
+                status, plan = PlanGenerationResultStatus.INTERNAL_ERROR, None
+            elif not final:
+                status = PlanGenerationResultStatus.INTERMEDIATE
+        return PlanGenerationResult(status, plan, self.name, metrics, messages)
+
+
+class _StoppedError(Exception):
+    """The consumer of an anytime solve has gone."""
+
+
+def _write(stream: IO[str] | None, result: PlanGenerationResult) -> None:
+    if stream is not None:
+        metrics = result.metrics or {}
+        makespan, bound = metrics.get("makespan", "-"), metrics.get("lower_bound", "-")
+        stream.write(f"cpsat: {result.status.name} makespan {makespan} bound {bound}\n")
+
+
+def _candidate(plan: Any) -> CandidateSchedule | None:
+    """Return a UP schedule as plain values (``None`` for no plan)."""
+    if plan is None:
+        return None
+    if not isinstance(plan, Schedule):
+        raise ProblemError("cpsat starts from schedules only")
+    times = {
+        a.name: (
+            int(plan.get(a.start).constant_value()),
+            int(plan.get(a.end).constant_value()),
+        )
+        for a in plan.activities
+    }
+    parameters: dict[str, bool | int | str] = {}
+    for variable, value in plan.assignment.items():
+        if not hasattr(variable, "container"):
+            plain = value.object().name if value.is_object_exp() else value.constant_value()
+            parameters[variable.name] = plain
+    return CandidateSchedule(times, parameters)

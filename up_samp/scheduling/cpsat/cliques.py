@@ -1,0 +1,48 @@
+"""Find "one at a time" in what users write pair by pair.
+
+``Or(a.end + k <= b.start, b.end + k <= a.start)`` for every pair of a set of activities is one
+NoOverlap over intervals [start, end + k). Pure functions on graphs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+Graph = dict[int, set[int]]
+
+
+def graph_of(edges: Iterable[tuple[int, int]]) -> Graph:
+    """Return adjacency sets."""
+    graph: Graph = {}
+    for a, b in edges:
+        graph.setdefault(a, set()).add(b)
+        graph.setdefault(b, set()).add(a)
+    return graph
+
+
+def clique_cover(graph: Graph) -> list[list[int]]:
+    """Return cliques that together contain every edge (greedy, deterministic).
+
+    Each clique is grown from an edge that is not covered yet, first by vertices that cover many
+    uncovered edges; that finds the intended sets of unary resources at once.
+    """
+    uncovered = {v: set(others) for v, others in graph.items()}
+    cliques = []
+    for v in sorted(graph, key=lambda x: (-len(graph[x]), x)):
+        while uncovered[v]:
+            w = max(uncovered[v], key=lambda x: (len(graph[x] & graph[v]), -x))
+            clique = _grow(graph, uncovered, v, w)
+            for a in clique:
+                uncovered[a].difference_update(clique)
+            cliques.append(sorted(clique))
+    return cliques
+
+
+def _grow(graph: Graph, uncovered: Graph, v: int, w: int) -> set[int]:
+    clique = {v, w}
+    candidates = graph[v] & graph[w]
+    while candidates:
+        best = max(candidates, key=lambda x: (len(uncovered[x] & clique), len(graph[x]), -x))
+        clique.add(best)
+        candidates = candidates & graph[best]
+    return clique

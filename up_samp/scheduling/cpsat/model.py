@@ -1,0 +1,324 @@
+"""The CP-SAT model of a scheduling problem, built once and then grown by what is appended."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+from unified_planning.model import FNode
+from unified_planning.model.scheduling import Activity, SchedulingProblem
+from unified_planning.model.timing import DurationInterval
+
+from up_samp.model import CandidateSchedule, UnsupportedError
+from up_samp.scheduling.cpsat.horizon import Horizon
+from up_samp.scheduling.cpsat.metrics import objective_of
+from up_samp.scheduling.cpsat.numbers import NumericTimeline
+from up_samp.scheduling.cpsat.pairs import Disjunctions
+from up_samp.scheduling.cpsat.problem import Additions
+from up_samp.scheduling.cpsat.states import States
+from up_samp.scheduling.cpsat.store import TRUE, Form, Lin, Store, compare, constant, disjunction
+from up_samp.scheduling.cpsat.terms import ActivityVars, Terms, World, int_bounds
+from up_samp.scheduling.cpsat.timeline import Timeline
+
+_PLACEHOLDER = 10**7
+
+
+class ScheduleModel:
+    """Variables and constraints for one problem.
+
+    :param problem: its parts are passed in by :meth:`build` and :meth:`grow`.
+    """
+
+    def __init__(self, problem: SchedulingProblem) -> None:
+        self.problem = problem
+        self.store = Store()
+        self.world = World(self.store)
+        self.horizon = Horizon(self.store)
+        self.parameters: dict[str, tuple[int, Any, str | None]] = {}
+        self.timelines: dict[Any, Timeline | NumericTimeline] = {}
+        self.read_counts: dict[Any, int] = {}
+        self.objective: Lin | None = None
+        self.disjunctions = Disjunctions()
+        self.limit = 0
+
+    # -- building ------------------------------------------------------------------------------
+    def build(self, parts: Additions) -> None:
+        """Build the model from everything there is."""
+        world, store = self.world, self.store
+        for code, obj in enumerate(self.problem.all_objects):
+            world.objects[obj.name] = code
+            world.object_types.append(obj.type)
+        world.makespan = store.integer(0, _PLACEHOLDER)
+        self.states = States(world, self.problem, constant(0))
+        for activity in parts.activities:
+            self._activity(activity)
+        self._parameters(parts)
+        forms = self._forms(parts)
+        self._set_horizon(parts, forms)
+        for activity in parts.activities:
+            self._link_times(activity)
+        self.states.dynamic = {e.fluent.fluent().name for _, e, _ in parts.effects}
+        for timing, effect, owner in parts.effects:
+            self.states.add_effect(timing, effect, self._vars(owner))
+        for span, condition, owner in parts.conditions:
+            self.states.add_condition(span, condition, self._vars(owner))
+        rest = self.disjunctions.take(forms, list(world.activities.values()))
+        self.disjunctions.emit(store, self.states)
+        self.objective = objective_of(self.problem, self.states, self._exact_makespan)
+        self._timelines()
+        for form in rest:
+            store.enforce(form)
+        if world.makespan_used:
+            self._exact_makespan()
+
+    def grow(self, parts: Additions) -> None:
+        """Add what was appended (no effects, no new objects; see :meth:`can_grow`)."""
+        for activity in parts.activities:
+            self._activity(activity, self.limit)
+            self._link_times(activity)
+        self._parameters(parts)
+        for activity in parts.durations:
+            self._narrow(activity)
+        for form in self._forms(parts):
+            self.store.enforce(form)
+        for span, condition, owner in parts.conditions:
+            self.states.add_condition(span, condition, self._vars(owner))
+        self._timelines()
+
+    def can_grow(self, parts: Additions) -> bool:
+        """Return whether the additions fit into the model as it is."""
+        if parts.rewritten or parts.effects or parts.new_objects:
+            return False
+        if not all(self._narrower(a) for a in parts.durations):
+            return False
+        horizon = self.horizon
+        before = horizon.bound()
+        for activity in parts.activities:
+            horizon.total += 2 * (4 + _least(activity.duration))
+        for span, _, _ in parts.conditions:
+            horizon.beside(int(abs(span.lower.delay) + abs(span.upper.delay)))
+        for activity in parts.durations:
+            horizon.total += _least(activity.duration)
+        horizon.total += sum(_constants(c) for c, _, _ in parts.constraints)
+        return horizon.bound() <= max(self.limit, before)
+
+    # -- parts ---------------------------------------------------------------------------------
+    def _vars(self, activity: Activity | None) -> ActivityVars | None:
+        return None if activity is None else self.world.activities[activity.name]
+
+    def _activity(self, activity: Activity, limit: int = _PLACEHOLDER) -> None:
+        store = self.store
+        present = store.boolean() if activity.optional else TRUE
+        needs = () if present == TRUE else (present,)
+        start = Lin(((store.integer(0, limit), 1),), 0, needs)
+        lower, upper = _constant_bounds(activity.duration)
+        if lower is not None and lower == upper:
+            end, size = start.shift(lower), constant(lower)
+        else:
+            size = Lin(((store.integer(lower or 0, limit if upper is None else upper), 1),))
+            end = Lin(((store.integer(0, limit), 1),), 0, needs)
+        made = ActivityVars(
+            activity.name, len(self.world.activities), present, start, end, lower or 0, upper, size
+        )
+        self.world.activities[activity.name] = made
+        self.states.register(made)
+        if limit == _PLACEHOLDER:
+            self.horizon.activity(made)
+
+    def _link_times(self, activity: Activity) -> None:
+        store = self.store
+        made = self.world.activities[activity.name]
+        if made.size.terms:
+            total = made.start.plus(made.size).plus(made.end, -1)
+            store.enforce(compare(total._replace(needs=()), "=="), (made.present,))
+            if None in _constant_bounds(activity.duration):
+                self._duration_terms(activity, made)
+        store.enforce(made.end.le(Lin(((self.world.makespan, 1),))))
+
+    def _duration_terms(self, activity: Activity, made: ActivityVars) -> None:
+        duration = activity.duration
+        reader = self.states.reader(made, made.present, made.start, made.start)
+        terms = Terms(self.world, reader, made)
+        lower, upper = terms.linear(duration.lower), terms.linear(duration.upper)
+        low = lower.shift(1 if duration.is_left_open() else 0)
+        high = upper.shift(-1 if duration.is_right_open() else 0)
+        self.store.enforce(low.le(made.size), (made.present,))
+        self.store.enforce(made.size.le(high), (made.present,))
+
+    def _narrower(self, activity: Activity) -> bool:
+        lower, upper = _constant_bounds(activity.duration)
+        made = self.world.activities[activity.name]
+        if lower is None or upper is None or made.most is None:
+            return False
+        return lower >= made.least and upper <= made.most
+
+    def _narrow(self, activity: Activity) -> None:
+        lower, upper = _constant_bounds(activity.duration)
+        made = self.world.activities[activity.name]
+        when = (made.present,)
+        self.store.enforce(made.start.shift(lower or 0).le(made.end), when)
+        if upper is not None:
+            self.store.enforce(made.end.le(made.start.shift(upper)), when)
+
+    def _parameters(self, parts: Additions) -> None:
+        for parameter in parts.variables:
+            self._parameter(parameter, None)
+        for activity, parameter in parts.parameters:
+            self._parameter(parameter, activity)
+
+    def _parameter(self, parameter: Any, activity: Activity | None) -> None:
+        tpe = parameter.type
+        if tpe.is_bool_type() or tpe.is_user_type():
+            values = self.world.values_of(tpe)
+            if not values:
+                raise UnsupportedError(f"there is no object for '{parameter.name}' of type '{tpe}'")
+            var = self.store.member(values)
+        else:
+            var = self.store.integer(*int_bounds(tpe))
+        made = self._vars(activity)
+        needs = () if made is None or made.present == TRUE else (made.present,)
+        self.world.parameters[parameter.name] = Lin(((var, 1),), 0, needs)
+        self.parameters[parameter.name] = (var, tpe, None if activity is None else activity.name)
+
+    def _forms(self, parts: Additions) -> list[Form]:
+        forms: list[Form] = []
+        for constraint, scope, owner in parts.constraints:
+            terms = Terms(self.world, self._static, self._vars(owner))
+            form = terms.form(constraint)
+            if scope:
+                form = disjunction([*(terms.form(s, False) for s in scope), form])
+            forms.append(form)
+        return forms
+
+    def _static(self, node: FNode) -> Lin:
+        """Return the value of a fluent that never changes (constraints may use no other)."""
+        if node.fluent().name in self._changing():
+            raise UnsupportedError(
+                f"the constraint reads '{node}', which changes; use a condition at a time instead"
+            )
+        return self.states.reader(None, TRUE, constant(0), constant(0))(node)  # type: ignore[no-any-return]
+
+    def _changing(self) -> set[str]:
+        effects = [e for _, e, _ in self.problem.all_effects()] if self.limit == 0 else []
+        return self.states.dynamic | {e.fluent.fluent().name for e in effects}
+
+    def _set_horizon(self, parts: Additions, forms: list[Form]) -> None:
+        horizon = self.horizon
+        horizon.forms(forms)
+        for timing, _, _ in parts.effects:
+            horizon.beside(int(abs(timing.delay)))
+        for span, _, _ in parts.conditions:
+            horizon.beside(int(abs(span.lower.delay) + abs(span.upper.delay)))
+        # room for what may be appended later, so that growing seldom means rebuilding
+        self.limit = 2 * horizon.bound() + 100
+        delays = [int(abs(t.delay)) for t, _, _ in parts.effects]
+        delays += [int(abs(s.upper.delay)) for s, _, _ in parts.conditions]
+        self.states.far = constant(self.limit + max(delays, default=0) + 2)
+        times = [self.world.makespan]
+        for made in self.world.activities.values():
+            times += [v for lin in (made.start, made.end) for v, _ in lin.terms]
+        for var in set(times):
+            self.store.rebound(var, 0, self.limit)
+
+    def _timelines(self) -> None:
+        for key, state in self.states.vars.items():
+            if key[0] not in self.states.dynamic:
+                continue
+            timeline = self.timelines.get(key)
+            if timeline is None:
+                apart = self.disjunctions.apart
+                timeline = (
+                    NumericTimeline(self.states, state)
+                    if state.numeric
+                    else Timeline(self.states, state, apart)
+                )
+                self.timelines[key] = timeline
+                timeline.build()
+            else:
+                for read in state.reads[self.read_counts[key] :]:
+                    timeline.add_read(read)
+            self.read_counts[key] = len(state.reads)
+
+    def _exact_makespan(self) -> None:
+        """Make the makespan variable equal to the latest end, where constraints mention it."""
+        store, makespan = self.store, Lin(((self.world.makespan, 1),))
+        attained = [store.literal(makespan.le(constant(0)))]
+        for made in self.world.activities.values():
+            literal = store.boolean()
+            store.clause([~literal, made.present])
+            store.enforce(makespan.le(made.end), (literal,))
+            attained.append(literal)
+        store.clause(attained)
+
+    # -- solutions -----------------------------------------------------------------------------
+    def schedule(self, value: Any) -> CandidateSchedule:
+        """Return the schedule in a solution; ``value(var)`` gives each variable's value."""
+
+        def worth(lin: Lin) -> int:
+            return lin.const + sum(c * value(v) for v, c in lin.terms)
+
+        times = {
+            a.name: (worth(a.start), worth(a.end))
+            for a in self.world.activities.values()
+            if value(a.present)
+        }
+        names = {code: name for name, code in self.world.objects.items()}
+        parameters: dict[str, bool | int | str] = {}
+        for name, (var, tpe, owner) in self.parameters.items():
+            if owner is not None and owner not in times:
+                continue
+            number = value(var)
+            if tpe.is_bool_type():
+                parameters[name] = bool(number)
+            else:
+                parameters[name] = names[number] if tpe.is_user_type() else number
+        return CandidateSchedule(times, parameters)
+
+    def hint_values(self, schedule: CandidateSchedule) -> dict[int, int]:
+        """Return variable -> value as ``schedule`` has it (only the main decisions)."""
+        values = {self.world.makespan: schedule.makespan}
+        for made in self.world.activities.values():
+            times = schedule.times.get(made.name)
+            if made.present != TRUE:
+                values[made.present] = int(times is not None)
+            if times is not None:
+                values[made.start.terms[0][0]] = times[0]
+                if made.size.terms:
+                    values[made.end.terms[0][0]] = times[1]
+                    values[made.size.terms[0][0]] = times[1] - times[0]
+        for name, (var, tpe, _) in self.parameters.items():
+            if name in schedule.parameters:
+                value = schedule.parameters[name]
+                code = self.world.objects[str(value)] if tpe.is_user_type() else int(value)
+                values[var] = code
+        return values
+
+
+def _constant_bounds(duration: DurationInterval) -> tuple[int | None, int | None]:
+    """Return the least and greatest integer duration, ``None`` where it is not constant."""
+    lower = upper = None
+    if duration.lower.is_constant():
+        value = Fraction(duration.lower.constant_value())
+        lower = -(-value.numerator // value.denominator)
+        if duration.is_left_open() and lower == value:
+            lower += 1
+        lower = max(0, lower)
+    if duration.upper.is_constant():
+        value = Fraction(duration.upper.constant_value())
+        upper = value.numerator // value.denominator
+        if duration.is_right_open() and upper == value:
+            upper -= 1
+    return lower, upper
+
+
+def _least(duration: DurationInterval) -> int:
+    return _constant_bounds(duration)[0] or 0
+
+
+def _constants(node: FNode) -> int:
+    """Return the sum of the magnitudes of the constants in ``node``."""
+    if node.is_int_constant():
+        return abs(int(node.constant_value()))
+    if node.is_timing_exp():
+        return int(abs(node.timing().delay)) + 1
+    return sum(_constants(a) for a in node.args)

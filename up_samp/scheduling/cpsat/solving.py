@@ -1,0 +1,135 @@
+"""Runs CP-SAT under a deadline, with hints and bounds, interruptible."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from ortools.sat.python import cp_model
+
+from up_samp.model import Deadline
+
+Improved = Callable[[Any, float, float], bool]
+"""Called with (variable index -> value, objective, bound); returns whether to stop."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """How CP-SAT is run."""
+
+    seed: int
+    workers: int
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What CP-SAT said. ``values`` are those of the last solution, by CP-SAT's indices."""
+
+    status: int
+    values: list[int] | None
+    bound: float
+    objective: float
+    stopped: bool
+
+
+class _Watch(cp_model.CpSolverSolutionCallback):
+    def __init__(self, improved: Improved) -> None:
+        super().__init__()
+        self._improved = improved
+        self.error: BaseException | None = None
+        self.stopped = False
+        self.last = 0.0
+
+    def on_solution_callback(self) -> None:
+        self.last = time.monotonic()
+        try:
+            solution = list(self.response_proto.solution)
+            if self._improved(solution, self.objective_value, self.best_objective_bound):
+                self.stopped = True
+                self.stop_search()
+        except BaseException as error:  # raised again by the caller, outside C++
+            self.error = error
+            self.stop_search()
+
+
+def run(
+    model: cp_model.CpModel,
+    settings: Run,
+    deadline: Deadline,
+    improved: Improved,
+    *,
+    patience: float | None = None,
+    interrupted: threading.Event | None = None,
+    options: dict[str, Any] | None = None,
+) -> Answer:
+    """Solve ``model``. Ctrl-C stops the solver and is raised.
+
+    :param patience: stop when so many seconds (or half the time used so far, if that is longer)
+        have gone by since the last solution; ``None``: go on to the end.
+    """
+    solver = cp_model.CpSolver()
+    parameters = solver.parameters
+    parameters.random_seed = settings.seed
+    parameters.num_workers = settings.workers
+    parameters.catch_sigint_signal = False
+    for name, value in (options or {}).items():
+        setattr(parameters, name, value)
+    remaining = deadline.remaining()
+    if math.isfinite(remaining):
+        parameters.max_time_in_seconds = max(0.0, remaining)
+    watch = _Watch(improved)
+    outcome: dict[str, Any] = {}
+
+    def work() -> None:
+        try:
+            outcome["status"] = solver.solve(model, watch)
+        except BaseException as error:  # handed to the calling thread
+            outcome["error"] = error
+
+    _interruptible(work, solver, watch, patience, interrupted or threading.Event())
+    error = outcome.get("error") or watch.error
+    if error is not None:
+        raise error
+    status = outcome["status"]
+    solution = list(solver.response_proto.solution)
+    known = status in (cp_model.OPTIMAL, cp_model.FEASIBLE)
+    return Answer(
+        status,
+        solution if known else None,
+        solver.best_objective_bound,
+        solver.objective_value if known else math.inf,
+        watch.stopped,
+    )
+
+
+def _interruptible(
+    work: Callable[[], None],
+    solver: Any,
+    watch: _Watch,
+    patience: float | None,
+    interrupted: threading.Event,
+) -> None:
+    """Run ``work`` in a thread, so that signals reach this one at once."""
+    thread = threading.Thread(target=work, daemon=True)
+    started = time.monotonic()
+    thread.start()
+    try:
+        while thread.is_alive():
+            thread.join(0.02 if patience is not None else 0.1)
+            if interrupted.is_set():
+                solver.stop_search()
+            if patience is not None and watch.last:
+                now = time.monotonic()
+                if now - watch.last > max(patience, 0.5 * (watch.last - started)):
+                    watch.stopped = True
+                    solver.stop_search()
+                    thread.join()
+    except BaseException:
+        while thread.is_alive():
+            solver.stop_search()
+            thread.join(0.05)
+        raise
