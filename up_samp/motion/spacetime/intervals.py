@@ -1,0 +1,220 @@
+"""Compiled bookkeeping in time: who is in which cell when, and what that leaves free.
+
+``occupied`` of a run has shape (cells + 3,): extended cell ``i`` is held during
+``[occupied[i], occupied[i + 1]]``. A body that waits between two cells counts as being in the one
+behind it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+SAME = 1e-9
+"""Times closer than this (s) count as equal."""
+
+PAD = 0.01
+"""Time (s) kept free before and after a moving body's visit to a cell."""
+
+A_AVOIDS = 1
+"""Bit of a pair's flags: the first body, moving, must keep clear of the second."""
+B_AVOIDS = 2
+"""Bit of a pair's flags: the second body, moving, must keep clear of the first."""
+
+
+@njit(cache=True)
+def occupancy(
+    times: FloatArray, s: FloatArray, edges: FloatArray, since: float, until: float
+) -> FloatArray:
+    """Return when each extended cell is entered and, last, when the final rest ends.
+
+    ``s`` (n,) is non-decreasing over the sample ``times`` (n,) and linear in between.
+    """
+    m = len(edges) - 1
+    out = np.empty(m + 3)
+    n = len(times)
+    k = 0
+    for j in range(m):
+        # the last time at which s <= edges[j]
+        while k + 1 < n and s[k + 1] <= edges[j] + SAME:
+            k += 1
+        at = times[k]
+        if k + 1 < n and s[k] < edges[j]:
+            share = (edges[j] - s[k]) / (s[k + 1] - s[k])
+            at += share * (times[k + 1] - times[k])
+        out[j + 1] = at
+    arrival = times[n - 1]
+    for i in range(n - 1, -1, -1):
+        if s[i] < edges[m] - SAME:
+            break
+        arrival = times[i]
+    out[m + 1] = arrival
+    out[0] = min(since, out[1])
+    out[m + 2] = max(until, arrival)
+    return out
+
+
+@njit(cache=True)
+def forbidden(
+    runs: IntArray, cells: int, held: FloatArray, flags: int, out: FloatArray, used: int
+) -> int:
+    """Append rows (cell, from, until) in which a second body's visits forbid a first body's cells.
+
+    ``runs`` are rows (i, j first, j last) of conflicting cells, ``held`` is the second body's
+    occupancy, ``cells`` the first body's number of cells (its own rests are cells 0 and cells + 1).
+    ``out`` must have room for ``len(runs)`` more rows. Returns the number of rows now in use.
+    """
+    last = len(held) - 2
+    for r in range(len(runs)):
+        i, j0, j1 = runs[r, 0], runs[r, 1], runs[r, 2]
+        resting = i == 0 or i == cells + 1
+        if resting or not flags & A_AVOIDS:
+            # only the second body's own motion matters
+            if not flags & B_AVOIDS:
+                continue
+            j0, j1 = max(j0, 1), min(j1, last - 1)
+            if j0 > j1:
+                continue
+        low, high = held[j0], held[j1 + 1]
+        if not resting:
+            # sampling moves a crossing by about a millisecond; a rest begins and ends exactly
+            low -= PAD if j0 > 0 else 0.0
+            high += PAD if j1 < last else 0.0
+        if high - low > SAME:
+            out[used, 0], out[used, 1], out[used, 2] = i, low, high
+            used += 1
+    return used
+
+
+@njit(cache=True)
+def first_meeting(
+    runs: IntArray, a: FloatArray, b: FloatArray, flags: int
+) -> tuple[float, int, int]:
+    """Return (time, cell of a, cell of b) of the first conflict of two runs (time inf: none)."""
+    best, at_i, at_j = np.inf, -1, -1
+    end_a, end_b = len(a) - 2, len(b) - 2
+    for r in range(len(runs)):
+        i, j0, j1 = runs[r, 0], runs[r, 1], runs[r, 2]
+        if a[i] >= b[j1 + 1] or a[i + 1] <= b[j0]:
+            continue
+        for j in range(j0, j1 + 1):
+            low, high = max(a[i], b[j]), min(a[i + 1], b[j + 1])
+            if high - low <= SAME or low >= best:
+                continue
+            a_moves, b_moves = 0 < i < end_a, 0 < j < end_b
+            if (a_moves and flags & A_AVOIDS) or (b_moves and flags & B_AVOIDS):
+                best, at_i, at_j = low, i, j
+    return best, at_i, at_j
+
+
+@njit(cache=True)
+def safe_intervals(rows: FloatArray, cells: int) -> tuple[IntArray, FloatArray]:
+    """Return the safe time intervals of all extended cells: ``head`` (cells + 3,) and ``safe``
+    (k, 2) such that cell ``i`` has ``safe[head[i]:head[i + 1]]``, ascending.
+    """
+    count = np.zeros(cells + 3, dtype=np.int64)
+    for r in range(len(rows)):
+        count[int(rows[r, 0]) + 1] += 1
+    start = np.cumsum(count)
+    fill = start.copy()
+    order = np.empty(len(rows), dtype=np.int64)
+    for r in range(len(rows)):
+        cell = int(rows[r, 0])
+        # insertion keeps every cell's intervals sorted by their beginning
+        k = fill[cell]
+        while k > start[cell] and rows[order[k - 1], 1] > rows[r, 1]:
+            order[k] = order[k - 1]
+            k -= 1
+        order[k] = r
+        fill[cell] += 1
+    head = np.zeros(cells + 3, dtype=np.int64)
+    safe = np.empty((len(rows) + cells + 2, 2))
+    used = 0
+    for cell in range(cells + 2):
+        free_from = -np.inf
+        for k in range(start[cell], start[cell + 1]):
+            low, high = rows[order[k], 1], rows[order[k], 2]
+            if low > free_from + SAME:
+                safe[used, 0], safe[used, 1] = free_from, low
+                used += 1
+            free_from = max(free_from, high)
+        if free_from < np.inf:
+            safe[used, 0], safe[used, 1] = free_from, np.inf
+            used += 1
+        head[cell + 1] = used
+    return head, safe[:used].copy()
+
+
+@njit(cache=True)
+def forbidden_starts(
+    rows: FloatArray, held: FloatArray, release: float, until: float
+) -> tuple[FloatArray, float, float]:
+    """Return start times at which driving with a fixed timing collides, and the window for it.
+
+    ``rows`` are forbidden (cell, from, until), ``held`` the occupancy when it starts at time 0.
+    The open intervals (k, 2) are unsorted. The start must lie in the returned [earliest, latest]:
+    after its ends it must be able to rest until ``until``, before it rests at its first pose.
+    """
+    end = len(held) - 2
+    out = np.empty((len(rows), 2))
+    used = 0
+    earliest, latest = release, np.inf
+    for r in range(len(rows)):
+        cell, low, high = int(rows[r, 0]), rows[r, 1], rows[r, 2]
+        if cell == 0:
+            if high > release:
+                latest = min(latest, low)
+        elif cell == end:
+            if low < until:
+                earliest = max(earliest, high - held[end])
+        else:
+            out[used, 0], out[used, 1] = low - held[cell + 1], high - held[cell]
+            used += 1
+    return out[:used].copy(), earliest, latest
+
+
+@njit(cache=True)
+def first_gap(blocked: FloatArray, earliest: float, latest: float) -> float:
+    """Return the first time in [earliest, latest] outside the open intervals (inf: none)."""
+    order = np.argsort(blocked[:, 0])
+    at = earliest
+    for k in order:
+        if blocked[k, 0] >= at:
+            break
+        if blocked[k, 1] > at:
+            at = blocked[k, 1]
+    return at if at <= latest else np.inf
+
+
+@njit(cache=True)
+def offset_intervals(runs: IntArray, a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the open intervals (k, 2) of b's start minus a's start in which two runs collide.
+
+    ``a`` and ``b`` are the occupancies of the cells 1 .. n when each starts at time 0 (rests do
+    not count). The pair (i, j) collides while a[i] < b[j + 1] + d and b[j] + d < a[i + 1].
+    """
+    pairs = np.empty((len(runs), 2))
+    used = 0
+    end_a, end_b = len(a) - 2, len(b) - 2
+    for r in range(len(runs)):
+        i = runs[r, 0]
+        j0, j1 = max(runs[r, 1], 1), min(runs[r, 2], end_b - 1)
+        if i == 0 or i == end_a or j0 > j1:
+            continue
+        pairs[used, 0], pairs[used, 1] = a[i] - b[j1 + 1], a[i + 1] - b[j0]
+        used += 1
+    pairs = pairs[:used]
+    out = np.empty((used, 2))
+    order = np.argsort(pairs[:, 0])
+    merged = 0
+    for k in order:
+        if merged > 0 and pairs[k, 0] <= out[merged - 1, 1]:
+            out[merged - 1, 1] = max(out[merged - 1, 1], pairs[k, 1])
+        else:
+            out[merged, 0], out[merged, 1] = pairs[k, 0], pairs[k, 1]
+            merged += 1
+    return out[:merged].copy()

@@ -1,0 +1,283 @@
+"""Runs (bodies on timed paths) and a workspace that remembers what their paths have to do with
+each other.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Hashable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol, TypeVar
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.model import (
+    Body,
+    Configuration,
+    Deadline,
+    FixedMotion,
+    MotionModel,
+    PathQuery,
+    PathReport,
+    Placed,
+    Rest,
+    TimedMotion,
+    UnsupportedError,
+)
+from up_samp.motion.spacetime.intervals import (
+    A_AVOIDS,
+    B_AVOIDS,
+    first_meeting,
+    forbidden,
+    occupancy,
+)
+from up_samp.motion.spacetime.paths import Hull, Path, hull_of, path_of, resting_path
+from up_samp.motion.spacetime.sweep import conflict_runs, separation
+from up_samp.motion.spacetime.tuning import Timing
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+MARGIN = 0.015
+"""Clearance (m) kept between two bodies, less where they rest closer to each other than that."""
+
+PATHS = 300
+"""Paths that a workspace remembers."""
+DIAGRAMS = 20_000
+"""Pairs of paths whose conflicts a workspace remembers."""
+
+
+class PathPlanner(Protocol):
+    """What this package needs of a motion service: single paths among resting obstacles."""
+
+    def plan(self, query: PathQuery, deadline: Deadline) -> PathReport:
+        """Return the best path of one body among the query's obstacles."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A body on a timed path. It is there from ``since`` until ``until`` (s) and, while it moves,
+    keeps clear of the objects in ``avoid`` (``None``: all). A rest is a run without cells.
+    """
+
+    name: str
+    object: str
+    path: Path
+    timing: Timing
+    since: float
+    until: float
+    avoid: frozenset[str] | None
+
+    @cached_property
+    def held(self) -> FloatArray:
+        """When each extended cell is entered (see :mod:`up_samp.motion.spacetime.intervals`)."""
+        if self.path.cells == 0:
+            return np.array([self.since, self.since, self.until])
+        times = self.timing.trajectory.times
+        return occupancy(times, self.timing.s, self.path.edges, self.since, self.until)
+
+    @property
+    def arrival(self) -> float:
+        """When it stands at its last pose (s)."""
+        return self.timing.trajectory.end
+
+    def rests_during(self, start: float, end: float) -> Configuration | None:
+        """Return where it stands if it does not move in all of [start, end]."""
+        times = self.timing.trajectory.times
+        if end <= times[0] or self.path.cells == 0:
+            return tuple(float(x) for x in self.path.poses[0])
+        if start >= times[-1]:
+            return tuple(float(x) for x in self.path.poses[-1])
+        return None
+
+
+def avoids(avoid: frozenset[str] | None, name: str) -> bool:
+    """Return whether a motion with this ``avoid`` set must keep clear of the object ``name``."""
+    return avoid is None or name in avoid
+
+
+Value = TypeVar("Value")
+
+
+class _Memory(OrderedDict[Hashable, Value]):
+    """A dictionary that forgets what was used longest ago."""
+
+    def __init__(self, most: int) -> None:
+        super().__init__()
+        self.most = most
+
+    def recall(self, key: Hashable) -> Value | None:
+        if key in self:
+            self.move_to_end(key)
+            return self[key]
+        return None
+
+    def keep(self, key: Hashable, value: Value) -> Value:
+        self[key] = value
+        while len(self) > self.most:
+            self.popitem(last=False)
+        return value
+
+
+class Workspace:
+    """Paths and their conflicts, remembered across queries of one motion service."""
+
+    def __init__(self, service: PathPlanner) -> None:
+        self.service = service
+        self._paths: _Memory[Path | PathReport] = _Memory(PATHS)
+        self._rests: _Memory[Path] = _Memory(PATHS)
+        self._conflicts: _Memory[IntArray] = _Memory(DIAGRAMS)
+
+    def path(
+        self,
+        body: Body,
+        poses: tuple[Configuration, ...],
+        obstacles: Iterable[Placed],
+        deadline: Deadline,
+    ) -> Path | PathReport:
+        """Return the service's best path as a :class:`Path`, or its report if it has none."""
+        _planar(body)
+        key = (body, poses, frozenset((p.body.footprint, p.pose) for p in obstacles))
+        known = self._paths.recall(key)
+        if known is not None:
+            return known
+        report = self.service.plan(PathQuery(body, poses, tuple(obstacles)), deadline)
+        if report.trajectory is None:
+            return report
+        return self._paths.keep(key, path_of(report.trajectory, body, poses))
+
+    def resting(self, body: Body, pose: Configuration) -> Path:
+        """Return the path of a body that stays at ``pose``."""
+        _planar(body)
+        key = (body.footprint, pose)
+        return self._rests.recall(key) or self._rests.keep(key, resting_path(body, pose))
+
+    def conflicts(self, a: Path, b: Path) -> IntArray:
+        """Return the conflicting cells of two paths as rows (i, j first, j last)."""
+        key = (a.number, b.number)
+        known = self._conflicts.recall(key)
+        if known is not None:
+            return known
+        p, q = a.box, b.box
+        if p[0] > q[2] or q[0] > p[2] or p[1] > q[3] or q[1] > p[3]:
+            return self._conflicts.keep(key, np.empty((0, 3), dtype=np.int64))
+        g, h = a.hull, b.hull
+        rows = conflict_runs(
+            a.table,
+            g.verts,
+            g.counts,
+            g.radius,
+            b.table,
+            h.verts,
+            h.counts,
+            h.radius,
+            self._margin(a, b, g, h),
+        )
+        return self._conflicts.keep(key, rows)
+
+    @staticmethod
+    def _margin(a: Path, b: Path, g: Hull, h: Hull) -> float:
+        """Return the clearance to keep: less than usual where both may rest closer than that."""
+        margin = MARGIN
+        for p in (a.poses[0], a.poses[-1]):
+            for q in (b.poses[0], b.poses[-1]):
+                gap = separation(p, g.verts, g.counts, q, h.verts, h.counts)
+                if 0.0 < gap < 2 * margin:
+                    margin = 0.5 * gap
+        return margin
+
+    def forbidden(
+        self, path: Path, name: str, avoid: frozenset[str] | None, others: Iterable[Run]
+    ) -> FloatArray:
+        """Return rows (cell, from, until) in which ``others`` keep the object ``name`` from
+        cells of ``path``.
+        """
+        parts: list[FloatArray] = []
+        for other in others:
+            flags = pair_flags(name, avoid, other.object, other.avoid)
+            if other.object == name or flags == 0:
+                continue
+            runs = self.conflicts(path, other.path)
+            if len(runs):
+                out = np.empty((len(runs), 3))
+                used = forbidden(runs, path.cells, other.held, flags, out, 0)
+                parts.append(out[:used])
+        return np.concatenate(parts) if parts else np.empty((0, 3))
+
+    def meeting(self, a: Run, b: Run) -> tuple[float, int, int]:
+        """Return (time, cell of a, cell of b) of the first conflict of two runs (inf: none)."""
+        flags = pair_flags(a.object, a.avoid, b.object, b.avoid)
+        if a.object == b.object or flags == 0:
+            return math.inf, -1, -1
+        if a.held[-1] <= b.held[0] or b.held[-1] <= a.held[0]:
+            return math.inf, -1, -1
+        runs = self.conflicts(a.path, b.path)
+        return first_meeting(runs, a.held, b.held, flags)
+
+
+def pair_flags(
+    a: str, a_avoid: frozenset[str] | None, b: str, b_avoid: frozenset[str] | None
+) -> int:
+    """Return who of two objects must, while moving, keep clear of whom (bits)."""
+    flags = A_AVOIDS if avoids(a_avoid, b) else 0
+    return flags | (B_AVOIDS if avoids(b_avoid, a) else 0)
+
+
+_workspaces: WeakKeyDictionary[PathPlanner, Workspace] = WeakKeyDictionary()
+
+
+def workspace_of(service: PathPlanner) -> Workspace:
+    """Return the workspace that belongs to a motion service."""
+    if service not in _workspaces:
+        _workspaces[service] = Workspace(service)
+    return _workspaces[service]
+
+
+NOBODY: frozenset[str] = frozenset()
+"""A resting body keeps clear of nobody: it does not move."""
+
+
+def rest_run(workspace: Workspace, rest: Rest) -> Run:
+    """Return a resting object as a run."""
+    path = workspace.resting(rest.body, rest.pose)
+    return Run(
+        rest.name,
+        rest.name,
+        path,
+        Timing(path.natural, path.natural_s),
+        rest.since,
+        rest.until,
+        NOBODY,
+    )
+
+
+def fixed_run(motion: FixedMotion) -> Run:
+    """Return an already decided motion as a run."""
+    _planar(motion.body)
+    path = path_of(motion.trajectory, motion.body)
+    timing = Timing(motion.trajectory, path.natural_s)
+    return Run(
+        motion.name, motion.object, path, timing, motion.present_from, motion.present_until, None
+    )
+
+
+def run_of(motion: TimedMotion, path: Path, timing: Timing, since: float) -> Run:
+    """Return a motion with its timing as a run that is there from ``since`` on."""
+    return Run(motion.name, motion.object, path, timing, since, motion.present_until, motion.avoid)
+
+
+def _planar(body: Body) -> None:
+    if body.kinematics.model is MotionModel.SE3:
+        raise UnsupportedError(
+            "coordinating several bodies in space-time is for planar bodies; one here is SE3"
+        )
+
+
+def hulls(bodies: Iterable[Body]) -> list[Hull]:
+    """Return the convex parts of planar bodies."""
+    return [hull_of(body) for body in bodies]

@@ -1,0 +1,263 @@
+"""One robot among movers: a ladder from the best path at full speed to new ways round.
+
+1. the best path among what rests there all the time, begun as soon as its planner's own timing
+   meets nothing; 2. its speed tuned; 3. other paths, around parked robots and around the places
+   where it would meet the movers, each tuned; 4. a safe-interval search over the plane.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.model import (
+    Configuration,
+    Deadline,
+    Outcome,
+    PathReport,
+    Placed,
+    TimedMotion,
+)
+from up_samp.motion.spacetime.intervals import (
+    first_gap,
+    forbidden_starts,
+    occupancy,
+    safe_intervals,
+)
+from up_samp.motion.spacetime.paths import Path
+from up_samp.motion.spacetime.runs import Run, Workspace, avoids, run_of
+from up_samp.motion.spacetime.tuning import Timing, natural_timing, tune
+
+FloatArray = npt.NDArray[np.float64]
+
+ON_TIME = 1e-6
+"""Lateness (s) that does not count."""
+
+ROUNDS = 4
+"""Other paths tried for one motion."""
+
+GHOST_STEP = 0.8
+"""Distance (m) between the copies of a mover that a detour keeps clear of."""
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """What came of planning one motion: a ``run``, or none and the ``report`` that says why."""
+
+    run: Run | None
+    report: PathReport | None = None
+    met: frozenset[str] = field(default_factory=frozenset)
+    """Objects in the way of the best path at full speed."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """When a motion may happen: it is there from ``since``, leaves not before ``release``."""
+
+    since: float
+    release: float
+
+
+def fit(
+    workspace: Workspace, motion: TimedMotion, window: Window, path: Path, others: Sequence[Run]
+) -> Run | None:
+    """Return the earliest arrival along ``path`` among ``others``, by waiting and slowing down."""
+    horizon = max(motion.due, window.release + path.natural.duration)
+    while True:
+        soon = [o for o in others if o.until > window.release and o.since < horizon]
+        later = [o for o in others if o.since >= horizon]
+        rows = workspace.forbidden(path, motion.object, motion.avoid, soon)
+        ends = _end_rows(workspace, motion, path, later)
+        best = _earliest(motion, window, path, np.concatenate([rows, ends]))
+        if not later or (best is not None and best.trajectory.end <= horizon):
+            return run_of(motion, path, best, window.since) if best else None
+        horizon = window.release + 4 * (horizon - window.release) + 60.0
+
+
+def _end_rows(
+    workspace: Workspace, motion: TimedMotion, path: Path, later: Sequence[Run]
+) -> FloatArray:
+    """Return the forbidden rows of the rest at the end for runs that only come later."""
+    last = tuple(float(x) for x in path.poses[-1])
+    rest = workspace.resting(motion.body, last)
+    visitors = [o for o in later if o.since < motion.present_until]
+    rows = workspace.forbidden(rest, motion.object, motion.avoid, visitors)
+    rows = rows[rows[:, 0] == 0]
+    rows[:, 0] = path.cells + 1
+    return rows
+
+
+def _earliest(motion: TimedMotion, window: Window, path: Path, rows: FloatArray) -> Timing | None:
+    """Return the earliest arrival along ``path`` with forbidden (cell, from, until) ``rows``."""
+    rows = rows[(rows[:, 2] > window.release) | (rows[:, 0] == path.cells + 1)]
+    until = motion.present_until
+    held = occupancy(path.natural.times, path.natural_s, path.edges, -math.inf, math.inf)
+    blocked, earliest, latest = forbidden_starts(rows, held, window.release, until)
+    start = first_gap(blocked, earliest, latest)
+    best = natural_timing(path, start) if start < math.inf else None
+    if start > window.release and path.tunable and path.cells > 0:
+        head, safe = safe_intervals(rows, path.cells)
+        # at the end it must be able to rest, so it arrives after the last visit of another
+        ends = rows[(rows[:, 0] == path.cells + 1) & (rows[:, 1] < until)]
+        goal_free = float(np.max(ends[:, 2], initial=-math.inf))
+        limit = best.trajectory.end if best else math.inf
+        if goal_free < math.inf:
+            tuned = tune(path, head, safe, window.release, goal_free, limit)
+            if tuned and (best is None or tuned.trajectory.end < best.trajectory.end - 0.02):
+                best = tuned
+    return best
+
+
+def parked_all_the_time(motion: TimedMotion, others: Iterable[Run]) -> list[Placed]:
+    """Return what rests in one place all through the motion's window."""
+    return [
+        Placed(other.object, other.path.body, rest)
+        for other in others
+        if other.object != motion.object
+        and avoids(motion.avoid, other.object)
+        and other.since <= motion.release
+        and (rest := _rest_until(other, motion)) is not None
+    ]
+
+
+def _rest_until(other: Run, motion: TimedMotion) -> Configuration | None:
+    end = max(motion.due, motion.release)
+    if other.until < end:
+        return None
+    return other.rests_during(motion.release, end)
+
+
+def plan_one(
+    workspace: Workspace,
+    motion: TimedMotion,
+    window: Window,
+    others: Sequence[Run],
+    deadline: Deadline,
+    search: Callable[[Path | None], Path | None] | None = None,
+    limit: float = math.inf,
+) -> Attempt:
+    """Return a safe run of ``motion`` among ``others``: the first one found that is on time, or
+    else the earliest. Runs that arrive after ``limit`` (s) are not wanted.
+
+    ``search`` is the last rung: given the best path so far it returns another one, or nothing.
+    """
+    static = parked_all_the_time(motion, others)
+    first = workspace.path(motion.body, motion.poses, static, deadline)
+    if not isinstance(first, Path):
+        # perhaps something leaves later: what is there now need not be there for ever
+        lasting = [p for p in static if _lasts(p, others)]
+        second = workspace.path(motion.body, motion.poses, lasting, deadline)
+        if len(lasting) == len(static) or not isinstance(second, Path):
+            report = second if not isinstance(second, Path) else first
+            return Attempt(None, report, report.blockers)
+        first = second
+    best = fit(workspace, motion, window, first, others)
+    if _good(best, motion):
+        return Attempt(best)
+    met = _met_at_full_speed(workspace, motion, window, first, others)
+    best = _with_detours(workspace, motion, window, first, best, others, static, deadline)
+    if not _good(best, motion) and search is not None and not deadline.expired():
+        path = search(best.path if best else None)
+        if path is not None:
+            best = _earlier(best, fit(workspace, motion, window, path, others))
+    if best is not None and best.arrival > limit:
+        best = None
+    return Attempt(best, None, frozenset(o.object for o, _ in met))
+
+
+def _lasts(placed: Placed, others: Iterable[Run]) -> bool:
+    return any(
+        o.object == placed.name and o.path.cells == 0 and o.until == math.inf for o in others
+    )
+
+
+def _good(run: Run | None, motion: TimedMotion) -> bool:
+    return run is not None and run.arrival <= motion.due + ON_TIME
+
+
+def _earlier(a: Run | None, b: Run | None) -> Run | None:
+    if a is None or b is None:
+        return a or b
+    return b if b.arrival < a.arrival - 1e-9 else a
+
+
+def _met_at_full_speed(
+    workspace: Workspace, motion: TimedMotion, window: Window, path: Path, others: Sequence[Run]
+) -> list[tuple[Run, int]]:
+    """Return the runs (and their cell) that it meets when it drives ``path`` at once, by time."""
+    run = run_of(motion, path, natural_timing(path, window.release), window.since)
+    found = []
+    for other in others:
+        at, _, cell = workspace.meeting(run, other)
+        if at < math.inf:
+            found.append((at, other.object, cell, other))
+    found.sort(key=lambda item: item[:3])
+    return [(other, cell) for _, _, cell, other in found]
+
+
+def _with_detours(
+    workspace: Workspace,
+    motion: TimedMotion,
+    window: Window,
+    path: Path,
+    best: Run | None,
+    others: Sequence[Run],
+    static: Sequence[Placed],
+    deadline: Deadline,
+) -> Run | None:
+    """Return the best of ``best`` and of paths around whatever the last path met at full speed."""
+    around = list(static)
+    for _ in range(ROUNDS):
+        met = _met_at_full_speed(workspace, motion, window, path, others)
+        ghosts = _ghosts(workspace, motion, path, met[:2])
+        if not ghosts or deadline.expired():
+            break
+        around += ghosts
+        other_path = workspace.path(motion.body, motion.poses, around, deadline)
+        if not isinstance(other_path, Path):
+            break
+        path = other_path
+        best = _earlier(best, fit(workspace, motion, window, path, others))
+        if _good(best, motion):
+            break
+    return best
+
+
+def _ghosts(
+    workspace: Workspace, motion: TimedMotion, path: Path, met: Sequence[tuple[Run, int]]
+) -> list[Placed]:
+    """Return copies of the runs that were met, where their path conflicts with ``path``.
+
+    Copies over the first and the last pose of the motion are left out: it has to be there.
+    """
+    ghosts: list[Placed] = []
+    for other, cell in met:
+        runs = workspace.conflicts(path, other.path)
+        hits = np.unique(np.concatenate([np.arange(a, b + 1) for _, a, b in runs]))
+        table = other.path.table
+        reach = other.path.hull.radius + path.hull.radius
+        centre = table[cell, 1, :2]
+        last = np.full(2, math.inf)
+        for j in hits:
+            row = table[j, 1]
+            near = float(np.hypot(*(row[:2] - centre))) <= 4 * reach
+            if not near or float(np.hypot(*(row[:2] - last))) < GHOST_STEP * other.path.hull.radius:
+                continue
+            pose = (float(row[0]), float(row[1]), math.atan2(row[3], row[2]))
+            rest = workspace.resting(other.path.body, pose)
+            blocked = workspace.conflicts(path, rest)[:, 0]
+            if 0 in blocked or path.cells + 1 in blocked:
+                continue
+            last = row[:2]
+            ghosts.append(Placed(f"{other.object}~{j}", other.path.body, pose))
+    return ghosts
+
+
+def failed(attempt: Attempt) -> Outcome:
+    """Return what a failed attempt is worth: a proof only if the path planner has one."""
+    report = attempt.report
+    return report.outcome if report is not None else Outcome.OUT_OF_TIME
