@@ -1,10 +1,11 @@
 """An independent judge of plans.
 
 It shares no map reading, collision checking, timing or scheduling code with the planners: what it
-accepts was found right twice. ``semantics.py`` beside this file states the rules for schedules.
+accepts was found right twice. The rules are stated in :mod:`up_samp.validation.semantics`.
 """
 
+from up_samp.validation.plan import judge_plan, validate_plan
 from up_samp.validation.schedule import validate_schedule
 from up_samp.validation.verdict import Verdict, Violation
 
-__all__ = ["Verdict", "Violation", "validate_schedule"]
+__all__ = ["Verdict", "Violation", "judge_plan", "validate_plan", "validate_schedule"]

@@ -79,6 +79,27 @@ A plan without coinciding effects and conditions is judged alike by both.
 
 Starting configurations
 -----------------------
-14. Configurations of a motion constraint that are given by fluents are read at the activity's
-    start, by rule 9 (``valid``).
+14. Configurations of a motion constraint (and of its obstacles) that are given by fluents are
+    read at the activity's start, those of a motion effect at its end, by rule 9.
+
+Motions
+-------
+15. Trajectories are in seconds, ``seconds_per_unit`` for a unit. A motion may start after its
+    activity's start and arrive before its end. It starts where the object is, at its constraint's
+    starting configuration, passes the waypoints in order and ends at the last one (within 1e-3 m
+    and 1e-3 rad).
+16. Two activities with motion constraints on the same object need ``end < start`` (the paper's
+    closed intervals); neither may its configuration be changed by another activity from start
+    to end. An activity that drives an object and has a motion effect on it must state where the
+    motion ends.
+17. A motion effect without a motion constraint changes the configuration at its activity's end
+    ``t``: the object is at the old one before ``t`` and at the new one from ``t`` on.
+18. From its start to its end (waiting included) an activity's moving object is disjoint from the
+    map's occupied and unknown cells, within the map, and disjoint from the objects that its
+    constraint lists (static and dynamic together; all others if it lists none), resting or not.
+    Objects without a configuration (no initial one, no motion effect yet) are nowhere. Touching,
+    and overlap by up to 1e-6 m, is no contact.
+19. Static obstacles rest between the activity's start and end. Where obstacles come with
+    fluents, the fluent tells the object's configuration at the start (a static one's: throughout).
+20. Motions respect their object's limits: see ``kinematics.py``, ``limits.py``, ``control.py``.
 """

@@ -1,0 +1,121 @@
+"""The Unified Planning face of the validator."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+from unified_planning.engines import (
+    Credits,
+    Engine,
+    FailedValidationReason,
+    LogLevel,
+    LogMessage,
+    ValidationResult,
+    ValidationResultStatus,
+)
+from unified_planning.engines.mixins import PlanValidatorMixin
+from unified_planning.model import ProblemKind
+from unified_planning.model.motion import SchedulingMotionProblem
+from unified_planning.model.problem_kind_versioning import LATEST_PROBLEM_KIND_VERSION
+from unified_planning.model.scheduling import SchedulingProblem
+from unified_planning.plans import PlanKind, Schedule
+
+from up_samp.model import ProblemError
+from up_samp.validation import Violation, judge_plan
+
+_FEATURES = re.findall(
+    r"\w+",
+    """
+    SCHEDULING SAMP OPTIONAL_ACTIVITIES SCOPED_CONSTRAINTS SIMPLE_NUMERIC_PLANNING
+    GENERAL_NUMERIC_PLANNING BOUNDED_TYPES DISCRETE_TIME INTERMEDIATE_CONDITIONS_AND_EFFECTS
+    EXTERNAL_CONDITIONS_AND_EFFECTS TIMED_EFFECTS TIMED_GOALS DURATION_INEQUALITIES
+    SELF_OVERLAPPING STATIC_FLUENTS_IN_DURATIONS FLUENTS_IN_DURATIONS INT_TYPE_DURATIONS
+    REAL_TYPE_DURATIONS NEGATIVE_CONDITIONS DISJUNCTIVE_CONDITIONS EQUALITIES
+    EXISTENTIAL_CONDITIONS UNIVERSAL_CONDITIONS CONDITIONAL_EFFECTS INCREASE_EFFECTS
+    DECREASE_EFFECTS FORALL_EFFECTS STATIC_FLUENTS_IN_BOOLEAN_ASSIGNMENTS
+    STATIC_FLUENTS_IN_NUMERIC_ASSIGNMENTS STATIC_FLUENTS_IN_OBJECT_ASSIGNMENTS
+    FLUENTS_IN_BOOLEAN_ASSIGNMENTS FLUENTS_IN_NUMERIC_ASSIGNMENTS FLUENTS_IN_OBJECT_ASSIGNMENTS
+    FLAT_TYPING HIERARCHICAL_TYPING BOOL_FLUENT_PARAMETERS BOUNDED_INT_FLUENT_PARAMETERS
+    BOOL_ACTION_PARAMETERS BOUNDED_INT_ACTION_PARAMETERS UNBOUNDED_INT_ACTION_PARAMETERS
+    REAL_ACTION_PARAMETERS INT_FLUENTS REAL_FLUENTS OBJECT_FLUENTS MAKESPAN FINAL_VALUE
+    OVERSUBSCRIPTION TEMPORAL_OVERSUBSCRIPTION INT_NUMBERS_IN_OVERSUBSCRIPTION
+    REAL_NUMBERS_IN_OVERSUBSCRIPTION UNDEFINED_INITIAL_NUMERIC UNDEFINED_INITIAL_SYMBOLIC
+    """,
+)
+
+_REASONS = {
+    "condition": FailedValidationReason.INAPPLICABLE_ACTION,
+    "interference": FailedValidationReason.MUTEX_CONFLICT,
+    "effect-conflict": FailedValidationReason.MUTEX_CONFLICT,
+    "overlap": FailedValidationReason.MUTEX_CONFLICT,
+    "collision": FailedValidationReason.MUTEX_CONFLICT,
+}
+
+
+class SampValidator(Engine, PlanValidatorMixin):
+    """``PlanValidator(name="samp-validator")``: judges schedules with and without motions.
+
+    A schedule is valid if it is so by the PDDL 2.1 reading of effects and conditions or by the
+    one of Definition 3 (see ``up_samp.validation.semantics``; ``metrics["reading"]`` says which):
+    Unified Planning does not say what it means, and its own recorded plans need the second one.
+    ``seconds_per_unit`` is the length of one unit of schedule time (s).
+    """
+
+    def __init__(self, seconds_per_unit: float = 1.0, **options: Any) -> None:
+        Engine.__init__(self)
+        PlanValidatorMixin.__init__(self)
+        if options:
+            raise ProblemError(f"samp-validator has no option {', '.join(sorted(options))}")
+        self._seconds_per_unit = seconds_per_unit
+
+    @property
+    def name(self) -> str:
+        """The engine's name."""
+        return "samp-validator"
+
+    @staticmethod
+    def supported_kind() -> ProblemKind:
+        """Return the features that the validator has rules for (a new object at each call)."""
+        return ProblemKind(_FEATURES, version=LATEST_PROBLEM_KIND_VERSION)
+
+    @staticmethod
+    def supports(problem_kind: ProblemKind) -> bool:
+        """Return whether problems of this kind can be judged."""
+        return bool(problem_kind <= SampValidator.supported_kind())
+
+    @staticmethod
+    def supports_plan(plan_kind: PlanKind) -> bool:
+        """Return whether plans of this kind can be judged."""
+        return bool(plan_kind == PlanKind.SCHEDULE)
+
+    @staticmethod
+    def get_credits(**kwargs: Any) -> Credits | None:
+        """Return nothing: no credits are printed for a validator."""
+        return None
+
+    def _validate(self, problem: Any, plan: Any) -> ValidationResult:
+        if not isinstance(problem, SchedulingProblem) or not isinstance(plan, Schedule):
+            raise ProblemError("samp-validator judges schedules of scheduling problems")
+        motion = isinstance(problem, SchedulingMotionProblem)
+        verdict, values = judge_plan(
+            problem, plan, motion=motion, seconds_per_unit=self._seconds_per_unit
+        )
+        accepted = verdict.valid or verdict.definition3
+        reading = "PDDL 2.1" if verdict.valid else "Definition 3" if accepted else "none"
+        return ValidationResult(
+            ValidationResultStatus.VALID if accepted else ValidationResultStatus.INVALID,
+            self.name,
+            log_messages=[LogMessage(LogLevel.INFO, str(v)) for v in verdict.violations],
+            metric_evaluations=values if accepted else None,
+            reason=None if accepted else _reason(verdict.violations),
+            metrics={"reading": reading},
+        )
+
+
+def _reason(violations: Sequence[Violation]) -> FailedValidationReason:
+    """Return UP's nearest word for the first violation."""
+    if not violations:
+        return FailedValidationReason.UNSATISFIED_GOALS
+    return _REASONS.get(violations[0].kind, FailedValidationReason.UNSATISFIED_GOALS)

@@ -1,0 +1,203 @@
+"""Can the body really move like that? Finite differences between samples, with stated tolerances.
+
+Speeds are means over a piece between two samples, so that a body within its limits always
+passes: a mean speed is at most the largest speed, and means over neighbouring pieces differ by at
+most the largest acceleration times the time between the pieces' middles. Beyond that, allowed are
+``SHARE`` of each limit, positions that are off by ``NOISE``, and what a car of that turning
+radius can do between two samples unseen (an arc and a straight inside one piece).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.validation.control import breaks_law
+from up_samp.validation.limits import Limits
+from up_samp.validation.tracks import Pieces, pieces_of
+from up_samp.validation.verdict import Violation
+
+FloatArray = npt.NDArray[np.float64]
+
+SHARE = 0.01
+"""Limits may be exceeded by one per cent."""
+NOISE = 1e-6
+"""Positions (m) and angles (rad) may be off by this much."""
+MAX_GAP = 0.1
+"""Samples are at most this far apart (s) while the body moves."""
+SLIP_WINDOW = 2.0
+"""Side slip may not add up to more than ``SHARE`` of any such stretch of way (m)."""
+
+
+def motion_violations(
+    what: str, limits: Limits, times: FloatArray, poses: FloatArray
+) -> Iterator[Violation]:
+    """Yield how a trajectory (plan time, s; poses (n, 3) or (n, 7)) breaks the body's limits.
+
+    ``what`` names the activity and the object.
+    """
+    if len(times) < 2:
+        return
+    if poses.shape[1] == 7:
+        yield from _flyer(what, limits, times, poses)
+        return
+    pieces = pieces_of(times, poses)
+    yield from _sampling(what, times, pieces)
+    if limits.law is not None:
+        yield from breaks_law(what, limits, times, poses, pieces)
+    elif limits.model == "REEDSSHEPP":
+        yield from _car(what, limits, times, pieces)
+    else:
+        speed = pieces.chord / pieces.dt[:, None]
+        yield from _free(what, limits, times, pieces.dt, speed, pieces.turn)
+
+
+def _worst(
+    what: str,
+    kind: str,
+    unit: str,
+    times: FloatArray,
+    value: FloatArray,
+    limit: FloatArray | float,
+    slack: FloatArray | float,
+) -> Iterator[Violation]:
+    """Yield one violation for where ``value`` exceeds ``limit`` by most beyond what is allowed."""
+    bound = np.broadcast_to(limit * (1 + SHARE) + slack, value.shape)
+    excess = value - bound
+    if len(value) and excess.max() > 0:
+        i = int(excess.argmax())
+        most = float(np.broadcast_to(limit, value.shape)[i])
+        text = f"{what}: {value[i]:.4g} {unit} at {times[i]:.3f} s, at most {most:.4g} allowed"
+        yield Violation(kind, text)
+
+
+def _sampling(what: str, times: FloatArray, pieces: Pieces) -> Iterator[Violation]:
+    gaps = np.where(pieces.at_rest, 0.0, pieces.dt)
+    if gaps.max() > MAX_GAP + 1e-9:
+        i = int(gaps.argmax())
+        text = f"{what}: no sample for {gaps[i]:.3f} s after {times[i]:.3f} s while it moves"
+        yield Violation("sampling", text)
+    turns = np.abs(pieces.turn)
+    if turns.max() > math.pi / 2:
+        i = int(turns.argmax())
+        text = f"{what}: turns by {turns[i]:.3f} rad between two samples at {times[i]:.3f} s"
+        yield Violation("sampling", text)
+
+
+def _car(what: str, limits: Limits, times: FloatArray, pieces: Pieces) -> Iterator[Violation]:
+    """A car: along its heading, no turn too tight, at rest where it changes direction."""
+    radius, dt, length = limits.turning_radius, pieces.dt, pieces.length
+    # between two samples a car of this radius can bend to and fro: its chord then leaves the
+    # heading in the middle by at most length / (4 radius), and is shorter than its way
+    unseen = length**2 / (4 * radius)
+    slip = np.abs(pieces.across)
+    yield from _worst(what, "side-slip", "m sideways", times, slip, unseen, 10 * NOISE)
+    yield from _drift(what, times, pieces)
+    curl = np.abs(pieces.turn)
+    tightest = length / radius
+    yield from _worst(what, "curvature", "rad turned", times, curl, tightest, 10 * NOISE)
+    speed = pieces.along / dt
+    yield from _worst(what, "speed", "m/s", times, speed, limits.v_max, NOISE / dt)
+    yield from _worst(what, "speed", "m/s backwards", times, -speed, limits.v_back, NOISE / dt)
+    fuzz = NOISE + length**3 / (24 * radius**2)
+    yield from _acceleration(what, limits, times, dt, speed[:, None], fuzz, pieces.at_rest)
+
+
+def _drift(what: str, times: FloatArray, pieces: Pieces) -> Iterator[Violation]:
+    """Small slips may not add up: within any ``SLIP_WINDOW`` of way, however slowly driven."""
+    way = np.concatenate(([0.0], np.cumsum(pieces.length)))
+    side = np.concatenate(([0.0], np.cumsum(pieces.across)))
+    until = np.searchsorted(way, way + SLIP_WINDOW, side="right") - 1
+    drift = np.abs(side[until] - side)
+    bound = SHARE * SLIP_WINDOW
+    if drift.max() > bound:
+        i = int(drift.argmax())
+        text = (
+            f"{what}: slips {drift[i]:.3g} m sideways within {SLIP_WINDOW} m from {times[i]:.3f} s"
+        )
+        yield Violation("side-slip", text)
+
+
+def _free(
+    what: str,
+    limits: Limits,
+    times: FloatArray,
+    dt: FloatArray,
+    speed: FloatArray,
+    turn: FloatArray,
+) -> Iterator[Violation]:
+    """A body that moves in any direction: ``speed`` (n - 1, d) m/s, ``turn`` (n - 1,) rad."""
+    size = np.linalg.norm(speed, axis=1)
+    rate = np.abs(turn) / dt
+    yield from _worst(what, "speed", "m/s", times, size, limits.v_max, NOISE / dt)
+    yield from _worst(what, "turn-rate", "rad/s", times, rate, limits.omega_max, NOISE / dt)
+    rests = (size * dt < 1e-9) & (np.abs(turn) < 1e-9)
+    fuzz = np.full(len(dt), NOISE)
+    yield from _acceleration(what, limits, times, dt, speed, fuzz, rests)
+
+
+def _acceleration(
+    what: str,
+    limits: Limits,
+    times: FloatArray,
+    dt: FloatArray,
+    speed: FloatArray,
+    fuzz: FloatArray,
+    rests: npt.NDArray[np.bool_],
+) -> Iterator[Violation]:
+    """Changes of speed, from rest at the first sample to rest at the last one.
+
+    ``speed`` has shape (n - 1, d): a car's is signed. ``fuzz`` (m) is how far off each piece's
+    way may be. Next to a rest, and at a cusp, the speed is zero at the sample itself.
+    """
+    uncertain = fuzz / dt
+    half = dt / 2
+    change = np.linalg.norm(np.diff(speed, axis=0), axis=1)
+    between = np.where(rests[1:], half[:-1], np.where(rests[:-1], half[1:], half[:-1] + half[1:]))
+    slack = (uncertain[1:] + uncertain[:-1]) / between
+    middle = times[1:-1]
+    yield from _worst(what, "acceleration", "m/s^2", middle, change / between, limits.a_max, slack)
+    for i, kind in ((0, "rest-at-start"), (-1, "rest-at-end")):
+        rate = np.linalg.norm(speed[[i]], axis=1) / half[[i]]
+        if rests[i]:
+            continue
+        text = f"{what} is not at rest"
+        yield from _worst(
+            text, kind, "m/s^2", times[[i]], rate, limits.a_max, uncertain[[i]] / half[[i]]
+        )
+    if speed.shape[1] == 1:
+        v = speed[:, 0]
+        cusp = np.flatnonzero((v[:-1] * v[1:] < 0) & ~rests[:-1] & ~rests[1:])
+        for side in (cusp, cusp + 1):
+            rate = np.abs(v[side]) / half[side]
+            slack = uncertain[side] / half[side]
+            text = f"{what} does not stop at its cusp"
+            yield from _worst(text, "cusp", "m/s^2", middle[cusp], rate, limits.a_max, slack)
+
+
+def _flyer(what: str, limits: Limits, times: FloatArray, poses: FloatArray) -> Iterator[Violation]:
+    """A free flyer: positions and unit quaternions (x, y, z, w)."""
+    dt = np.diff(times)
+    norms = np.linalg.norm(poses[:, 3:], axis=1)
+    if np.abs(norms - 1).max() > 1e-3:
+        yield Violation("quaternion", f"{what}: a quaternion is not of length 1")
+        return
+    units = poses[:, 3:] / norms[:, None]
+    cosine = np.abs(np.sum(units[1:] * units[:-1], axis=1)).clip(0, 1)
+    # the angle between neighbours, by the chord: accurate also where it is tiny
+    nearest = np.minimum(
+        np.linalg.norm(units[1:] - units[:-1], axis=1),
+        np.linalg.norm(units[1:] + units[:-1], axis=1),
+    )
+    turn = np.where(cosine > 0.9, 4 * np.arcsin((nearest / 2).clip(0, 1)), 2 * np.arccos(cosine))
+    moves = np.diff(poses[:, :3], axis=0)
+    resting = (np.linalg.norm(moves, axis=1) < 1e-9) & (turn < 1e-9)
+    gaps = np.where(resting, 0.0, dt)
+    if gaps.max() > MAX_GAP + 1e-9:
+        i = int(gaps.argmax())
+        text = f"{what}: no sample for {gaps[i]:.3f} s after {times[i]:.3f} s while it moves"
+        yield Violation("sampling", text)
+    yield from _free(what, limits, times, dt, moves / dt[:, None], turn)

@@ -1,0 +1,99 @@
+"""What a movable object's motion parameters and control model allow (own reading)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from up_samp.model import ProblemError
+
+_KNOWN = ("turning_radius", "v_max", "a_max", "omega_max")
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of one object's motion: m, m/s, m/s^2, rad/s; each is 1.0 where the problem is silent.
+
+    ``v_back`` is the largest speed backwards. ``law`` with ``controls`` (low, high for each) is
+    set for control models that are no bicycle: ``law(q, u, qdot)`` fills ``qdot``.
+    """
+
+    name: str
+    model: str
+    turning_radius: float
+    v_max: float
+    v_back: float
+    a_max: float
+    omega_max: float
+    law: Callable[[Any, Any, Any], None] | None = None
+    controls: tuple[tuple[float, float], ...] = ()
+
+
+def limits_of(item: Any) -> Limits:
+    """Read the limits of a UP ``MovableObject``; unknown parameters are errors.
+
+    A control model with ``v_max`` and ``phi_max`` (and optionally ``v_min``, ``phi_min``) that
+    moves along its heading with speed u[0] is a bicycle: its speed is at most ``v_max``
+    (backwards at most ``-v_min`` where ``v_min`` is negative; a positive ``v_min`` is no limit,
+    as motions start and end at rest), and its curvature is at most what the model itself gives
+    for the steering limits.
+    """
+    given = dict(item.motion_parameters or {})
+    for key, value in given.items():
+        if key not in _KNOWN:
+            raise ProblemError(f"object {item.name}: unknown motion parameter '{key}'")
+        if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
+            raise ProblemError(f"object {item.name}: {key} must be a positive number, not {value}")
+    radius, v_max, a_max, omega_max = (float(given.get(k, 1.0)) for k in _KNOWN)
+    model = item.motion_model.name
+    if item.control_model is None:
+        if item.control_parameters:
+            raise ProblemError(f"object {item.name} has control parameters but no control model")
+        return Limits(item.name, model, radius, v_max, v_max, a_max, omega_max)
+    control = {k: float(v) for k, v in (item.control_parameters or {}).items()}
+    controls = _controls(item.name, control)
+    curvature = _bicycle_curvature(item.control_model, control)
+    if curvature is None:
+        law = item.control_model
+        return Limits(item.name, "CONTROL", radius, v_max, v_max, a_max, omega_max, law, controls)
+    forward = min(v_max, control["v_max"]) if "v_max" in given else control["v_max"]
+    back = min(forward, -control["v_min"]) if control.get("v_min", 0.0) < 0 else forward
+    tightest = max(radius if "turning_radius" in given else 0.0, 1 / curvature)
+    return Limits(item.name, model, tightest, forward, back, a_max, omega_max)
+
+
+def _controls(name: str, given: dict[str, float]) -> tuple[tuple[float, float], ...]:
+    """Return (low, high) of each control, in the order of the ``..._max`` parameters."""
+    stems = [key[:-4] for key in given if key.endswith("_max")]
+    unknown = set(given) - {f"{s}_max" for s in stems} - {f"{s}_min" for s in stems}
+    if unknown:
+        raise ProblemError(f"object {name}: unknown control parameter '{min(unknown)}'")
+    return tuple((given.get(f"{s}_min", -given[f"{s}_max"]), given[f"{s}_max"]) for s in stems)
+
+
+def _bicycle_curvature(
+    law: Callable[[Any, Any, Any], None], given: dict[str, float]
+) -> float | None:
+    """Return the tightest curvature (1/m) that a bicycle can drive both ways, ``None`` if ``law``
+    is no bicycle. Tried at one pose and speed: it must move along its heading with speed u[0].
+    """
+    if set(given) - {"v_min", "v_max", "phi_min", "phi_max"} or not {"v_max", "phi_max"} <= set(
+        given
+    ):
+        return None
+    theta, speed, curvatures = 0.4, 0.5, []
+    for phi in (given["phi_max"], given.get("phi_min", -given["phi_max"])):
+        rate = [0.0, 0.0, 0.0]
+        try:
+            law([1.0, 2.0, theta], [speed, phi], rate)
+        except (IndexError, TypeError):
+            return None
+        slip = math.hypot(rate[0] - speed * math.cos(theta), rate[1] - speed * math.sin(theta))
+        if slip > 1e-9:
+            return None
+        curvatures.append(abs(rate[2] / speed))
+    if min(curvatures) <= 0:
+        return None
+    return min(curvatures)

@@ -1,0 +1,203 @@
+"""Trajectories of a plan: those given, or read from UP paths; do both agree?"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from unified_planning.model.motion import SE2WithControlsPath
+
+from up_samp.model import Trajectory
+from up_samp.validation.kinematics import MAX_GAP
+from up_samp.validation.scene import Task
+from up_samp.validation.tracks import Track, pieces_of
+from up_samp.validation.verdict import Violation
+
+FloatArray = npt.NDArray[np.float64]
+
+AGREE = 1e-2
+"""A path and a trajectory of the same motion may differ by this much (m, rad)."""
+JOINT = 1e-3
+"""The end of one controlled piece of a path and the next pose may differ by this (m, rad)."""
+_STEP = 0.05
+
+
+def path_of(plan: Any, task: Task) -> Any | None:
+    """Return the UP path that a plan holds for a motion constraint.
+
+    Found by the activity's name: an activity as a dictionary key is lost when it is changed.
+    """
+    paths = getattr(plan, "motion_paths", None) or {}
+    for (activity, constraint), path in paths.items():
+        if activity.name == task.activity and constraint == task.constraint:
+            return path
+    return None
+
+
+def read_trajectory(
+    task: Task,
+    path: Any | None,
+    given: Mapping[str, Trajectory] | None,
+    start: float,
+    found: list[Violation],
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return times (s) and poses of a motion, ``None`` (and a violation) if there are none."""
+    derived = None
+    if isinstance(path, SE2WithControlsPath):
+        derived = integrate(path, start, task.what, found)
+    if given is not None and task.name in given:
+        times = np.asarray(given[task.name].times, dtype=float)
+        poses = np.asarray(given[task.name].poses, dtype=float)
+        if not (np.isfinite(times).all() and np.isfinite(poses).all()):
+            found.append(Violation("trajectory", f"{task.what}: a time or pose is not finite"))
+            return None
+        if path is not None:
+            found.extend(_disagreement(task, path, derived, times, poses))
+        return times, poses
+    if derived is None:
+        found.append(Violation("trajectory", f"{task.what} has no timed trajectory"))
+    return derived
+
+
+def integrate(
+    path: Any, start: float, what: str, found: list[Violation]
+) -> tuple[FloatArray, FloatArray] | None:
+    """Turn (pose, v m/s, omega rad/s, duration s) pieces into samples.
+
+    Each piece is driven with constant twist; it has to end at the next piece's pose. The speed of
+    a piece of up to 0.1 s counts as its mean, that of a longer one as really constant.
+    """
+    if not path.path:
+        found.append(Violation("trajectory", f"{what}: its path is empty"))
+        return None
+    times, poses = [start], [tuple(float(v) for v in path.path[0][0])]
+    for number, (pose, v, omega, duration) in enumerate(path.path):
+        x, y, theta = poses[-1]
+        miss = math.hypot(pose[0] - x, pose[1] - y)
+        bend = abs(math.remainder(pose[2] - theta, math.tau))
+        if miss > JOINT or bend > JOINT:
+            text = f"{what}: the controls of piece {number - 1} of its path do not lead to the next"
+            found.append(Violation("path", f"{text} pose (off by {miss:.3g} m, {bend:.3g} rad)"))
+            return None
+        # go on from the stated pose: errors must not add up
+        begin = (float(pose[0]), float(pose[1]), theta + math.remainder(pose[2] - theta, math.tau))
+        poses[-1] = begin
+        if duration <= 0:
+            continue
+        since = times[-1]
+        short = duration <= MAX_GAP + 1e-9 or (v == 0 and omega == 0)
+        count = 1 if short else math.ceil(duration / _STEP)
+        for k in range(1, count + 1):
+            t = duration * k / count
+            # sin(x) / x as numpy's sinc: the chord of an arc
+            chord = v * t * float(np.sinc(omega * t / 2 / math.pi))
+            heading = begin[2] + omega * t / 2
+            times.append(since + t)
+            poses.append(
+                (
+                    begin[0] + chord * math.cos(heading),
+                    begin[1] + chord * math.sin(heading),
+                    begin[2] + omega * t,
+                )
+            )
+    return np.array(times), np.array(poses)
+
+
+def _disagreement(
+    task: Task,
+    path: Any,
+    derived: tuple[FloatArray, FloatArray] | None,
+    times: FloatArray,
+    poses: FloatArray,
+) -> list[Violation]:
+    """Compare a trajectory with the path of the same motion (waiting before it starts aside)."""
+    if isinstance(path, SE2WithControlsPath):
+        if derived is None or poses.shape[1] != 3:
+            return []
+        shift = _departure(times, poses) - _departure(*derived)
+        track = Track(times, poses, 0.0)
+        stated = np.array([track.pose(t + shift) for t in derived[0]])
+        off = float(_difference(stated, derived[1]).max())
+    else:
+        stated = np.array([tuple(p) for p in path.path], dtype=float)
+        if len(stated) == 0 or stated.shape[1] != poses.shape[1]:
+            return [Violation("path", f"{task.what}: its path does not fit its trajectory")]
+        off = _in_order(stated, poses)
+    if off > AGREE:
+        text = f"{task.what}: its path and its trajectory are {off:.3g} (m, rad) apart"
+        return [Violation("path", text)]
+    return []
+
+
+def _departure(times: FloatArray, poses: FloatArray) -> float:
+    """Return when a planar trajectory begins to move."""
+    moving = np.flatnonzero(~pieces_of(times, poses).at_rest)
+    return float(times[moving[0]]) if len(moving) else float(times[0])
+
+
+def _difference(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return how far poses are apart: the larger of metres and radians (quaternions: by sign)."""
+    if a.shape[-1] == 7:
+        position = np.linalg.norm(a[..., :3] - b[..., :3], axis=-1)
+        plus = np.linalg.norm(a[..., 3:] - b[..., 3:], axis=-1)
+        minus = np.linalg.norm(a[..., 3:] + b[..., 3:], axis=-1)
+        return np.asarray(np.maximum(position, 2 * np.minimum(plus, minus)))
+    position = np.hypot(a[..., 0] - b[..., 0], a[..., 1] - b[..., 1])
+    angle = np.abs(np.remainder(a[..., 2] - b[..., 2] + math.pi, math.tau) - math.pi)
+    return np.asarray(np.maximum(position, angle))
+
+
+def passes(
+    times: FloatArray, poses: FloatArray, target: FloatArray, since: int, tolerance: float
+) -> tuple[int | None, float]:
+    """Return the first piece from ``since`` on that comes within ``tolerance`` of a pose, and how
+    near the trajectory comes to it. Between samples the nearest of eleven poses counts.
+    """
+    nearest = math.inf
+    track = Track(times, poses, 0.0) if poses.shape[1] == 3 else None
+    reach = _difference(poses[since:], target)
+    # the way to the next sample bounds how much nearer a piece can come
+    steps = _difference(poses[since + 1 :], poses[since:-1])
+    for k, distance in enumerate(reach):
+        nearest = min(nearest, float(distance))
+        if distance <= tolerance:
+            return since + k, nearest
+        if track is None or k >= len(steps) or distance > 2 * steps[k] + tolerance:
+            continue
+        ends = times[since + k], times[since + k + 1]
+        between = np.array([track.pose(t) for t in np.linspace(*ends, 11)])
+        inner = float(_difference(between, target).min())
+        nearest = min(nearest, inner)
+        if inner <= tolerance:
+            return since + k, nearest
+    return None, nearest
+
+
+def _in_order(stated: FloatArray, poses: FloatArray) -> float:
+    """Return how far the poses of a path are from a trajectory, met in their order.
+
+    The trajectory is looked at ten times as finely as it is sampled.
+    """
+    share = np.linspace(0, 1, 11)[1:, None]
+    steps = np.diff(poses, axis=0)
+    between = poses[:-1, None] + share * steps[:, None]
+    dense = np.concatenate((poses[:1], between.reshape(-1, poses.shape[1])))
+    worst, at = 0.0, 0
+    for pose in stated:
+        for window in (dense[at : at + 200], dense[at:]):
+            gaps = _difference(window, pose)
+            near = np.flatnonzero(gaps <= AGREE / 2)
+            if len(near):
+                break
+        step = int(near[0]) if len(near) else int(gaps.argmin())
+        worst = max(worst, float(gaps[step]))
+        at += step
+    return worst
+
+
+def pose_gap(a: tuple[float, ...], b: tuple[float, ...]) -> float:
+    """Return how far two poses are apart: the larger of metres and radians."""
+    return float(_difference(np.array(a, dtype=float), np.array(b, dtype=float)))

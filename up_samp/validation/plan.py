@@ -1,0 +1,225 @@
+"""Judge a plan with motions: Definitions 8 and 9 of the SAMP paper.
+
+The numbered rules in comments are those of ``semantics.py``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from up_samp.model import ProblemError, Trajectory
+from up_samp.validation.collisions import hits_body, hits_map
+from up_samp.validation.kinematics import motion_violations
+from up_samp.validation.lives import (
+    TOLERANCE,
+    FloatArray,
+    Motions,
+    Piece,
+    build_lives,
+)
+from up_samp.validation.metrics import evaluate_metric
+from up_samp.validation.paths import passes, path_of, pose_gap, read_trajectory
+from up_samp.validation.scene import Obstacle, Scene, Task
+from up_samp.validation.schedule import JudgedSchedule, judge_schedule
+from up_samp.validation.verdict import Verdict, Violation
+
+_LATE = 1e-6
+"""A trajectory may leave its activity's window by this much (s)."""
+
+
+def validate_plan(
+    problem: Any,
+    plan: Any,
+    trajectories: Mapping[str, Trajectory] | None = None,
+    *,
+    seconds_per_unit: float = 1.0,
+) -> Verdict:
+    """Judge a UP ``MotionSchedule`` of a ``SchedulingMotionProblem``: schedule and motions.
+
+    ``trajectories`` maps activities to trajectories in plan time (s; ``activity#k`` for an
+    activity's k-th further motion constraint). Without it they are ``plan.trajectories``, or read
+    from the plan's ``SE2WithControlsPath`` paths, starting at their activities' starts. Where a
+    plan holds both, they have to agree. Rules: ``semantics.py``. Raises ``UnsupportedError`` for
+    what has no rule there (collisions of SE3 bodies, ...), ``ProblemError`` for a wrong problem.
+    """
+    if not (seconds_per_unit > 0 and math.isfinite(seconds_per_unit)):
+        raise ProblemError(f"seconds_per_unit must be positive, not {seconds_per_unit}")
+    judged = judge_schedule(problem, plan)
+    return _with_motions(problem, plan, judged, trajectories, seconds_per_unit)
+
+
+def judge_plan(
+    problem: Any, plan: Any, *, motion: bool, seconds_per_unit: float = 1.0
+) -> tuple[Verdict, dict[Any, Any] | None]:
+    """Judge a plan (with its motions if ``motion``), and evaluate the problem's quality metrics
+    (``None`` when the schedule is too broken for that).
+    """
+    judged = judge_schedule(problem, plan)
+    verdict = judged.verdict
+    if motion:
+        verdict = _with_motions(problem, plan, judged, None, seconds_per_unit)
+    if judged.timeline is None:
+        return verdict, None
+    values = {m: evaluate_metric(m, judged.timeline) for m in problem.quality_metrics}
+    return verdict, values
+
+
+def _with_motions(
+    problem: Any,
+    plan: Any,
+    judged: JudgedSchedule,
+    trajectories: Mapping[str, Trajectory] | None,
+    seconds: float,
+) -> Verdict:
+    if judged.timeline is None:
+        return judged.verdict
+    scene = Scene(problem, judged.timeline)
+    found: list[Violation] = []
+    if scene.tasks or scene.jumps:
+        found = _motion_violations(scene, plan, trajectories, seconds)
+    violations = (*judged.verdict.violations, *found)
+    return Verdict(violations, judged.verdict.definition3 and not found)
+
+
+def _motion_violations(
+    scene: Scene, plan: Any, trajectories: Mapping[str, Trajectory] | None, seconds: float
+) -> list[Violation]:
+    found: list[Violation] = []
+    given = trajectories if trajectories is not None else getattr(plan, "trajectories", None)
+    for name in sorted(set(given or ()) - {task.name for task in scene.tasks}):
+        text = f"there is a trajectory of {name}, which is no motion in this plan"
+        found.append(Violation("trajectory", text))
+    motions: dict[str, tuple[FloatArray, FloatArray]] = {}
+    for task in scene.tasks:
+        motion = read_trajectory(task, path_of(plan, task), given, task.start * seconds, found)
+        if motion is None:
+            continue
+        if motion[1].shape[1] != len(scene.pose(task.places[0])):
+            text = f"{task.what}: its poses have {motion[1].shape[1]} numbers"
+            found.append(Violation("trajectory", text))
+            continue
+        motions[task.name] = motion
+        found.extend(_window(task, motion[0], seconds))
+        found.extend(_places(scene, task, *motion))
+        found.extend(motion_violations(task.what, scene.limits[task.object], *motion))
+    lives = build_lives(scene, motions, seconds, found)
+    for task in scene.tasks:
+        found.extend(_obstacles(scene, task, lives, seconds))
+    found.extend(_collisions(scene, motions, lives))
+    return found
+
+
+def _window(task: Task, times: FloatArray, seconds: float) -> Iterator[Violation]:
+    """Rule 15: within the activity's start and end."""
+    low, high = task.start * seconds, task.end * seconds
+    if times[0] < low - _LATE or times[-1] > high + _LATE:
+        text = (
+            f"{task.what} from {times[0]:.3f} to {times[-1]:.3f} s, allowed {low:g} to {high:g} s"
+        )
+        yield Violation("window", text)
+
+
+def _places(scene: Scene, task: Task, times: FloatArray, poses: FloatArray) -> Iterator[Violation]:
+    """Rule 15: from the starting configuration through the waypoints, in order, to the last."""
+    poses_of = [scene.pose(place) for place in task.places]
+    for kind, place, wanted, is_at in (
+        ("start", task.places[0], poses_of[0], poses[0]),
+        ("goal", task.places[-1], poses_of[-1], poses[-1]),
+    ):
+        gap = pose_gap(wanted, tuple(is_at))
+        if gap > TOLERANCE:
+            text = f"{task.what}: it is {gap:.3g} (m, rad) off its {kind} {place}"
+            yield Violation(kind, text)
+    since = 0
+    for place, pose in zip(task.places[1:-1], poses_of[1:-1], strict=True):
+        at, gap = passes(times, poses, np.array(pose), since, TOLERANCE)
+        if at is None:
+            text = f"{task.what}: it comes only within {gap:.3g} (m, rad) of {place}, in order"
+            yield Violation("waypoint", text)
+        else:
+            since = at
+
+
+def _obstacles(
+    scene: Scene, task: Task, lives: Mapping[str, list[Piece]], seconds: float
+) -> Iterator[Violation]:
+    """Rule 19: static obstacles rest; obstacles with fluents are where these say."""
+    low, high = task.start * seconds, task.end * seconds
+    for obstacle in task.obstacles or ():
+        if obstacle.name not in lives:
+            raise ProblemError(f"{task.what}: the obstacle {obstacle.name} is no movable object")
+        if obstacle.name == task.object:
+            continue
+        pieces = lives[obstacle.name]
+        if obstacle.static:
+            yield from _rests(task, obstacle, pieces, low, high)
+            moved = scene.fluent_moves(obstacle, task)
+            if moved:
+                text = f"{task.what}: the static obstacle {obstacle.name} moves ({moved})"
+                yield Violation("static-obstacle", text)
+        if obstacle.place is not None:
+            # an object that is set elsewhere at this very instant may be at either place
+            there = [p.track.pose(low) for p in pieces if p.since <= low <= p.until]
+            wanted = scene.pose(obstacle.place)
+            if not any(pose_gap(wanted, pose) <= TOLERANCE for pose in there):
+                text = f"{task.what}: the obstacle {obstacle.name} is not at {obstacle.place}"
+                yield Violation("obstacle-place", f"{text} at {task.start}")
+
+
+def _rests(
+    task: Task, obstacle: Obstacle, pieces: list[Piece], low: float, high: float
+) -> Iterator[Violation]:
+    for piece in pieces:
+        if piece.task is not None and piece.since < high and low < piece.until:
+            text = f"{task.what}: its static obstacle {obstacle.name} moves ({piece.task.what})"
+            yield Violation("static-obstacle", text)
+        if piece.task is None and low < piece.until < high:
+            after = [p for p in pieces if p.since == piece.until and p is not piece]
+            if all(p.task is None for p in after):
+                text = f"{task.what}: its static obstacle {obstacle.name} is set elsewhere"
+                yield Violation("static-obstacle", f"{text} at {piece.until:g} s")
+
+
+def _collisions(
+    scene: Scene, motions: Motions, lives: Mapping[str, list[Piece]]
+) -> Iterator[Violation]:
+    """Rule 18, swept."""
+    looked_at: set[frozenset[int]] = set()
+    for name, pieces in lives.items():
+        for piece in pieces:
+            if piece.task is None:
+                continue
+            task, shape = piece.task, scene.shapes[name]
+            blocked = scene.map_of(task.places[0])
+            time = hits_map(shape, piece.track, blocked, piece.since, piece.until)
+            if time is not None:
+                text = f"{task.what} meets the map at {time:.3f} s"
+                yield Violation("map-collision", text)
+            avoid = None if task.obstacles is None else {o.name for o in task.obstacles}
+            for other in lives:
+                if other == name or (avoid is not None and other not in avoid):
+                    continue
+                for theirs in lives[other]:
+                    pair = frozenset((id(piece), id(theirs)))
+                    if pair in looked_at:
+                        continue
+                    looked_at.add(pair)
+                    yield from _meeting(scene, task, other, piece, theirs)
+
+
+def _meeting(
+    scene: Scene, task: Task, other: str, piece: Piece, theirs: Piece
+) -> Iterator[Violation]:
+    """One moving piece against one piece (moving or resting) of another object's life."""
+    during = theirs.during(piece.since, piece.until)
+    if during is None:
+        return
+    mine, shape = scene.shapes[task.object], scene.shapes[other]
+    time = hits_body(mine, piece.track, shape, theirs.track, *during)
+    if time is not None:
+        doing = f" ({theirs.task.what})" if theirs.task else ""
+        yield Violation("collision", f"{task.what} meets {other}{doing} at {time:.3f} s")

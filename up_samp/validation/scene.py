@@ -1,0 +1,227 @@
+"""What a SAMP problem and a plan say about motions: who is driven when, through which poses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from unified_planning.model.motion import (
+    ActivityWaypoints,
+    ConfigurationObject,
+    MotionActivity,
+    MovableObject,
+)
+
+from up_samp.model import ProblemError, UnsupportedError
+from up_samp.validation.collisions import Shape
+from up_samp.validation.limits import Limits, limits_of
+from up_samp.validation.maps import BlockedMap
+from up_samp.validation.timeline import Reading, Timeline, show
+from up_samp.validation.values import MISSING, Key, Reader
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """An obstacle that a motion constraint lists; ``place`` is the configuration that its fluent
+    has at the activity's start (``None``: the list gives none), ``key`` that fluent.
+    """
+
+    name: str
+    static: bool
+    place: str | None = None
+    key: Key | None = None
+
+
+@dataclass(frozen=True)
+class Task:
+    """A motion constraint of a present activity. Times in schedule units; ``places`` are the
+    names of the configurations, the starting one first; ``obstacles`` is ``None`` for "all".
+    """
+
+    name: str
+    """The activity's name, with ``#k`` for its k-th further constraint: the trajectory's key."""
+    activity: str
+    constraint: Any
+    object: str
+    places: tuple[str, ...]
+    start: int
+    end: int
+    obstacles: tuple[Obstacle, ...] | None
+
+    @property
+    def what(self) -> str:
+        """Return the activity, the object and the times, for people."""
+        return f"{self.name} [{self.start}, {self.end}] moving {self.object}"
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A motion effect: ``object`` is at configuration ``place`` from ``time`` on (units)."""
+
+    activity: str
+    object: str
+    place: str
+    time: int
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A SAMP problem under a schedule. Values are read by the rules of ``semantics.py``."""
+
+    problem: Any
+    timeline: Timeline
+
+    @cached_property
+    def movables(self) -> dict[str, Any]:
+        """The problem's movable objects by name."""
+        return {o.name: o for o in self.problem.all_objects if isinstance(o, MovableObject)}
+
+    @cached_property
+    def limits(self) -> dict[str, Limits]:
+        """What each movable object's motion is limited to."""
+        return {name: limits_of(item) for name, item in self.movables.items()}
+
+    @cached_property
+    def shapes(self) -> dict[str, Shape]:
+        """Footprints by object; an object without one is solid only in space (unsupported)."""
+        shapes = {}
+        for name, item in self.movables.items():
+            if item.motion_model.name == "SE3" or item.footprint is None:
+                raise UnsupportedError(
+                    f"object {name}: collisions are judged for footprints in the plane only"
+                )
+            shapes[name] = Shape(name, np.array(item.footprint, dtype=float))
+        return shapes
+
+    @cached_property
+    def maps(self) -> dict[str, BlockedMap]:
+        """The occupancy map of each configuration type, by file."""
+        files: set[str] = set()
+        for item in self.problem.all_objects:
+            if isinstance(item, ConfigurationObject):
+                frame = tuple(item.type.occupancy_map.reference_frame)
+                identity = len(frame) == 7 and frame[:6] == (0,) * 6
+                if any(frame) and not identity:
+                    raise UnsupportedError(
+                        f"the map {item.type.occupancy_map.filename} has the reference frame "
+                        f"{frame}; only the world frame (zeros) is supported"
+                    )
+                files.add(str(item.type.occupancy_map.filename))
+        return {file: BlockedMap(file) for file in files}
+
+    def map_of(self, place: str) -> BlockedMap:
+        """Return the map of a configuration's type."""
+        return self.maps[str(self.problem.object(place).type.occupancy_map.filename)]
+
+    def pose(self, place: str) -> tuple[float, ...]:
+        """Return the pose of a configuration object, by name."""
+        item = self.problem.object(place)
+        if not isinstance(item, ConfigurationObject):
+            raise ProblemError(f"object {place} is used as a configuration but is none")
+        return tuple(float(v) for v in item.configuration)
+
+    @cached_property
+    def initial(self) -> dict[str, str]:
+        """Each movable object's initial configuration (by names), where it has one."""
+        found: dict[str, str] = {}
+        for movable, place in self.problem.initial_configuration:
+            name = self._name(movable, 0, None, "an initial configuration")
+            value = self._name(place, 0, None, f"the initial configuration of {name}")
+            if found.setdefault(name, value) != value:
+                raise ProblemError(f"object {name} has two initial configurations")
+        return found
+
+    @cached_property
+    def tasks(self) -> list[Task]:
+        """All motion constraints of present activities."""
+        return [task for activity in self._present() for task in self._tasks_of(activity)]
+
+    @cached_property
+    def jumps(self) -> list[Jump]:
+        """All motion effects of present activities (each happens at its activity's end)."""
+        found = []
+        for activity in self._present():
+            _, end = self.timeline.decisions.times[activity.name]
+            for movable, place in activity.motion_effects.items():
+                what = f"a motion effect of {activity.name}"
+                name = self._name(movable, end, activity.name, what)
+                target = self._name(place, end, activity.name, what)
+                found.append(Jump(activity.name, name, target, end))
+        return found
+
+    def _present(self) -> list[Any]:
+        times = self.timeline.decisions.times
+        return [
+            a for a in self.problem.activities if isinstance(a, MotionActivity) and a.name in times
+        ]
+
+    def _tasks_of(self, activity: Any) -> Iterator[Task]:
+        start, end = self.timeline.decisions.times[activity.name]
+        for k, constraint in enumerate(activity.motion_constraints):
+            if not isinstance(constraint, ActivityWaypoints):
+                raise UnsupportedError(
+                    f"{activity.name}: motion constraint {type(constraint).__name__}"
+                )
+            what = f"the motion constraint of {activity.name}"
+            places = tuple(
+                self._name(node, start, activity.name, what)
+                for node in (constraint.starting, *constraint.waypoints)
+            )
+            yield Task(
+                activity.name if k == 0 else f"{activity.name}#{k}",
+                activity.name,
+                constraint,
+                self._name(constraint.movable, start, activity.name, what),
+                places,
+                start,
+                end,
+                self._obstacles(constraint, start, activity.name),
+            )
+
+    def _obstacles(self, constraint: Any, start: int, owner: str) -> tuple[Obstacle, ...] | None:
+        lists = (
+            (constraint.static_obstacles, True),
+            (constraint.dynamic_obstacles_at_start, False),
+        )
+        if all(items is None for items, _ in lists):
+            return None
+        found = []
+        for items, static in lists:
+            for item in items or ():
+                if not isinstance(items, dict):
+                    found.append(Obstacle(item.name, static))
+                    continue
+                (node,) = self.problem.environment.expression_manager.auto_promote(items[item])
+                what = f"the configuration of obstacle {item.name} of {owner}"
+                place = self._name(node, start, owner, what)
+                key = self._reader(start, owner).key(node) if node.is_fluent_exp() else None
+                found.append(Obstacle(item.name, static, place, key))
+        return tuple(found)
+
+    def _reader(self, instant: int, owner: str | None) -> Reader:
+        return Reader(
+            self.timeline.decisions,
+            lambda key: self.timeline.value(key, instant, Reading.LATER),
+            owner,
+        )
+
+    def _name(self, node: Any, instant: int, owner: str | None, what: str) -> str:
+        """Return the name of the object that an expression means at an instant (rule 14)."""
+        value = self._reader(instant, owner).value(node)
+        if value is MISSING or not isinstance(value, str):
+            raise ProblemError(f"'{node}' in {what} names no object")
+        return value
+
+    def fluent_moves(self, obstacle: Obstacle, task: Task) -> str | None:
+        """Return when a static obstacle's fluent changes during a task, for people."""
+        if obstacle.key is None:
+            return None
+        for change in self.timeline.changes:
+            if change.key == obstacle.key and task.start <= change.time < task.end:
+                value = self.timeline.value(change.key, change.time, Reading.AT_ONCE)
+                if value != obstacle.place:
+                    return f"{show(change.key)} becomes {value} at {change.time}"
+        return None
