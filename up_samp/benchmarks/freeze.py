@@ -18,6 +18,8 @@ PAPER_JOB_SHOPS = tuple(
 def write(folder: Path) -> None:
     """Draw the paper's maps and job shops into ``folder``."""
     maps.write_map(folder, "logistics", maps.draw(maps.LOGISTICS_SIZE, maps.logistics_walls()))
+    for name, divided in (("hall", False), ("rooms", True)):
+        maps.write_map(folder, name, maps.draw(maps.HALL_SIZE, maps.hall_walls(divided=divided)))
     for cells in (1, 2, 4, 6):
         grid = maps.draw(maps.job_shop_size(cells), maps.job_shop_walls(cells))
         maps.write_map(folder, f"jobshop-{cells}", grid)
