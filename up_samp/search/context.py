@@ -6,15 +6,18 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 from up_samp.model import Body, CandidateSchedule, Configuration, Deadline, Trajectory
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
-from up_samp.motion import MotionService
-from up_samp.scheduling import Scheduler
 from up_samp.search.history import History, ProgressEvent
 from up_samp.search.params import Parameters
 from up_samp.upio import Itinerary, Relaxation, write_refinement
+
+if TYPE_CHECKING:
+    from up_samp.motion import MotionService
+    from up_samp.scheduling import Scheduler
 
 Signature = tuple[Body, tuple[Configuration, ...]]
 """What a motion is to the motion planner: motions of equal signatures are equivalent."""

@@ -1,0 +1,160 @@
+import pytest
+from unified_planning.model.motion import MotionActivity
+from unified_planning.model.scheduling import SchedulingProblem
+from unified_planning.shortcuts import Equals
+
+from tests.upio.hall import Hall
+from up_samp.model import Deadline, ScheduleStatus
+from up_samp.model.refinement import (
+    Absent,
+    Apart,
+    Clause,
+    Elsewhere,
+    Exclusive,
+    Lasts,
+    Layer,
+    Overlap,
+    Refinement,
+    Requires,
+    Span,
+    Strength,
+    end_of,
+    start_of,
+)
+from up_samp.refinement import holds
+from up_samp.scheduling.cpsat import CpsatSession
+from up_samp.search.context import places_between
+from up_samp.upio import read_itinerary, read_problem, relax, write_refinement
+
+
+def refine(relaxation, statement):
+    write_refinement(relaxation, Refinement(statement, Layer.GROUP, Strength.PROVEN, "test"))
+
+
+def solve(relaxation):
+    return CpsatSession(relaxation.problem, workers=1).solve(Deadline.after(20.0))
+
+
+@pytest.fixture
+def shuttle(tmp_path):
+    """One robot goes there and back; the door opens some time."""
+    hall = Hall(tmp_path, robots=2, door=True)
+    hall.move("there", 0, "left0", "right0", bounds=(5, 50))
+    hall.move("back", 0, "right0", "left0", bounds=(5, 50))
+    hall.move("other", 1, "left1", "right1", bounds=(5, 50))
+    hall.open_door()
+    snapshot = read_problem(hall.problem)
+    return relax(hall.problem, snapshot)
+
+
+def test_the_relaxation_is_plain(shuttle):
+    assert type(shuttle.problem) is SchedulingProblem
+    assert not any(isinstance(a, MotionActivity) for a in shuttle.problem.activities)
+    assert "SAMP" not in shuttle.problem.kind.features
+    assert not any(t.is_movable_type() for t in shuttle.problem.user_types)
+
+
+def test_motions_of_one_object_follow_each_other(shuttle):
+    report = solve(shuttle)
+    assert report.status is ScheduleStatus.OPTIMAL
+    assert report.schedule.times["there"][1] < report.schedule.times["back"][0]
+    assert report.schedule.makespan == 11
+    itinerary = read_itinerary(shuttle, report.schedule)
+    assert [m.activity for m in itinerary.motions if m.object == "r0"] == ["there", "back"]
+    assert itinerary.places(shuttle.snapshot, "r0")[-1] == (11, "left0")
+
+
+def test_a_fluent_that_tracks_the_object_serves_as_its_state(tmp_path):
+    hall = Hall(tmp_path)
+    problem = hall.problem
+    at = problem.add_fluent("robot_at", hall.place, default_initial_value=hall.poses["left0"])
+    move = hall.move("go", 0, "left0", "right0")
+    move.add_condition(move.start, Equals(at, hall.poses["left0"]))
+    move.add_effect(move.end, at, hall.poses["right0"])
+    relaxation = relax(problem, read_problem(problem))
+    assert str(relaxation.state["r0"]) == "robot_at"
+    assert len(relaxation.problem.fluents) == 1
+
+
+def test_a_fluent_that_others_change_does_not(tmp_path):
+    hall = Hall(tmp_path)
+    problem = hall.problem
+    at = problem.add_fluent("robot_at", hall.place, default_initial_value=hall.poses["left0"])
+    move = hall.move("go", 0, "left0", "right0")
+    move.add_effect(move.end, at, hall.poses["right0"])
+    reset = problem.add_activity("reset", 1)
+    reset.add_effect(reset.end, at, hall.poses["left0"])
+    relaxation = relax(problem, read_problem(problem))
+    assert str(relaxation.state["r0"]) == "samp_at_r0"
+
+
+STATEMENTS = [
+    (Lasts("there", 9), 15),
+    (Requires("there", "door", frozenset({"shut"}), Span.WHOLE), 12),
+    (Requires("there", "door", frozenset({"shut"}), Span.START), 13),
+    (Requires("there", "door", frozenset({"shut"}), Span.TAIL, 2), 11),
+    (Requires("there", "door", frozenset({"shut"}), Span.TAIL, 5), 12),
+    (Clause((Apart(end_of("back"), start_of("other"), 3),)), 19),
+    (Clause((Apart(start_of("other"), start_of("there"), -2),)), 11),
+    (Clause((Elsewhere("other", "door", "shut"),)), 11),
+    (Clause((Elsewhere("other", "r0", "left0"),)), 12),
+    (Clause((Overlap("other", ("back",)), Absent("other"))), 11),
+]
+
+
+@pytest.mark.parametrize(("statement", "makespan"), STATEMENTS, ids=lambda x: str(x)[:40])
+def test_each_statement_binds_the_scheduler(shuttle, statement, makespan):
+    refine(shuttle, statement)
+    report = solve(shuttle)
+    assert report.status is ScheduleStatus.OPTIMAL
+    assert report.schedule.makespan == makespan
+    itinerary = read_itinerary(shuttle, report.schedule)
+
+    def places(name, first, last):
+        return places_between(itinerary, shuttle.snapshot, name, first, last)
+
+    assert holds(statement, report.schedule, places)
+
+
+def test_a_place_for_one_keeps_arrivals_apart(tmp_path):
+    hall = Hall(tmp_path, robots=2)
+    hall.pose("shared", 15.0, 5.0, 0.0)
+    hall.move("in0", 0, "left0", "shared", bounds=(5, 50))
+    hall.move("out0", 0, "shared", "right0", bounds=(4, 50))
+    hall.move("in1", 1, "left1", "shared", bounds=(5, 50))
+    relaxation = relax(hall.problem, read_problem(hall.problem))
+    statement = Exclusive("shared", frozenset({"in0", "in1"}), frozenset({"out0"}), False)
+    refine(relaxation, statement)
+    report = solve(relaxation)
+    times = report.schedule.times
+    assert times["out0"][0] <= times["in1"][1]
+    assert holds(statement, report.schedule, lambda *_: set())
+
+
+def test_too_long_means_absent(tmp_path):
+    hall = Hall(tmp_path)
+    hall.move("go", 0, "left0", "right0", bounds=(5, 8), optional=True)
+    relaxation = relax(hall.problem, read_problem(hall.problem))
+    hall_go = relaxation.activities["go"]
+    refine(relaxation, Lasts("go", 9))
+    report = solve(relaxation)
+    assert "go" not in report.schedule.times
+    relaxation.problem.add_constraint(hall_go.present)
+    assert solve(relaxation).status is ScheduleStatus.INFEASIBLE
+
+
+def test_the_relaxation_solves_with_aries_too(shuttle):
+    from up_samp.scheduling import open_scheduler
+
+    scheduler = open_scheduler("aries", shuttle.problem)
+    try:
+        report = scheduler.solve(Deadline.after(30.0))
+    finally:
+        scheduler.close()
+    assert report.schedule is not None
+    assert report.schedule.times["there"][1] < report.schedule.times["back"][0]
+
+
+def test_names_used_in_statements_exist(shuttle):
+    with pytest.raises(KeyError):
+        refine(shuttle, Lasts("nobody", 3))
