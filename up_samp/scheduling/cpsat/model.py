@@ -70,6 +70,7 @@ class ScheduleModel:
             store.enforce(form)
         if world.makespan_used:
             self._exact_makespan()
+        self._make_decisions()
 
     def grow(self, parts: Additions) -> None:
         """Add what was appended (no effects, no new objects; see :meth:`can_grow`)."""
@@ -84,6 +85,16 @@ class ScheduleModel:
         for span, condition, owner in parts.conditions:
             self.states.add_condition(span, condition, self._vars(owner))
         self._timelines()
+        self._make_decisions()
+
+    def _make_decisions(self) -> None:
+        """Make the variables that solutions are read from, even where nothing constrains them."""
+        for made in self.world.activities.values():
+            for lin in (made.start, made.end, Lin(((abs(made.present), 1),))):
+                for var, _ in lin.terms:
+                    self.store.var(var)
+        for var, _, _ in self.parameters.values():
+            self.store.var(var)
 
     def can_grow(self, parts: Additions) -> bool:
         """Return whether the additions fit into the model as it is."""

@@ -134,9 +134,8 @@ class CpsatSession:
         values: dict[int, int] = {}
         last = self._last
         if last is not None:
-            for var in range(1, len(model.store.bounds)):
-                position = model.store.position(var)
-                if position < len(last):
+            for var, position in model.store.positions():
+                if var and position < len(last):
                     values[var] = last[position]
         chosen = hint if hint is not None else self._last_schedule
         if chosen is not None and (last is None or chosen != self._last_schedule):

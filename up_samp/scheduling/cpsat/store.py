@@ -149,6 +149,10 @@ class Store:
         """Return the variable's index in the CP-SAT model (and in its solutions)."""
         return self.var(index).index  # type: ignore[no-any-return]
 
+    def positions(self) -> list[tuple[int, int]]:
+        """Return (variable, its index in CP-SAT's model) for every variable in use."""
+        return [(var, made.index) for var, made in self._made.items()]
+
     def member(self, values: Sequence[int]) -> int:
         """Return a new integer variable with one of ``values``."""
         self.bounds.append((min(values), max(values)))

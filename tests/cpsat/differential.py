@@ -1,0 +1,41 @@
+"""Compare cpsat with brute force on one random problem."""
+
+from __future__ import annotations
+
+from cpsat.random_problems import HORIZON, random_problem
+from oracles.brute_force_schedule import solve as brute_force
+
+from up_samp.model import Deadline, ScheduleStatus
+from up_samp.scheduling.cpsat import CpsatSession
+from up_samp.upio.plan import build_schedule
+from up_samp.validation.schedule import judge_schedule
+from up_samp.validation.metrics import evaluate_metric
+
+
+def disagreement(seed: int) -> str | None:
+    """Return what differs on the problem of ``seed`` (``None``: nothing)."""
+    problem = random_problem(seed)
+    best = brute_force(problem, HORIZON)
+    report = CpsatSession(problem, seed=seed, workers=1).solve(Deadline.after(60))
+    if best is None:
+        if report.status is ScheduleStatus.INFEASIBLE:
+            return None
+        return f"{report.status.value} {report.schedule}, but there is no schedule"
+    if report.schedule is None:
+        return f"{report.status.value}, but there is {best}"
+    plan = build_schedule(problem, report.schedule)
+    judged = judge_schedule(problem, plan)
+    if not judged.verdict.valid:
+        return f"invalid: {judged.verdict.violations} {report.schedule}; best {best}"
+    metrics = problem.quality_metrics
+    if not metrics:
+        return None if report.status is ScheduleStatus.FOUND else f"status {report.status}"
+    if report.status is not ScheduleStatus.OPTIMAL:
+        return f"status {report.status}"
+    value = evaluate_metric(metrics[0], judged.timeline)
+    wanted = best.value if not metrics[0].is_maximize_expression_on_final_state() else -best.value
+    if value != wanted:
+        return f"value {value} {report.schedule}, best {best}"
+    if metrics[0].is_minimize_makespan() and report.bound != (best.value or None):
+        return f"bound {report.bound} is not the optimum {best.value}"
+    return None
