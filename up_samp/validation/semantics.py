@@ -58,7 +58,9 @@ Conditions (PDDL 2.1 style, the reading that decides ``Verdict.valid``)
     true or not. An effect's condition, value or amount that reads other fluents is such a
     condition at the effect's instant, but for the effect's own fluent; a duration with fluents
     is one at the start. Effects that do not happen (absent, condition false) keep nothing
-    apart.
+    apart. (aries is a little stricter and laxer here: it also rejects an activity's own effect
+    inside its own condition's interval when that leaves the value as it is, and lets another
+    activity's effect at t pass when the condition is supported by the activity's own effect.)
 12. In conditions ``GlobalEnd`` is the first instant at which all effects are seen: 1 + H, H the
     latest of all ends of present activities and all effects' times. An effect at ``GlobalEnd +
     d`` happens at H' + d, H' the latest end or other effect. So a condition at ``GlobalEnd``
