@@ -1,0 +1,123 @@
+"""Each rule rejects the schedule it comes from, and only schedules like it."""
+
+import pytest
+
+from up_samp.model import CandidateSchedule, ScheduledMotion
+from up_samp.model.refinement import Layer, Strength
+from up_samp.refinement import holds, rules
+
+
+def motion(name, start, end, obj=None):
+    return ScheduledMotion(
+        name, 0, obj or f"robot_{name}", ("p", "q"), ((0, 0, 0), (1, 0, 0)), start, end
+    )
+
+
+def schedule(**times):
+    return CandidateSchedule(times)
+
+
+def nowhere(*_):
+    return {"somewhere"}
+
+
+def at(**where):
+    return lambda name, *_: {where[name]}
+
+
+def test_pair_cut_covers_its_offsets_and_no_others():
+    cut = rules.pair_meets("a", "b", (-2, 3), 12, 11, "they meet").statement
+    for offset in range(-8, 9):
+        plain = schedule(a=(10, 18), b=(10 + offset, 18 + offset))
+        inside = -2 <= offset <= 3
+        gave_way = 18 + offset - 10 >= 12 or 18 - (10 + offset) >= 11
+        assert holds(cut, plain, nowhere) == (not inside or gave_way)
+    assert holds(cut, schedule(a=(10, 18)), nowhere)
+    assert holds(cut, schedule(a=(10, 18), b=(11, 22)), nowhere)
+    assert holds(cut, schedule(a=(10, 22), b=(11, 19)), nowhere)
+    assert not holds(cut, schedule(a=(10, 20), b=(11, 20)), nowhere)
+
+
+def test_blocked_while_gives_way_to_movement():
+    cut = rules.blocked_while("a", {"box": "mid"}, {"box": ["push", "a"]}, "in the way")
+    assert cut.strength is Strength.PROVEN
+    assert not holds(cut.statement, schedule(a=(0, 5)), at(box="mid"))
+    assert holds(cut.statement, schedule(a=(0, 5)), at(box="side"))
+    assert holds(cut.statement, schedule(a=(0, 5), push=(4, 8)), at(box="mid"))
+    assert not holds(cut.statement, schedule(a=(0, 5), push=(7, 8)), at(box="mid"))
+    assert holds(cut.statement, schedule(push=(7, 8)), at(box="mid"))
+
+
+def test_slower_while_asks_for_time_or_movement():
+    cut = rules.slower_while("a", 8, {"box": "mid"}, {"box": ["push"]}, "around it").statement
+    assert not holds(cut, schedule(a=(0, 5)), at(box="mid"))
+    assert holds(cut, schedule(a=(0, 8)), at(box="mid"))
+    assert holds(cut, schedule(a=(0, 5)), at(box="side"))
+
+
+@pytest.mark.parametrize("shift", range(-3, 4))
+def test_group_timing_rejects_just_its_offsets(shift):
+    group = [motion("a", 0, 5), motion("b", 1, 6), motion("c", 2, 7)]
+    cut = rules.group_timing(group, {"c": 9}, {}, {}, "late").statement
+    moved = schedule(a=(0, 5), b=(1 + shift, 6 + shift), c=(2, 7))
+    assert holds(cut, moved, nowhere) == (shift != 0)
+    # starting later does not make the only late one arrive earlier
+    later = schedule(a=(0, 5), b=(1, 6), c=(2 + abs(shift), 8))
+    assert not holds(cut, later, nowhere)
+    assert holds(cut, schedule(a=(0, 5), b=(1, 6), c=(2, 9)), nowhere)
+
+
+def test_group_failure_is_heuristic_and_narrow():
+    group = [motion("a", 0, 5), motion("b", 1, 6)]
+    cut = rules.group_fails(group, {}, {}, "nothing found")
+    assert cut.strength is Strength.HEURISTIC
+    assert not holds(cut.statement, schedule(a=(0, 5), b=(1, 6)), nowhere)
+    assert holds(cut.statement, schedule(a=(0, 5), b=(1, 7)), nowhere)
+    assert holds(cut.statement, schedule(a=(0, 5), b=(2, 6)), nowhere)
+
+
+def test_place_for_one_counts_who_is_there():
+    place = rules.place_for_one("m", ["in1", "in2"], ["out1"], taken=False)
+    assert place.layer is Layer.BOUND
+    assert holds(place.statement, schedule(in1=(0, 5), out1=(7, 9), in2=(3, 8)), nowhere)
+    assert not holds(place.statement, schedule(in1=(0, 5), out1=(9, 12), in2=(3, 8)), nowhere)
+    assert not holds(place.statement, schedule(in1=(0, 5), in2=(3, 8)), nowhere)
+
+
+def test_requirements_over_their_spans():
+    tail = rules.needs_open("a", "door", "shut", 3, "blocks").statement
+    start = rules.needs_away_at_start("a", "door", "shut", "on it").statement
+
+    def opened_at(t):
+        return lambda _, first, last: (
+            ({"shut"} if first <= t else set()) | ({"open"} if last >= t + 1 else set())
+        )
+
+    assert holds(tail, schedule(a=(0, 10)), opened_at(7))
+    assert not holds(tail, schedule(a=(0, 10)), opened_at(8))
+    assert holds(start, schedule(a=(5, 10)), opened_at(4))
+    assert not holds(start, schedule(a=(5, 10)), opened_at(5))
+
+
+def test_the_papers_condition_gives_way_to_any_rival():
+    group = [motion("a", 0, 5)]
+    cut = rules.paper_geometric(
+        group,
+        ["a", "r"],
+        {"box": "mid"},
+        "no path",
+        layer=Layer.GEOMETRIC,
+        strength=Strength.HEURISTIC,
+    ).statement
+    assert not holds(cut, schedule(a=(0, 5)), at(box="mid"))
+    assert not holds(cut, schedule(a=(0, 5), r=(6, 8)), at(box="mid"))
+    assert holds(cut, schedule(a=(0, 5), r=(5, 8)), at(box="mid"))
+    assert holds(cut, schedule(a=(0, 5)), at(box="side"))
+
+
+def test_the_papers_timing_cut():
+    group = [motion("a", 0, 5), motion("b", 2, 6)]
+    cut = rules.paper_temporal(group, ["a", "b"], {"b": 8}, {}, "slow", layer=Layer.GROUP).statement
+    assert not holds(cut, schedule(a=(0, 5), b=(2, 6)), nowhere)
+    assert holds(cut, schedule(a=(0, 5), b=(1, 6)), nowhere)
+    assert holds(cut, schedule(a=(0, 5), b=(2, 8)), nowhere)
