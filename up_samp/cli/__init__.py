@@ -1,1 +1,62 @@
-"""cli."""
+"""The command line: ``up-samp demo``, ``solve``, ``validate``, ``draw``, ``engines``, ``bench``."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+
+from unified_planning.exceptions import UPException
+from unified_planning.shortcuts import get_environment
+
+from up_samp.cli.commands import COMMANDS
+from up_samp.model import SampError
+
+ERROR = 2
+INTERRUPTED = 130
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of all commands."""
+    from up_samp import __version__
+
+    parser = argparse.ArgumentParser(
+        prog="up-samp",
+        description="Plan when each task of a fleet happens and how each robot drives, together.",
+    )
+    parser.add_argument("--version", action="version", version=f"up-samp {__version__}")
+    parser.add_argument(
+        "--debug", action="store_true", help="show where an error comes from (a traceback)"
+    )
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for add in COMMANDS:
+        add(commands)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command; return the exit code: 0 well, 1 no (valid) plan, 2 an error, 130 Ctrl-C."""
+    args = make_parser().parse_args(argv)
+    get_environment().credits_stream = None
+    try:
+        code: int = args.run(args)
+        sys.stdout.flush()
+        return code
+    except KeyboardInterrupt:
+        print("\nup-samp: stopped", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        # whoever read our output has seen enough; let the interpreter's exit not complain
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return ERROR
+    except (SampError, UPException, OSError) as error:
+        if args.debug:
+            raise
+        print(f"up-samp: {_message(error)}", file=sys.stderr)
+        return ERROR
+
+
+def _message(error: Exception) -> str:
+    text = " ".join(str(error).split())
+    return text or type(error).__name__

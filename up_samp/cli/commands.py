@@ -1,0 +1,140 @@
+"""The commands of ``up-samp``; each adds its arguments and runs."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import unified_planning as up
+from unified_planning.engines import Engine
+from unified_planning.model import ProblemKind
+from unified_planning.model.motion import SchedulingMotionProblem
+
+from up_samp.benchmarks import cli as bench
+from up_samp.benchmarks import logistics
+from up_samp.benchmarks.builder import ENCODINGS
+from up_samp.cli.outputs import write_outputs
+from up_samp.cli.problems import add_problem_arguments, find_problem
+from up_samp.cli.solving import add_solver_arguments, describe, judge, solve_and_show
+from up_samp.cli.table import table
+from up_samp.io import plan_from_dict, read_plan
+from up_samp.model import ProblemError
+
+if TYPE_CHECKING:
+    Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
+
+
+def add_demo(commands: Subparsers) -> None:
+    """Add ``demo``."""
+    parser = commands.add_parser("demo", help="two robots, a closed door, four items")
+    parser.add_argument("--robots", type=int, default=2, metavar="N", help="(default: 2)")
+    parser.add_argument("--items", type=int, default=4, metavar="N", help="(default: 4)")
+    parser.add_argument("--door", choices=("closed", "open"), default="closed")
+    parser.add_argument("--sides", choices=("all", "corridor"), default="all")
+    parser.add_argument("--encoding", choices=ENCODINGS, default="fluents")
+    add_solver_arguments(parser, out="demo-out", gif=True)
+    parser.set_defaults(run=_demo)
+
+
+def _demo(args: argparse.Namespace) -> int:
+    problem = logistics(
+        robots=args.robots,
+        items=args.items,
+        door=args.door,
+        sides=args.sides,
+        encoding=args.encoding,
+    )
+    return solve_and_show(problem, args)
+
+
+def add_solve(commands: Subparsers) -> None:
+    """Add ``solve``."""
+    parser = commands.add_parser("solve", help="solve a problem of your own, or an instance")
+    add_problem_arguments(parser)
+    add_solver_arguments(parser, out=None, gif=False)
+    parser.set_defaults(run=lambda args: solve_and_show(_problem(args), args))
+
+
+def _problem(args: argparse.Namespace) -> SchedulingMotionProblem:
+    return find_problem(args.problem, args.encoding)
+
+
+def add_validate(commands: Subparsers) -> None:
+    """Add ``validate``."""
+    parser = commands.add_parser("validate", help="check a plan file against its problem")
+    add_problem_arguments(parser)
+    parser.add_argument("plan", type=Path, metavar="PLAN.json")
+    parser.set_defaults(run=_validate)
+
+
+def _validate(args: argparse.Namespace) -> int:
+    plan = read_plan(args.plan)
+    problem = _problem(args)
+    if not isinstance(problem, SchedulingMotionProblem):
+        raise ProblemError(f"problem '{problem.name}' has no motions: it has no plan files")
+    verdict = judge(problem, plan_from_dict(problem, plan), plan["seconds_per_unit"])
+    print(describe(verdict))
+    return 0 if verdict.valid else 1
+
+
+def add_draw(commands: Subparsers) -> None:
+    """Add ``draw``."""
+    parser = commands.add_parser("draw", help="draw a plan file: charts, map, animation")
+    parser.add_argument("plan", type=Path, metavar="PLAN.json")
+    parser.add_argument("--out", type=Path, default=Path("."), metavar="DIR")
+    parser.add_argument(
+        "--gif", action=argparse.BooleanOptionalAction, default=False, help="an animated GIF too"
+    )
+    parser.set_defaults(run=_draw)
+
+
+def _draw(args: argparse.Namespace) -> int:
+    files = write_outputs(read_plan(args.plan), args.out, gif=args.gif, plan_file=False)
+    print("\n".join(str(f) for f in files))
+    return 0
+
+
+def add_engines(commands: Subparsers) -> None:
+    """Add ``engines``."""
+    parser = commands.add_parser("engines", help="list the registered engines that schedule")
+    parser.set_defaults(run=_engines)
+
+
+def _engines(args: argparse.Namespace) -> int:
+    factory = up.environment.get_environment().factory
+    rows = []
+    for name in sorted(factory.engines):
+        engine = factory.engine(name)
+        uses = _uses(engine)
+        if uses:
+            wrapped = f"samp-refine[{name}]"
+            rows.append([name, uses, wrapped if wrapped in factory.engines else ""])
+    print(table(("engine", "does", "with motions as"), rows))
+    return 0
+
+
+def _uses(engine: type[Engine]) -> str:
+    """Return what an engine does with schedules, or "" if it does not know them."""
+    kinds = [ProblemKind(("SCHEDULING",)), ProblemKind(("SAMP",))]
+    known = [k for k in kinds if engine.supports(k)]
+    if not known:
+        return ""
+    checks: list[tuple[str, Callable[[], bool]]] = [
+        ("plan", engine.is_oneshot_planner),
+        ("plan, better and better", engine.is_anytime_planner),
+        ("validate", engine.is_plan_validator),
+    ]
+    what = [text for text, check in checks if check()]
+    if what[:2] == ["plan", "plan, better and better"]:
+        what = ["plan, also better and better", *what[2:]]
+    return "; ".join(what)
+
+
+def add_bench(commands: Subparsers) -> None:
+    """Add ``bench`` (see :mod:`up_samp.benchmarks.cli`)."""
+    bench.add_parser(commands)
+
+
+COMMANDS = (add_demo, add_solve, add_validate, add_draw, add_engines, add_bench)

@@ -1,0 +1,44 @@
+"""Write a plan's file and pictures into a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from matplotlib.axes import Axes
+
+from up_samp.io import PlanDict, write_plan
+from up_samp.plotting import plot_gantt, plot_map, write_gif, write_html
+
+
+def write_outputs(
+    plan: PlanDict,
+    folder: Path,
+    *,
+    places: Mapping[str, tuple[float, ...]] | None = None,
+    gif: bool = True,
+    plan_file: bool = True,
+) -> list[Path]:
+    """Write ``plan.json`` and the pictures; return the files. Pictures of the map are left out
+    where the plan has no objects to show on it.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    if plan_file:
+        written.append(write_plan(folder / "plan.json", plan))
+    written.append(folder / "gantt.png")
+    _save(plot_gantt(plan), written[-1])
+    if not plan["objects"]:
+        return written
+    written.append(folder / "map.png")
+    _save(plot_map(plan, places=places), written[-1])
+    written.append(write_html(plan, folder / "animation.html"))
+    if gif:
+        written.append(write_gif(plan, folder / "animation.gif"))
+    return written
+
+
+def _save(ax: Axes, path: Path) -> None:
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    figure.savefig(path)

@@ -1,0 +1,92 @@
+"""Find the problem that a command names: a Python script, or an instance of a benchmark family."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import runpy
+import sys
+import traceback
+from pathlib import Path
+from typing import Any
+
+from unified_planning.exceptions import UPException
+from unified_planning.model.scheduling import SchedulingProblem
+
+from up_samp.benchmarks import instance
+from up_samp.benchmarks.builder import ENCODINGS, Encoding
+from up_samp.model import ProblemError, SampError
+
+
+def add_problem_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments that name a problem."""
+    parser.add_argument(
+        "problem",
+        metavar="PROBLEM",
+        help="a Python script that defines 'problem' or 'get_problem()', or the name of a "
+        "benchmark instance such as logistics-dc-all-r2-i4 ('up-samp bench list' names them)",
+    )
+    parser.add_argument(
+        "--encoding", choices=ENCODINGS, default="fluents", help="of a benchmark instance"
+    )
+
+
+def find_problem(name: str, encoding: Encoding = "fluents") -> SchedulingProblem:
+    """Return the problem of a script (``*.py``) or of a benchmark instance.
+
+    Raises :class:`ProblemError` that says what was looked for.
+    """
+    if name.endswith(".py") or os.sep in name:
+        return load_script(Path(name))
+    return instance(name).build(encoding, True)
+
+
+def load_script(path: Path) -> SchedulingProblem:
+    """Run a Python script and return its ``problem``, or what its ``get_problem()`` returns.
+
+    The script runs with a ``__name__`` that is not ``__main__`` and may import its neighbours.
+    """
+    if not path.is_file():
+        raise ProblemError(f"there is no file '{path}'")
+    sys.path.insert(0, str(path.resolve().parent))
+    try:
+        names = runpy.run_path(str(path), run_name="__up_samp__")
+        problem = names.get("problem")
+        if problem is None and callable(names.get("get_problem")):
+            problem = names["get_problem"]()
+    except (SampError, UPException) as error:
+        raise ProblemError(f"'{path}' failed: {error}") from error
+    except (KeyboardInterrupt, MemoryError):
+        raise
+    except SystemExit as error:
+        raise ProblemError(f"'{path}' left by sys.exit({error.code!r})") from error
+    except BaseException as error:  # whatever a user's script may raise
+        raise ProblemError(f"'{path}' failed{_line(path, error)}: {_text(error)}") from error
+    finally:
+        sys.path.pop(0)
+    return _checked(problem, path)
+
+
+def _checked(problem: Any, path: Path) -> SchedulingProblem:
+    if problem is None:
+        raise ProblemError(f"'{path}' defines neither 'problem' nor 'get_problem()'")
+    if not isinstance(problem, SchedulingProblem):
+        raise ProblemError(
+            f"the problem of '{path}' is a {type(problem).__name__}; a SchedulingMotionProblem "
+            "(or SchedulingProblem) is needed"
+        )
+    return problem
+
+
+def _line(path: Path, error: BaseException) -> str:
+    """Return the line of the script at which it failed."""
+    lines = [
+        frame.lineno
+        for frame in traceback.extract_tb(error.__traceback__)
+        if Path(frame.filename) == path
+    ]
+    return f" at line {lines[-1]}" if lines else ""
+
+
+def _text(error: BaseException) -> str:
+    return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__

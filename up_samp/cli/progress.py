@@ -1,0 +1,97 @@
+"""Show what a search is doing: one line that changes on a terminal, plain lines elsewhere."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import time
+from typing import Protocol, TextIO
+
+_QUIET_SECONDS = 2.0
+
+
+class Event(Protocol):
+    """What the search tells at each step; bounds are makespans in schedule units."""
+
+    @property
+    def round(self) -> int:
+        """Which candidate schedule it is about."""
+
+    @property
+    def phase(self) -> str:
+        """What is being done."""
+
+    @property
+    def message(self) -> str:
+        """More about it."""
+
+    @property
+    def lower_bound(self) -> int | None:
+        """Proven lower bound on the makespan."""
+
+    @property
+    def upper_bound(self) -> int | None:
+        """Makespan of the best plan so far."""
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds since the start."""
+
+
+class Progress:
+    """A progress display; call it with each event, and use it as a context to end the line.
+
+    Elsewhere than on a terminal, a line is printed when a new phase begins or a bound moves, and
+    otherwise at most every two seconds.
+    """
+
+    def __init__(self, stream: TextIO | None = None):
+        self.stream = stream if stream is not None else sys.stderr
+        self.live = self.stream.isatty()
+        self._last_key: tuple[object, ...] | None = None
+        self._last_time = float("-inf")
+        self._open = False
+
+    def __enter__(self) -> Progress:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._open:
+            # the line has told what there was to tell: make room for the result
+            self.stream.write("\r\x1b[2K")
+            self.stream.flush()
+            self._open = False
+
+    def __call__(self, event: Event) -> None:
+        """Show an event."""
+        line = describe(event)
+        now = time.monotonic()
+        if self.live:
+            width = shutil.get_terminal_size().columns - 1
+            self.stream.write("\r\x1b[2K" + line[:width])
+            self.stream.flush()
+            self._open = True
+            return
+        key = (event.phase, event.lower_bound, event.upper_bound)
+        if key == self._last_key and now - self._last_time < _QUIET_SECONDS:
+            return
+        self._last_key, self._last_time = key, now
+        print(line, file=self.stream, flush=True)
+
+
+def describe(event: Event) -> str:
+    """Return an event as a line."""
+    parts = [f"[{event.elapsed:6.1f} s]"]
+    if event.round:
+        parts.append(f"round {event.round}:")
+    parts.append(event.phase)
+    if event.message:
+        parts.append(f"- {event.message}")
+    bounds = [
+        f"{sign} {value}"
+        for sign, value in ((">=", event.lower_bound), ("<=", event.upper_bound))
+        if value is not None
+    ]
+    if bounds:
+        parts.append(f"(makespan {', '.join(bounds)})")
+    return " ".join(parts)

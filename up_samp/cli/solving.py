@@ -1,0 +1,156 @@
+"""Solve a problem and show the plan: what ``demo`` and ``solve`` have in common."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from unified_planning.engines import PlanGenerationResult
+from unified_planning.exceptions import UPNoRequestedEngineAvailableException
+from unified_planning.model.motion import SchedulingMotionProblem
+from unified_planning.model.scheduling import SchedulingProblem
+from unified_planning.plans import Schedule
+from unified_planning.shortcuts import OneshotPlanner
+
+from up_samp.cli.outputs import write_outputs
+from up_samp.cli.progress import Progress
+from up_samp.cli.table import schedule_table
+from up_samp.io import result_to_dict
+from up_samp.model import EngineError
+from up_samp.plotting import places_of
+from up_samp.search.params import PRESETS
+from up_samp.validation import Verdict, validate_plan, validate_schedule
+
+DEFAULT_ENGINE = "aries"
+"""The scheduler that the commands wrap unless told otherwise."""
+
+
+def add_solver_arguments(parser: argparse.ArgumentParser, *, out: str | None, gif: bool) -> None:
+    """Add the options that say how to solve and what to write."""
+    parser.add_argument(
+        "--engine",
+        default=DEFAULT_ENGINE,
+        metavar="NAME",
+        help="the scheduler to wrap: aries, aries-opt, cpse, cpsat ... (see 'up-samp engines'); "
+        "or a whole name such as samp-refine[aries] (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--preset", choices=sorted(PRESETS), default="default", help="how to learn from failures"
+    )
+    parser.add_argument(
+        "--optimal", action="store_true", help="go on until the makespan is proven optimal"
+    )
+    parser.add_argument("--timeout", type=_seconds, default=120.0, metavar="S", help="in seconds")
+    parser.add_argument("--seed", type=int, default=0, metavar="N")
+    parser.add_argument(
+        "--seconds-per-unit", type=_seconds, default=1.0, metavar="S", help="length of a time unit"
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=None if out is None else Path(out),
+        metavar="DIR",
+        help="folder for plan.json and pictures"
+        + ("" if out is None else " (default: %(default)s)"),
+    )
+    parser.add_argument(
+        "--gif",
+        action=argparse.BooleanOptionalAction,
+        default=gif,
+        help="write an animated GIF too",
+    )
+
+
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not value > 0:
+        raise argparse.ArgumentTypeError("must be positive")
+    return value
+
+
+def solve_and_show(problem: SchedulingProblem, args: argparse.Namespace) -> int:
+    """Solve, print the schedule and the validator's verdict, write files; return the exit code:
+    0 with a valid plan, 1 without one.
+    """
+    started = time.monotonic()
+    result = _solve(problem, args)
+    seconds = time.monotonic() - started
+    if result.plan is None:
+        _explain_failure(problem, result, seconds)
+        return 1
+    plan = result_to_dict(problem, result, seconds_per_unit=args.seconds_per_unit)
+    print(schedule_table(plan))
+    print()
+    print(_summary(plan, result, seconds))
+    verdict = judge(problem, result.plan, args.seconds_per_unit)
+    print(describe(verdict))
+    if args.out is not None:
+        files = write_outputs(plan, args.out, places=places_of(problem), gif=args.gif)
+        print(f"written to {args.out}{_slash(args.out)}: {', '.join(f.name for f in files)}")
+    return 0 if verdict.valid else 1
+
+
+def _slash(folder: Path) -> str:
+    return "" if str(folder).endswith("/") else "/"
+
+
+def _solve(problem: SchedulingProblem, args: argparse.Namespace) -> PlanGenerationResult:
+    name = args.engine if "[" in args.engine else f"samp-refine[{args.engine}]"
+    print(f"{problem.name}: {len(problem.activities)} activities, {name}", file=sys.stderr)
+    with Progress() as progress:
+        params: dict[str, Any] = {
+            "preset": args.preset,
+            "seed": args.seed,
+            "seconds_per_unit": args.seconds_per_unit,
+            "progress": progress,
+        }
+        if args.optimal:
+            params["optimal"] = True
+        try:
+            planner = OneshotPlanner(name=name, params=params)
+        except UPNoRequestedEngineAvailableException as error:
+            raise EngineError(
+                f"engine '{name}' is not available; 'up-samp engines' lists those that are"
+            ) from error
+        with planner:
+            return planner.solve(problem, timeout=args.timeout)
+
+
+def judge(problem: SchedulingProblem, plan: Schedule, seconds_per_unit: float = 1.0) -> Verdict:
+    """Return the independent validator's verdict."""
+    if isinstance(problem, SchedulingMotionProblem):
+        return validate_plan(problem, plan, seconds_per_unit=seconds_per_unit)
+    return validate_schedule(problem, plan)
+
+
+def describe(verdict: Verdict) -> str:
+    """Return a verdict as text: a line, and one more for each violation."""
+    if verdict.valid:
+        extra = "" if verdict.definition3 else "; not if effects are seen at once (Definition 3)"
+        return f"valid: the independent validator found nothing wrong{extra}"
+    lines = [f"INVALID: {len(verdict.violations)} violations"]
+    lines += [f"  {v.kind}: {v.what}" for v in verdict.violations]
+    return "\n".join(lines)
+
+
+def _summary(plan: dict[str, Any], result: PlanGenerationResult, seconds: float) -> str:
+    metrics = result.metrics or {}
+    bound = ""
+    if plan["lower_bound"] is not None:
+        kind = metrics.get("bound_kind")
+        bound = f" (proven lower bound {plan['lower_bound']}{f', {kind}' if kind else ''})"
+    parts = [f"{plan['status']}: makespan {plan['makespan']}{bound}", f"{seconds:.1f} s"]
+    if "rounds" in metrics:
+        parts.append(f"{metrics['rounds']} rounds")
+    return ", ".join(parts)
+
+
+def _explain_failure(
+    problem: SchedulingProblem, result: PlanGenerationResult, seconds: float
+) -> None:
+    print(f"{problem.name}: no plan, {result.status.name} after {seconds:.1f} s")
+    for message in result.log_messages or []:
+        print(f"  {message.message}")
