@@ -2,9 +2,9 @@
 
 Poses are (x, y, theta) in the world frame, lengths in m, angles in rad. A footprint is checked
 against the map in two stages: discs against the clearance field, which settles open space, then
-the exact polygon against the cells. Motions are checked by conservative advancement (Mirtich 1996): from a
-pose with clearance ``c`` a body may move until its fastest point has travelled ``c``, so nothing
-slips through between two checks.
+the exact polygon against the cells. Motions are checked by conservative advancement (Mirtich
+1996): from a pose with clearance ``c`` a body may move until its fastest point has travelled ``c``,
+so nothing slips through between two checks.
 """
 
 from __future__ import annotations
@@ -59,6 +59,12 @@ class PolyData(NamedTuple):
     counts: npt.NDArray[np.int64]
     centres: npt.NDArray[np.float64]
     owner: npt.NDArray[np.int64]
+
+
+def open_plane() -> GridData:
+    """Return the map without walls."""
+    frame = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 1.0])
+    return GridData(np.zeros((1, 1), np.int32), np.zeros((0, 0), np.float32), frame)
 
 
 @njit(cache=True)
@@ -125,7 +131,7 @@ def _part_free(
         low_x, high_x = min(low_x, vx), max(high_x, vx)
         low_y, high_y = min(low_y, vy), max(high_y, vy)
     rows, cols = grid.clearance.shape
-    tiny = 1e-9  # touching a cell's edge is no overlap
+    tiny = 1e-6  # (cells) touching a cell's edge is no overlap
     if low_x < -tiny or low_y < -tiny or high_x > cols + tiny or high_y > rows + tiny:
         return False
     r0, r1 = max(0, math.floor(low_y + tiny)), min(rows, math.ceil(high_y - tiny))

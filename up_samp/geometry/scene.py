@@ -35,8 +35,7 @@ def clearance_field(blocked: npt.NDArray[np.bool_], resolution: float) -> npt.ND
 def grid_data(grid: OccupancyGrid | None) -> GridData:
     """Return a map (or the open plane) as the kernels take it."""
     if grid is None:
-        frame = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 1.0])
-        return GridData(np.zeros((1, 1), np.int32), np.zeros((0, 0), np.float32), frame)
+        return kernels.open_plane()
     blocked = grid.blocked
     sums = np.zeros((blocked.shape[0] + 1, blocked.shape[1] + 1), dtype=np.int32)
     np.cumsum(np.cumsum(blocked, axis=0, dtype=np.int32), axis=1, out=sums[1:, 1:])

@@ -25,8 +25,8 @@ class Shape:
     """A footprint in the body frame (m), ready for the kernels.
 
     ``parts`` are convex polygons (counter-clockwise) whose union is the footprint.
-    ``circumscribed`` is the radius of the smallest disc about the reference point that covers it, ``inscribed`` that
-    of the largest disc about the reference point inside it (0 if the point is outside);
+    ``circumscribed`` is the radius of the smallest disc about the reference point that covers
+    it, ``inscribed`` that of the largest disc about it inside (0 if the point is outside);
     ``inner`` = (x, y, r) is the largest disc inside it anywhere. ``margin`` is the clearance (m)
     that ``data`` asks for.
     """

@@ -1,0 +1,261 @@
+"""Car motions (REEDSSHEPP): hybrid A*, then shortening, then timing."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.geometry import Scene, Shape
+from up_samp.geometry import kernels as k
+from up_samp.model import Body, Configuration, Deadline, Placed
+from up_samp.motion import hybrid
+from up_samp.motion.arcs import merged, path_time
+from up_samp.motion.fields import Fields
+from up_samp.motion.reeds_shepp import fastest
+from up_samp.motion.smoothing import improve, settle
+from up_samp.motion.planners import Leg
+from up_samp.motion.timing import relaxed, trajectory_of
+
+FloatArray = npt.NDArray[np.float64]
+
+MARGIN_SHARES = (1.0, 0.25, 0.06, 0.015, 0.004, 0.001)
+"""Shares of the clearance margin tried where a start or goal is closer to something than that."""
+
+
+@dataclass(frozen=True)
+class CarSettings:
+    """Effort of the car planner.
+
+    ``levels``: length of an arc primitive in turning radii, coarse to fine. ``nodes``: size of each
+    search tree. ``extra``: expansions after the first solution, as (least, share of those before).
+    ``rounds``, ``patience``: of the shortening.
+    """
+
+    levels: tuple[float, ...] = (0.7, 0.35, 0.18)
+    nodes: tuple[int, ...] = (60_000, 250_000, 1_000_000)
+    extra: int = 400
+    rounds: int = 1500
+    patience: int = 300
+    restarts: int = 2
+    slice: int = 4000
+
+
+class CarPlanner:
+    """Plans legs of car-like bodies in one scene. Deterministic for a seed."""
+
+    name = "hybrid-astar"
+    reversible = True
+
+    def __init__(self, scene: Scene, seed: int = 0, settings: CarSettings | None = None) -> None:
+        self.scene = scene
+        self.seed = seed
+        self.settings = settings or CarSettings()
+        self.fields = Fields(scene)
+        self._trees: dict[tuple[int, int], hybrid.Tree] = {}
+        self._lock = threading.Lock()
+
+    def leg(
+        self,
+        body: Body,
+        start: Configuration,
+        goal: Configuration,
+        obstacles: tuple[Placed, ...],
+        deadline: Deadline,
+    ) -> Leg:
+        """Return a fast motion between two poses among resting obstacles."""
+        with self._lock:
+            arcs, reason, expansions = self.path(body, start, goal, obstacles, deadline)
+        if arcs is None:
+            return Leg(None, reason, expansions)
+        return Leg(trajectory_of((start, goal), (arcs,), body.kinematics), reason, expansions)
+
+    def path(
+        self,
+        body: Body,
+        start: Configuration,
+        goal: Configuration,
+        obstacles: tuple[Placed, ...],
+        deadline: Deadline,
+    ) -> tuple[FloatArray | None, str, int]:
+        """Return arcs (n, 2) or None, what happened, and the number of expansions."""
+        shape = self._shape(body, (start, goal), obstacles)
+        if shape is None:
+            return None, "the start or the goal touches the map or an obstacle", 0
+        radius, v, a = relaxed(body.kinematics)
+        direct = self._direct(shape, start, goal, obstacles, (radius, v, a))
+        expansions = 0
+        exhausted = False
+        arcs = direct
+        if arcs is None:
+            for level in range(len(self.settings.levels)):
+                arcs, count, exhausted = self._search(
+                    body, shape, start, goal, obstacles, level, deadline
+                )
+                expansions += count
+                if arcs is not None or deadline.expired():
+                    break
+            if arcs is None:
+                reason = "no path at the finest resolution" if exhausted else "out of time"
+                return None, reason, expansions
+            arcs = self._smooth(shape, start, goal, arcs, obstacles, (radius, v, a), deadline)
+        return arcs, "", expansions
+
+    def _shape(
+        self, body: Body, poses: Sequence[Configuration], obstacles: tuple[Placed, ...]
+    ) -> Shape | None:
+        """Return the footprint with the largest margin that all ``poses`` can keep."""
+        polys = self.scene.polys(obstacles)
+        for share in MARGIN_SHARES:
+            shape = self.scene.shape(body, self.scene.margin * share)
+            least = 0.1 * shape.data.slack[2]
+            if all(
+                k.clearance(self.scene.data, polys, shape.data, p[0], p[1], p[2]) >= least
+                for p in poses
+            ):
+                return shape
+        return None
+
+    def _direct(
+        self,
+        shape: Shape,
+        start: Configuration,
+        goal: Configuration,
+        obstacles: tuple[Placed, ...],
+        limits: tuple[float, float, float],
+    ) -> FloatArray | None:
+        """Return the fastest unobstructed curve if it happens to be free."""
+        _, arcs = fastest(start, goal, *limits)
+        polys = self.scene.polys(obstacles)
+        origin = np.array(start[:3], dtype=np.float64)
+        free = k.path_free(self.scene.data, polys, shape.data, origin, arcs) < 0
+        return arcs if free else None
+
+    def _search(
+        self,
+        body: Body,
+        shape: Shape,
+        start: Configuration,
+        goal: Configuration,
+        obstacles: tuple[Placed, ...],
+        level: int,
+        deadline: Deadline,
+    ) -> tuple[FloatArray | None, int, bool]:
+        """Run hybrid A* at one resolution; return arcs or None, expansions, whether it ran dry."""
+        radius, v, a = relaxed(body.kinematics)
+        step = self.settings.levels[level] * radius
+        field = self.fields.toward(shape, goal, obstacles)
+        space = self._space(body, (start, goal), obstacles, step, radius)
+        keys = int(2 * space[3] * space[4] * space[5])
+        tree = self._tree(self.settings.nodes[level], keys)
+        steps = np.array(
+            [[kappa, s] for kappa in (0.0, 1 / radius, -1 / radius) for s in (step, -step)]
+            + [[0.0, 4 * step], [0.0, -4 * step]]
+        )
+        limits = np.array([radius, v, a, 0.0, 0.0])
+        target = np.array(goal[:3], dtype=np.float64)
+        data, polys = self.scene.data, self.scene.polys(obstacles)
+        hybrid.plant(tree, field, space, np.array(start[:3], dtype=np.float64), target, limits)
+        state = 0
+        while state == 0 and not deadline.expired():
+            state = hybrid.expand(
+                tree,
+                data,
+                polys,
+                shape.data,
+                field,
+                space,
+                steps,
+                target,
+                limits,
+                self.settings.slice,
+            )
+        found = tree.counters[3] >= 0
+        arcs = merged(hybrid.solution(tree)) if found else None
+        count = int(tree.counters[2])
+        hybrid.clear(tree)
+        return arcs, count, state == 2
+
+    def _space(
+        self,
+        body: Body,
+        poses: Sequence[Configuration],
+        obstacles: tuple[Placed, ...],
+        step: float,
+        radius: float,
+    ) -> FloatArray:
+        """Return the box and the resolution of the search (see :func:`hybrid.expand`)."""
+        low, high = self._box(body, poses, obstacles)
+        cell = step / 1.5
+        bins = math.ceil(2 * math.pi / (step / radius / 1.5))
+        while True:
+            cols, rows = np.ceil((high - low) / cell).astype(int) + 1
+            if cols * rows * bins * 2 <= 40_000_000:
+                break
+            cell *= 1.3
+        return np.array(
+            [low[0], low[1], cell, cols, rows, bins, self.settings.extra, 12 * radius, 0.995]
+        )
+
+    def _box(
+        self, body: Body, poses: Sequence[Configuration], obstacles: tuple[Placed, ...]
+    ) -> tuple[FloatArray, FloatArray]:
+        grid = self.scene.grid
+        if grid is not None:
+            rows, cols = grid.shape
+            corners = [(r, c) for r in (-0.5, rows - 0.5) for c in (-0.5, cols - 0.5)]
+            points = np.array([grid.point_of(r, c) for r, c in corners])
+            return points.min(axis=0), points.max(axis=0)
+        reach = 8 * body.kinematics.turning_radius + 2 * self.scene.shape(body).circumscribed
+        points = np.array([p[:2] for p in poses])
+        polys = self.scene.polys(obstacles)
+        if len(polys.counts):
+            centres, radii = polys.centres[:, :2], polys.centres[:, 2:]
+            points = np.concatenate([points, centres - radii, centres + radii])
+        return points.min(axis=0) - reach, points.max(axis=0) + reach
+
+    def _tree(self, nodes: int, keys: int) -> hybrid.Tree:
+        if (nodes, keys) not in self._trees:
+            if len(self._trees) >= 4:
+                self._trees.pop(next(iter(self._trees)))
+            self._trees[nodes, keys] = hybrid.new_tree(nodes, keys)
+        return self._trees[nodes, keys]
+
+    def _smooth(
+        self,
+        shape: Shape,
+        start: Configuration,
+        goal: Configuration,
+        arcs: FloatArray,
+        obstacles: tuple[Placed, ...],
+        limits: tuple[float, float, float],
+        deadline: Deadline,
+    ) -> FloatArray:
+        """Return the fastest of a few shortened versions of a path."""
+        origin = np.array(start[:3], dtype=np.float64)
+        target = np.array(goal[:3], dtype=np.float64)
+        data, polys = self.scene.data, self.scene.polys(obstacles)
+        best = arcs
+        for attempt in range(self.settings.restarts):
+            if attempt > 0 and deadline.expired():
+                break
+            scratch = np.array([*limits, 0.0, 0.0])
+            found = improve(
+                data,
+                polys,
+                shape.data,
+                origin,
+                arcs,
+                scratch,
+                self.settings.rounds,
+                self.settings.patience,
+                self.seed + attempt,
+            )
+            better = path_time(found, *limits[1:]) < path_time(best, *limits[1:])
+            if better and settle(origin, target, found) < 1e-7:
+                best = found
+        return best

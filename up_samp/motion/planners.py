@@ -1,0 +1,106 @@
+"""The one protocol of all single-robot motion planners, and who plans for what.
+
+A planner moves a body from rest at one pose to rest at another among resting obstacles (a *leg*);
+:class:`up_samp.motion.service.MotionService` strings legs together, caches them and proves "no".
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from up_samp.geometry import Scene
+from up_samp.model import (
+    Body,
+    Configuration,
+    Deadline,
+    MotionModel,
+    Placed,
+    Trajectory,
+    UnsupportedError,
+)
+
+
+@dataclass(frozen=True)
+class Leg:
+    """A planner's answer: the motion (from time 0) or None with the ``reason``. None is no proof.
+
+    ``effort`` counts what the planner expanded or sampled.
+    """
+
+    trajectory: Trajectory | None
+    reason: str = ""
+    effort: int = 0
+
+
+class MotionPlanner(Protocol):
+    """Plans legs. ``reversible``: driven backwards in time a leg is a leg, too."""
+
+    name: str
+    reversible: bool
+
+    def leg(
+        self,
+        body: Body,
+        start: Configuration,
+        goal: Configuration,
+        obstacles: tuple[Placed, ...],
+        deadline: Deadline,
+    ) -> Leg:
+        """Return a motion from rest at ``start`` to rest at ``goal``, exactly."""
+
+
+Factory = Callable[[Scene, int], MotionPlanner]
+
+PLANNERS: dict[str, str | Factory] = {
+    "car": "up_samp.motion.car:CarPlanner",
+    "planar": "up_samp.motion.planar:PlanarPlanner",
+}
+"""Planners by name: ``module:factory`` (imported when needed) or a factory(scene, seed)."""
+
+DEFAULTS: dict[MotionModel, str] = {MotionModel.REEDSSHEPP: "car", MotionModel.SE2: "planar"}
+"""Who plans for which motion model when nothing else is asked for."""
+
+SECOND_OPINIONS: dict[MotionModel, tuple[str, ...]] = {}
+"""Planners asked after the default one found nothing, before the answer is "out of time"."""
+
+
+def register_planner(
+    name: str,
+    factory: str | Factory,
+    *,
+    default_for: tuple[MotionModel, ...] = (),
+    second_opinion_for: tuple[MotionModel, ...] = (),
+) -> None:
+    """Make a planner known under ``name``."""
+    PLANNERS[name] = factory
+    for model in default_for:
+        DEFAULTS[model] = name
+    for model in second_opinion_for:
+        known = SECOND_OPINIONS.get(model, ())
+        SECOND_OPINIONS[model] = (*(n for n in known if n != name), name)
+
+
+def make_planner(name: str, scene: Scene, seed: int) -> MotionPlanner:
+    """Return the planner called ``name`` for a scene."""
+    if name not in PLANNERS:
+        known = ", ".join(sorted(PLANNERS))
+        raise UnsupportedError(f"there is no motion planner '{name}'; known are {known}")
+    factory: Any = PLANNERS[name]
+    if isinstance(factory, str):
+        module, _, attribute = factory.partition(":")
+        factory = getattr(importlib.import_module(module), attribute)
+    planner: MotionPlanner = factory(scene, seed)
+    return planner
+
+
+def planner_names(name: str, body: Body) -> tuple[str, ...]:
+    """Return which planners to ask for ``body``, in order (``"default"``: by its motion model)."""
+    if name != "default":
+        return (name,)
+    model = body.kinematics.model
+    if model not in DEFAULTS:
+        raise UnsupportedError(f"no motion planner for the motion model {model.name}")
+    return (DEFAULTS[model], *SECOND_OPINIONS.get(model, ()))

@@ -1,0 +1,276 @@
+"""Reeds-Shepp curves: shortest or fastest ways of a car between two poses without obstacles.
+
+All words of Reeds & Shepp, "Optimal paths for a car that goes both forwards and backwards", Pacific
+J. Math. 145 (1990), sections 8.1 to 8.11, with their time flips, reflections and reversals. For the
+*fastest* way (rest at each cusp, trapezoidal speed between cusps) the words without cusps are
+taken with arcs up to a full turn, too (Dubins 1957): a detour can beat a stop.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+FloatArray = npt.NDArray[np.float64]
+
+MAX_ARCS = 5
+TINY = 1e-10
+
+
+@njit(cache=True)
+def run_time(length: float, v: float, a: float) -> float:
+    """Return the rest-to-rest time (s) over ``length`` m with top speed v (m/s) and acceleration a
+    (m/s^2): a trapezoid, or a triangle if it is too short. ``a = inf`` gives length / v.
+    """
+    if length >= v * v / a:
+        return length / v + v / a
+    return 2.0 * math.sqrt(max(length, 0.0) / a)
+
+
+@njit(cache=True)
+def _wrap(angle: float) -> float:
+    """Return the angle in (-pi, pi]."""
+    angle = angle % (2.0 * math.pi)
+    return angle - 2.0 * math.pi if angle > math.pi else angle
+
+
+@njit(cache=True)
+def _turn(angle: float) -> float:
+    """Return the angle in [0, 2 pi), rounding noise below a full turn down to 0."""
+    angle = angle % (2.0 * math.pi)
+    return 0.0 if angle > 2.0 * math.pi - 1e-9 else angle
+
+
+@njit(cache=True)
+def _offer(
+    best: FloatArray,
+    out: FloatArray,
+    limits: FloatArray,
+    flip: float,
+    mirror: float,
+    reverse: bool,
+    word: tuple[float, float, float, float, float],
+    lengths: tuple[float, float, float, float, float],
+) -> None:
+    """Cost a word (curvature signs and signed lengths, in turning radii) and keep the best.
+
+    ``limits`` is (radius, v, a, before, after); the last two are the signed lengths (m) of the runs
+    that the curve continues and that continue it.
+    """
+    radius, v, a, before, after = limits[0], limits[1], limits[2], limits[3], limits[4]
+    time, run = 0.0, before
+    for i in range(MAX_ARCS + 1):
+        if i == MAX_ARCS:
+            s = after
+        else:
+            s = (lengths[MAX_ARCS - 1 - i] if reverse else lengths[i]) * flip * radius
+        if abs(s) <= TINY:
+            continue
+        if run * s < 0.0:
+            time += run_time(abs(run), v, a)
+            run = s
+        else:
+            run += s
+    time += run_time(abs(run), v, a)
+    if time < best[0] - 1e-12:
+        best[0] = time
+        n = 0
+        for i in range(MAX_ARCS):
+            k = MAX_ARCS - 1 - i if reverse else i
+            s = lengths[k] * flip * radius
+            if abs(s) > TINY:
+                out[n, 0] = word[k] * mirror / radius
+                out[n, 1] = s
+                n += 1
+        best[1] = n
+
+
+@njit(cache=True)
+def _tau_omega(u: float, v: float, xi: float, eta: float, phi: float) -> tuple[float, float]:
+    delta = _wrap(u - v)
+    A = math.sin(u) - math.sin(delta)
+    B = math.cos(u) - math.cos(delta) - 1.0
+    t1 = math.atan2(eta * A - xi * B, xi * A + eta * B)
+    t2 = 2.0 * (math.cos(delta) - math.cos(v) - math.cos(u)) + 3.0
+    tau = _wrap(t1 + math.pi) if t2 < 0.0 else _wrap(t1)
+    return tau, _wrap(tau - u + v - phi)
+
+
+@njit(cache=True)
+def _words(
+    x: float,
+    y: float,
+    phi: float,
+    best: FloatArray,
+    out: FloatArray,
+    limits: FloatArray,
+    flip: float,
+    mirror: float,
+) -> None:
+    """Offer all base words to (x, y, phi), in turning radii (numbers: sections of the paper)."""
+    s_phi, c_phi = math.sin(phi), math.cos(phi)
+    low = -1e-12
+    half = 0.5 * math.pi
+    # same-side words start from (xi, eta), opposite-side words from (xo, eo)
+    xi, eta = x - s_phi, y - 1.0 + c_phi
+    xo, eo = x + s_phi, y - 1.0 - c_phi
+    r, theta = math.sqrt(xi * xi + eta * eta), math.atan2(eta, xi)
+    ro, to = math.sqrt(xo * xo + eo * eo), math.atan2(eo, xo)
+    # 8.1 L+ S+ L+ (arcs up to a full turn)
+    t = _turn(theta)
+    _offer(
+        best,
+        out,
+        limits,
+        flip,
+        mirror,
+        False,
+        (1.0, 0.0, 1.0, 0.0, 0.0),
+        (t, r, _turn(phi - t), 0.0, 0.0),
+    )
+    if ro >= 2.0:  # 8.2 L+ S+ R+
+        u = math.sqrt(ro * ro - 4.0)
+        t = _turn(to + math.atan2(2.0, u))
+        word = (1.0, 0.0, -1.0, 0.0, 0.0)
+        _offer(best, out, limits, flip, mirror, False, word, (t, u, _turn(t - phi), 0.0, 0.0))
+        u = 4.0 - u
+        if u <= 0.0:  # 8.11 L+ R- S- L- R+
+            t = _wrap(math.atan2((4.0 - u) * xo - 2.0 * eo, -2.0 * xo + (u - 4.0) * eo))
+            v = _wrap(t - phi)
+            if t >= low and v >= low:
+                word = (1.0, -1.0, 0.0, 1.0, -1.0)
+                _offer(best, out, limits, flip, mirror, False, word, (t, -half, u, -half, v))
+    if ro <= 2.0:  # 8.7 L+ R+ L- R-
+        u = math.acos(min(1.0, 0.25 * (2.0 + ro)))
+        t, v = _tau_omega(u, -u, xo, eo, phi)
+        if t >= low and v <= -low:
+            word = (1.0, -1.0, 1.0, -1.0, 0.0)
+            _offer(best, out, limits, flip, mirror, False, word, (t, u, -u, v, 0.0))
+    rho = (20.0 - ro * ro) / 16.0
+    if 0.0 <= rho <= 1.0:  # 8.8 L+ R- L- R+
+        u = -math.acos(rho)
+        t, v = _tau_omega(u, u, xo, eo, phi)
+        if t >= low and v >= low:
+            word = (1.0, -1.0, 1.0, -1.0, 0.0)
+            _offer(best, out, limits, flip, mirror, False, word, (t, u, u, v, 0.0))
+    if r <= 4.0:  # L+ R+ L+ without cusps
+        u = -2.0 * math.asin(0.25 * r)
+        t = _turn(theta + 0.5 * u + math.pi)
+        word = (1.0, -1.0, 1.0, 0.0, 0.0)
+        long = (t, u + 2.0 * math.pi, _turn(phi - t + u), 0.0, 0.0)
+        _offer(best, out, limits, flip, mirror, False, word, long)
+    _reversible(x, y, phi, best, out, limits, flip, mirror, False)
+    xb, yb = x * c_phi + y * s_phi, x * s_phi - y * c_phi
+    _reversible(xb, yb, phi, best, out, limits, flip, mirror, True)
+
+
+@njit(cache=True)
+def _reversible(
+    x: float,
+    y: float,
+    phi: float,
+    best: FloatArray,
+    out: FloatArray,
+    limits: FloatArray,
+    flip: float,
+    mirror: float,
+    reverse: bool,
+) -> None:
+    """Offer the words that differ when driven from the other end."""
+    s_phi, c_phi = math.sin(phi), math.cos(phi)
+    low = -1e-12
+    half = 0.5 * math.pi
+    xi, eta = x - s_phi, y - 1.0 + c_phi
+    xo, eo = x + s_phi, y - 1.0 - c_phi
+    r, theta = math.sqrt(xi * xi + eta * eta), math.atan2(eta, xi)
+    ro = math.sqrt(xo * xo + eo * eo)
+    if r <= 4.0:  # 8.3, 8.4 L+ R- L(+ or -)
+        u = -2.0 * math.asin(0.25 * r)
+        t = _wrap(theta + 0.5 * u + math.pi)
+        v = _wrap(phi - t + u)
+        if t >= low:
+            _offer(
+                best,
+                out,
+                limits,
+                flip,
+                mirror,
+                reverse,
+                (1.0, -1.0, 1.0, 0.0, 0.0),
+                (t, u, v, 0.0, 0.0),
+            )
+    if r >= 2.0:  # 8.9 L+ R- S- L-
+        root = math.sqrt(r * r - 4.0)
+        u = 2.0 - root
+        t = _wrap(theta + math.atan2(root, -2.0))
+        v = _wrap(phi - half - t)
+        if t >= low and u <= -low and v <= -low:
+            word = (1.0, -1.0, 0.0, 1.0, 0.0)
+            _offer(best, out, limits, flip, mirror, reverse, word, (t, -half, u, v, 0.0))
+    if ro >= 2.0:  # 8.10 L+ R- S- R-
+        t = math.atan2(xo, -eo)
+        u = 2.0 - ro
+        v = _wrap(t + half - phi)
+        if t >= low and v <= -low:
+            word = (1.0, -1.0, 0.0, -1.0, 0.0)
+            _offer(best, out, limits, flip, mirror, reverse, word, (t, -half, u, v, 0.0))
+
+
+@njit(cache=True)
+def connect(
+    x0: float,
+    y0: float,
+    th0: float,
+    x1: float,
+    y1: float,
+    th1: float,
+    limits: FloatArray,
+    out: FloatArray,
+) -> tuple[float, int]:
+    """Find the fastest Reeds-Shepp curve between two poses.
+
+    ``limits`` = (turning radius m, v m/s, a m/s^2, before, after): ``before`` and ``after`` are the
+    signed lengths (m) of the driving runs that the curve continues without a stop if it keeps
+    their direction (0: rest). ``out`` (5, 2) receives curvature (1/m) and signed length (m) of the
+    arcs. Returns the time (s) including those runs, and the number of arcs. With v = 1 and
+    a = inf the time is the length.
+    """
+    radius = limits[0]
+    dx, dy = (x1 - x0) / radius, (y1 - y0) / radius
+    c, s = math.cos(th0), math.sin(th0)
+    x, y, phi = c * dx + s * dy, c * dy - s * dx, _wrap(th1 - th0)
+    best = np.empty(2)
+    best[0], best[1] = 1e300, 0.0
+    for i in range(4):
+        flip = 1.0 if i < 2 else -1.0
+        mirror = 1.0 if i % 2 == 0 else -1.0
+        _words(flip * x, mirror * y, flip * mirror * phi, best, out, limits, flip, mirror)
+    return best[0], int(best[1])
+
+
+def _curve(
+    start: tuple[float, ...], goal: tuple[float, ...], radius: float, v: float, a: float
+) -> tuple[float, FloatArray]:
+    out = np.empty((MAX_ARCS, 2))
+    limits = np.array([radius, v, a, 0.0, 0.0])
+    x0, y0, th0 = map(float, start[:3])
+    x1, y1, th1 = map(float, goal[:3])
+    cost, n = connect(x0, y0, th0, x1, y1, th1, limits, out)
+    return float(cost), out[:n].copy()
+
+
+def shortest(
+    start: tuple[float, ...], goal: tuple[float, ...], radius: float
+) -> tuple[float, FloatArray]:
+    """Return length (m) and arcs (n, 2: curvature 1/m, signed length m) of the shortest curve."""
+    return _curve(start, goal, radius, 1.0, math.inf)
+
+
+def fastest(
+    start: tuple[float, ...], goal: tuple[float, ...], radius: float, v: float, a: float
+) -> tuple[float, FloatArray]:
+    """Return time (s) and arcs (n, 2) of the fastest curve from rest to rest (rest at cusps)."""
+    return _curve(start, goal, radius, v, a)

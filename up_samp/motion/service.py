@@ -1,0 +1,305 @@
+"""The one face of motion planning that the rest of the package uses."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterable, Mapping, Sequence
+
+from up_samp.geometry import OccupancyGrid, Scene
+from up_samp.geometry import kernels as k
+from up_samp.geometry.shapes import shape_of
+from up_samp.model import (
+    Body,
+    Configuration,
+    Deadline,
+    GroupQuery,
+    GroupReport,
+    MotionModel,
+    Outcome,
+    PathQuery,
+    PathReport,
+    Placed,
+    Trajectory,
+)
+from up_samp.motion.bounds import Bounds
+from up_samp.motion.cache import Entry, MotionCache, obstacle_key
+from up_samp.motion.certificates import Certifier
+from up_samp.motion.planners import MotionPlanner, make_planner, planner_names
+from up_samp.motion.trajectories import at_rest, joined, reversed_trajectory
+
+log = logging.getLogger(__name__)
+
+PLANAR = (MotionModel.REEDSSHEPP, MotionModel.SE2)
+LAZY_ROUNDS = 3
+
+
+class MotionService:
+    """Plans, bounds and refutes motions on one map (None: the open plane).
+
+    ``planner``: a name of :data:`up_samp.motion.planners.PLANNERS`, or ``"default"``: chosen by what
+    each body needs. ``margin`` (m): clearance that plans keep from walls and objects; less where a
+    start or a goal is closer than that. Same seed, same answers. ``cache`` may be shared.
+    """
+
+    def __init__(
+        self,
+        grid: OccupancyGrid | None,
+        *,
+        planner: str = "default",
+        margin: float = 0.01,
+        seed: int = 0,
+        cache: MotionCache | None = None,
+    ) -> None:
+        self.grid = grid
+        self.scene = Scene(grid, margin)
+        self.planner = planner
+        self.seed = seed
+        self.cache = MotionCache() if cache is None else cache
+        self.certifier = Certifier(self.scene)
+        self.bounds = Bounds(self.scene)
+        self._planners: dict[str, MotionPlanner] = {}
+
+    def plan(self, query: PathQuery, deadline: Deadline) -> PathReport:
+        """Answer a query: found, proven impossible, or out of time."""
+        began = time.monotonic()
+        proof = self.certificate(query.body, query.poses, query.obstacles)
+        if proof is not None:
+            return _timed(proof, began)
+        names = planner_names(self.planner, query.body)
+        parts, used = [at_rest(query.poses[0])], ""
+        for start, goal in zip(query.poses, query.poses[1:], strict=False):
+            if tuple(start) == tuple(goal):
+                continue
+            report = self._leg(names, query.body, start, goal, query.obstacles, deadline)
+            if report.trajectory is None:
+                return _timed(report, began)
+            parts.append(report.trajectory)
+            used = report.planner
+        found = PathReport(Outcome.FOUND, joined(parts), planner=used)
+        return _timed(found, began)
+
+    def _leg(
+        self,
+        names: Sequence[str],
+        body: Body,
+        start: Configuration,
+        goal: Configuration,
+        obstacles: tuple[Placed, ...],
+        deadline: Deadline,
+    ) -> PathReport:
+        """Return a leg from the cache or from the first planner that finds one."""
+        reasons = []
+        for name in names:
+            planner = self._planner(name)
+            known = self._known(planner, name, body, start, goal, obstacles)
+            if known is not None:
+                self.cache.hits += 1
+                return PathReport(Outcome.FOUND, known, planner=name)
+        self.cache.misses += 1
+        for name in names:
+            report = self._lazily(name, body, start, goal, obstacles, deadline)
+            if report.outcome is not Outcome.OUT_OF_TIME:
+                return report
+            reasons.append(f"{name}: {report.reason}")
+            if deadline.expired():
+                break
+        return PathReport(
+            Outcome.OUT_OF_TIME,
+            blockers=self._in_the_way(body, start, goal, obstacles, deadline),
+            reason="; ".join(reasons),
+            planner=names[0],
+        )
+
+    def _lazily(
+        self,
+        name: str,
+        body: Body,
+        start: Configuration,
+        goal: Configuration,
+        obstacles: tuple[Placed, ...],
+        deadline: Deadline,
+    ) -> PathReport:
+        """Plan among the obstacles that prove to matter only (so that more queries share a leg)."""
+        planner = self._planner(name)
+        chosen: tuple[Placed, ...] = () if body.kinematics.model in PLANAR else obstacles
+        for attempt in range(LAZY_ROUNDS + 1):
+            if attempt == LAZY_ROUNDS:
+                chosen = obstacles
+            trajectory = self._known(planner, name, body, start, goal, chosen)
+            if trajectory is None:
+                leg = planner.leg(body, start, goal, chosen, deadline)
+                if leg.trajectory is None:
+                    return PathReport(Outcome.OUT_OF_TIME, reason=leg.reason, planner=name)
+                trajectory = leg.trajectory
+                self.remember(name, body, start, goal, chosen, trajectory)
+            if chosen == obstacles:
+                break
+            hit = [
+                p for p in obstacles if p not in chosen and not self._clears(trajectory, body, p)
+            ]
+            if not hit:
+                break
+            chosen = tuple(p for p in obstacles if p in chosen or p in hit)
+            proof = self.certificate(body, (start, goal), chosen)
+            if proof is not None:
+                return proof
+        return PathReport(Outcome.FOUND, trajectory, planner=name)
+
+    def _scope(self, name: str) -> tuple[object, ...]:
+        return (self.scene.digest, name, self.scene.margin, self.seed)
+
+    def remember(
+        self,
+        name: str,
+        body: Body,
+        start: Configuration,
+        goal: Configuration,
+        obstacles: tuple[Placed, ...],
+        trajectory: Trajectory,
+    ) -> None:
+        """Put a leg that ``name`` planned among ``obstacles`` into the cache."""
+        planner = self._planner(name)
+        key, swap = MotionCache.key(self._scope(name), body, start, goal, planner.reversible)
+        stored = reversed_trajectory(trajectory) if swap else trajectory
+        self.cache.put(key, Entry(obstacle_key(obstacles), stored, name))
+
+    def _known(
+        self,
+        planner: MotionPlanner,
+        name: str,
+        body: Body,
+        start: Configuration,
+        goal: Configuration,
+        obstacles: tuple[Placed, ...],
+    ) -> Trajectory | None:
+        """Return a remembered leg that was planned among a part of the obstacles and clears all."""
+        key, swap = MotionCache.key(self._scope(name), body, start, goal, planner.reversible)
+        here = obstacle_key(obstacles)
+        for entry in self.cache.get(key):
+            if not entry.among <= here:
+                continue
+            rest = [p for p in obstacles if not obstacle_key([p]) <= entry.among]
+            if rest and body.kinematics.model not in PLANAR:
+                continue
+            if all(self._clears(entry.trajectory, body, p) for p in rest):
+                return reversed_trajectory(entry.trajectory) if swap else entry.trajectory
+        return None
+
+    def _clears(self, trajectory: Trajectory, body: Body, placed: Placed) -> bool:
+        return self.parking_clears(trajectory, body, placed, self.scene.margin)
+
+    def _in_the_way(
+        self,
+        body: Body,
+        start: Configuration,
+        goal: Configuration,
+        obstacles: tuple[Placed, ...],
+        deadline: Deadline,
+    ) -> frozenset[str]:
+        """Return the obstacles that the way on the empty map would hit (all, if that is unknown)."""
+        if body.kinematics.model not in PLANAR or not obstacles:
+            return frozenset(p.name for p in obstacles)
+        for name in planner_names(self.planner, body):
+            free = self._known(self._planner(name), name, body, start, goal, ())
+            if free is not None:
+                hit = [p.name for p in obstacles if not self._clears(free, body, p)]
+                return frozenset(hit)
+        return frozenset(p.name for p in obstacles)
+
+    def _planner(self, name: str) -> MotionPlanner:
+        if name not in self._planners:
+            self._planners[name] = make_planner(name, self.scene, self.seed)
+        return self._planners[name]
+
+    def lower_bound(
+        self,
+        body: Body,
+        start: Configuration,
+        goal: Configuration,
+        obstacles: Sequence[Placed] = (),
+    ) -> float:
+        """Return seconds that no motion between the two poses can beat."""
+        return self.bounds.duration(body, start, goal, tuple(obstacles))
+
+    def certificate(
+        self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]
+    ) -> PathReport | None:
+        """Return a proof that the motion is impossible, with blockers and alternatives, or None."""
+        if body.kinematics.model is MotionModel.SE3:
+            return None
+        began = time.monotonic()
+        proof = self.certifier.prove(body, poses, tuple(obstacles))
+        return None if proof is None else _timed(proof, began)
+
+    def unreachable(
+        self,
+        body: Body,
+        start: Configuration,
+        targets: Mapping[str, Configuration],
+        obstacles: Sequence[Placed],
+    ) -> frozenset[str]:
+        """Return the names of the targets that provably cannot be reached from ``start``."""
+        if body.kinematics.model is MotionModel.SE3:
+            return frozenset()
+        return self.certifier.unreachable(body, start, targets, tuple(obstacles))
+
+    def pose_blockers(
+        self, body: Body, pose: Configuration, obstacles: Sequence[Placed]
+    ) -> tuple[bool, frozenset[str]]:
+        """Return whether a body at a pose overlaps the map, and the obstacles that it overlaps."""
+        hit = {p.name for p in obstacles if self.overlap(body, pose, p.body, p.pose)}
+        return self.certifier.hits_map(body, pose), frozenset(hit)
+
+    def overlap(
+        self, body_a: Body, pose_a: Configuration, body_b: Body, pose_b: Configuration
+    ) -> bool:
+        """Return whether two placed planar bodies share area (touching is no overlap)."""
+        return self.scene.distance(body_a, pose_a, body_b, pose_b) < -1e-7
+
+    def parking_clears(
+        self, trajectory: Trajectory, body: Body, placed: Placed, clearance: float = 0.0
+    ) -> bool:
+        """Return whether a motion keeps ``clearance`` (m) from a resting object, all the way."""
+        shape = shape_of(body, clearance).data
+        polys = self.scene.polys((placed,))
+        nothing = k.open_plane()
+        return bool(k.samples_free(nothing, polys, shape, trajectory.poses, 1e-4) < 0)
+
+    def parking_clearance(self, trajectory: Trajectory, body: Body, placed: Placed) -> float:
+        """Return the smallest distance (m) of a motion to a resting object, at most 1 mm too small;
+        <= 0 if they overlap.
+        """
+        shape = shape_of(body).data
+        polys = self.scene.polys((placed,))
+        return float(k.samples_distance(polys, shape, trajectory.poses, 1e-3))
+
+    def precompute(
+        self,
+        pairs: Iterable[tuple[Body, Configuration, Configuration]],
+        processes: int = 1,
+        obstacles: Sequence[Placed] = (),
+        deadline: Deadline | None = None,
+    ) -> int:
+        """Fill the cache with the legs of all ``pairs``; return how many are known then."""
+        from up_samp.motion.precompute import precompute
+
+        return precompute(self, pairs, processes, tuple(obstacles), deadline or Deadline.never())
+
+    def coordinate(self, query: GroupQuery, deadline: Deadline) -> GroupReport:
+        """Find motions for a group that may meet (see :mod:`up_samp.motion.spacetime`)."""
+        from up_samp.motion.spacetime import coordinate
+
+        return coordinate(self, query, deadline, seed=self.seed)
+
+
+def _timed(report: PathReport, began: float) -> PathReport:
+    return PathReport(
+        report.outcome,
+        report.trajectory,
+        report.blockers,
+        report.alternatives,
+        report.reason,
+        report.planner,
+        time.monotonic() - began,
+    )

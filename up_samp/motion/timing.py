@@ -1,0 +1,124 @@
+"""Rest-to-rest timing of paths: trapezoidal speed on each run, rest at each cusp."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.geometry.kernels import advance
+from up_samp.model import Configuration, Kinematics, Trajectory
+from up_samp.motion.reeds_shepp import run_time
+
+FloatArray = npt.NDArray[np.float64]
+
+RELAX = 1e-6
+"""Relative slack kept from every kinematic limit, so that rounding never exceeds it."""
+
+SHORTEST = 1e-6
+"""Arcs shorter than this (m) are no samples of their own."""
+
+
+def relaxed(kinematics: Kinematics) -> tuple[float, float, float]:
+    """Return (turning radius, v_max, a_max) with a little slack kept from the limits."""
+    return (
+        kinematics.turning_radius * (1 + RELAX),
+        kinematics.v_max * (1 - RELAX),
+        kinematics.a_max * (1 - RELAX),
+    )
+
+
+def time_of_distance(s: FloatArray, length: float, v: float, a: float) -> FloatArray:
+    """Return when a rest-to-rest trapezoid over ``length`` m has driven ``s`` m (sorted)."""
+    total = run_time(length, v, a)
+    ramp = min(v / a, 0.5 * total)
+    on_ramp = 0.5 * a * ramp * ramp
+    top = a * ramp
+    rise = np.sqrt(2.0 * np.minimum(s, on_ramp) / a)
+    rest = np.clip(length - s, 0.0, None)
+    fall = total - np.sqrt(2.0 * np.minimum(rest, on_ramp) / a)
+    cruise = ramp + (s - on_ramp) / top
+    return np.where(s <= on_ramp, rise, np.where(rest <= on_ramp, fall, cruise))
+
+
+def distance_of_time(t: FloatArray, length: float, v: float, a: float) -> FloatArray:
+    """Return the distance (m) driven at times ``t`` (s) by a rest-to-rest trapezoid."""
+    total = run_time(length, v, a)
+    ramp = min(v / a, 0.5 * total)
+    on_ramp, top = 0.5 * a * ramp * ramp, a * ramp
+    left = np.clip(total - t, 0.0, None)
+    return np.where(
+        t <= ramp,
+        0.5 * a * t * t,
+        np.where(left <= ramp, length - 0.5 * a * left * left, on_ramp + top * (t - ramp)),
+    )
+
+
+def runs_of(arcs: FloatArray) -> list[FloatArray]:
+    """Split a path at its cusps."""
+    arcs = arcs[np.abs(arcs[:, 1]) > SHORTEST]
+    if len(arcs) == 0:
+        return []
+    cusps = np.nonzero(np.diff(np.sign(arcs[:, 1])))[0] + 1
+    return np.split(arcs, cusps)
+
+
+def _run_samples(arcs: FloatArray, v: float, a: float) -> tuple[FloatArray, FloatArray]:
+    """Return sample times and driven distances of one run, without its start.
+
+    Every arc's end is a sample, and samples are at most ``Trajectory.MAX_STEP`` s apart.
+    """
+    ends = np.cumsum(np.abs(arcs[:, 1]))
+    length = float(ends[-1])
+    knots = np.concatenate([[0.0], time_of_distance(ends, length, v, a)])
+    times, where = [], []
+    for i in range(len(ends)):
+        count = max(1, math.ceil((knots[i + 1] - knots[i]) / Trajectory.MAX_STEP - 1e-9))
+        grid = np.linspace(knots[i], knots[i + 1], count + 1)[1:]
+        s = distance_of_time(grid, length, v, a)
+        s[-1] = ends[i]
+        times.append(grid)
+        where.append(s)
+    return np.concatenate(times), np.concatenate(where)
+
+
+def trajectory_of(
+    poses: Sequence[Configuration], legs: Sequence[FloatArray], kinematics: Kinematics
+) -> Trajectory:
+    """Return the timed motion along ``legs`` (arcs between successive ``poses``), from time 0.
+
+    The car rests at each pose. It starts and passes exactly at the poses (theta modulo 2 pi, but
+    continuous).
+    """
+    _, v, a = relaxed(kinematics)
+    times = [np.zeros(1)]
+    rows = [np.array([poses[0][:3]], dtype=np.float64)]
+    now = 0.0
+    for target, arcs in zip(poses[1:], legs, strict=True):
+        for run in runs_of(arcs):
+            t, s = _run_samples(run, v, a)
+            times.append(now + t)
+            rows.append(_poses_on(rows[-1][-1], run, s))
+            now = float(times[-1][-1])
+        end = rows[-1][-1]
+        turns = round((float(end[2]) - target[2]) / (2 * math.pi))
+        end[:] = (target[0], target[1], target[2] + turns * 2 * math.pi)
+    return Trajectory(np.concatenate(times), np.concatenate(rows))
+
+
+def _poses_on(start: FloatArray, arcs: FloatArray, s: FloatArray) -> FloatArray:
+    """Return the poses at driven distances ``s`` (sorted) along one run from ``start``."""
+    out = np.empty((len(s), 3))
+    ends = np.cumsum(np.abs(arcs[:, 1]))
+    x, y, th = (float(c) for c in start)
+    k, begin = 0, 0.0
+    for i, value in enumerate(s):
+        while value > ends[k] and k + 1 < len(ends):
+            x, y, th = advance(x, y, th, arcs[k, 0], arcs[k, 1])
+            begin = float(ends[k])
+            k += 1
+        part = math.copysign(value - begin, arcs[k, 1])
+        out[i] = advance(x, y, th, arcs[k, 0], part)
+    return out
