@@ -9,4 +9,6 @@ from up_samp.upio.plan import trajectories
 
 __version__ = "0.1.0"
 
+register()
+
 __all__ = ["SampError", "Trajectory", "__version__", "register", "trajectories"]

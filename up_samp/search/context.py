@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from up_samp.model import Body, CandidateSchedule, Configuration, Deadline, Trajectory
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
+from up_samp.motion.after import AfterOpening
 from up_samp.search.history import History, ProgressEvent
 from up_samp.search.params import Parameters
 from up_samp.upio import Itinerary, Relaxation, write_refinement
@@ -54,6 +55,11 @@ class Context:
     written: set[object] = field(default_factory=set)
     standing: list[Refinement] = field(default_factory=list)
     durations: dict[Signature, float] = field(default_factory=dict)
+
+    @cached_property
+    def after(self) -> AfterOpening:
+        """Bounds on motions that wait for a door."""
+        return AfterOpening(self.service.certifier)
 
     # ------------------------------------------------------------------ units
     def seconds(self, units: float) -> float:

@@ -16,6 +16,7 @@ from up_samp.model import (
     GroupQuery,
     GroupReport,
     Outcome,
+    PathQuery,
     Rest,
     ScheduledMotion,
     TimedMotion,
@@ -285,8 +286,6 @@ def _arrival_behind(
 
 def _fastest(context: Context, motion: TimedMotion) -> Trajectory | None:
     """Return the motion's fastest trajectory with nobody else there, from time 0."""
-    from up_samp.model import PathQuery
-
     report = context.service.plan(
         PathQuery(motion.body, motion.poses), context.deadline.within(context.query_seconds)
     )
@@ -300,10 +299,13 @@ def arrival_of(
     fixed: tuple[FixedMotion, ...] = (),
 ) -> float | None:
     """Return the motion's earliest arrival (s) among these, or None if none was found."""
-    trajectory = context.service.earliest_arrival(
-        motion, rests, fixed, context.deadline.within(context.query_seconds)
+    # due at once: the planner then looks for the earliest arrival, not for any in time
+    hasty = replace(motion, due=motion.release)
+    report = context.service.coordinate(
+        GroupQuery((hasty,), rests, fixed), context.deadline.within(context.query_seconds)
     )
-    return None if trajectory is None else float(trajectory.end)
+    trajectory = report.trajectories.get(motion.name)
+    return None if trajectory is None else trajectory.end
 
 
 # --------------------------------------------------------------------------- exact timings

@@ -6,6 +6,7 @@ import itertools
 import math
 import time
 from collections.abc import Iterator
+from functools import partial
 
 from up_samp.model import (
     Configuration,
@@ -176,7 +177,7 @@ def _certify(
 def _tail_units(context: Context, signature: Signature, placed: Placed) -> int:
     """Return how long a motion at least takes after the obstacle has gone (whole units, down)."""
     body, poses = signature
-    seconds = context.service.lower_bound_after(body, poses, placed)
+    seconds = context.after.seconds(body, poses, placed, partial(context.service.lower_bound, body))
     return math.floor(seconds / context.snapshot.seconds_per_unit)
 
 

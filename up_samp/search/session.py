@@ -11,7 +11,7 @@ from unified_planning.plans import Schedule
 from up_samp.geometry import load_map
 from up_samp.model import Deadline, ProblemError
 from up_samp.model.snapshot import Snapshot
-from up_samp.motion import MotionService
+from up_samp.motion import MotionCache, MotionService
 from up_samp.scheduling import Scheduler, open_scheduler
 from up_samp.search.context import Context, Incumbent
 from up_samp.search.loop import SearchResult, solve
@@ -82,7 +82,7 @@ def open_service(snapshot: Snapshot, params: Parameters) -> MotionService:
         planner=params.path_planner,
         margin=params.margin,
         seed=params.seed,
-        cache=params.cache,
+        cache=MotionCache(params.cache),
     )
 
 

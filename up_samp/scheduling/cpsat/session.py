@@ -55,6 +55,9 @@ class CpsatSession:
         """Whether the problem asks for the shortest schedule."""
         return any(m.is_minimize_makespan() for m in self.problem.quality_metrics)
 
+    def close(self) -> None:
+        """Do nothing: a session keeps no processes."""
+
     def solve(
         self,
         deadline: Deadline,
