@@ -8,5 +8,6 @@
 from up_samp.benchmarks.instances import Instance, families, instance, instances
 from up_samp.benchmarks.jobshop import job_shop
 from up_samp.benchmarks.logistics import logistics
+from up_samp.benchmarks.transport import transport
 
-__all__ = ["Instance", "families", "instance", "instances", "job_shop", "logistics"]
+__all__ = ["Instance", "families", "instance", "instances", "job_shop", "logistics", "transport"]

@@ -151,6 +151,8 @@ class Family:
         origin: ConfigurationObject,
         to: ConfigurationObject,
         name: str | None = None,
+        *,
+        implied: bool = False,
     ) -> MotionActivity:
         """Add the optional motion of ``robot`` from ``origin`` to ``to``, after all objects.
 
@@ -171,16 +173,22 @@ class Family:
                 dynamic_obstacles_at_start=[r for r in self.robots if r is not robot],
             )
         )
-        self.routes.move(robot, a, origin, to)
+        self.routes.move(robot, a, origin, to, implied)
         self.busy[robot.name].append(a)
         return a
 
     def work(
-        self, robot: MovableObject, name: str, place: ConfigurationObject, duration: int
+        self,
+        robot: MovableObject,
+        name: str,
+        place: ConfigurationObject,
+        duration: int,
+        *,
+        implied: bool = False,
     ) -> Activity:
         """Add something optional that ``robot`` does while it stands at ``place``."""
         a = self.problem.add_activity(name, duration=duration, optional=True)
-        self.routes.stand(robot, a, place)
+        self.routes.stand(robot, a, place, implied)
         self.busy[robot.name].append(a)
         return a
 

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 from unified_planning.model.motion import SchedulingMotionProblem
 
-from up_samp.benchmarks import jobshop, logistics
+from up_samp.benchmarks import jobshop, logistics, transport
 from up_samp.benchmarks.builder import Encoding
 from up_samp.model import ProblemError
 
-Build = Callable[[Encoding, bool], SchedulingMotionProblem]
-"""``build(encoding, metric)`` makes a fresh problem."""
+Build = Callable[..., SchedulingMotionProblem]
+"""``build(encoding="fluents", metric=True)`` makes a fresh problem."""
 
 
 @dataclass(frozen=True)
@@ -83,11 +83,32 @@ def _large_job_shops() -> list[Instance]:
     return [_job_shop(r, j, m, "jobshop-large") for r, j, m in sizes]
 
 
+def _transport() -> list[Instance]:
+    sizes = [*itertools.product((1, 2), (1, 2), (1, 2)), (2, 3, 2), (3, 3, 2), (2, 2, 4)]
+
+    def sized(r: int, j: int, m: int) -> Instance:
+        def build(encoding: Encoding = "fluents", metric: bool = True) -> SchedulingMotionProblem:
+            return transport.transport(r, j, m, encoding=encoding, metric=metric)
+
+        return Instance(transport.instance_name(r, j, m, "closed"), "transport", "transport", build)
+
+    def classic(r: int) -> Instance:
+        def build(encoding: Encoding = "fluents", metric: bool = True) -> SchedulingMotionProblem:
+            return transport.transport(
+                r, data="ft06", door="open", encoding=encoding, metric=metric
+            )
+
+        return Instance(f"transport-ft06-do-r{r}", "transport", "transport", build)
+
+    return [sized(*size) for size in sizes] + [classic(r) for r in (2, 3)]
+
+
 _FAMILIES: dict[str, Callable[[], list[Instance]]] = {
     "logistics": _paper_logistics,
     "jobshop": _paper_job_shops,
     "logistics-large": _large_logistics,
     "jobshop-large": _large_job_shops,
+    "transport": _transport,
 }
 
 

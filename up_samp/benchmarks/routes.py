@@ -60,11 +60,17 @@ class Routes(Protocol):
         a: Activity,
         origin: ConfigurationObject,
         to: ConfigurationObject,
+        implied: bool = False,
     ) -> None:
-        """``a`` takes ``robot`` from ``origin`` to ``to``."""
+        """``a`` takes ``robot`` from ``origin`` to ``to``.
 
-    def stand(self, robot: MovableObject, a: Activity, place: ConfigurationObject) -> None:
-        """``robot`` stands at ``place`` throughout ``a``."""
+        ``implied``: other precedences say already that the robot is at ``origin`` then.
+        """
+
+    def stand(
+        self, robot: MovableObject, a: Activity, place: ConfigurationObject, implied: bool = False
+    ) -> None:
+        """``robot`` stands at ``place`` throughout ``a`` (``implied``: see ``move``)."""
 
     def end(self, robot: MovableObject, place: ConfigurationObject) -> None:
         """``robot`` is at ``place`` when everything is over."""
@@ -91,12 +97,15 @@ class FluentRoutes:
         a: Activity,
         origin: ConfigurationObject,
         to: ConfigurationObject,
+        implied: bool = False,
     ) -> None:
         """See :class:`Routes`."""
         a.add_condition(at_start(a), Equals(self.robot_at(robot), origin))
         a.add_effect(a.end, self.robot_at(robot), to)
 
-    def stand(self, robot: MovableObject, a: Activity, place: ConfigurationObject) -> None:
+    def stand(
+        self, robot: MovableObject, a: Activity, place: ConfigurationObject, implied: bool = False
+    ) -> None:
         """See :class:`Routes`."""
         a.add_condition(throughout(a), Equals(self.robot_at(robot), place))
 
@@ -154,16 +163,21 @@ class PrecedenceRoutes:
         a: Activity,
         origin: ConfigurationObject,
         to: ConfigurationObject,
+        implied: bool = False,
     ) -> None:
         """See :class:`Routes`."""
         itinerary = self._of(robot)
         itinerary.departures.setdefault(origin.name, []).append(a)
         itinerary.arrivals.setdefault(to.name, []).append(a)
-        itinerary.needs.append((a, origin.name))
+        if not implied:
+            itinerary.needs.append((a, origin.name))
 
-    def stand(self, robot: MovableObject, a: Activity, place: ConfigurationObject) -> None:
+    def stand(
+        self, robot: MovableObject, a: Activity, place: ConfigurationObject, implied: bool = False
+    ) -> None:
         """See :class:`Routes`."""
-        self._of(robot).needs.append((a, place.name))
+        if not implied:
+            self._of(robot).needs.append((a, place.name))
 
     def end(self, robot: MovableObject, place: ConfigurationObject) -> None:
         """See :class:`Routes`."""

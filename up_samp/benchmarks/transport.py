@@ -1,0 +1,251 @@
+"""Transport: robots carry items from their pallets from machine to machine and back.
+
+The job shop with transportation as the paper's text tells it: items wait on pallets in the hall, a
+robot loads an item, carries it to its next machine and unloads it there; the machine works on it by
+itself; in the end every item is back on its pallet. The floor plan is the job shop's. Job data are
+drawn from a seed, or the classic ft06 (Fisher and Thompson 1963; optimum without transport: 55).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+from unified_planning.model import Fluent, Object
+from unified_planning.model.motion import (
+    ConfigurationObject,
+    MovableObject,
+    SchedulingMotionProblem,
+)
+from unified_planning.model.scheduling import Activity
+from unified_planning.shortcuts import And, Equals, Iff, Or, UserType
+
+from up_samp.benchmarks import jobshop
+from up_samp.benchmarks.builder import Encoding, Family
+from up_samp.benchmarks.logistics import DoorState
+from up_samp.benchmarks.maps import job_shop_map, job_shop_size, job_shop_walls
+from up_samp.benchmarks.places import Pose, check_poses
+from up_samp.benchmarks.routes import at_start, before, scope_of
+from up_samp.model import ProblemError
+
+HANDLING = 2
+"""Units that loading and unloading take."""
+
+FT06: tuple[tuple[tuple[int, int], ...], ...] = (
+    ((2, 1), (0, 3), (1, 6), (3, 7), (5, 3), (4, 6)),
+    ((1, 8), (2, 5), (4, 10), (5, 10), (0, 10), (3, 4)),
+    ((2, 5), (3, 4), (5, 8), (0, 9), (1, 1), (4, 7)),
+    ((1, 5), (0, 5), (2, 5), (3, 3), (4, 8), (5, 9)),
+    ((2, 9), (1, 3), (4, 5), (5, 4), (0, 3), (3, 1)),
+    ((1, 3), (3, 3), (5, 9), (0, 10), (4, 4), (2, 1)),
+)
+"""Routes (machine, duration) of Fisher and Thompson's 6 x 6 job shop."""
+
+
+@dataclass(frozen=True)
+class Leg:
+    """One trip of an item by one robot: load, carry, unload."""
+
+    robot: MovableObject
+    load: Activity
+    carry: Activity
+    unload: Activity
+
+
+def instance_name(robots: int, jobs: int, machines: int, door: DoorState) -> str:
+    """Return the name of an instance, such as ``transport-dc-r2-j2-m2``."""
+    return f"transport-d{door[0]}-r{robots}-j{jobs}-m{machines}"
+
+
+def transport(
+    robots: int = 2,
+    jobs: int = 2,
+    machines: int = 2,
+    *,
+    data: str | None = None,
+    door: DoorState = "closed",
+    encoding: Encoding = "fluents",
+    metric: bool = True,
+    seed: int = 0,
+    name: str | None = None,
+) -> SchedulingMotionProblem:
+    """Build a transport problem.
+
+    Per item and leg (from its pallet to its first machine, on to each next one, and back) exactly
+    one robot loads (2 units), carries and unloads (2 units), and does nothing else in between.
+    Carrying and empty moves are optional motions; each empty move (from the robot's start and
+    between machines, pallets and buttons) happens at most once.
+    Machines work on one item at a time, without a robot. What a schedule means is told in
+    :mod:`up_samp.benchmarks.builder`.
+
+    :param data: ``"ft06"`` takes that job shop's 6 jobs and 6 machines.
+    :param door: ``"open"`` leaves doors and buttons away.
+    """
+    if data not in (None, "ft06") or door not in ("closed", "open"):
+        raise ProblemError(f"no such transport setting: data={data!r}, door={door!r}")
+    if data == "ft06":
+        jobs, machines = len(FT06), len(FT06[0])
+    shop = jobshop.draw_shop(robots, jobs, machines, seed)
+    title = f"transport-{data}-d{door[0]}-r{robots}" if data else None
+    title = name or title or instance_name(robots, jobs, machines, door)
+    family = Family(
+        title + (f"-s{seed}" if seed and not name else ""),
+        str(job_shop_map(machines)),
+        a_max=jobshop.A_MAX,
+        encoding=encoding,
+        metric=metric,
+    )
+    starts = [family.place(f"start{r}", pose) for r, pose in enumerate(shop.starts)]
+    for r, start in enumerate(starts):
+        family.robot(f"r{r}", start)
+    stands = [family.place(f"machine{m}", pose) for m, pose in enumerate(shop.machines)]
+    spots = pallet_poses(jobs, machines)
+    pallets = [family.place(f"pallet{j}", pose) for j, pose in enumerate(spots)]
+    _check(shop, spots, door == "closed")
+    buttons: list[ConfigurationObject] = []
+    if door == "closed":
+        buttons = jobshop.add_doors(family, [jobshop.shop_door(i) for i in range(machines)])
+    hands = Loads(family, pallets)
+    for robot, start in zip(family.robots, starts, strict=True):
+        stops = [*stands, *pallets, *buttons]
+        for origin, to in itertools.product([start, *stops], stops):
+            if origin is not to:
+                hands.empty(robot, family.move(robot, origin, to))
+    routes = FT06 if data == "ft06" else shop.jobs
+    _jobs(family, hands, routes, stands, pallets)
+    hands.finish()
+    return family.finish()
+
+
+def pallet_poses(jobs: int, machines: int) -> list[Pose]:
+    """Return where robots stand at the items' pallets: a row along the hall at y = 8."""
+    width = job_shop_size(machines)[0]
+    return [(round(width * (j + 1) / (jobs + 1), 2), 8.0, math.pi / 2) for j in range(jobs)]
+
+
+class Loads:
+    """What robots carry and where items are.
+
+    With fluents: ``carries(robot)`` and ``item_at(item)``. Without them: a leg's load needs the
+    previous leg's unload as its helper, and what a robot does is never between the load and the
+    unload of a leg that it is not part of.
+    """
+
+    def __init__(self, family: Family, pallets: list[ConfigurationObject]) -> None:
+        self.family = family
+        self.legs: list[Leg] = []
+        self.arrivals: dict[tuple[int, int], list[Activity]] = {}
+        self.items: list[Object] = []
+        if not family.with_fluents:
+            return
+        item_type = UserType("item")
+        self.nothing = Object("nothing", item_type)
+        self.items = [Object(f"item{j}", item_type) for j in range(len(pallets))]
+        self.carries = Fluent("carries", item_type, robot=family.robot_type)
+        self.item_at = Fluent("item_at", family.pose_type, item=item_type)
+        family.problem.add_objects([self.nothing, *self.items])
+        family.problem.add_fluent(self.carries, default_initial_value=self.nothing)
+        family.problem.add_fluent(self.item_at, default_initial_value=pallets[0])
+        for item, pallet in zip(self.items, pallets, strict=True):
+            family.problem.set_initial_value(self.item_at(item), pallet)
+
+    def empty(self, robot: MovableObject, move: Activity) -> None:
+        """``move`` is made without a load."""
+        if self.items:
+            move.add_condition(at_start(move), Equals(self.carries(robot), self.nothing))
+
+    def leg(
+        self, leg: Leg, j: int, k: int, origin: ConfigurationObject, to: ConfigurationObject
+    ) -> None:
+        """``leg`` takes item ``j`` from ``origin`` to ``to`` as its trip number ``k``."""
+        self.legs.append(leg)
+        self.arrivals.setdefault((j, k), []).append(leg.unload)
+        problem = self.family.problem
+        problem.add_constraint(Iff(leg.load.present, leg.carry.present))
+        problem.add_constraint(Iff(leg.carry.present, leg.unload.present))
+        self.family.in_order([leg.load], [leg.carry])
+        self.family.in_order([leg.carry], [leg.unload])
+        if not self.items:
+            if k > 0:
+                helpers = [And(u.present, before(u, leg.load)) for u in self.arrivals[j, k - 1]]
+                problem.add_constraint(Or(helpers), scope=scope_of(leg.load))
+            return
+        item, carries, item_at = self.items[j], self.carries(leg.robot), self.item_at
+        for a, needs in ((leg.load, self.nothing), (leg.carry, item), (leg.unload, item)):
+            a.add_condition(at_start(a), Equals(carries, needs))
+        leg.load.add_condition(at_start(leg.load), Equals(item_at(item), origin))
+        leg.load.add_effect(leg.load.end, carries, item)
+        leg.unload.add_effect(leg.unload.end, carries, self.nothing)
+        leg.unload.add_effect(leg.unload.end, item_at(item), to)
+
+    def finish(self) -> None:
+        """Without fluents: keep everything else of the robot out of each leg."""
+        if self.items:
+            return
+        for leg in self.legs:
+            own = (leg.load, leg.carry, leg.unload)
+            for x in self.family.busy[leg.robot.name]:
+                if not any(x is a for a in own):
+                    self.family.problem.add_constraint(
+                        Or(before(x, leg.load), before(leg.unload, x)),
+                        scope=scope_of(x, leg.load),
+                    )
+
+
+def _jobs(
+    family: Family,
+    hands: Loads,
+    routes: tuple[tuple[tuple[int, int], ...], ...],
+    stands: list[ConfigurationObject],
+    pallets: list[ConfigurationObject],
+) -> None:
+    """Add every item's legs and operations, in order, and one operation a time per machine."""
+    by_machine: list[list[Activity]] = [[] for _ in stands]
+    for j, route in enumerate(routes):
+        stops = [pallets[j], *(stands[m] for m, _ in route), pallets[j]]
+        previous: list[Activity] = []
+        for k, (origin, to) in enumerate(itertools.pairwise(stops)):
+            loads, unloads = _legs(family, hands, j, k, origin, to)
+            family.in_order(previous, loads)
+            if k < len(route):
+                m, duration = route[k]
+                treat = family.problem.add_activity(f"treat_i{j}_m{m}", duration=duration)
+                family.in_order(unloads, [treat])
+                by_machine[m].append(treat)
+                previous = [treat]
+    for operations in by_machine:
+        family.one_at_a_time(operations)
+
+
+def _legs(
+    family: Family,
+    hands: Loads,
+    j: int,
+    k: int,
+    origin: ConfigurationObject,
+    to: ConfigurationObject,
+) -> tuple[list[Activity], list[Activity]]:
+    """Add leg ``k`` of item ``j``, one alternative per robot; return all loads and unloads."""
+    loads, unloads = [], []
+    for robot in family.robots:
+        load = family.work(robot, f"load_{robot.name}_i{j}_{k}", origin, HANDLING)
+        carry = family.move(
+            robot, origin, to, f"carry_{robot.name}_i{j}_{k}_to_{to.name}", implied=True
+        )
+        unload = family.work(robot, f"unload_{robot.name}_i{j}_{k}", to, HANDLING, implied=True)
+        hands.leg(Leg(robot, load, carry, unload), j, k, origin, to)
+        loads.append(load)
+        unloads.append(unload)
+    family.exactly_one(loads)
+    return loads, unloads
+
+
+def _check(shop: jobshop.Shop, pallets: list[Pose], closed: bool) -> None:
+    doors = [jobshop.shop_door(i) for i in range(len(shop.machines))]
+    poses = {f"start{r}": pose for r, pose in enumerate(shop.starts)}
+    poses |= {f"machine{m}": pose for m, pose in enumerate(shop.machines)}
+    poses |= {f"pallet{j}": pose for j, pose in enumerate(pallets)}
+    poses |= {f"button{i}": door.button for i, door in enumerate(doors)}
+    size = job_shop_size(len(shop.machines))
+    check_poses(size, job_shop_walls(len(shop.machines)), poses, doors=doors if closed else ())
