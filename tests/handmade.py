@@ -28,7 +28,7 @@ PLACES = {
     "depot1": (4.0, 12.0, 0.0),
     "button": (12.0, 4.0, 0.0),
     "item": (25.0, 4.0, 0.0),
-    "corner": (12.0, 13.0, math.pi / 2),
+    "corner": (12.0, 13.0, 0.5 * math.pi),
     "door_closed": (15.0, 4.0, 0.0),
     "door_open": (15.0, 9.0, 0.0),
 }
@@ -52,41 +52,50 @@ def write_map(folder):
     return path
 
 
-def straight(start, end, begin, v_max=2.0, a_max=0.5):
-    """A trapezoidal drive along a line from ``start`` to ``end`` (same heading)."""
-    distance = math.hypot(end[0] - start[0], end[1] - start[1])
-    top = min(v_max, math.sqrt(a_max * distance))
-    ramp = top / a_max
+def drive(start, pieces, begin, v_max=2.0, a_max=0.5):
+    """A rest-to-rest drive from ``start`` at ``begin`` along arcs ``(length, curvature)``."""
+    distance = sum(length for length, _ in pieces)
+    top = min(0.99 * v_max, math.sqrt(0.99 * a_max * distance))
+    ramp = top / (0.99 * a_max)
     total = 2 * ramp + (distance - top * ramp) / top
-    times = np.linspace(0.0, total, max(2, math.ceil(total / 0.05) + 1))
 
     def gone(t):
         if t < ramp:
-            return 0.5 * a_max * t * t
+            return 0.5 * top / ramp * t * t
         if t > total - ramp:
-            return distance - 0.5 * a_max * (total - t) ** 2
+            return distance - 0.5 * top / ramp * (total - t) ** 2
         return 0.5 * top * ramp + top * (t - ramp)
 
-    share = np.array([gone(t) for t in times]) / distance
-    a, b = np.array(start), np.array(end)
-    return Trajectory(times + begin, a + share[:, None] * (b - a))
+    def when(s):
+        low, high = 0.0, total
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if gone(middle) < s else (low, middle)
+        return low
 
-
-def bend(start, radius, turn, begin, speed=0.8):
-    """A drive at constant speed on an arc of ``radius`` that turns by ``turn`` (rad)."""
-    total = abs(turn) * radius / speed
-    times = np.linspace(0.0, total, math.ceil(total / 0.05) + 1)
-    side = math.copysign(1.0, turn)
-    x, y, heading = start
-    angle = heading + turn * times / total
-    poses = np.column_stack(
-        [
-            x + side * radius * (np.sin(angle) - math.sin(heading)),
-            y - side * radius * (np.cos(angle) - math.cos(heading)),
-            angle,
-        ]
+    # the joints of the arcs are samples, so that every step has one curvature
+    joints = np.cumsum([0.0, *(length for length, _ in pieces)])
+    times = np.union1d(
+        np.linspace(0.0, total, max(2, math.ceil(total / 0.05) + 1)),
+        [when(s) for s in joints[1:-1]],
     )
-    return Trajectory(times + begin, poses)
+    return Trajectory(times + begin, np.array([along(start, pieces, gone(t)) for t in times]))
+
+
+def along(start, pieces, s):
+    """The pose after ``s`` m on the arcs."""
+    x, y, heading = start
+    for length, curvature in pieces:
+        part = min(max(s, 0.0), length)
+        turn = curvature * part
+        if curvature == 0.0:
+            x, y = x + part * math.cos(heading), y + part * math.sin(heading)
+        else:
+            x += (math.sin(heading + turn) - math.sin(heading)) / curvature
+            y -= (math.cos(heading + turn) - math.cos(heading)) / curvature
+        heading += turn
+        s -= length
+    return x, y, heading
 
 
 def make(folder):
@@ -136,18 +145,13 @@ def make(folder):
     scan = problem.add_activity("scan_shelves", duration=9)
     problem.add_quality_metric(MinimizeMakespan())
 
-    one = straight(PLACES["depot1"], (11.0, 12.0, 0.0), 1.0)
-    two = bend((11.0, 12.0, 0.0), 1.0, math.pi / 2, one.end)
-    there = Trajectory(
-        np.concatenate([one.times, two.times[1:]]), np.concatenate([one.poses, two.poses[1:]])
-    )
     trajectories = {
-        to_button.name: straight(PLACES["depot0"], PLACES["button"], 0.0),
-        to_item.name: straight(PLACES["button"], PLACES["item"], 10.5),
-        to_corner.name: there,
+        to_button.name: drive(PLACES["depot0"], [(8.0, 0.0)], 0.0),
+        to_item.name: drive(PLACES["button"], [(13.0, 0.0)], 10.5),
+        to_corner.name: drive(PLACES["depot1"], [(7.0, 0.0), (0.5 * math.pi, 1.0)], 1.0),
     }
     times = {
-        to_button: (0, 8),
+        to_button: (0, 9),
         opens: (9, 10),
         to_item: (10, 23),
         to_corner: (1, 12),

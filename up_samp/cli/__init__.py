@@ -50,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         # whoever read our output has seen enough; let the interpreter's exit not complain
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return ERROR
-    except (SampError, UPException, OSError) as error:
+    except Exception as error:
         if args.debug:
             raise
         print(f"up-samp: {_message(error)}", file=sys.stderr)
@@ -58,5 +58,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _message(error: Exception) -> str:
-    text = " ".join(str(error).split())
-    return text or type(error).__name__
+    """Return what went wrong on one line; errors that are not the user's say so."""
+    text = " ".join(str(error).split()) or type(error).__name__
+    if isinstance(error, SampError | UPException | OSError):
+        return text
+    return f"internal error, {type(error).__name__}: {text} (--debug shows where)"

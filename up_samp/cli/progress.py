@@ -41,14 +41,15 @@ class Event(Protocol):
 class Progress:
     """A progress display; call it with each event, and use it as a context to end the line.
 
-    Elsewhere than on a terminal, a line is printed when a new phase begins or a bound moves, and
-    otherwise at most every two seconds.
+    Elsewhere than on a terminal, a line is printed for the first event of each phase, when a bound
+    moves, and otherwise at most every two seconds.
     """
 
     def __init__(self, stream: TextIO | None = None):
         self.stream = stream if stream is not None else sys.stderr
         self.live = self.stream.isatty()
-        self._last_key: tuple[object, ...] | None = None
+        self._phases: set[str] = set()
+        self._bounds: tuple[int | None, int | None] | None = None
         self._last_time = float("-inf")
         self._open = False
 
@@ -72,10 +73,12 @@ class Progress:
             self.stream.flush()
             self._open = True
             return
-        key = (event.phase, event.lower_bound, event.upper_bound)
-        if key == self._last_key and now - self._last_time < _QUIET_SECONDS:
+        bounds = (event.lower_bound, event.upper_bound)
+        known = event.phase in self._phases and bounds == self._bounds
+        if known and now - self._last_time < _QUIET_SECONDS:
             return
-        self._last_key, self._last_time = key, now
+        self._phases.add(event.phase)
+        self._bounds, self._last_time = bounds, now
         print(line, file=self.stream, flush=True)
 
 

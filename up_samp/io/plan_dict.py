@@ -10,7 +10,8 @@ from typing import Any
 from unified_planning.engines import PlanGenerationResult
 from unified_planning.model import FNode
 from unified_planning.model.motion import SchedulingMotionProblem
-from unified_planning.plans import MotionSchedule
+from unified_planning.model.scheduling import SchedulingProblem
+from unified_planning.plans import Schedule
 
 from up_samp.io.sampling import DECIMALS, path_trajectory, trajectory_rows
 from up_samp.model import (
@@ -33,8 +34,8 @@ PlanDict = dict[str, Any]
 
 
 def plan_to_dict(
-    problem: SchedulingMotionProblem,
-    plan: MotionSchedule,
+    problem: SchedulingProblem,
+    plan: Schedule,
     *,
     engine: str = "",
     status: str = "",
@@ -50,7 +51,7 @@ def plan_to_dict(
 
     Raises :class:`ProblemError` where the plan does not fit the problem.
     """
-    snapshot = read_problem(problem, seconds_per_unit)
+    snapshot = snapshot_of(problem, seconds_per_unit)
     activities = _activities(problem, plan)
     times = {a["name"]: (a["start"], a["end"]) for a in activities}
     data: PlanDict = {
@@ -65,7 +66,7 @@ def plan_to_dict(
         "map": {"yaml": None if snapshot.map_file is None else os.path.abspath(snapshot.map_file)},
         "objects": [_object(o, snapshot) for o in snapshot.objects.values()],
         "activities": activities,
-        "motions": _motions(problem, plan, snapshot, times),
+        "motions": _motions(plan, snapshot, times),
         "changes": _changes(plan, snapshot, times),
     }
     if problem.base_variables:
@@ -75,7 +76,7 @@ def plan_to_dict(
 
 
 def result_to_dict(
-    problem: SchedulingMotionProblem,
+    problem: SchedulingProblem,
     result: PlanGenerationResult,
     *,
     seconds_per_unit: float = 1.0,
@@ -94,6 +95,14 @@ def result_to_dict(
         lower_bound=None if bound in (None, "", "None") else float(bound),
         seconds_per_unit=seconds_per_unit,
     )
+
+
+def snapshot_of(problem: SchedulingProblem, seconds_per_unit: float) -> Snapshot:
+    """Return the problem's plain values; a problem without motions has no objects and no map."""
+    if isinstance(problem, SchedulingMotionProblem):
+        return read_problem(problem, seconds_per_unit)
+    name = problem.name or "problem"
+    return Snapshot(name, None, {}, {}, {}, (), (), seconds_per_unit)
 
 
 def _plain(value: float | None) -> float | int | None:
@@ -127,7 +136,7 @@ def _pose(configuration: Configuration) -> list[float]:
     return [round(float(v), DECIMALS) + 0.0 for v in configuration]
 
 
-def _activities(problem: SchedulingMotionProblem, plan: MotionSchedule) -> list[dict[str, Any]]:
+def _activities(problem: SchedulingProblem, plan: Schedule) -> list[dict[str, Any]]:
     """Return the present activities in the order of their start, then of the problem."""
     known = {a.name: i for i, a in enumerate(problem.activities)}
     entries = []
@@ -164,8 +173,7 @@ def value_of(value: FNode) -> bool | int | float | str:
 
 
 def _motions(
-    problem: SchedulingMotionProblem,
-    plan: MotionSchedule,
+    plan: Schedule,
     snapshot: Snapshot,
     times: Mapping[str, tuple[float, float]],
 ) -> list[dict[str, Any]]:
@@ -174,7 +182,7 @@ def _motions(
         if task.activity not in times:
             continue
         start = times[task.activity][0] * snapshot.seconds_per_unit
-        trajectory = _trajectory(problem, plan, task, start)
+        trajectory = _trajectory(plan, task, start)
         entries.append(
             {
                 "activity": task.activity,
@@ -185,14 +193,12 @@ def _motions(
     return sorted(entries, key=lambda e: (times[e["activity"]][0], e["samples"][0][0]))
 
 
-def _trajectory(
-    problem: SchedulingMotionProblem, plan: MotionSchedule, task: MotionTask, start: float
-) -> Trajectory:
+def _trajectory(plan: Schedule, task: MotionTask, start: float) -> Trajectory:
     """Return the plan's own trajectory of a motion, or the one that its UP path tells."""
     timed: Mapping[Any, Trajectory] = getattr(plan, "trajectories", {})
     if trajectory_key(task) in timed:
         return timed[trajectory_key(task)]
-    for (activity, constraint), path in plan.motion_paths.items():
+    for (activity, constraint), path in getattr(plan, "motion_paths", {}).items():
         same = activity.name == task.activity and constraint.movable.is_object_exp()
         if same and constraint.movable.object().name == task.object:
             return path_trajectory(path, start, task.activity)
@@ -203,7 +209,7 @@ def _trajectory(
 
 
 def _changes(
-    plan: MotionSchedule, snapshot: Snapshot, times: Mapping[str, tuple[float, float]]
+    plan: Schedule, snapshot: Snapshot, times: Mapping[str, tuple[float, float]]
 ) -> list[dict[str, Any]]:
     entries = []
     for change in snapshot.changes:
@@ -221,7 +227,7 @@ def _changes(
     return sorted(entries, key=lambda e: e["time"])
 
 
-def _configuration_name(plan: MotionSchedule, change: ChangeTask, term: Term) -> str:
+def _configuration_name(plan: Schedule, change: ChangeTask, term: Term) -> str:
     if term.kind is TermKind.CONSTANT:
         return term.name
     if term.kind is TermKind.PARAMETER:
