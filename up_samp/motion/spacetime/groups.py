@@ -122,13 +122,12 @@ def _window(group: Group, name: str, runs: Mapping[str, Run]) -> Window:
     return Window(min(since, max(motion.release, arrival)), max(motion.release, arrival))
 
 
-def _plan(
-    group: Group, name: str, runs: Mapping[str, Run], first: Iterable[str], search: bool
-) -> Attempt:
+def _plan(group: Group, name: str, runs: Mapping[str, Run], first: Iterable[str]) -> Attempt:
     """Plan one motion around the world and the runs of those that go ``first``."""
     others = [*group.world, *(runs[other] for other in sorted(first))]
     window = _window(group, name, runs)
-    return plan_one(group.workspace, group.motions[name], window, others, group.deadline)
+    motion = group.motions[name]
+    return plan_one(group.workspace, motion, window, others, group.deadline, group.effort)
 
 
 def _alone(group: Group) -> tuple[Node | None, Attempt, str]:
@@ -136,7 +135,7 @@ def _alone(group: Group) -> tuple[Node | None, Attempt, str]:
     runs: dict[str, Run] = {}
     attempt = Attempt(None)
     for name in _order(group):
-        attempt = _plan(group, name, runs, (), search=False)
+        attempt = _plan(group, name, runs, ())
         if attempt.run is None:
             return None, attempt, name
         runs[name] = attempt.run
@@ -189,7 +188,7 @@ def _child(group: Group, node: Node, first: str, second: str) -> Node | None:
     while queue:
         name = queue.pop(0)
         ahead = _ahead(before, name)
-        attempt = _plan(group, name, runs, ahead, search=True)
+        attempt = _plan(group, name, runs, ahead)
         if attempt.run is None:
             group.stuck |= {name, *ahead}
             return None

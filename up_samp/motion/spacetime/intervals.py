@@ -191,19 +191,23 @@ def first_gap(blocked: FloatArray, earliest: float, latest: float) -> float:
 
 
 @njit(cache=True)
-def offset_intervals(runs: IntArray, a: FloatArray, b: FloatArray) -> FloatArray:
+def offset_intervals(runs: IntArray, a: FloatArray, b: FloatArray, flags: int) -> FloatArray:
     """Return the open intervals (k, 2) of b's start minus a's start in which two runs collide.
 
-    ``a`` and ``b`` are the occupancies of the cells 1 .. n when each starts at time 0 (rests do
-    not count). The pair (i, j) collides while a[i] < b[j + 1] + d and b[j] + d < a[i + 1].
+    ``a`` and ``b`` are the occupancies when each starts at time 0. The pair of cells (i, j)
+    collides while a[i] < b[j + 1] + d and b[j] + d < a[i + 1]. Who must keep clear by
+    ``flags`` also collides with the other one where that rests before its start and after its end;
+    with 0 only collisions while both move count.
     """
     pairs = np.empty((len(runs), 2))
     used = 0
     end_a, end_b = len(a) - 2, len(b) - 2
     for r in range(len(runs)):
-        i = runs[r, 0]
-        j0, j1 = max(runs[r, 1], 1), min(runs[r, 2], end_b - 1)
-        if i == 0 or i == end_a or j0 > j1:
+        i, j0, j1 = runs[r, 0], runs[r, 1], runs[r, 2]
+        resting = i == 0 or i == end_a
+        if resting or not flags & A_AVOIDS:
+            j0, j1 = max(j0, 1), min(j1, end_b - 1)
+        if j0 > j1 or (resting and not flags & B_AVOIDS):
             continue
         pairs[used, 0], pairs[used, 1] = a[i] - b[j1 + 1], a[i + 1] - b[j0]
         used += 1

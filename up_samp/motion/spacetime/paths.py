@@ -18,11 +18,14 @@ import numpy.typing as npt
 
 from up_samp.geometry.shapes import shape_of
 from up_samp.model import Body, Configuration, MotionModel, Trajectory
+from up_samp.motion.spacetime.intervals import occupancy
 from up_samp.motion.spacetime.sweep import DEPTH, sweep_table
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
+
+Ring = tuple[tuple[float, float], ...]
 
 TINY = 1e-7
 """Steps shorter than this (m) carry no shape of their own."""
@@ -50,7 +53,7 @@ class Hull:
     radius: float
 
 
-_hulls: dict[tuple[tuple[float, float], ...], Hull] = {}
+_hulls: dict[Ring, Hull] = {}
 
 
 def hull_of(body: Body) -> Hull:
@@ -91,6 +94,8 @@ class Path:
     """The trajectory it came from, shifted to start at time 0."""
     natural_s: FloatArray
     """``s`` at each sample of ``natural``."""
+    cleared: set[tuple[Ring, Configuration]] = field(default_factory=set)
+    """Resting bodies (footprint, pose) that the planner of the path has proven it keeps clear of."""
     number: int = field(default_factory=lambda: next(_numbers))
 
     @property
@@ -112,6 +117,12 @@ class Path:
     def table(self) -> FloatArray:
         """Swept bounds of all extended cells and their halves (see ``sweep_table``)."""
         return sweep_table(self.s, self.poses, self.edges, DEPTH)
+
+    @cached_property
+    def natural_held(self) -> FloatArray:
+        """When ``natural`` enters each extended cell (it rests there for ever before and after)."""
+        times = self.natural.times
+        return occupancy(times, self.natural_s, self.edges, -math.inf, math.inf)
 
     @cached_property
     def box(self) -> tuple[float, float, float, float]:

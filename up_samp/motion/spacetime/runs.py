@@ -4,12 +4,13 @@ each other.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import OrderedDict
 from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -21,6 +22,7 @@ from up_samp.model import (
     Deadline,
     FixedMotion,
     MotionModel,
+    Outcome,
     PathQuery,
     PathReport,
     Placed,
@@ -38,17 +40,29 @@ from up_samp.motion.spacetime.intervals import (
 from up_samp.motion.spacetime.paths import Hull, Path, hull_of, path_of, resting_path
 from up_samp.motion.spacetime.sweep import conflict_runs, separation
 from up_samp.motion.spacetime.tuning import Timing
+from up_samp.motion.trajectories import at_rest, joined
+
+if TYPE_CHECKING:
+    from up_samp.motion.car import CarPlanner
+    from up_samp.motion.spacetime.roundabout import Roundabout
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-MARGIN = 0.015
+MARGIN = 0.01
 """Clearance (m) kept between two bodies, less where they rest closer to each other than that."""
+
+QUICK = 0.5
+"""Seconds for a detour where there is no planner that stops after fixed work."""
 
 PATHS = 300
 """Paths that a workspace remembers."""
 DIAGRAMS = 20_000
 """Pairs of paths whose conflicts a workspace remembers."""
+
+
+NOTHING = np.empty((0, 3), dtype=np.int64)
+"""No conflicting cells."""
 
 
 class PathPlanner(Protocol):
@@ -90,15 +104,24 @@ class Run:
         """Return where it stands if it does not move in all of [start, end]."""
         times = self.timing.trajectory.times
         if end <= times[0] or self.path.cells == 0:
-            return tuple(float(x) for x in self.path.poses[0])
+            return pose_at(self.path, 0)
         if start >= times[-1]:
-            return tuple(float(x) for x in self.path.poses[-1])
+            return pose_at(self.path, -1)
         return None
 
 
 def avoids(avoid: frozenset[str] | None, name: str) -> bool:
     """Return whether a motion with this ``avoid`` set must keep clear of the object ``name``."""
     return avoid is None or name in avoid
+
+
+def pose_at(path: Path, index: int) -> Configuration:
+    """Return a sample of a path as a configuration."""
+    return tuple(float(x) for x in path.poses[index])
+
+
+def _is_cleared(path: Path, rest: Path) -> bool:
+    return rest.cells == 0 and (rest.body.footprint, pose_at(rest, 0)) in path.cleared
 
 
 Value = TypeVar("Value")
@@ -130,8 +153,17 @@ class Workspace:
     def __init__(self, service: PathPlanner) -> None:
         self.service = service
         self._paths: _Memory[Path | PathReport] = _Memory(PATHS)
+        self._drives: _Memory[Path] = _Memory(PATHS)
         self._rests: _Memory[Path] = _Memory(PATHS)
         self._conflicts: _Memory[IntArray] = _Memory(DIAGRAMS)
+
+    @cached_property
+    def roundabout(self) -> Roundabout | None:
+        """The search over the plane, if the service has a scene to search in."""
+        from up_samp.motion.spacetime.roundabout import Roundabout
+
+        scene = getattr(self.service, "scene", None)
+        return Roundabout(scene) if scene is not None else None
 
     def path(
         self,
@@ -142,14 +174,62 @@ class Workspace:
     ) -> Path | PathReport:
         """Return the service's best path as a :class:`Path`, or its report if it has none."""
         _planar(body)
-        key = (body, poses, frozenset((p.body.footprint, p.pose) for p in obstacles))
+        obstacles = tuple(obstacles)
+        around = frozenset((p.body.footprint, p.pose) for p in obstacles)
+        key = (body, poses, around)
         known = self._paths.recall(key)
         if known is not None:
             return known
-        report = self.service.plan(PathQuery(body, poses, tuple(obstacles)), deadline)
+        report = self.service.plan(PathQuery(body, poses, obstacles), deadline)
         if report.trajectory is None:
             return report
-        return self._paths.keep(key, path_of(report.trajectory, body, poses))
+        # the same path is often the answer to several questions: conflicts are known by path
+        drive = (body, poses, report.trajectory.poses.tobytes())
+        path = self._drives.recall(drive)
+        path = path or self._drives.keep(drive, path_of(report.trajectory, body, poses))
+        path.cleared.update(around)
+        return self._paths.keep(key, path)
+
+    def detour(
+        self,
+        body: Body,
+        poses: tuple[Configuration, ...],
+        obstacles: Iterable[Placed],
+        deadline: Deadline,
+    ) -> Path | None:
+        """Return a path around ``obstacles`` that is cheap to find, if there is one.
+
+        Unlike :meth:`path` it gives up early, since a detour is only one way of several.
+        """
+        if self._quick is None or body.kinematics.model is not MotionModel.REEDSSHEPP:
+            path = self.path(body, poses, obstacles, deadline.within(QUICK))
+            return path if isinstance(path, Path) else None
+        obstacles = tuple(obstacles)
+        around = frozenset((p.body.footprint, p.pose) for p in obstacles)
+        key = (body, poses, around, "detour")
+        known = self._paths.recall(key)
+        if known is None:
+            parts = [at_rest(poses[0])]
+            for start, goal in itertools.pairwise(poses):
+                leg = self._quick.leg(body, start, goal, obstacles, deadline)
+                if leg.trajectory is None:
+                    known = PathReport(Outcome.OUT_OF_TIME, reason=leg.reason)
+                    break
+                parts.append(leg.trajectory)
+            else:
+                known = path_of(joined(parts), body, poses)
+                known.cleared.update(around)
+            if not deadline.expired():
+                self._paths.keep(key, known)
+        return known if isinstance(known, Path) else None
+
+    @cached_property
+    def _quick(self) -> CarPlanner | None:
+        from up_samp.motion.car import CarPlanner, CarSettings
+
+        scene = getattr(self.service, "scene", None)
+        settings = CarSettings((0.7,), (20_000,), rounds=400, patience=120, restarts=1)
+        return CarPlanner(scene, 0, settings) if scene is not None else None
 
     def resting(self, body: Body, pose: Configuration) -> Path:
         """Return the path of a body that stays at ``pose``."""
@@ -159,13 +239,15 @@ class Workspace:
 
     def conflicts(self, a: Path, b: Path) -> IntArray:
         """Return the conflicting cells of two paths as rows (i, j first, j last)."""
+        if _is_cleared(a, b) or _is_cleared(b, a):
+            return NOTHING
         key = (a.number, b.number)
         known = self._conflicts.recall(key)
         if known is not None:
             return known
         p, q = a.box, b.box
         if p[0] > q[2] or q[0] > p[2] or p[1] > q[3] or q[1] > p[3]:
-            return self._conflicts.keep(key, np.empty((0, 3), dtype=np.int64))
+            return self._conflicts.keep(key, NOTHING)
         g, h = a.hull, b.hull
         rows = conflict_runs(
             a.table,

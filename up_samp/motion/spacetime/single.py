@@ -8,7 +8,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+import time
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,19 +18,30 @@ import numpy.typing as npt
 from up_samp.model import (
     Configuration,
     Deadline,
+    FixedMotion,
     Outcome,
     PathReport,
     Placed,
+    Rest,
     TimedMotion,
 )
 from up_samp.motion.spacetime.intervals import (
     first_gap,
     forbidden_starts,
-    occupancy,
     safe_intervals,
 )
 from up_samp.motion.spacetime.paths import Path
-from up_samp.motion.spacetime.runs import Run, Workspace, avoids, run_of
+from up_samp.motion.spacetime.runs import (
+    PathPlanner,
+    Run,
+    Workspace,
+    avoids,
+    fixed_run,
+    pose_at,
+    rest_run,
+    run_of,
+    workspace_of,
+)
 from up_samp.motion.spacetime.tuning import Timing, natural_timing, tune
 
 FloatArray = npt.NDArray[np.float64]
@@ -82,8 +94,7 @@ def _end_rows(
     workspace: Workspace, motion: TimedMotion, path: Path, later: Sequence[Run]
 ) -> FloatArray:
     """Return the forbidden rows of the rest at the end for runs that only come later."""
-    last = tuple(float(x) for x in path.poses[-1])
-    rest = workspace.resting(motion.body, last)
+    rest = workspace.resting(motion.body, pose_at(path, -1))
     visitors = [o for o in later if o.since < motion.present_until]
     rows = workspace.forbidden(rest, motion.object, motion.avoid, visitors)
     rows = rows[rows[:, 0] == 0]
@@ -95,8 +106,7 @@ def _earliest(motion: TimedMotion, window: Window, path: Path, rows: FloatArray)
     """Return the earliest arrival along ``path`` with forbidden (cell, from, until) ``rows``."""
     rows = rows[(rows[:, 2] > window.release) | (rows[:, 0] == path.cells + 1)]
     until = motion.present_until
-    held = occupancy(path.natural.times, path.natural_s, path.edges, -math.inf, math.inf)
-    blocked, earliest, latest = forbidden_starts(rows, held, window.release, until)
+    blocked, earliest, latest = forbidden_starts(rows, path.natural_held, window.release, until)
     start = first_gap(blocked, earliest, latest)
     best = natural_timing(path, start) if start < math.inf else None
     if start > window.release and path.tunable and path.cells > 0:
@@ -137,36 +147,40 @@ def plan_one(
     window: Window,
     others: Sequence[Run],
     deadline: Deadline,
-    search: Callable[[Path | None], Path | None] | None = None,
-    limit: float = math.inf,
+    effort: int = 0,
 ) -> Attempt:
     """Return a safe run of ``motion`` among ``others``: the first one found that is on time, or
-    else the earliest. Runs that arrive after ``limit`` (s) are not wanted.
-
-    ``search`` is the last rung: given the best path so far it returns another one, or nothing.
+    else the earliest. The search over the plane is made from ``effort`` 1 on.
     """
     static = parked_all_the_time(motion, others)
     first = workspace.path(motion.body, motion.poses, static, deadline)
     if not isinstance(first, Path):
         # perhaps something leaves later: what is there now need not be there for ever
-        lasting = [p for p in static if _lasts(p, others)]
-        second = workspace.path(motion.body, motion.poses, lasting, deadline)
-        if len(lasting) == len(static) or not isinstance(second, Path):
-            report = second if not isinstance(second, Path) else first
-            return Attempt(None, report, report.blockers)
+        static = [p for p in static if _lasts(p, others)]
+        second = workspace.path(motion.body, motion.poses, static, deadline)
+        if not isinstance(second, Path):
+            return Attempt(None, second, second.blockers or first.blockers)
         first = second
     best = fit(workspace, motion, window, first, others)
     if _good(best, motion):
         return Attempt(best)
     met = _met_at_full_speed(workspace, motion, window, first, others)
     best = _with_detours(workspace, motion, window, first, best, others, static, deadline)
-    if not _good(best, motion) and search is not None and not deadline.expired():
-        path = search(best.path if best else None)
-        if path is not None:
+    if effort > 0 and not _good(best, motion) and workspace.roundabout and not deadline.expired():
+        paths = workspace.roundabout.paths(
+            motion, window.release, static, others, _goal_free(workspace, motion, others), deadline
+        )
+        for path in paths:
             best = _earlier(best, fit(workspace, motion, window, path, others))
-    if best is not None and best.arrival > limit:
-        best = None
     return Attempt(best, None, frozenset(o.object for o, _ in met))
+
+
+def _goal_free(workspace: Workspace, motion: TimedMotion, others: Sequence[Run]) -> float:
+    """Return when (s) the last of ``others`` has left the last pose for good, so far as it stays."""
+    rest = workspace.resting(motion.body, motion.poses[-1])
+    rows = workspace.forbidden(rest, motion.object, motion.avoid, others)
+    rows = rows[(rows[:, 0] == 1) & (rows[:, 1] < motion.present_until)]
+    return float(np.max(rows[:, 2], initial=-math.inf))
 
 
 def _lasts(placed: Placed, others: Iterable[Run]) -> bool:
@@ -217,8 +231,8 @@ def _with_detours(
         if not ghosts or deadline.expired():
             break
         around += ghosts
-        other_path = workspace.path(motion.body, motion.poses, around, deadline)
-        if not isinstance(other_path, Path):
+        other_path = workspace.detour(motion.body, motion.poses, around, deadline)
+        if other_path is None:
             break
         path = other_path
         best = _earlier(best, fit(workspace, motion, window, path, others))
@@ -255,6 +269,39 @@ def _ghosts(
             last = row[:2]
             ghosts.append(Placed(f"{other.object}~{j}", other.path.body, pose))
     return ghosts
+
+
+def earliest_arrival(
+    service: PathPlanner,
+    motion: TimedMotion,
+    rests: Sequence[Rest] = (),
+    fixed: Sequence[FixedMotion] = (),
+    deadline: Deadline | None = None,
+) -> PathReport:
+    """Return the earliest found arrival of one motion among movers and things that come and go.
+
+    The trajectory is in plan time and may end after the motion's due. ``IMPOSSIBLE`` is a proof
+    by what rests there for good; anything else without a trajectory is ``OUT_OF_TIME``.
+    """
+    began = time.monotonic()
+    workspace = workspace_of(service)
+    others = [rest_run(workspace, rest) for rest in rests] + [fixed_run(f) for f in fixed]
+    window = Window(motion.present_from, motion.release)
+    limit = deadline or Deadline.never()
+    attempt = plan_one(workspace, motion, window, others, limit, effort=1)
+    seconds = time.monotonic() - began
+    if attempt.run is not None:
+        found = attempt.run.timing.trajectory
+        return PathReport(Outcome.FOUND, found, planner="space-time", seconds=seconds)
+    report = attempt.report
+    return PathReport(
+        failed(attempt),
+        blockers=attempt.met,
+        alternatives=report.alternatives if report else (),
+        reason=report.reason if report else "no safe timing or detour found",
+        planner="space-time",
+        seconds=seconds,
+    )
 
 
 def failed(attempt: Attempt) -> Outcome:
