@@ -190,15 +190,19 @@ class _Judge:
             timed.append((t, effect, owner))
         timed.sort(key=lambda x: x[0])
         state, states, log = dict(self.initial), [(-1, dict(self.initial))], []
+        looked = []
         for t, group in itertools.groupby(timed, key=lambda x: x[0]):
             new, touched = dict(state), {}
             for _, effect, owner in group:
                 def read(key, state=state):
                     return state[key]
 
+                own = self.value_key(effect.fluent, choice, owner, read)
+                keys = self.read_keys([effect.condition, effect.value], choice, owner)
+                looked.append((t, keys - {own}, owner))
                 if self.value(effect.condition, choice, owner, read) is False:
                     continue
-                key = self.value_key(effect.fluent, choice, owner, read)
+                key = own
                 value = self.value(effect.value, choice, owner, read)
                 kind = "=" if effect.is_assignment() else "+"
                 if key in touched and not (touched[key] == kind == "+"):
@@ -216,10 +220,9 @@ class _Judge:
             state = new
             states.append((t, state))
         last = max([choice.makespan, *(t for t, *_ in timed)])
-        for t, key, owner, effect in log:
-            for k in self.read_keys([effect.condition, effect.value], choice, owner):
-                if k != key and self.disturbed(k, t, t, owner, log):
-                    return None
+        for t, keys, owner in looked:
+            if any(self.disturbed(k, t, t, owner, log) for k in keys):
+                return None
         return log, states, last
 
     def value_key(self, node, choice, owner, read):

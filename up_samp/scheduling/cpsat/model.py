@@ -102,6 +102,8 @@ class ScheduleModel:
             return False
         if not all(self._narrower(a) for a in parts.durations):
             return False
+        if parts.activities and (self.states.final is not None or self.world.makespan_used):
+            return False
         horizon = self.horizon
         before = horizon.bound()
         for activity in parts.activities:

@@ -141,7 +141,8 @@ class NumericTimeline:
         store = self.store
         if read.active == FALSE:
             return
-        guard(self.states, self.state, read)
+        if not read.loose:
+            guard(self.states, self.state, read)
         if read.guard_only:
             return
         level = self.query(read.lo, read.active)
@@ -156,7 +157,6 @@ class NumericTimeline:
 
     def query(self, time: Lin, active: Literal) -> Lin:
         """Return the value seen at ``time`` (all effects before it), right when ``active``."""
-        store = self.store
         sets = [w for w in self.state.writes if not w.add and w.active != FALSE]
         adds = [w for w in self.state.writes if w.add and w.active != FALSE]
         bases = self._supports(sets, time, active)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from unified_planning.model import Effect, FNode, TimeInterval, Timing
@@ -57,6 +57,8 @@ class Read:
     allowed: frozenset[int] | None = None
     value: Lin | None = None
     guard_only: bool = False
+    loose: bool = False
+    """Whether effects of others at ``hi`` are allowed (the old value counts)."""
 
 
 @dataclass
@@ -69,6 +71,19 @@ class StateVar:
     initial: int | None
     writes: list[Write] = field(default_factory=list)
     reads: list[Read] = field(default_factory=list)
+    _by_owner: dict[int | None, list[Write]] = field(default_factory=dict)
+    _indexed: int = 0
+
+    def exempt(self, owner: int | None) -> list[Write]:
+        """Return the writes that conditions of ``owner`` are not kept apart from."""
+        if owner is None:
+            return self.writes
+        if self._indexed != len(self.writes):
+            self._by_owner = {}
+            for write in self.writes:
+                self._by_owner.setdefault(write.owner, []).append(write)
+            self._indexed = len(self.writes)
+        return [*self._by_owner.get(None, ()), *self._by_owner.get(owner, ())]
 
     @property
     def numeric(self) -> bool:
@@ -90,6 +105,9 @@ class States:
         self.by_var: dict[int, ActivityVars] = {}
         self.activities: list[ActivityVars] = []
         self.dynamic: set[str] = set()
+        self._allowed: dict[FNode, frozenset[int]] = {}
+        self.happenings: list[tuple[Literal, Lin]] = []
+        self.final: Lin | None = None
 
     def register(self, activity: ActivityVars) -> None:
         """Let times of ``activity`` be known."""
@@ -179,7 +197,10 @@ class States:
         time = terms.time(timing)
         active = self.store.all_of([present, *time.needs])
         time = time._replace(needs=())
-        reading = Terms(self.world, self.reader(owner, active, time, time), owner)
+        self.store.enforce(constant(0).le(time), (active,))
+        self.happenings.append((active, time))
+        reading = Terms(self.world, self.reader(owner, active, time, time, loose=True), owner)
+        self._keep_apart(effect, owner, active, time)
         condition = reading.form(effect.condition)
         if condition != TRUE:
             opposite = reading.form(effect.condition, False)
@@ -187,7 +208,6 @@ class States:
         value = reading.linear(effect.value)._replace(needs=())
         if effect.is_decrease():
             value = constant(0).plus(value, -1)
-        self.store.enforce(constant(0).le(time), (active,))
         number = None if owner is None else owner.index
         for literal, state in self.grounds(effect.fluent, reading):
             when = self.store.all_of([active, literal])
@@ -198,6 +218,20 @@ class States:
             if not adds:
                 self._within(state, value, when)
 
+    def _keep_apart(
+        self, effect: Effect, owner: ActivityVars | None, active: Literal, time: Lin
+    ) -> None:
+        """Keep other activities' effects off the other fluents that an effect reads."""
+        if owner is None:
+            return
+        terms = Terms(self.world, _no_fluents, owner)
+        own = {id(state): literal for literal, state in self.grounds(effect.fluent, terms)}
+        for node in (effect.condition, effect.value):
+            for literal, state in self._all_grounds(node, owner):
+                when = self.store.all_of([active, literal, ~own.get(id(state), FALSE)])
+                if when != FALSE:
+                    state.reads.append(Read(owner.index, when, time, time, guard_only=True))
+
     def _within(self, state: StateVar, value: Lin, when: Literal) -> None:
         low, high = state.bounds
         self.store.enforce(constant(low).le(value), (when,))
@@ -207,37 +241,74 @@ class States:
     def add_condition(self, span: TimeInterval, node: FNode, owner: ActivityVars | None) -> None:
         """Register the reads of a condition."""
         terms = Terms(self.world, _no_fluents, owner)
-        lo, hi = self._instants(span, terms)
+        lo, hi, nonempty = self._instants(span, terms)
         needs = [*lo.needs, *hi.needs] + ([] if owner is None else [owner.present])
         lo, hi = lo._replace(needs=()), hi._replace(needs=())
-        nonempty = lo.le(hi)
-        shorter = compare(hi.plus(lo, -1).shift(1), "<=")
-        low, high = self.difference(hi, lo)
-        if low >= 0:
-            some = TRUE
-        elif high < 0:
+        low, high = nonempty
+        gap = high.plus(low, -1)._replace(needs=())
+        least, most = self.difference(gap, constant(0))
+        if most < 0:
             return
-        else:
-            some = self.store.equivalent(nonempty, shorter)
+        some = TRUE
+        if least < 0:
+            opposite = compare(gap.shift(1), "<=")
+            some = self.store.equivalent(compare(constant(0).plus(gap, -1), "<="), opposite)
         active = self.store.all_of([*needs, some])
         for part in _conjuncts(node):
             self._require(part, owner, active, lo, hi)
 
-    def _instants(self, span: TimeInterval, terms: Terms) -> tuple[Lin, Lin]:
-        ends = []
+    def _instants(self, span: TimeInterval, terms: Terms) -> tuple[Lin, Lin, tuple[Lin, Lin]]:
+        """Return the first and last instant, and the two by which to tell whether there is any.
+
+        The global end is the first instant at which all effects are seen. A condition that lasts
+        until then may as well last for ever, which needs no variable.
+        """
+        ends, exact = [], []
+        both = all(self._is_end(t) for t in (span.lower, span.upper))
         for timing, step in (
             (span.lower, 1 if span.is_left_open() else 0),
             (span.upper, -1 if span.is_right_open() else 0),
         ):
-            if timing.timepoint.kind is TimepointKind.GLOBAL_END:
-                ends.append(self.far.shift(int(timing.delay) + step))
-            else:
+            if not self._is_end(timing):
                 ends.append(terms.time(timing).shift(step))
-        return ends[0], ends[1]
+                exact.append(ends[-1])
+                continue
+            delay = int(timing.delay) + step
+            at = self.far if both else self._final_instant()
+            exact.append(at.shift(delay))
+            ends.append(self.far if delay == 0 else at.shift(delay))
+        return ends[0], ends[1], (exact[0], exact[1])
+
+    @staticmethod
+    def _is_end(timing: Timing) -> bool:
+        return bool(timing.timepoint.kind is TimepointKind.GLOBAL_END)
+
+    def _final_instant(self) -> Lin:
+        """Return 1 + the latest of all ends of present activities and times of effects."""
+        if self.final is None:
+            store = self.store
+            self.final = final = Lin(((store.integer(1, self.far.const), 1),))
+            latest = [(TRUE, constant(0)), *self.happenings]
+            latest += [(a.present, a.end._replace(needs=())) for a in self.activities]
+            attained = []
+            for active, time in latest:
+                literal = store.boolean()
+                attained.append(literal)
+                store.clause([~literal, active])
+                store.enforce(final.le(time.shift(1)), (literal,))
+                store.enforce(time.shift(1).le(final), (active,))
+            store.clause(attained)
+        return self.final
 
     def difference(self, a: Lin, b: Lin) -> tuple[int, int]:
         """Return bounds of ``a - b`` that hold whatever the schedule (activities' sizes known)."""
+        if a.terms == b.terms:
+            return a.const - b.const, a.const - b.const
         gap = a.plus(b, -1)
+        if len(a.terms) == len(b.terms) == 1:
+            one, other = self.by_var.get(a.terms[0][0]), self.by_var.get(b.terms[0][0])
+            if one is not other:
+                return self.store.range(gap)
         for activity in self._mentioned(gap):
             if len(activity.end.terms) == 1 and activity.end.terms != activity.start.terms:
                 (end, _), (start, _) = activity.end.terms[0], activity.start.terms[0]
@@ -281,13 +352,9 @@ class States:
             return []
         found: dict[int, Write] = {}
         for _, state in self._all_grounds(node, owner):
-            for write in state.writes:
-                exempt = owner is None or write.owner in (None, owner.index)
-                outside = (
-                    self.difference(write.time, lo)[1] < 0
-                    or self.difference(write.time, hi)[0] >= 0
-                )
-                if exempt and not outside:
+            for write in state.exempt(None if owner is None else owner.index):
+                after_lo = self.difference(write.time, lo)[1] >= 0
+                if after_lo and self.difference(write.time, hi)[0] < 0:
                     found[id(write)] = write
         return list(found.values())
 
@@ -328,29 +395,24 @@ class States:
         ):
             self.store.enforce(FALSE, (read.active,))
 
-    def reader(self, owner: ActivityVars | None, active: Literal, lo: Lin, hi: Lin) -> Any:
+    def reader(
+        self, owner: ActivityVars | None, active: Literal, lo: Lin, hi: Lin, loose: bool = False
+    ) -> Any:
         """Return a function fluent expression -> value over lo..hi (cached, reads registered)."""
         cache: dict[FNode, Lin] = {}
         number = None if owner is None else owner.index
 
         def read(node: FNode) -> Lin:
             if node not in cache:
-                terms = Terms(self.world, read, owner)
-                cache[node] = self._value(
-                    node, list(self.grounds(node, terms)), number, active, lo, hi
-                )
+                grounds = list(self.grounds(node, Terms(self.world, read, owner)))
+                pattern = Read(number, active, lo, hi, loose=loose)
+                cache[node] = self._value(node, grounds, pattern)
             return cache[node]
 
         return read
 
     def _value(
-        self,
-        node: FNode,
-        grounds: list[tuple[Literal, StateVar]],
-        owner: int | None,
-        active: Literal,
-        lo: Lin,
-        hi: Lin,
+        self, node: FNode, grounds: list[tuple[Literal, StateVar]], pattern: Read
     ) -> Lin:
         if len(grounds) == 1:
             literal, only = grounds[0]
@@ -364,11 +426,11 @@ class States:
             result = self.store.integer(min(b[0] for b in bounds), max(b[1] for b in bounds))
         value = Lin(((result, 1),))
         for literal, state in grounds:
-            when = self.store.all_of([active, literal])
+            when = self.store.all_of([pattern.active, literal])
             if when == FALSE:
                 continue
             if state.key[0] in self.dynamic:
-                state.reads.append(Read(owner, when, lo, hi, value=value))
+                state.reads.append(replace(pattern, active=when, value=value))
             elif state.initial is None:
                 self.store.enforce(FALSE, (when,))
             else:

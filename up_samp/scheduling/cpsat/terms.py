@@ -59,6 +59,7 @@ class World:
     object_types: list[Any] = field(default_factory=list)
     makespan: int = -1
     makespan_used: bool = False
+    timings: dict[FNode, Lin] = field(default_factory=dict)
 
     def values_of(self, tpe: Type) -> list[int]:
         """Return the codes of all values of a bool, user or bounded int type."""
@@ -112,7 +113,8 @@ class Terms:
             value = Fraction(node.constant_value())
             return constant(value.numerator), value.denominator
         if kind is Op.TIMING_EXP:
-            return self._rational_time(node.timing())
+            known = self.world.timings.get(node)
+            return (known, 1) if known is not None else self._rational_time(node)
         return self._atom(node), 1
 
     def _sum(self, node: FNode) -> tuple[Lin, int]:
@@ -149,10 +151,14 @@ class Terms:
         )
         return Lin(((product, 1),), 0, tuple(sorted({*a.needs, *b.needs})))
 
-    def _rational_time(self, timing: Timing) -> tuple[Lin, int]:
+    def _rational_time(self, node: FNode) -> tuple[Lin, int]:
+        timing = node.timing()
         delay = Fraction(timing.delay)
         point = self.timepoint(timing)
-        return times(point, delay.denominator).shift(delay.numerator), delay.denominator
+        time = times(point, delay.denominator).shift(delay.numerator)
+        if delay.denominator == 1 and timing.timepoint.container is not None:
+            self.world.timings[node] = time
+        return time, delay.denominator
 
     def time(self, timing: Timing) -> Lin:
         """Return a timing as an expression; its delay must be an integer."""
@@ -251,6 +257,8 @@ class Terms:
     def _difference(self, node: FNode) -> Lin:
         left, d = self._scaled(node.arg(0))
         right, e = self._scaled(node.arg(1))
+        if d == e:
+            return left.plus(right, -1)
         scale = math.lcm(d, e)
         return times(left, scale // d).plus(times(right, scale // e), -1)
 

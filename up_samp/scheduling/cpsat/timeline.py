@@ -268,12 +268,10 @@ class Timeline:
 
         Only own and base effects may coincide with the last instant of a condition.
         """
-        if read.owner is None:
+        if read.owner is None or read.loose:
             return constant(0)
         margin = constant(1)
-        for write in self.state.writes:
-            if write.owner not in (None, read.owner):
-                continue
+        for write in self.state.exempt(read.owner):
             low, high = self.states.difference(write.time, read.hi)
             if low > 0 or high < 0:
                 continue
