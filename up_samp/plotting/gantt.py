@@ -157,6 +157,7 @@ def _write_above(ax: Axes, bar: Bar, bottom: float, taken: list[Bbox]) -> None:
         text = ax.text(
             bar.start, bottom - 0.06, name, ha="left", va="bottom", fontsize=7, color=INK, zorder=6
         )
+        text.set_in_layout(False)
         box = _extent(text)
         if box.x1 > right_edge:
             text.set(ha="right", x=bar.end)

@@ -125,4 +125,5 @@ def horizon(plan: dict[str, Any]) -> float:
     """Return the plan's length in s (at least a hair, so that axes have a width)."""
     ends = [m["samples"][-1][0] for m in plan["motions"]]
     ends += [c["time"] for c in plan["changes"]]
+    ends += [a["end"] * plan["seconds_per_unit"] for a in plan["activities"]]
     return float(max([plan["makespan"] * plan["seconds_per_unit"], *ends, 1e-3]))
