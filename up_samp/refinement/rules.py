@@ -63,6 +63,36 @@ def needs_open(
     return Refinement(statement, layer, strength, why)
 
 
+def needs_away(activity: str, obstacle: str, configuration: str, why: str) -> Refinement:
+    """Return that a static obstacle must be elsewhere all the time."""
+    statement = Requires(activity, obstacle, frozenset({configuration}), Span.WHOLE)
+    return Refinement(statement, Layer.GEOMETRIC, Strength.PROVEN, why)
+
+
+def stays_put(activity: str, change: str, obstacle: str) -> Refinement:
+    """Return that a static obstacle is not set elsewhere (at the end of ``change``) meanwhile."""
+    literals = (
+        Absent(activity),
+        Absent(change),
+        Apart(end_of(change), start_of(activity), 0),
+        Apart(end_of(activity), end_of(change), 0),
+    )
+    why = f"{obstacle} is a static obstacle of {activity}"
+    return Refinement(Clause(literals), Layer.GEOMETRIC, Strength.PROVEN, why)
+
+
+def not_while_driving(activity: str, drive: str, obstacle: str) -> Refinement:
+    """Return that a static obstacle does not drive (``drive``) meanwhile."""
+    literals = (
+        Absent(activity),
+        Absent(drive),
+        Apart(end_of(drive), start_of(activity), 0),
+        Apart(end_of(activity), start_of(drive), 0),
+    )
+    why = f"{obstacle} is a static obstacle of {activity}"
+    return Refinement(Clause(literals), Layer.GEOMETRIC, Strength.PROVEN, why)
+
+
 def needs_away_at_start(activity: str, obstacle: str, configuration: str, why: str) -> Refinement:
     """Return that an obstacle which lies on the motion's first pose must not be there then."""
     statement = Requires(activity, obstacle, frozenset({configuration}), Span.START)

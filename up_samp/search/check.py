@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 from up_samp.model import GroupQuery, GroupReport, Outcome, PathQuery, ScheduledMotion, Trajectory
 from up_samp.model.refinement import Layer, Refinement, Strength
-from up_samp.refinement import rules
+from up_samp.refinement import holds, rules
 from up_samp.search import groups as group_rules
 from up_samp.search.context import Context
 from up_samp.search.prepare import duration_refinements
@@ -47,6 +47,7 @@ def check_itinerary(
     check = Check()
     started = time.monotonic()
     before = context.history.seconds_motion
+    check.refinements += check_static(itinerary)
     for group in groups_of(itinerary.motions):
         _check_group(context, itinerary, group, check, learn=learn, first_only=first_only)
         if context.deadline.expired():
@@ -55,6 +56,23 @@ def check_itinerary(
             break
     context.history.seconds_motion = before + time.monotonic() - started
     return check
+
+
+def check_static(itinerary: Itinerary) -> list[Refinement]:
+    """Return which static obstacles would have to stay put (none, if the relaxation holds them)."""
+    found = []
+    for motion in itinerary.motions:
+        for change in itinerary.changes:
+            if change.object in motion.static and motion.start < change.time < motion.end:
+                found.append(rules.stays_put(motion.activity, change.activity, change.object))
+        for drive in itinerary.motions:
+            if (
+                drive.object in motion.static
+                and drive.start < motion.end
+                and motion.start < drive.end
+            ):
+                found.append(rules.not_while_driving(motion.activity, drive.activity, drive.object))
+    return found
 
 
 def _check_group(
@@ -97,7 +115,8 @@ def _check_group(
 def coordinate(context: Context, query: GroupQuery) -> GroupReport:
     """Ask the motion service for a group, within the time of one query."""
     limit = context.query_seconds * max(1, len(query.motions)) ** 0.5
-    context.report("group", f"{len(query.motions)} motions together")
+    if len(query.motions) > 1:
+        context.report("group", f"{len(query.motions)} motions together")
     return context.service.coordinate(query, context.deadline.within(limit))
 
 
@@ -190,14 +209,8 @@ def check_duration(
 
 
 def _fulfilled(refinement: Refinement, itinerary: Itinerary) -> bool:
-    statement = refinement.statement
-    times = itinerary.schedule.times
-    name = getattr(statement, "activity", None)
-    if name not in times:
-        return True
-    start, end = times[name]
-    at_least: int = getattr(statement, "at_least", 0)
-    return end - start >= at_least
+    """Return whether the schedule has what a statement on one motion's duration asks for."""
+    return holds(refinement.statement, itinerary.schedule, lambda *_: ())
 
 
 def _place_at(context: Context, itinerary: Itinerary, name: str, motion: ScheduledMotion) -> str:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 
 from up_samp.model import (
     FixedMotion,
@@ -52,15 +53,13 @@ def learn(
         return [rules.group_fails(motions, blockers, context.movers, why)]
     found: list[Refinement] = []
     for name in sorted(report.late, key=lambda n: (timed[n].release, n)):
-        found += _first_violated(
-            context,
-            itinerary,
-            (
-                lambda n=name: _door_cuts(context, itinerary, scheduled[n], timed[n]),
-                lambda n=name: _rest_cuts(context, itinerary, scheduled[n], timed[n]),
-                lambda n=name: _pair_cuts(context, scheduled, timed, n, report),
-            ),
+        motion = (context, itinerary, scheduled[name], timed[name])
+        attempts = (
+            partial(_door_cuts, *motion),
+            partial(_rest_cuts, *motion),
+            partial(_pair_cuts, context, scheduled, timed, name, report),
         )
+        found += _first_violated(context, itinerary, attempts)
         if context.deadline.expired():
             break
     return found or [_timing_cut(context, itinerary, group, report)]

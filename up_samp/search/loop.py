@@ -62,8 +62,8 @@ def solve(context: Context, *, optimal: bool) -> Generator[Incumbent, None, Sear
             continue
         itinerary = read_itinerary(context.relaxation, report.schedule)
         check = check_motions(context, itinerary)  # lines 6 to 15
-        better = adopt_or_repair(context, itinerary, check)  # line 16
         learned = learn_from(context, itinerary, check)  # lines 31 and 35
+        better = adopt_or_repair(context, itinerary, check)  # line 16
         record(context, report, check, learned)
         if better is not None:
             yield better

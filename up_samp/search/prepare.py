@@ -167,11 +167,19 @@ def _certify(
     proof = service.certificate(body, poses, (placed,))
     if proof is None:
         return []
+    # a static obstacle stays all the time: then it must be gone from the start
+    static = [t for t in tasks if t.static is not None and placed.name in t.static]
+    others = [t for t in tasks if t not in static]
+    found = [rules.needs_away(t.activity, placed.name, configuration, why) for t in static]
+    if not others:
+        return found
     if context.returns_to(placed.name, configuration):
         places = {placed.name: configuration}
-        return [rules.blocked_while(t.activity, places, context.movers, why) for t in tasks]
-    tail = _tail_units(context, signature, placed)
-    return [rules.needs_open(t.activity, placed.name, configuration, tail, why) for t in tasks]
+        cuts = [rules.blocked_while(t.activity, places, context.movers, why) for t in others]
+    else:
+        tail = _tail_units(context, signature, placed)
+        cuts = [rules.needs_open(t.activity, placed.name, configuration, tail, why) for t in others]
+    return found + cuts
 
 
 def _tail_units(context: Context, signature: Signature, placed: Placed) -> int:

@@ -25,6 +25,7 @@ REPAIR_SECONDS = 5.0
 def repair(context: Context, schedule: CandidateSchedule, check: Check) -> Incumbent | None:
     """Return a plan with the activities of ``schedule``, or None where this way finds none."""
     problem = restricted(context.relaxation, schedule)
+    _hold_static(context, problem)
     session = CpsatSession(problem, seed=context.params.seed, workers=1)
     activities = {a.name: a for a in problem.activities}
     current = schedule
@@ -44,8 +45,30 @@ def repair(context: Context, schedule: CandidateSchedule, check: Check) -> Incum
         check = check_itinerary(context, itinerary, learn=False)
         if check.passed:
             return Incumbent(current, check.trajectories)
-        context.history.seconds_motion += 0.0
+        if not check.needed:
+            return None
     return None
+
+
+def _hold_static(context: Context, problem: SchedulingProblem) -> None:
+    """State for the present activities that static obstacles stay put."""
+    activities = {a.name: a for a in problem.activities}
+    manager = problem.environment.expression_manager
+    tasks = [t for t in context.snapshot.tasks if t.activity in activities]
+    for task in tasks:
+        one = activities[task.activity]
+        for change in context.snapshot.changes:
+            if change.object in (task.static or ()) and change.activity in activities:
+                other = activities[change.activity]
+                problem.add_constraint(
+                    manager.Or(manager.LE(other.end, one.start), manager.LE(one.end, other.end))
+                )
+        for drive in tasks:
+            if drive.object in (task.static or ()):
+                other = activities[drive.activity]
+                problem.add_constraint(
+                    manager.Or(manager.LE(other.end, one.start), manager.LE(one.end, other.start))
+                )
 
 
 def _demand(

@@ -43,7 +43,7 @@ def open_search(
     check_geometry(snapshot, service)
 
     def reopen() -> tuple[Relaxation, Scheduler]:
-        relaxation = relax(problem, snapshot)
+        relaxation = relax(problem, snapshot, hold_static=native)
         scheduler = open_scheduler(
             engine,
             relaxation.problem,

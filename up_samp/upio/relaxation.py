@@ -37,8 +37,14 @@ class Relaxation:
         self.activities = {a.name: a for a in self.problem.activities}
 
 
-def relax(problem: SchedulingMotionProblem, snapshot: Snapshot) -> Relaxation:
-    """Return the relaxation of ``problem``; neither it nor its parts are shared with it."""
+def relax(
+    problem: SchedulingMotionProblem, snapshot: Snapshot, *, hold_static: bool = True
+) -> Relaxation:
+    """Return the relaxation of ``problem``; neither it nor its parts are shared with it.
+
+    ``hold_static=False`` leaves out that static obstacles stay put (many engines are slow with
+    it); the search then states it where a candidate schedule breaks it.
+    """
     rewriter = Rewriter(problem.environment)
     plain = SchedulingProblem(problem.name, problem.environment)
     _copy_state(problem, plain, rewriter)
@@ -61,6 +67,8 @@ def relax(problem: SchedulingMotionProblem, snapshot: Snapshot) -> Relaxation:
     relaxation = Relaxation(plain, snapshot, rewriter, {})
     for name in sorted(snapshot.moved()):
         _add_state(relaxation, name)
+    for task in snapshot.tasks if hold_static else ():
+        _hold_static(relaxation, task)
     return relaxation
 
 
@@ -124,6 +132,39 @@ def _add_state(relaxation: Relaxation, name: str) -> None:
         activity = relaxation.activities[change.activity]
         if own is None:
             activity.add_effect(activity.end, state, _value(relaxation, activity, change.term))
+
+
+def _hold_static(relaxation: Relaxation, task: MotionTask) -> None:
+    """Keep a task's static obstacles where they are while it lasts (UP: they "remain static").
+
+    Its ends are left out: a change at the very start or end does no harm. A condition that reads
+    an object's state, whatever it is, keeps the activities apart that would change it; those that
+    drive the object, whose state changes only at their end, are kept apart by constraints.
+    """
+    manager = relaxation.problem.environment.expression_manager
+    activity = relaxation.activities[task.activity]
+    for name in sorted(task.static or ()):
+        if name not in relaxation.state:
+            continue
+        state = relaxation.state[name]
+        activity.add_condition(inner(activity), manager.Equals(state, state))
+        for other in relaxation.snapshot.tasks:
+            if other.object == name and other.activity != task.activity:
+                rival = relaxation.activities[other.activity]
+                scope = [a.present for a in (activity, rival) if a.optional]
+                apart = manager.Or(
+                    manager.LE(rival.end, activity.start), manager.LE(activity.end, rival.start)
+                )
+                relaxation.problem.add_constraint(apart, scope)
+
+
+def inner(activity: Activity) -> TimeInterval:
+    """Return [start + 1, end - 1], or [start + 1, end] where the activity may be that short."""
+    low = activity.duration.lower
+    long_enough = low.is_int_constant() and low.constant_value() >= 2
+    return ClosedTimeInterval(
+        Timing(1, activity.start), Timing(-1 if long_enough else 0, activity.end)
+    )
 
 
 def whole(activity: Activity) -> TimeInterval:
