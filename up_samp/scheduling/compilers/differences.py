@@ -4,6 +4,10 @@ What comes out knows no ``Not`` above anything but a boolean parameter, a presen
 of objects, no ``Implies`` and ``Iff``, no ``Minus``, no ``Equals`` on times or numbers and only
 binary ``Plus``: aries 0.5.0 and cpse 0.1.0 stumble over each of these. Strict comparisons become
 ``A + 1 <= B`` (times are integers).
+
+A comparison that mentions an absent activity has no value, and only a constraint that is *false*
+(in Kleene's three-valued logic) is broken. So, in negation normal form, each comparison ``c`` of
+something of an optional activity ``a`` becomes ``c or not present(a)``.
 """
 
 from __future__ import annotations
@@ -25,6 +29,7 @@ from up_samp.scheduling.compilers.plain import (
     integer,
     later,
     show,
+    subexpressions,
 )
 
 
@@ -133,6 +138,8 @@ class NormalForm:
     def __init__(self, problem: PlainProblem):
         self._parameters: Mapping[str, Type] = problem.parameter_types()
         self._fluents: Mapping[str, Fluent] = problem.fluents
+        self._optional = problem.optional_names()
+        self._owners = {n: a.name for a in problem.activities for n, _ in a.parameters}
         self._memo: dict[tuple[Expr, bool], Expr] = {}
 
     def __call__(self, expression: Expr, positive: bool = True) -> Expr:
@@ -160,13 +167,24 @@ class NormalForm:
         if operator in ("le", "lt"):
             a, b = expression[1:]
             if positive:
-                return at_most(a, b, 1 if operator == "lt" else 0)
-            return at_most(b, a, 0 if operator == "lt" else 1)
+                return self._guarded(expression, at_most(a, b, 1 if operator == "lt" else 0))
+            return self._guarded(expression, at_most(b, a, 0 if operator == "lt" else 1))
         if operator == "eq":
             return self._equal(expression, positive)
-        if operator in ("par", "pres", "flu"):
+        if operator == "pres":
             return expression if positive else ("not", expression)
+        if operator in ("par", "flu"):
+            return self._guarded(expression, expression if positive else ("not", expression))
         raise UnsupportedError(f"constraint {show(expression)}")
+
+    def _guarded(self, original: Expr, atom: Expr) -> Expr:
+        """Return ``atom``, or that one of the activities is absent that ``original`` mentions."""
+        absent = []
+        for e in subexpressions(original):
+            owner = e[2] if e[0] == "time" else self._owners.get(e[1]) if e[0] == "par" else None
+            if owner in self._optional:
+                absent.append(("not", ("pres", owner)))
+        return disjunction([*absent, atom])
 
     def _same(self, a: Expr, b: Expr, positive: bool) -> Expr:
         return conjunction(
@@ -183,12 +201,14 @@ class NormalForm:
             return self._same(a, b, positive)
         if kind == "int":
             if positive:
-                return conjunction([at_most(a, b), at_most(b, a)])
-            return disjunction([at_most(a, b, 1), at_most(b, a, 1)])
+                both = [at_most(a, b), at_most(b, a)]
+                return conjunction([self._guarded(expression, e) for e in both])
+            either = disjunction([at_most(a, b, 1), at_most(b, a, 1)])
+            return self._guarded(expression, either)
         if a[0] == "obj" and b[0] == "obj":
             return ("bool", (a == b) == positive)
         equal = ("eq", b, a) if a[0] == "obj" else expression
-        return equal if positive else ("not", equal)
+        return self._guarded(expression, equal if positive else ("not", equal))
 
     def _kind(self, expression: Expr) -> str:
         operator = expression[0]

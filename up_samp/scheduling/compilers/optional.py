@@ -27,7 +27,6 @@ from up_samp.scheduling.compilers.plain import (
     Fluent,
     PlainProblem,
     Type,
-    conjunction,
     disjunction,
     end,
     fresh,
@@ -39,6 +38,7 @@ from up_samp.scheduling.compilers.plain import (
     start,
     subexpressions,
 )
+from up_samp.scheduling.compilers.values import evaluate, values_of
 
 
 def compile_optional(problem: PlainProblem) -> Compiled:
@@ -248,21 +248,6 @@ def _ground(problem: PlainProblem, fluents: set[str]) -> list[Expr]:
     return ground
 
 
-def values_of(problem: PlainProblem, tpe: Type) -> list[Expr]:
-    """Return all values of a type.
-
-    Raises:
-        UnsupportedError: an unbounded integer.
-    """
-    if tpe[0] == "bool":
-        return [("bool", False), ("bool", True)]
-    if tpe[0] == "user":
-        return [("obj", name) for name in problem.objects_of(tpe[1])]
-    if tpe[1] is None or tpe[2] is None:
-        raise UnsupportedError("an unbounded integer where all values are needed")
-    return [integer(n) for n in range(tpe[1], tpe[2] + 1)]
-
-
 def _some_value(problem: PlainProblem, tpe: Type) -> Expr:
     if tpe[0] == "int":
         return integer(tpe[1] if tpe[1] is not None else tpe[2] if tpe[2] is not None else 0)
@@ -294,36 +279,3 @@ def _candidates(problem: PlainProblem, expression: Expr, atom: Expr) -> list[Exp
         n for n in sorted(numbers) if (low is None or low <= n) and (high is None or n <= high)
     ]
     return [integer(n) for n in inside]
-
-
-def evaluate(expression: Expr) -> Expr:
-    """Return the expression with all constant parts evaluated."""
-    operator = expression[0]
-    if operator in ("bool", "int", "obj", "par", "pres", "time", "flu"):
-        return expression
-    operands = [evaluate(e) for e in expression[1:]]
-    if operator in ("and", "or"):
-        return (conjunction if operator == "and" else disjunction)(operands)
-    if any(o[0] not in ("bool", "int", "obj") for o in operands):
-        if operator == "implies" and (operands[0] == ("bool", False) or operands[1] == TRUE):
-            return TRUE
-        return (operator, *operands)
-    return _constant(operator, [o[1] for o in operands])
-
-
-def _constant(operator: str, values: list[int]) -> Expr:
-    if operator == "not":
-        return ("bool", not values[0])
-    if operator == "implies":
-        return ("bool", not values[0] or bool(values[1]))
-    if operator in ("iff", "eq"):
-        return ("bool", values[0] == values[1])
-    if operator in ("le", "lt"):
-        return ("bool", values[0] <= values[1] if operator == "le" else values[0] < values[1])
-    if operator == "plus":
-        return integer(sum(values))
-    if operator == "minus":
-        return integer(values[0] - values[1])
-    if operator == "times":
-        return integer(values[0] * values[1])
-    raise UnsupportedError(f"operator {operator} in a condition")

@@ -6,9 +6,14 @@ from collections.abc import Callable, Sequence
 
 from up_samp.model import CandidateSchedule
 from up_samp.scheduling.compilers.differences import compile_differences
+from up_samp.scheduling.compilers.flat import compile_flat_types
+from up_samp.scheduling.compilers.ground import compile_ground
+from up_samp.scheduling.compilers.instances import compile_instances
 from up_samp.scheduling.compilers.names import compile_names
 from up_samp.scheduling.compilers.optional import compile_optional
 from up_samp.scheduling.compilers.plain import Compiled, PlainProblem
+from up_samp.scheduling.compilers.precedences import compile_precedences
+from up_samp.scheduling.compilers.tokens import compile_tokens
 from up_samp.scheduling.quirks import Quirks
 
 Compiler = Callable[[PlainProblem], Compiled]
@@ -16,10 +21,16 @@ Compiler = Callable[[PlainProblem], Compiled]
 
 def compilers_for(quirks: Quirks) -> list[Compiler]:
     """Return the passes, in order, that make a problem fit an engine."""
-    passes: list[Compiler] = []
+    passes: list[Compiler] = [compile_ground]
+    if not quirks.hierarchical_types:
+        passes.append(compile_flat_types)
+    if not quirks.assignments:
+        passes += [compile_instances, compile_precedences]
+    passes.append(compile_differences)
+    if quirks.assignments and not quirks.optional:
+        passes.append(compile_tokens)
     if not quirks.optional:
         passes.append(compile_optional)
-    passes.append(compile_differences)
     passes.append(compile_names)
     return passes
 

@@ -195,6 +195,13 @@ def _nary(operator: str, operands: Iterable[Expr], neutral: Expr, absorbing: Exp
     return next(iter(flat)) if len(flat) == 1 else (operator, *flat)
 
 
+def negation(expression: Expr) -> Expr:
+    """Return the simplified negation."""
+    if expression[0] == "bool":
+        return ("bool", not expression[1])
+    return expression[1] if expression[0] == "not" else ("not", expression)
+
+
 def implies(condition: Expr, consequence: Expr) -> Expr:
     """Return the simplified implication."""
     if condition == TRUE or consequence == TRUE:

@@ -201,7 +201,7 @@ def plain_schedule(
             if constant != int(constant):
                 raise ValueError(f"{variable} is at {constant}, which is not an integer")
             assignment[variable.container, variable.kind] = int(constant)
-        else:
+        elif isinstance(variable, Parameter):  # cpse lists presences as well
             parameters[variable.name] = (
                 value.object().name if value.is_object_exp() else value.constant_value()
             )

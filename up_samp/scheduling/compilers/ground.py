@@ -1,0 +1,134 @@
+"""Fluents with constant arguments become fluents without any; what nothing changes, its value.
+
+``robot_at(r0)`` and ``robot_at(r1)`` are different state variables from the start, so later passes
+(and engines) need not ask whether they are the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from up_samp.scheduling.compilers.plain import (
+    FALSE,
+    TRUE,
+    Activity,
+    Compiled,
+    Condition,
+    Effect,
+    Expr,
+    Fluent,
+    PlainProblem,
+    disjunction,
+    fresh,
+    names_in_use,
+    negation,
+    rewrite,
+    show,
+    subexpressions,
+)
+from up_samp.scheduling.compilers.values import evaluate
+
+
+def compile_ground(problem: PlainProblem) -> Compiled:
+    """Return the problem over ground fluents where all arguments are constants, without fluents
+    that never change.
+    """
+    fluents = _fluent_expressions(problem)
+    open_names = {e[1] for e in fluents if any(a[0] not in ("obj", "int", "bool") for a in e[2:])}
+    changed = {e.fluent[1] if e.fluent[1] in open_names else e.fluent for e in problem.effects}
+    taken = names_in_use(problem)
+    replaced: dict[Expr, Expr] = {}
+    ground: dict[str, Fluent] = {n: problem.fluents[n] for n in sorted(open_names)}
+    for fluent in fluents:
+        if fluent[1] in open_names:
+            continue
+        if fluent not in changed:
+            replaced[fluent] = problem.initial_value(fluent)
+        elif len(fluent) == 2:
+            ground[fluent[1]] = replace(
+                problem.fluents[fluent[1]], default=problem.initial_value(fluent)
+            )
+        else:
+            name = fresh(show(fluent), taken)
+            replaced[fluent] = ("flu", name)
+            declared = problem.fluents[fluent[1]]
+            ground[name] = Fluent(declared.type, (), problem.initial_value(fluent))
+    return Compiled(_Rewriter(replaced).problem(problem, ground, open_names))
+
+
+def _fluent_expressions(problem: PlainProblem) -> list[Expr]:
+    """Return every fluent expression of the problem once, in order of appearance."""
+    places = [*problem.constraints]
+    for activity in problem.activities:
+        places += [activity.lower, activity.upper]
+    places += [c.expression for c in problem.conditions]
+    for effect in problem.effects:
+        places += [effect.fluent, effect.value, effect.condition]
+    found: dict[Expr, None] = {}
+    for place in places:
+        found.update((e, None) for e in subexpressions(place) if e[0] == "flu")
+    return list(found)
+
+
+class _Rewriter:
+    def __init__(self, replaced: dict[Expr, Expr]):
+        self.replaced = replaced
+
+    def __call__(self, expression: Expr) -> Expr:
+        return evaluate(rewrite(expression, self.replaced.get))
+
+    def problem(
+        self, problem: PlainProblem, fluents: dict[str, Fluent], kept: set[str]
+    ) -> PlainProblem:
+        conditions: list[Condition] = []
+        constraints = [self(c) for c in problem.constraints]
+        for condition in problem.conditions:
+            expression = self(condition.expression)
+            if any(e[0] == "flu" for e in subexpressions(expression)):
+                conditions.append(replace(condition, expression=expression))
+            else:
+                constraints.append(_timeless(problem, condition, expression))
+        return replace(
+            problem,
+            activities=tuple(self._activity(a) for a in problem.activities),
+            constraints=tuple(c for c in constraints if c != TRUE),
+            conditions=tuple(conditions),
+            effects=tuple(self._effect(e) for e in problem.effects),
+            fluents=fluents,
+            initial={k: v for k, v in problem.initial.items() if k[1] in kept},
+        )
+
+    def _activity(self, a: Activity) -> Activity:
+        return replace(a, lower=self(a.lower), upper=self(a.upper))
+
+    def _effect(self, e: Effect) -> Effect:
+        return replace(e, fluent=self(e.fluent), value=self(e.value), condition=self(e.condition))
+
+
+def _timeless(problem: PlainProblem, condition: Condition, expression: Expr) -> Expr:
+    """Return the constraint that a condition without fluents amounts to: it holds, or its owner
+    is absent, or its interval empty.
+    """
+    if expression == TRUE:
+        return TRUE
+    ways = [] if expression == FALSE else [expression]
+    if condition.owner in problem.optional_names():
+        ways.append(negation(("pres", condition.owner)))
+    if not never_empty(problem, condition):
+        ways.append(("lt", condition.high, condition.low))
+    return disjunction(ways)
+
+
+def never_empty(problem: PlainProblem, condition: Condition) -> bool:
+    """Return whether the condition's interval is certain to hold an instant."""
+    (_, low, at, low_delay), (_, high, to, high_delay) = condition.low, condition.high
+    if (low, at) == (high, to):
+        return bool(low_delay <= high_delay)
+    if at is not None and at == to and (low, high) == ("start", "end"):
+        lower = problem.activity(at).lower
+        return bool(lower[0] == "int" and lower[1] >= low_delay - high_delay)
+    if low == "zero" and high in ("end", "start", "horizon"):
+        return bool(low_delay <= high_delay)
+    if high == "horizon" and low in ("start", "end", "zero"):
+        return bool(low_delay <= high_delay)
+    return False

@@ -1,0 +1,262 @@
+"""Fluents to precedence constraints, for engines without assignments to fluents.
+
+The paper's helpers and deleters in general (Tosello et al., section on problems without fluents):
+a condition on a state variable over ``[low, high]`` holds if an effect that gives a right value
+(the helper), or the initial value, comes before ``low``, and no other effect (a deleter) comes
+between that one and ``high``. Written out, that is cubic; here an integer variable ``since`` stands
+for the time from which the supporting value is there, so that two quadratic families remain:
+
+- some helper ``h`` is present with ``h.time + 1 = since <= low``, or the initial value is right
+  and ``since = 0``;
+- every effect ``x`` is absent, or ``x.time + 1 <= since``, or after ``high`` (at ``high`` already,
+  for an effect of the condition's own activity, or where either belongs to the problem itself).
+
+Two effects on a state variable are never at the same instant.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import defaultdict
+from dataclasses import dataclass, replace
+
+from up_samp.model import CandidateSchedule, UnsupportedError
+from up_samp.scheduling.compilers.ground import never_empty
+from up_samp.scheduling.compilers.instances import equals
+from up_samp.scheduling.compilers.plain import (
+    FALSE,
+    TRUE,
+    Compiled,
+    Condition,
+    Effect,
+    Expr,
+    PlainProblem,
+    conjunction,
+    disjunction,
+    fresh,
+    integer,
+    later,
+    names_in_use,
+    negation,
+    rewrite,
+    show,
+    subexpressions,
+)
+from up_samp.scheduling.compilers.values import evaluate, values_of
+
+
+def compile_precedences(problem: PlainProblem) -> Compiled:
+    """Replace ground fluents that effects assign to (and conditions on them) by constraints.
+
+    Fluents that are only increased and decreased, and on which there are no conditions, stay.
+
+    Raises:
+        UnsupportedError: a fluent that is both assigned and increased or decreased, one that
+            is counted and has conditions, a condition over an interval that relates several
+            fluents, a conditional effect on the value of a fluent, an unbounded integer fluent.
+    """
+    return _Compiler(problem).compile()
+
+
+@dataclass(frozen=True)
+class _Change:
+    """An effect and when it happens at all (``happens`` has presence and its condition)."""
+
+    time: Expr
+    value: Expr
+    happens: Expr
+    owner: str | None
+
+
+class _Compiler:
+    def __init__(self, problem: PlainProblem):
+        self.problem = problem
+        self.optional = problem.optional_names()
+        self.taken = names_in_use(problem)
+        self.variables = dict(problem.variables)
+        self.constraints: list[Expr] = []
+        self.changes: dict[Expr, list[_Change]] = defaultdict(list)
+        self.counted: set[Expr] = {e.fluent for e in problem.effects if e.kind != "assign"}
+
+    def compile(self) -> Compiled:
+        kept = []
+        for effect in self.problem.effects:
+            if effect.fluent in self.counted:
+                if effect.kind == "assign":
+                    name = show(effect.fluent)
+                    raise UnsupportedError(f"fluent {name}, both assigned and counted")
+                kept.append(effect)
+            else:
+                self.changes[effect.fluent].append(self._change(effect))
+        for fluent, changes in self.changes.items():
+            self._bounds(fluent, changes)
+            for a, b in itertools.combinations(changes, 2):
+                self._apart(a, b)
+        for condition in self.problem.conditions:
+            self._condition(condition)
+        added = set(self.variables) - set(self.problem.variables)
+        counted = {f[1] for f in self.counted}
+        compiled = replace(
+            self.problem,
+            constraints=(*self.problem.constraints, *self.constraints),
+            conditions=(),
+            effects=tuple(kept),
+            variables=self.variables,
+            fluents={n: f for n, f in self.problem.fluents.items() if n in counted},
+            initial={k: v for k, v in self.problem.initial.items() if k[1] in counted},
+        )
+
+        def map_back(schedule: CandidateSchedule) -> CandidateSchedule:
+            parameters = {p: v for p, v in schedule.parameters.items() if p not in added}
+            return CandidateSchedule(schedule.times, parameters)
+
+        return Compiled(compiled, map_back)
+
+    def _present(self, owner: str | None) -> Expr:
+        return ("pres", owner) if owner in self.optional else TRUE
+
+    def _change(self, effect: Effect) -> _Change:
+        for part in (effect.value, effect.condition):
+            if any(e[0] == "flu" for e in subexpressions(part)):
+                raise UnsupportedError(
+                    f"the effect of {effect.owner} on {show(effect.fluent)} that depends on fluents"
+                )
+        if effect.time[1] == "horizon":
+            raise UnsupportedError(f"the effect on {show(effect.fluent)} at the plan's end")
+        happens = conjunction([self._present(effect.owner), effect.condition])
+        return _Change(effect.time, effect.value, happens, effect.owner)
+
+    def _bounds(self, fluent: Expr, changes: list[_Change]) -> None:
+        """Values from parameters must be values of the fluent; no effect is before time 0."""
+        tpe = self.problem.fluents[fluent[1]].type
+        for change in changes:
+            if change.time[3] < 0:
+                in_time = ("le", integer(0), change.time)
+                self.constraints.append(disjunction([negation(change.happens), in_time]))
+            if tpe[0] == "int" and change.value[0] != "bool":
+                low, high = tpe[1:]
+                inside = [] if low is None else [("le", integer(low), change.value)]
+                inside += [] if high is None else [("le", change.value, integer(high))]
+                inside = [c for c in (evaluate(c) for c in inside) if c != TRUE]
+                if inside:
+                    right = conjunction(inside)
+                    self.constraints.append(disjunction([negation(change.happens), right]))
+
+    def _apart(self, a: _Change, b: _Change) -> None:
+        if a.time[:3] == b.time[:3] and a.time[3] != b.time[3]:
+            return
+        self.constraints.append(
+            disjunction(
+                [
+                    negation(a.happens),
+                    negation(b.happens),
+                    ("lt", a.time, b.time),
+                    ("lt", b.time, a.time),
+                ]
+            )
+        )
+
+    def _condition(self, condition: Condition) -> None:
+        """Add constraints for a condition: each conjunct by itself."""
+        expression = condition.expression
+        parts = expression[1:] if expression[0] == "and" else (expression,)
+        for part in parts:
+            self.constraints.append(
+                disjunction([*self._void(condition), self._holds(condition, part)])
+            )
+
+    def _void(self, condition: Condition) -> list[Expr]:
+        """Return the ways in which a condition asks nothing."""
+        ways = [negation(self._present(condition.owner))]
+        if not never_empty(self.problem, condition):
+            ways.append(("lt", condition.high, condition.low))
+        return ways
+
+    def _holds(self, condition: Condition, expression: Expr) -> Expr:
+        """Return that ``expression`` holds throughout the condition's interval."""
+        fluents = list(dict.fromkeys(e for e in subexpressions(expression) if e[0] == "flu"))
+        if not fluents:
+            return expression
+        if len(fluents) == 1:
+            return self._single(condition, fluents[0], expression)
+        if expression[0] == "and":
+            return conjunction(self._holds(condition, e) for e in expression[1:])
+        if expression[0] == "or":
+            timeless = [e for e in expression[1:] if all(s[0] != "flu" for s in subexpressions(e))]
+            timed = [e for e in expression[1:] if e not in timeless]
+            if len(timed) == 1 or condition.low == condition.high:
+                return disjunction([*timeless, *(self._holds(condition, e) for e in timed)])
+        raise UnsupportedError(
+            f"the condition {show(expression)} of {condition.owner or 'the problem'}, which "
+            "relates several fluents over an interval"
+        )
+
+    def _single(self, condition: Condition, fluent: Expr, expression: Expr) -> Expr:
+        """Return that a condition on one fluent holds: a supporter, and no threat."""
+        if fluent in self.counted:
+            raise UnsupportedError(f"the condition on {show(fluent)}, which is counted")
+        right = _RightValues(self.problem, fluent, expression)
+        low = condition.low
+        since = fresh("since", self.taken)
+        self.variables[since] = ("int", 0, None)
+        variable: Expr = ("par", since)
+        ways = []
+        initially = right(self.problem.initial_value(fluent))
+        if initially != FALSE:
+            ways.append(conjunction([("le", variable, integer(0)), initially]))
+        undisturbed = []
+        for change in self.changes[fluent]:
+            visible = later(change.time, 1)
+            value_right = right(change.value)
+            undisturbed.append(self._no_threat(condition, change, variable, value_right))
+            if value_right == FALSE:
+                continue
+            timely = [] if low[1] == "horizon" else [("le", visible, low)]
+            equal = [("le", visible, variable), ("le", variable, visible)]
+            ways.append(conjunction([change.happens, value_right, *equal, *timely]))
+        return conjunction([disjunction(ways), *undisturbed])
+
+    def _no_threat(
+        self, condition: Condition, change: _Change, since: Expr, value_right: Expr
+    ) -> Expr:
+        """Return that a change does not come between the supporter and the interval's end."""
+        ways = [negation(change.happens), ("le", later(change.time, 1), since)]
+        own = change.owner is None or change.owner == condition.owner or condition.owner is None
+        if own and value_right != FALSE and _may_be_inside(change.time, condition):
+            raise UnsupportedError(
+                f"the effect of {change.owner or 'the problem'} in the midst of its own condition"
+            )
+        if condition.high[1] != "horizon":
+            ways.append(("le", condition.high, later(change.time, 0 if own else -1)))
+        elif condition.high[3] < 0:
+            raise UnsupportedError("a condition that ends before the plan's end")
+        return disjunction(ways)
+
+
+def _may_be_inside(time: Expr, condition: Condition) -> bool:
+    """Return whether an effect may come at or after the interval's start and before its end."""
+    low, high = condition.low, condition.high
+    if low == high:
+        return False
+    if time[:3] == low[:3] and time[3] < low[3]:
+        return False
+    return not (time[:3] == high[:3] and time[3] >= high[3])
+
+
+class _RightValues:
+    """Which values of a fluent satisfy an expression over it (and parameters)."""
+
+    def __init__(self, problem: PlainProblem, fluent: Expr, expression: Expr):
+        self.problem = problem
+        self.fluent = fluent
+        self.expression = expression
+
+    def __call__(self, value: Expr) -> Expr:
+        """Return when ``value`` is right: a constant, or a formula over parameters."""
+        if value[0] in ("bool", "int", "obj"):
+            return evaluate(rewrite(self.expression, {self.fluent: value}.get))
+        tpe = self.problem.fluents[self.fluent[1]].type
+        if tpe[0] == "int":
+            return evaluate(rewrite(self.expression, {self.fluent: value}.get))
+        cases = ((v, self(v)) for v in values_of(self.problem, tpe))
+        return disjunction(conjunction([equals(value, v), right]) for v, right in cases)
