@@ -26,7 +26,7 @@ from up_samp.motion.spacetime.single import ON_TIME, Attempt, Window, failed, pl
 
 Pair = tuple[str, str]
 
-EFFORTS = ((0, 60), (1, 60))
+EFFORTS = ((0, 60), (1, 40), (2, 30))
 """Rungs of the ladder for a group: (effort for one robot, nodes of the priority search)."""
 
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from up_samp.geometry.compiled import kernel
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -26,7 +27,7 @@ B_AVOIDS = 2
 """Bit of a pair's flags: the second body, moving, must keep clear of the first."""
 
 
-@njit(cache=True)
+@kernel
 def occupancy(
     times: FloatArray, s: FloatArray, edges: FloatArray, since: float, until: float
 ) -> FloatArray:
@@ -58,7 +59,7 @@ def occupancy(
     return out
 
 
-@njit(cache=True)
+@kernel
 def forbidden(
     runs: IntArray, cells: int, held: FloatArray, flags: int, out: FloatArray, used: int
 ) -> int:
@@ -90,7 +91,7 @@ def forbidden(
     return used
 
 
-@njit(cache=True)
+@kernel
 def first_meeting(
     runs: IntArray, a: FloatArray, b: FloatArray, flags: int
 ) -> tuple[float, int, int]:
@@ -111,7 +112,29 @@ def first_meeting(
     return best, at_i, at_j
 
 
-@njit(cache=True)
+@kernel
+def shared_stretch(runs: IntArray, a: FloatArray, b: FloatArray, after: float) -> tuple[int, int]:
+    """Return the first and last cell of ``a`` in which two runs conflict at some time, from the
+    first conflict (at ``after`` or later) on as long as they are no more than 2 s apart (-1: none).
+    """
+    low = np.empty(len(runs))
+    for r in range(len(runs)):
+        i, j0, j1 = runs[r, 0], runs[r, 1], runs[r, 2]
+        low[r] = max(a[i], b[j0])
+        if min(a[i + 1], b[j1 + 1]) - low[r] <= SAME or low[r] < after - SAME:
+            low[r] = np.inf
+    first, last, until = -1, -1, np.inf
+    for r in np.argsort(low):
+        if low[r] > until:
+            break
+        i = runs[r, 0]
+        first = i if first < 0 else min(first, i)
+        last = max(last, i)
+        until = min(a[i + 1], b[runs[r, 2] + 1]) + 2.0
+    return first, last
+
+
+@kernel
 def safe_intervals(rows: FloatArray, cells: int) -> tuple[IntArray, FloatArray]:
     """Return the safe time intervals of all extended cells: ``head`` (cells + 3,) and ``safe``
     (k, 2) such that cell ``i`` has ``safe[head[i]:head[i + 1]]``, ascending.
@@ -149,7 +172,7 @@ def safe_intervals(rows: FloatArray, cells: int) -> tuple[IntArray, FloatArray]:
     return head, safe[:used].copy()
 
 
-@njit(cache=True)
+@kernel
 def forbidden_starts(
     rows: FloatArray, held: FloatArray, release: float, until: float
 ) -> tuple[FloatArray, float, float]:
@@ -177,7 +200,7 @@ def forbidden_starts(
     return out[:used].copy(), earliest, latest
 
 
-@njit(cache=True)
+@kernel
 def first_gap(blocked: FloatArray, earliest: float, latest: float) -> float:
     """Return the first time in [earliest, latest] outside the open intervals (inf: none)."""
     order = np.argsort(blocked[:, 0])
@@ -190,7 +213,7 @@ def first_gap(blocked: FloatArray, earliest: float, latest: float) -> float:
     return at if at <= latest else np.inf
 
 
-@njit(cache=True)
+@kernel
 def offset_intervals(runs: IntArray, a: FloatArray, b: FloatArray, flags: int) -> FloatArray:
     """Return the open intervals (k, 2) of b's start minus a's start in which two runs collide.
 

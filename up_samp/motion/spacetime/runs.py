@@ -16,6 +16,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import numpy.typing as npt
 
+from up_samp.geometry.scene import Scene
 from up_samp.model import (
     Body,
     Configuration,
@@ -37,6 +38,7 @@ from up_samp.motion.spacetime.intervals import (
     forbidden,
     occupancy,
 )
+from up_samp.motion.spacetime.lanes import shifted_lane
 from up_samp.motion.spacetime.paths import Hull, Path, hull_of, path_of, resting_path
 from up_samp.motion.spacetime.sweep import conflict_runs, separation
 from up_samp.motion.spacetime.tuning import Timing
@@ -154,6 +156,7 @@ class Workspace:
         self.service = service
         self._paths: _Memory[Path | PathReport] = _Memory(PATHS)
         self._drives: _Memory[Path] = _Memory(PATHS)
+        self._lanes: _Memory[Path | None] = _Memory(PATHS)
         self._rests: _Memory[Path] = _Memory(PATHS)
         self._conflicts: _Memory[IntArray] = _Memory(DIAGRAMS)
 
@@ -162,8 +165,7 @@ class Workspace:
         """The search over the plane, if the service has a scene to search in."""
         from up_samp.motion.spacetime.roundabout import Roundabout
 
-        scene = getattr(self.service, "scene", None)
-        return Roundabout(scene) if scene is not None else None
+        return Roundabout(self.scene) if self.scene is not None else None
 
     def path(
         self,
@@ -227,9 +229,23 @@ class Workspace:
     def _quick(self) -> CarPlanner | None:
         from up_samp.motion.car import CarPlanner, CarSettings
 
-        scene = getattr(self.service, "scene", None)
         settings = CarSettings((0.7,), (20_000,), rounds=400, patience=120, restarts=1)
-        return CarPlanner(scene, 0, settings) if scene is not None else None
+        return CarPlanner(self.scene, 0, settings) if self.scene is not None else None
+
+    @cached_property
+    def scene(self) -> Scene | None:
+        """The map that the service plans in, if it tells."""
+        return getattr(self.service, "scene", None)
+
+    def lane(self, path: Path, first: float, last: float, offset: float) -> Path | None:
+        """Return ``path`` moved sideways by ``offset`` m on [first, last] m, if the map allows it."""
+        if self.scene is None:
+            return None
+        key = (path.number, first, last, offset)
+        if key not in self._lanes:
+            lane = shifted_lane(self.scene, path, first, last, offset)
+            self._lanes.keep(key, lane)
+        return self._lanes[key]
 
     def resting(self, body: Body, pose: Configuration) -> Path:
         """Return the path of a body that stays at ``pose``."""

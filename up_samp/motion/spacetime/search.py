@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from up_samp.geometry.compiled import kernel
 from up_samp.geometry.kernels import GridData, PolyData, ShapeData, advance, arc_free
 from up_samp.motion.hybrid import Field, field_value
 from up_samp.motion.reeds_shepp import connect
@@ -99,7 +99,7 @@ def new_labels(cap: int) -> Labels:
     )
 
 
-@njit(cache=True)
+@kernel
 def visits(
     me: Me, movers: Movers, x: float, y: float, th: float, resting: bool, out: FloatArray
 ) -> int:
@@ -137,7 +137,7 @@ def visits(
     return count
 
 
-@njit(cache=True)
+@kernel
 def _touch(row: FloatArray, me: Me, b: FloatArray, movers: Movers, hull: int) -> bool:
     still = b.copy()
     still[6:] = 0.0
@@ -159,7 +159,7 @@ def _touch(row: FloatArray, me: Me, b: FloatArray, movers: Movers, hull: int) ->
     return False
 
 
-@njit(cache=True)
+@kernel
 def _add(out: FloatArray, count: int, low: float, high: float) -> int:
     """Add [low, high], guarded, to sorted disjoint intervals; return how many there are then."""
     low -= GUARD
@@ -185,14 +185,14 @@ def _add(out: FloatArray, count: int, low: float, high: float) -> int:
     return count
 
 
-@njit(cache=True)
+@kernel
 def _ramp(run: float, v: float, a: float) -> float:
     """Return the time (s) from rest over ``run`` m at full acceleration."""
     on_ramp = v * v / (2 * a)
     return math.sqrt(2 * run / a) if run <= on_ramp else v / a + (run - on_ramp) / v
 
 
-@njit(cache=True)
+@kernel
 def _stop(run: float, v: float, a: float) -> float:
     """Return the time (s) lost by coming to rest after ``run`` m instead of driving on."""
     return min(v, math.sqrt(2 * a * abs(run))) / (2 * a)
@@ -209,7 +209,7 @@ class Drive(NamedTuple):
     many: IntArray
 
 
-@njit(cache=True)
+@kernel
 def _sample(
     me: Me,
     movers: Movers,
@@ -258,7 +258,7 @@ def _sample(
     return count, run
 
 
-@njit(cache=True)
+@kernel
 def _clash(drive: Drive, count: int, times: FloatArray, begin: float) -> float:
     """Return by how much a begin must be delayed at least because of the first clash (0: none)."""
     for k in range(count):
@@ -269,7 +269,7 @@ def _clash(drive: Drive, count: int, times: FloatArray, begin: float) -> float:
     return 0.0
 
 
-@njit(cache=True)
+@kernel
 def _delayed(drive: Drive, count: int, begin: float, latest: float) -> float:
     """Return the first begin from rest in [begin, latest] without a clash (inf: none)."""
     for _ in range(200):
@@ -282,7 +282,7 @@ def _delayed(drive: Drive, count: int, begin: float, latest: float) -> float:
     return math.inf
 
 
-@njit(cache=True)
+@kernel
 def _safe_until(drive: Drive, k: int, t: float) -> float:
     """Return until when it is safe to stay at sampled pose ``k`` from ``t`` on."""
     for q in range(drive.many[k]):
@@ -291,7 +291,7 @@ def _safe_until(drive: Drive, k: int, t: float) -> float:
     return math.inf
 
 
-@njit(cache=True)
+@kernel
 def _push(labels: Labels, label: int) -> None:
     heap, est = labels.heap, labels.state[:, 6]
     i = labels.counters[1]
@@ -305,7 +305,7 @@ def _push(labels: Labels, label: int) -> None:
     heap[i] = label
 
 
-@njit(cache=True)
+@kernel
 def _pop(labels: Labels) -> int:
     heap, est = labels.heap, labels.state[:, 6]
     top = heap[0]
@@ -327,14 +327,14 @@ def _pop(labels: Labels) -> int:
     return int(top)
 
 
-@njit(cache=True)
+@kernel
 def _key(x: float, y: float, th: float, run: float, cell: float, bins: int) -> int:
     col, row = math.floor(x / cell), math.floor(y / cell)
     k = int((th % (2 * math.pi)) / (2 * math.pi) * bins + 0.5) % bins
     return ((int(row) * 1_000_003 + int(col)) * bins + k) * 2 + (1 if run < 0 else 0)
 
 
-@njit(cache=True)
+@kernel
 def _offer(
     labels: Labels,
     field: Field,
@@ -392,7 +392,7 @@ def _offer(
     _push(labels, n)
 
 
-@njit(cache=True)
+@kernel
 def plant(
     labels: Labels,
     field: Field,
@@ -417,7 +417,7 @@ def plant(
         _offer(labels, field, me, goal, grain, start, release, 0.0, until, -1, 0.0, 0.0, False)
 
 
-@njit(cache=True)
+@kernel
 def _drive_arc(
     labels: Labels,
     label: int,
@@ -471,7 +471,7 @@ def _drive_arc(
         )
 
 
-@njit(cache=True)
+@kernel
 def _shoot(
     labels: Labels,
     label: int,
@@ -516,7 +516,7 @@ def _shoot(
         labels.tail[:n] = arcs[:n]
 
 
-@njit(cache=True)
+@kernel
 def expand(
     labels: Labels,
     grid: GridData,
@@ -563,7 +563,7 @@ def expand(
     return 0
 
 
-@njit(cache=True)
+@kernel
 def chain(labels: Labels) -> FloatArray:
     """Return the best solution's arcs as rows (curvature, signed length, 1 if it stops before)."""
     count = 0

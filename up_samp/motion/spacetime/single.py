@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -29,7 +29,9 @@ from up_samp.motion.spacetime.intervals import (
     first_gap,
     forbidden_starts,
     safe_intervals,
+    shared_stretch,
 )
+from up_samp.motion.spacetime.lanes import lane_offsets
 from up_samp.motion.spacetime.paths import Path
 from up_samp.motion.spacetime.runs import (
     PathPlanner,
@@ -150,7 +152,7 @@ def plan_one(
     effort: int = 0,
 ) -> Attempt:
     """Return a safe run of ``motion`` among ``others``: the first one found that is on time, or
-    else the earliest. The search over the plane is made from ``effort`` 1 on.
+    else the earliest. ``effort`` 0 tunes and changes lanes, 1 plans detours, 2 searches space-time.
     """
     static = parked_all_the_time(motion, others)
     first = workspace.path(motion.body, motion.poses, static, deadline)
@@ -165,8 +167,10 @@ def plan_one(
     if _good(best, motion):
         return Attempt(best)
     met = _met_at_full_speed(workspace, motion, window, first, others)
-    best = _with_detours(workspace, motion, window, first, best, others, static, deadline)
-    if effort > 0 and not _good(best, motion) and workspace.roundabout and not deadline.expired():
+    best = _with_lanes(workspace, motion, window, first, best, others)
+    if effort > 0 and not _good(best, motion):
+        best = _with_detours(workspace, motion, window, first, best, others, static, deadline)
+    if effort > 1 and not _good(best, motion) and workspace.roundabout and not deadline.expired():
         paths = workspace.roundabout.paths(
             motion, window.release, static, others, _goal_free(workspace, motion, others), deadline
         )
@@ -211,6 +215,49 @@ def _met_at_full_speed(
             found.append((at, other.object, cell, other))
     found.sort(key=lambda item: item[:3])
     return [(other, cell) for _, _, cell, other in found]
+
+
+def _with_lanes(
+    workspace: Workspace,
+    motion: TimedMotion,
+    window: Window,
+    path: Path,
+    best: Run | None,
+    others: Sequence[Run],
+) -> Run | None:
+    """Return the best of ``best`` and of paths that change lanes where ``path`` meets somebody."""
+    for _ in range(ROUNDS):
+        met = _met_at_full_speed(workspace, motion, window, path, others)
+        if not met or len(motion.poses) != 2:
+            break
+        options = []
+        for lane in _lanes(workspace, motion, window, path, met[0][0]):
+            run = fit(workspace, motion, window, lane, others)
+            best = _earlier(best, run)
+            if _good(best, motion):
+                return best
+            if run is not None:
+                options.append((run.arrival, lane.number, lane))
+        if not options:
+            break
+        path = min(options, key=lambda option: option[:2])[2]
+    return best
+
+
+def _lanes(
+    workspace: Workspace, motion: TimedMotion, window: Window, path: Path, other: Run
+) -> Iterator[Path]:
+    """Yield versions of ``path`` that pass ``other`` sideways where it would be met at full speed."""
+    run = run_of(motion, path, natural_timing(path, window.release), window.since)
+    at, _, _ = workspace.meeting(run, other)
+    runs = workspace.conflicts(path, other.path)
+    first, last = shared_stretch(runs, run.held, other.held, at)
+    if workspace.scene is None or first < 1 or last > path.cells:
+        return
+    for offset in lane_offsets(path, other.path):
+        lane = workspace.lane(path, float(path.edges[first - 1]), float(path.edges[last]), offset)
+        if lane is not None:
+            yield lane
 
 
 def _with_detours(
@@ -288,7 +335,7 @@ def earliest_arrival(
     others = [rest_run(workspace, rest) for rest in rests] + [fixed_run(f) for f in fixed]
     window = Window(motion.present_from, motion.release)
     limit = deadline or Deadline.never()
-    attempt = plan_one(workspace, motion, window, others, limit, effort=1)
+    attempt = plan_one(workspace, motion, window, others, limit, effort=2)
     seconds = time.monotonic() - began
     if attempt.run is not None:
         found = attempt.run.timing.trajectory

@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from up_samp.geometry.compiled import kernel
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -21,7 +22,7 @@ DEPTH = 3
 """Times that a cell may be halved."""
 
 
-@njit(cache=True)
+@kernel
 def sweep_table(s: FloatArray, poses: FloatArray, edges: FloatArray, depth: int) -> FloatArray:
     """Return rows (x, y, cos, sin, tx, ty, w, h, e) of shape (cells + 2, 2 ** (depth + 1), 9).
 
@@ -65,7 +66,7 @@ def sweep_table(s: FloatArray, poses: FloatArray, edges: FloatArray, depth: int)
     return table
 
 
-@njit(cache=True)
+@kernel
 def _jump(s: FloatArray, poses: FloatArray, k: int) -> float:
     """Return how much the direction of travel per unit of ``s`` jumps at the inner sample ``k``."""
     ends = np.empty((2, 2))
@@ -81,7 +82,7 @@ def _jump(s: FloatArray, poses: FloatArray, k: int) -> float:
     return np.hypot(ends[1, 0] - ends[0, 0], ends[1, 1] - ends[0, 1])
 
 
-@njit(cache=True)
+@kernel
 def _pose_at(s: FloatArray, poses: FloatArray, i: int, at: float, out: FloatArray) -> None:
     """Fill ``out`` with (x, y, cos, sin, tx, ty) at parameter ``at`` of sample interval ``i``."""
     if len(s) == 1 or at <= s[0]:
@@ -110,7 +111,7 @@ def _pose_at(s: FloatArray, poses: FloatArray, i: int, at: float, out: FloatArra
     out[4], out[5] = step * (c * dx - q * dy), step * (q * dx + c * dy)
 
 
-@njit(cache=True)
+@kernel
 def _apart(
     a: FloatArray,
     va: FloatArray,
@@ -159,7 +160,7 @@ def _apart(
     return found
 
 
-@njit(cache=True)
+@kernel
 def _verdict(
     a: FloatArray,
     va: FloatArray,
@@ -186,7 +187,7 @@ def _verdict(
     return worst
 
 
-@njit(cache=True)
+@kernel
 def pieces_conflict(
     ta: FloatArray,
     va: FloatArray,
@@ -225,7 +226,7 @@ def pieces_conflict(
     return False
 
 
-@njit(cache=True)
+@kernel
 def conflict_runs(
     ta: FloatArray,
     va: FloatArray,
@@ -277,7 +278,7 @@ def conflict_runs(
     return runs[:used].copy()
 
 
-@njit(cache=True)
+@kernel
 def separation(
     p: FloatArray, va: FloatArray, ca: IntArray, q: FloatArray, vb: FloatArray, cb: IntArray
 ) -> float:

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from up_samp.geometry.compiled import kernel
 from up_samp.model import Trajectory
 from up_samp.motion.spacetime.intervals import SAME
 from up_samp.motion.spacetime.paths import Path
@@ -37,7 +37,7 @@ MOST = 64
 """Intervals kept for one (vertex, level); later ones are dropped (sound, maybe later arrivals)."""
 
 
-@njit(cache=True)
+@kernel
 def _crossing(v0: float, v1: float, a: float, ds: float) -> float:
     """Return the least time (s) over ``ds`` between two adjacent speed levels."""
     low, high = min(v0, v1), max(v0, v1)
@@ -45,12 +45,12 @@ def _crossing(v0: float, v1: float, a: float, ds: float) -> float:
     return (high - low) / a + max(0.0, ds - ramp) / high
 
 
-@njit(cache=True)
+@kernel
 def _speed(level: int, a: float, ds: float, v_max: float) -> float:
     return min(v_max, np.sqrt(2 * a * ds * level))
 
 
-@njit(cache=True)
+@kernel
 def _merge(lo: FloatArray, hi: FloatArray, count: int) -> int:
     """Sort and merge the first ``count`` intervals in place; return how many remain."""
     for i in range(1, count):
@@ -70,7 +70,7 @@ def _merge(lo: FloatArray, hi: FloatArray, count: int) -> int:
     return min(kept, MOST)
 
 
-@njit(cache=True)
+@kernel
 def _advance(
     begin: FloatArray,
     free: FloatArray,
@@ -93,7 +93,7 @@ def _advance(
     return count
 
 
-@njit(cache=True)
+@kernel
 def _waits(came: FloatArray, free: FloatArray, lo: FloatArray, hi: FloatArray) -> int:
     """Extend arrivals to the end of the interval in which the cell behind is free."""
     count = 0
@@ -106,7 +106,7 @@ def _waits(came: FloatArray, free: FloatArray, lo: FloatArray, hi: FloatArray) -
     return count
 
 
-@njit(cache=True)
+@kernel
 def reachable(
     edges: FloatArray,
     halt: BoolArray,
@@ -170,7 +170,7 @@ def reachable(
     return index, sets[:used].copy()
 
 
-@njit(cache=True)
+@kernel
 def _spans(intervals: FloatArray, begin: float, end: float) -> bool:
     """Return whether one interval contains [begin, end], but for rounding."""
     for r in range(len(intervals)):
@@ -179,7 +179,7 @@ def _spans(intervals: FloatArray, begin: float, end: float) -> bool:
     return False
 
 
-@njit(cache=True)
+@kernel
 def _came(came: FloatArray, free: FloatArray, t: float) -> float:
     """Return the latest arrival up to ``t`` from which one can wait until ``t`` (-inf: none)."""
     low = -np.inf
@@ -193,7 +193,7 @@ def _came(came: FloatArray, free: FloatArray, t: float) -> float:
     return best
 
 
-@njit(cache=True)
+@kernel
 def backtrack(
     edges: FloatArray,
     a: float,
