@@ -6,9 +6,12 @@ import random
 import pytest
 from ortools.sat.python import cp_model
 from schedule_oracle import holds
+from unified_planning.model.scheduling import SchedulingProblem
+from unified_planning.shortcuts import MinimizeMakespan, OneshotPlanner
 
 from up_samp.benchmarks import job_shop, logistics, transport
 from up_samp.benchmarks.transport import FT06
+from up_samp.upio import read_problem, relax
 
 SMALL = {
     "one robot": lambda e: logistics(1, 2, door="closed", sides="all", encoding=e),
@@ -189,3 +192,41 @@ def test_ft06_is_the_classic():
     solver.parameters.num_workers = 1
     assert solver.solve(model) == cp_model.OPTIMAL
     assert solver.objective_value == 55
+
+
+def precedences_only(problem):
+    """Keep durations and precedences alone: no places, no motions."""
+    plain = SchedulingProblem(problem.name)
+    for a in problem.activities:
+        copy = plain.add_activity(a.name, optional=a.optional)
+        copy.set_duration_bounds(a.duration.lower, a.duration.upper)
+    for constraint, scope in problem.base_scoped_constraints:
+        plain.add_constraint(constraint, scope=scope)
+    plain.add_quality_metric(MinimizeMakespan())
+    return plain
+
+
+@pytest.mark.parametrize(
+    "build",
+    [
+        lambda e: logistics(1, 2, encoding=e),
+        lambda e: logistics(2, 2, sides="corridor", encoding=e),
+        lambda e: job_shop(2, 2, 1, encoding=e),
+        lambda e: transport(1, 1, 1, encoding=e),
+    ],
+)
+def test_same_optimum(build):
+    fluents, plain = build("fluents"), build("no-fluents")
+    optima = []
+    for problem in (relax(fluents, read_problem(fluents)).problem, precedences_only(plain)):
+        with OneshotPlanner(name="cpsat") as planner:
+            result = planner.solve(problem, timeout=60)
+        assert result.status.name == "SOLVED_OPTIMALLY"
+        times = {
+            a.name: tuple(result.plan.get(t).constant_value() for t in (a.start, a.end))
+            for a in result.plan.activities
+        }
+        assert holds(fluents, times)
+        assert holds(plain, times)
+        optima.append(max(end for _, end in times.values()))
+    assert optima[0] == optima[1]

@@ -153,7 +153,9 @@ def test_command_line(tmp_path, monkeypatch, capsys):
             "progress": False,
         },
     )
-    args = parse("run", "jobshop-r1-j1-*", "--engines", "a", "b", "--out", str(tmp_path / "o"))
+    args = parse(
+        "run", "jobshop-r1-j1-*", "--engines", "a", "b", "--cold", "--out", str(tmp_path / "o")
+    )
     assert cli.run(args) == 0
     assert "8 of 8 runs found a valid plan, 8 proven optimal." in capsys.readouterr().out
     assert cli.run(parse("report", str(tmp_path / "o"), "--out", str(tmp_path / "r"))) == 0
@@ -178,6 +180,17 @@ def test_a_dask_cluster_of_two_workers(tmp_path):
             )
     assert [r["status"] for r in records] == ["CRASH"] * 4
     assert all("engine" in r["error"] for r in records)
+
+
+def test_warm_up_runs_each_engine_once(monkeypatch):
+    calls = []
+    monkeypatch.setattr(runner, "execute", calls.append)
+    with ThreadPoolExecutor(1) as pool:
+        runner.warm_up(specs("jobshop", presets=("default", "paper"), runs=2), pool)
+    assert [(c["instance"], c["preset"]) for c in calls] == [
+        (runner.WARM_UP, "default"),
+        (runner.WARM_UP, "paper"),
+    ]
 
 
 def test_a_cluster_needs_dask(monkeypatch):

@@ -30,12 +30,12 @@ REFINEMENTS = ("refinements_geometric", "refinements_temporal", "refinements_gro
 
 def solved(record: Record) -> bool:
     """Return whether the run found a plan that the independent validator accepts."""
-    return str(record.get("status", "")).startswith("SOLVED") and record.get("valid") is True
+    return record.get("valid") is True
 
 
 def proven(record: Record) -> bool:
     """Return whether the run's plan is valid and was proven optimal."""
-    return solved(record) and record["status"] == "SOLVED_OPTIMALLY"
+    return solved(record) and record.get("status") == "SOLVED_OPTIMALLY"
 
 
 def counts(record: Record) -> bool:

@@ -19,6 +19,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,9 @@ from up_samp.model import EngineError
 
 RECORDS = "runs.jsonl"
 """Name of the file of records in a sweep's folder."""
+
+WARM_UP = "logistics-dc-oc-r2-i2"
+"""The instance that warms up."""
 
 GRACE = 60.0
 """Seconds beyond its timeout that a run may take to start, build, validate and end."""
@@ -186,6 +190,16 @@ def _mend(path: Path) -> None:
         whole = content.rfind(b"\n") + 1
         if whole < len(content):
             os.truncate(path, whole)
+
+
+def warm_up(specs: Sequence[RunSpec], executor: Executor) -> None:
+    """Do one small run per engine and preset and forget it, so that no run that counts has to
+    compile kernels first (they are cached on disk).
+    """
+    ways = {(s.engine, s.preset): s for s in specs}.values()
+    first = [replace(s, instance=WARM_UP, timeout=600.0, number=0).to_dict() for s in ways]
+    for spec in first:  # one after another: they would compile the same kernels
+        executor.submit(execute, spec).result()
 
 
 @contextlib.contextmanager

@@ -14,7 +14,16 @@ from up_samp.benchmarks.instances import Instance, families, instance, instances
 from up_samp.model import ProblemError
 
 Record = dict[str, Any]
-"""The outcome of a run, as one line of JSON: see docs/benchmarks.md."""
+"""The outcome of a run, as one line of JSON.
+
+Always there: ``key`` and the fields of :class:`RunSpec`; ``status`` (a UP status name, or
+``CRASH``, ``KILLED``, ``MEMOUT``); ``finished`` (UTC); ``versions``; ``machine``. Where it came so
+far: ``activities``; ``seconds_build``, ``seconds`` (the engine's call), ``seconds_validation``,
+``seconds_process``; ``metrics`` (the engine's, with rounds, bounds, refinements by layer and
+times by part); ``messages``, or ``error`` and ``traceback``. With a plan: ``valid`` and
+``violations`` (by the independent validator), ``makespan``, and ``sequential`` (units, one thing
+after another).
+"""
 
 
 @dataclass(frozen=True)
