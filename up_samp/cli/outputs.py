@@ -32,7 +32,7 @@ def write_outputs(
         return written
     written.append(folder / "map.png")
     _save(plot_map(plan, places=places), written[-1])
-    written.append(write_html(plan, folder / "animation.html"))
+    written.append(write_html(plan, folder / "animation.html", places=places))
     if gif:
         written.append(write_gif(plan, folder / "animation.gif"))
     return written

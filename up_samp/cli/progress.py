@@ -93,7 +93,7 @@ def describe(event: Event) -> str:
     bounds = [
         f"{sign} {value}"
         for sign, value in ((">=", event.lower_bound), ("<=", event.upper_bound))
-        if value is not None
+        if value
     ]
     if bounds:
         parts.append(f"(makespan {', '.join(bounds)})")

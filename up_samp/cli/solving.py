@@ -144,7 +144,8 @@ def _summary(plan: dict[str, Any], result: PlanGenerationResult, seconds: float)
         bound = f" (proven lower bound {plan['lower_bound']}{f', {kind}' if kind else ''})"
     parts = [f"{plan['status']}: makespan {plan['makespan']}{bound}", f"{seconds:.1f} s"]
     if "rounds" in metrics:
-        parts.append(f"{metrics['rounds']} rounds")
+        rounds = metrics["rounds"]
+        parts.append(f"{rounds} round{'' if rounds == '1' else 's'}")
     return ", ".join(parts)
 
 

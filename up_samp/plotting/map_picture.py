@@ -17,7 +17,7 @@ from up_samp.plotting.background import background_of
 from up_samp.plotting.colors import FIXTURE, INK, color_of, mixed
 from up_samp.plotting.gantt import title_of
 from up_samp.plotting.labels import Label, place_labels
-from up_samp.plotting.tracks import FloatArray, Leg, Track, tracks_of
+from up_samp.plotting.tracks import FloatArray, Leg, Track, stops_of, tracks_of
 
 _Pose = tuple[float, float, float]
 
@@ -41,7 +41,7 @@ def plot_map(
     left, right, bottom, top = ground.extent
     if ax is None:
         width = 13.0
-        height = min(max(width * (top - bottom) / (right - left), 2.5), 20.0) + 1.3
+        height = min(max(0.95 * width * (top - bottom) / (right - left), 2.5), 20.0) + 1.1
         ax = Figure(figsize=(width, height), layout="constrained", dpi=130).add_subplot()
     ax.imshow(ground.pixels, extent=ground.extent, interpolation="nearest", zorder=0)
     ax.set_xlim(left, right)
@@ -60,9 +60,10 @@ def plot_map(
     for track in tracks:
         if not track.moves and track.initial is not None:
             labels += _draw_still(ax, track)
-    labels += _place_labels(movers, places or {})
+    for stop in stops_of(movers, places or {}):
+        labels.append(_named(stop.track, " / ".join(stop.names), stop.pose, INK))
     ax.set_title(title_of(plan), loc="left", fontsize=11, color=INK)
-    _legend(ax, movers, any(not t.moves for t in tracks))
+    _legend(ax, movers, [t for t in tracks if not t.moves])
     place_labels(ax, labels, avoid=_stops(ax, movers))
     return ax
 
@@ -133,11 +134,11 @@ def _along(leg: Leg, step: float) -> list[_Pose]:
 
 
 def _draw_direction(ax: Axes, leg: Leg, color: str) -> None:
-    """Draw an arrow head halfway along the leg, where it drives to."""
+    """Draw an arrow head along the leg, off its middle: the way back often is the same."""
     gone = _gone(leg)
     if gone[-1] <= 0:
         return
-    i = max(1, int(np.searchsorted(gone, gone[-1] / 2)))
+    i = max(1, int(np.searchsorted(gone, 0.45 * gone[-1])))
     before = int(np.searchsorted(gone, max(0.0, gone[i] - 0.5)))
     before = min(before, i - 1)
     ax.annotate(
@@ -173,22 +174,6 @@ def _named(track: Track, text: str, pose: _Pose, color: str, *, bold: bool = Fal
     return Label(text, pose[0], pose[1], color, bold, (float(reach[0]), float(reach[1])))
 
 
-def _place_labels(movers: list[Track], places: Mapping[str, tuple[float, ...]]) -> list[Label]:
-    """Return a label for each place where a motion starts or ends; one where places coincide."""
-    found: dict[tuple[float, float], tuple[Track, _Pose, list[str]]] = {}
-    for track in movers:
-        for leg in track.legs:
-            for stop in (_pose(leg, 0), _pose(leg, -1)):
-                for name, pose in places.items():
-                    if np.hypot(stop[0] - pose[0], stop[1] - pose[1]) > 1e-2:
-                        continue
-                    key = (round(pose[0], 2), round(pose[1], 2))
-                    names = found.setdefault(key, (track, stop, []))[2]
-                    if name not in names:
-                        names.append(name)
-    return [_named(t, " / ".join(names), stop, INK) for t, stop, names in found.values()]
-
-
 def _stops(ax: Axes, movers: list[Track]) -> list[Bbox]:
     """Return what labels must not cover: the places where motions start and end, display units."""
     boxes = []
@@ -200,14 +185,15 @@ def _stops(ax: Axes, movers: list[Track]) -> list[Bbox]:
     return boxes
 
 
-def _legend(ax: Axes, movers: list[Track], fixtures: bool) -> None:
+def _legend(ax: Axes, movers: list[Track], still: list[Track]) -> None:
     keys: list[Any] = [
         Line2D([], [], color=color_of(i), lw=2.4, label=t.name) for i, t in enumerate(movers)
     ]
     keys.append(Patch(fc=INK, ec=INK, label="robot at the start"))
     keys.append(Patch(fc=mixed(INK, 0.5), ec=INK, label="a motion's start or end"))
-    if fixtures:
+    if still:
         keys.append(Patch(fc=FIXTURE, ec=INK, label="door, or other object, at first"))
+    if any(t.changes for t in still):
         keys.append(Patch(fc="none", ec=FIXTURE, ls="--", label="after a change"))
     ax.legend(
         handles=keys, loc="upper center", bbox_to_anchor=(0.5, -0.06), frameon=False,

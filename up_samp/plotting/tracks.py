@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -112,6 +112,33 @@ def tracks_of(plan: dict[str, Any]) -> list[Track]:
             )
         )
     return tracks
+
+
+@dataclass(frozen=True)
+class Stop:
+    """A place where ``track``'s object stands before or after a motion, and its names."""
+
+    track: Track
+    pose: tuple[float, float, float]
+    names: tuple[str, ...]
+
+
+def stops_of(tracks: Sequence[Track], places: Mapping[str, Sequence[float]]) -> list[Stop]:
+    """Return where motions start and end among ``places`` (names to poses); one entry a point."""
+    found: dict[tuple[float, float], Stop] = {}
+    for track in tracks:
+        for leg in track.legs:
+            for i in (0, -1):
+                x, y, yaw = (float(v) for v in leg.poses[i])
+                for name, place in places.items():
+                    if math.hypot(x - place[0], y - place[1]) > 1e-2:
+                        continue
+                    key = (round(place[0], 2), round(place[1], 2))
+                    stop = found.get(key, Stop(track, (x, y, yaw), ()))
+                    if name not in stop.names:
+                        stop = Stop(stop.track, stop.pose, (*stop.names, name))
+                    found[key] = stop
+    return list(found.values())
 
 
 def _leg(motion: dict[str, Any]) -> Leg:
