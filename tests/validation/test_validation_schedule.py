@@ -514,7 +514,7 @@ def oracle(initial, rows, at_once):
     return ok
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=150, deadline=None, derandomize=True)
 @given(puzzles())
 def test_agrees_with_a_naive_oracle(puzzle):
     verdict = judge(*build(*puzzle))

@@ -8,7 +8,6 @@ collision checking*, 2005). Lengths in m, times in s.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -18,7 +17,7 @@ import shapely
 
 from up_samp.model import ProblemError
 from up_samp.validation.maps import BlockedMap
-from up_samp.validation.tracks import Pose, Track
+from up_samp.validation.tracks import Track
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -47,41 +46,35 @@ class Shape:
         object.__setattr__(self, "radius", float(np.hypot(*self.corners.T).max()))
 
 
-def placed(corners: FloatArray, pose: Pose) -> FloatArray:
-    """Return a polygon's corners, shape (n, 2), in the world frame at ``pose``."""
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    return np.column_stack(
-        (
-            pose[0] + c * corners[:, 0] - s * corners[:, 1],
-            pose[1] + s * corners[:, 0] + c * corners[:, 1],
-        )
-    )
+def placed(corners: FloatArray, poses: FloatArray) -> FloatArray:
+    """Return a polygon (n, 2) of the body frame at world ``poses`` (k, 3): shape (k, n, 2)."""
+    c, s = np.cos(poses[:, 2])[:, None], np.sin(poses[:, 2])[:, None]
+    x, y = corners[:, 0], corners[:, 1]
+    return np.stack((poses[:, [0]] + c * x - s * y, poses[:, [1]] + s * x + c * y), axis=-1)
 
 
 def first_contact(
     low: float,
     high: float,
-    gap: Callable[[float], float],
-    travel: Callable[[float, float], float],
+    gap: Callable[[FloatArray], FloatArray],
+    travel: Callable[[FloatArray, FloatArray], FloatArray],
 ) -> float | None:
     """Return a time in [low, high] at which ``gap`` is 0, ``None`` if there is none.
 
-    ``gap(t)`` is a lower bound on the distance at time t, 0 only on contact; ``travel(a, b)``
-    bounds how much it can shrink between a and b. Contacts that last less than ``RESOLUTION`` of
-    way between two looks may be missed.
+    ``gap(t)`` are lower bounds on the distances at times t, 0 only on contact; ``travel(a, b)``
+    bounds how much they can shrink between a and b. Contacts that last less than ``RESOLUTION``
+    of way between two looks may be missed. All intervals of a generation are judged at once.
     """
-    waiting = [(low, high)]
-    while waiting:
-        a, b = waiting.pop()
+    a, b = np.array([low]), np.array([high])
+    while len(a):
         middle = (a + b) / 2
         distance = gap(middle)
-        reach = max(travel(a, middle), travel(middle, b))
-        if distance > reach:
-            continue
-        if distance <= 0:
-            return middle
-        if reach > RESOLUTION / 2:
-            waiting += [(middle, b), (a, middle)]
+        if (distance <= 0).any():
+            return float(middle[distance <= 0][0])
+        reach = np.maximum(travel(a, middle), travel(middle, b))
+        open_ = (distance <= reach) & (reach > RESOLUTION / 2)
+        a, middle, b = a[open_], middle[open_], b[open_]
+        a, b = np.column_stack((a, middle)).ravel(), np.column_stack((middle, b)).ravel()
     return None
 
 
@@ -89,9 +82,11 @@ def hits_map(
     shape: Shape, track: Track, blocked: BlockedMap, low: float, high: float
 ) -> float | None:
     """Return a time in [low, high] at which a moving body meets the map's blocked part."""
-    return first_contact(
-        low, high, lambda t: blocked.distance(placed(shape.thin, track.pose(t))), track.travel
-    )
+
+    def gap(times: FloatArray) -> FloatArray:
+        return blocked.distances(placed(shape.thin, track.poses_at(times)))
+
+    return first_contact(low, high, gap, track.travel)
 
 
 def hits_body(
@@ -100,19 +95,17 @@ def hits_body(
     """Return a time in [low, high] at which two bodies meet."""
     radii = shape.radius + other.radius
 
-    def gap(t: float) -> float:
-        mine, theirs = track.pose(t), other_track.pose(t)
-        around = math.hypot(mine[0] - theirs[0], mine[1] - theirs[1]) - radii
-        if around > 0.5 * radii:
-            return around
-        return float(
-            shapely.distance(
-                shapely.Polygon(placed(shape.thin, mine)),
-                shapely.Polygon(placed(other.corners, theirs)),
-            )
+    def gap(times: FloatArray) -> FloatArray:
+        mine, theirs = track.poses_at(times), other_track.poses_at(times)
+        apart = np.hypot(mine[:, 0] - theirs[:, 0], mine[:, 1] - theirs[:, 1]) - radii
+        near = apart <= 0.5 * radii
+        apart[near] = shapely.distance(
+            shapely.polygons(placed(shape.thin, mine[near])),
+            shapely.polygons(placed(other.corners, theirs[near])),
         )
+        return np.asarray(apart)
 
-    def travel(a: float, b: float) -> float:
+    def travel(a: FloatArray, b: FloatArray) -> FloatArray:
         return track.travel(a, b) + other_track.travel(a, b)
 
     return first_contact(low, high, gap, travel)

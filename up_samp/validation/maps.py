@@ -50,17 +50,19 @@ class BlockedMap:
         ]
         self._tree = shapely.STRtree(boxes)
 
-    def distance(self, corners: FloatArray) -> float:
-        """Return the distance (m, 0 when they meet) from a polygon to the nearest blocked part.
+    def distances(self, polygons: FloatArray) -> FloatArray:
+        """Return the distances (m, 0 on contact) from polygons to the nearest blocked part.
 
-        ``corners`` has shape (n, 2), in the world frame.
+        ``polygons`` has shape (k, n, 2), in the world frame.
         """
-        dx, dy = corners[:, 0] - self.x, corners[:, 1] - self.y
-        local = np.column_stack((self._cos * dx + self._sin * dy, self._cos * dy - self._sin * dx))
-        _, distances = self._tree.query_nearest(
-            shapely.Polygon(local), all_matches=False, return_distance=True
+        dx, dy = polygons[..., 0] - self.x, polygons[..., 1] - self.y
+        local = np.stack(
+            (self._cos * dx + self._sin * dy, self._cos * dy - self._sin * dx), axis=-1
         )
-        return float(distances[0])
+        _, distances = self._tree.query_nearest(
+            shapely.polygons(local), all_matches=False, return_distance=True
+        )
+        return np.asarray(distances)
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:

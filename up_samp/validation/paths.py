@@ -119,7 +119,7 @@ def _disagreement(
             return []
         shift = _departure(times, poses) - _departure(*derived)
         track = Track(times, poses, 0.0)
-        stated = np.array([track.pose(t + shift) for t in derived[0]])
+        stated = track.poses_at(derived[0] + shift)
         off = float(_difference(stated, derived[1]).max())
     else:
         stated = np.array([tuple(p) for p in path.path], dtype=float)
@@ -168,7 +168,7 @@ def passes(
         if track is None or k >= len(steps) or distance > 2 * steps[k] + tolerance:
             continue
         ends = times[since + k], times[since + k + 1]
-        between = np.array([track.pose(t) for t in np.linspace(*ends, 11)])
+        between = track.poses_at(np.linspace(*ends, 11))
         inner = float(_difference(between, target).min())
         nearest = min(nearest, inner)
         if inner <= tolerance:

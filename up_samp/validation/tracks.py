@@ -7,7 +7,6 @@ an arc (Lynch & Park, *Modern Robotics*, ch. 3). Lengths in m, angles in rad, ti
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -62,11 +61,9 @@ class Track:
     times: FloatArray
     poses: FloatArray
     radius: float
-    _times: list[float] = field(init=False, repr=False)
     _travel: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_times", self.times.tolist())
         pieces = pieces_of(self.times, self.poses)
         steps = pieces.length + self.radius * np.abs(pieces.turn)
         object.__setattr__(self, "_travel", np.concatenate(([0.0], np.cumsum(steps))))
@@ -78,33 +75,46 @@ class Track:
 
     def pose(self, t: float) -> Pose:
         """Return the pose at time ``t``."""
-        i, share = self._locate(t)
-        x, y, theta = self.poses[i].tolist()
-        if share <= 0:
-            return x, y, theta
-        dx, dy, turn = (self.poses[i + 1] - self.poses[i]).tolist()
-        # the part of an arc has the chord sin(share * turn / 2) / sin(turn / 2), turned back
-        half = turn / 2
-        ratio = math.sin(share * half) / math.sin(half) if abs(half) > 1e-9 else share
-        back = (share - 1) * half
-        c, s = ratio * math.cos(back), ratio * math.sin(back)
-        return x + c * dx - s * dy, y + s * dx + c * dy, theta + share * turn
+        x, y, theta = self.poses_at(np.array([t]))[0].tolist()
+        return x, y, theta
 
-    def travel(self, a: float, b: float) -> float:
-        """Return an upper bound on the way of any point of the body between times a <= b."""
+    def poses_at(self, times: FloatArray) -> FloatArray:
+        """Return the poses at ``times`` (k,), shape (k, 3)."""
+        i, share = self._locate(times)
+        begin = self.poses[i]
+        step = self.poses[np.minimum(i + 1, len(self.poses) - 1)] - begin
+        # the part of an arc has the chord sin(share * turn / 2) / sin(turn / 2), turned back
+        half = step[:, 2] / 2
+        bent = np.abs(half) > 1e-9
+        ratio = share.copy()
+        ratio[bent] = np.sin(share[bent] * half[bent]) / np.sin(half[bent])
+        back = (share - 1) * half
+        c, s = ratio * np.cos(back), ratio * np.sin(back)
+        along = np.column_stack(
+            (
+                c * step[:, 0] - s * step[:, 1],
+                s * step[:, 0] + c * step[:, 1],
+                share * step[:, 2],
+            )
+        )
+        return np.asarray(begin + along)
+
+    def travel(self, a: FloatArray, b: FloatArray) -> FloatArray:
+        """Return upper bounds on the way of any point of the body between times a <= b."""
         return self._travelled(b) - self._travelled(a)
 
-    def _travelled(self, t: float) -> float:
-        i, share = self._locate(t)
-        if share <= 0:
-            return float(self._travel[i])
-        return float(self._travel[i] + share * (self._travel[i + 1] - self._travel[i]))
+    def _travelled(self, times: FloatArray) -> FloatArray:
+        i, share = self._locate(times)
+        step = self._travel[np.minimum(i + 1, len(self._travel) - 1)] - self._travel[i]
+        return np.asarray(self._travel[i] + share * step)
 
-    def _locate(self, t: float) -> tuple[int, float]:
-        """Return the piece that holds ``t`` and the share of it that is over."""
-        i = bisect_right(self._times, t) - 1
-        if i < 0:
-            return 0, 0.0
-        if i >= len(self._times) - 1:
-            return len(self._times) - 1, 0.0
-        return i, (t - self._times[i]) / (self._times[i + 1] - self._times[i])
+    def _locate(self, times: FloatArray) -> tuple[npt.NDArray[np.intp], FloatArray]:
+        """Return the pieces that hold ``times`` and the shares of them that are over."""
+        clipped = np.clip(times, self.times[0], self.times[-1])
+        i = np.searchsorted(self.times, clipped, side="right") - 1
+        i = np.minimum(i, max(len(self.times) - 2, 0))
+        length = self.times[np.minimum(i + 1, len(self.times) - 1)] - self.times[i]
+        share = np.divide(
+            clipped - self.times[i], length, out=np.zeros(len(clipped)), where=length > 0
+        )
+        return i, share
