@@ -1,0 +1,182 @@
+"""What all uses of OMPL share: seeds, deadlines, names, and solving with honest answers.
+
+Neutral to the Python bindings of OMPL 1.7 (Boost.Python) and 2.0 (nanobind) where that is cheap.
+States are made by ``si.allocState()`` and never freed by hand, paths are copied into numpy at once:
+with 2.0 anything else crashes or leaks.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.model import Deadline, ProblemError, Trajectory, UnsupportedError
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def _load() -> tuple[Any, Any, Any, Any]:
+    root: Any = importlib.import_module("ompl")
+    if hasattr(root, "dll_loader"):  # 1.7 crashes at exit if it loads its libraries by itself
+        root.dll_loader = lambda *args, **kwargs: None
+    return (
+        importlib.import_module("ompl.base"),
+        importlib.import_module("ompl.geometric"),
+        importlib.import_module("ompl.control"),
+        importlib.import_module("ompl.util"),
+    )
+
+
+ob, og, oc, ou = _load()
+ou.setLogLevel(ou.LOG_NONE)
+
+GEOMETRIC = (
+    "RRT", "RRTConnect", "RRTstar", "InformedRRTstar", "SORRTstar", "BITstar", "FMT", "BFMT",
+    "KPIECE1", "BKPIECE1", "LBKPIECE1", "EST", "BiEST", "ProjEST", "LazyRRT", "TRRT", "BiTRRT",
+    "LBTRRT", "RRTsharp", "RRTXstatic", "ABITstar", "AITstar", "EITstar", "SBL", "PDST", "STRIDE",
+    "SST",
+)  # fmt: skip
+"""Geometric planners that are known to work here, where the installed OMPL has them."""
+
+CONTROL = ("RRT", "KPIECE1", "EST")
+"""Control planners that are known to work here."""
+
+ONE_TREE = frozenset({"RRT", "RRTstar", "InformedRRTstar", "SORRTstar", "KPIECE1"})
+"""Planners whose every vertex has been reached from the start."""
+
+REFUSED = {
+    "PRM": "its second thread makes it neither deterministic nor safe from Python",
+    "PRMstar": "its second thread makes it neither deterministic nor safe from Python",
+    "AORRTC": "it returns wrong paths (OMPL 2.0.1)",
+}
+
+
+def known_planners(control: bool = False) -> tuple[str, ...]:
+    """Return the names of the planners that the installed OMPL has and that can be used."""
+    module, names = (oc, CONTROL) if control else (og, GEOMETRIC)
+    return tuple(name for name in names if hasattr(module, name))
+
+
+def canonical(name: str, control: bool = False) -> str:
+    """Return a planner's name as OMPL writes it (case does not matter), or complain."""
+    known = known_planners(control)
+    for candidate in known:
+        if candidate.lower() == name.lower():
+            return candidate
+    for refused, why in REFUSED.items():
+        if refused.lower() == name.lower():
+            raise UnsupportedError(f"OMPL's planner {refused} is not supported: {why}")
+    kind = "control planner" if control else "planner"
+    raise ProblemError(f"OMPL has no {kind} '{name}' here; known are {', '.join(known)}")
+
+
+def set_seed(seed: int) -> None:
+    """Make the next solve repeatable: all random generators made from now on follow ``seed``."""
+    ou.RNG.setSeed(1 + seed % (2**31 - 1))  # 0 is refused
+
+
+def termination(stop: Callable[[], bool]) -> Any:
+    """Return OMPL's condition that ends a solve as soon as ``stop()`` is true."""
+    if hasattr(ob, "PlannerTerminationConditionFn"):
+        stop = ob.PlannerTerminationConditionFn(stop)
+    return ob.PlannerTerminationCondition(stop)
+
+
+def box_bounds(low: Sequence[float], high: Sequence[float]) -> Any:
+    """Return OMPL's bounds of a box (m)."""
+    bounds = ob.RealVectorBounds(len(low))
+    for i, (least, most) in enumerate(zip(low, high, strict=True)):
+        bounds.setLow(i, float(least))
+        bounds.setHigh(i, float(most))
+    return bounds
+
+
+@dataclass
+class Counter:
+    """Counts edge checks. With it a search ends after fixed work, the same on every machine."""
+
+    edges: int = 0
+
+
+@dataclass(frozen=True)
+class OmplLeg:
+    """A leg's motion (from time 0) or None with the ``reason``; the ``blockers`` that the search
+    ran into; the number of edge ``checks``. None is no proof.
+    """
+
+    trajectory: Trajectory | None
+    reason: str = ""
+    blockers: frozenset[str] = frozenset()
+    checks: int = 0
+
+
+@dataclass(frozen=True)
+class Solved:
+    """What a solve came to. ``states`` are those of the path if an exact one was found, ``tree``
+    those of all vertices, ``status`` OMPL's own word for it.
+    """
+
+    states: list[Any] | None
+    status: str
+    tree: list[Any]
+
+
+def solve(
+    planner: Any,
+    pdef: Any,
+    deadline: Deadline,
+    counter: Counter,
+    *,
+    polish: int,
+    read: Callable[[Any], Any],
+    tree: bool = False,
+    control: bool = False,
+) -> Solved:
+    """Run a set-up planner until it has a path or the deadline ends.
+
+    Planners that go on improving are stopped ``polish`` edge checks or iterations after their first
+    exact path (counted, not timed: the same on every machine). ``read`` copies a state into a value
+    of ours. ``tree``: read the vertices, too.
+    """
+    end: list[int] = []
+    asked = 0
+
+    def stop() -> bool:
+        nonlocal asked
+        asked += 1
+        if deadline.expired():
+            return True
+        work = max(asked, counter.edges)
+        if not end and (pdef.hasExactSolution() or _has_path(planner)):
+            end.append(work + polish)
+        return bool(end) and work >= end[0]
+
+    status = planner.solve(termination(stop))
+    words = status.asString() if hasattr(status, "asString") else str(status)
+    vertices = _vertices(planner, read, control) if tree else []
+    if not pdef.hasExactSolution():
+        return Solved(None, words, vertices)
+    path = pdef.getSolutionPath()
+    return Solved([read(path.getState(i)) for i in range(path.getStateCount())], words, vertices)
+
+
+def _has_path(planner: Any) -> bool:
+    """Return whether an improving planner has a path already (it hands it over at its end)."""
+    if not hasattr(planner, "bestCost"):
+        return False
+    cost = planner.bestCost()
+    value = cost.value() if hasattr(cost, "value") else float(cost)
+    return math.isfinite(value)
+
+
+def _vertices(planner: Any, read: Callable[[Any], Any], control: bool) -> list[Any]:
+    module = oc if control else ob
+    data = module.PlannerData(planner.getSpaceInformation())
+    planner.getPlannerData(data)
+    return [read(data.getVertex(i).getState()) for i in range(data.numVertices())]
