@@ -106,7 +106,8 @@ def test_solve_prints_schedule_and_verdict_and_writes_files(made, script, answer
         "animation.gif", "animation.html", "gantt.png", "map.png", "plan.json",
     ]  # fmt: skip
     assert read_plan(out / "plan.json")["makespan"] == 26
-    assert (seen["name"], seen["timeout"], seen["seed"]) == ("samp-refine[aries]", 9.0, 3)
+    name = f"samp-refine[{solving.DEFAULT_ENGINE}]"
+    assert (seen["name"], seen["timeout"], seen["seed"]) == (name, 9.0, 3)
 
 
 def test_an_invalid_plan_is_told_and_fails(made, script, answer, capsys, tmp_path):

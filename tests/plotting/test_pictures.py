@@ -316,3 +316,13 @@ def test_spatial_bodies_are_seen_from_above(plan):
     assert tracks_of(plan)[0].at(9.0) == pytest.approx((12.0, 4.0, np.pi / 2))
     plot_map(plan)
     animation_html(plan)
+
+
+def test_a_robot_that_stays_is_no_door(plan):
+    plan["motions"] = [m for m in plan["motions"] if m["object"] != "r1"]
+    plan["activities"] = [a for a in plan["activities"] if "r1" not in a["name"]]
+    assert [t.moves for t in tracks_of(plan)] == [True, True, False]
+    assert [r.name for r in rows_of(plan)] == ["r0", "r1", "door", "scan"]
+    plot_map(plan)
+    plot_gantt(plan)
+    animation_html(plan)

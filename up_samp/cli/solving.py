@@ -24,7 +24,7 @@ from up_samp.plotting import places_of
 from up_samp.search.params import PRESETS
 from up_samp.validation import Verdict, validate_plan, validate_schedule
 
-DEFAULT_ENGINE = "aries"
+DEFAULT_ENGINE = "cpsat"
 """The scheduler that the commands wrap unless told otherwise."""
 
 
@@ -34,7 +34,7 @@ def add_solver_arguments(parser: argparse.ArgumentParser, *, out: str | None, gi
         "--engine",
         default=DEFAULT_ENGINE,
         metavar="NAME",
-        help="the scheduler to wrap: aries, aries-opt, cpse, cpsat ... (see 'up-samp engines'); "
+        help="the scheduler to wrap: cpsat, aries, aries-opt, cpse ... (see 'up-samp engines'); "
         "or a whole name such as samp-refine[aries] (default: %(default)s)",
     )
     parser.add_argument(
@@ -139,7 +139,7 @@ def describe(verdict: Verdict) -> str:
 def _summary(plan: dict[str, Any], result: PlanGenerationResult, seconds: float) -> str:
     metrics = result.metrics or {}
     bound = ""
-    if plan["lower_bound"] is not None:
+    if plan["lower_bound"]:
         kind = metrics.get("bound_kind")
         bound = f" (proven lower bound {plan['lower_bound']}{f', {kind}' if kind else ''})"
     parts = [f"{plan['status']}: makespan {plan['makespan']}{bound}", f"{seconds:.1f} s"]

@@ -78,7 +78,7 @@ def _frame(ax: Axes, plan: dict[str, Any], rows: list[Row], heights: list[float]
 def title_of(plan: dict[str, Any]) -> str:
     """Return a line that says which plan this is."""
     parts = [plan["problem"], f"makespan {plan['makespan']}"]
-    if plan["lower_bound"] is not None:
+    if plan["lower_bound"]:
         parts.append(f"proven lower bound {plan['lower_bound']}")
     parts += [plan["engine"], plan["status"].replace("_", " ").lower()]
     return "  ·  ".join(p for p in parts if p)
@@ -182,5 +182,5 @@ def _mark_ends(ax: Axes, plan: dict[str, Any]) -> None:
     span = plan["makespan"] * unit
     ax.axvline(span, color=INK, lw=1.2, ls="--", zorder=4)
     bound = plan["lower_bound"]
-    if bound is not None and 0 < bound < plan["makespan"]:
+    if bound and bound < plan["makespan"]:
         ax.axvline(bound * unit, color=INK, lw=1.2, ls=":", zorder=4)

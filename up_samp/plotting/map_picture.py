@@ -196,6 +196,6 @@ def _legend(ax: Axes, movers: list[Track], still: list[Track]) -> None:
     if any(t.changes for t in still):
         keys.append(Patch(fc="none", ec=FIXTURE, ls="--", label="after a change"))
     ax.legend(
-        handles=keys, loc="upper center", bbox_to_anchor=(0.5, -0.06), frameon=False,
-        ncols=min(len(keys), 7), fontsize=8,
+        handles=keys, loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=5.0,
+        frameon=False, ncols=min(len(keys), 7), fontsize=8,
     )  # fmt: skip

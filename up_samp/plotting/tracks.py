@@ -38,7 +38,10 @@ class Leg:
 
 @dataclass(frozen=True)
 class Track:
-    """An object over time. It rests at its last configuration; ``changes`` are instantaneous."""
+    """An object over time. It rests at its last configuration; ``changes`` are instantaneous.
+
+    ``moves`` tells robots from doors: the plan drives it, or another object of its type.
+    """
 
     name: str
     type_name: str
@@ -46,11 +49,7 @@ class Track:
     initial: tuple[float, float, float] | None
     legs: tuple[Leg, ...]
     changes: tuple[tuple[float, tuple[float, float, float]], ...]
-
-    @property
-    def moves(self) -> bool:
-        """Whether the object is driven by some motion (a robot, not a door)."""
-        return bool(self.legs)
+    moves: bool
 
     def at(self, t: float) -> tuple[float, float, float] | None:
         """Return x, y (m) and yaw (rad) at ``t`` s; None where the plan does not tell."""
@@ -92,6 +91,8 @@ def flat(row: Sequence[float]) -> tuple[float, float, float]:
 
 def tracks_of(plan: dict[str, Any]) -> list[Track]:
     """Return a track for each object of a plan dictionary, in its order."""
+    types = {o["name"]: o["type"] for o in plan["objects"]}
+    driven = {types[m["object"]] for m in plan["motions"]}
     tracks = []
     for entry in plan["objects"]:
         name = entry["name"]
@@ -109,6 +110,7 @@ def tracks_of(plan: dict[str, Any]) -> list[Track]:
                 None if entry["initial"] is None else flat(entry["initial"]),
                 tuple(sorted(legs, key=lambda leg: float(leg.times[0]))),
                 tuple(sorted(changes)),
+                entry["type"] in driven,
             )
         )
     return tracks
