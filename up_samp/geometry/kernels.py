@@ -14,7 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from up_samp.geometry.compiled import inner, kernel
 
 FAR = 1e9
 """Clearance (m) where there is nothing to collide with."""
@@ -67,7 +68,7 @@ def open_plane() -> GridData:
     return GridData(np.zeros((1, 1), np.int32), np.zeros((0, 0), np.float32), frame)
 
 
-@njit(cache=True)
+@kernel
 def advance(x: float, y: float, th: float, kappa: float, s: float) -> tuple[float, float, float]:
     """Return the pose after driving ``s`` m (negative: backwards) along curvature ``kappa``."""
     turn = kappa * s
@@ -82,7 +83,7 @@ def advance(x: float, y: float, th: float, kappa: float, s: float) -> tuple[floa
     )
 
 
-@njit(cache=True)
+@kernel
 def point_clearance(grid: GridData, x: float, y: float) -> float:
     """Return a lower bound (m) on the distance from a point to what is blocked (0 outside)."""
     rows, cols = grid.clearance.shape
@@ -97,7 +98,7 @@ def point_clearance(grid: GridData, x: float, y: float) -> float:
     return float(grid.clearance[row, col])
 
 
-@njit(cache=True)
+@inner
 def _disc_bound(grid: GridData, shape: ShapeData, x: float, y: float, c: float, s: float) -> float:
     """Return a lower bound on the bare footprint's clearance from the map (may be negative)."""
     bound = point_clearance(grid, x, y) - shape.numbers[0]
@@ -111,7 +112,7 @@ def _disc_bound(grid: GridData, shape: ShapeData, x: float, y: float, c: float, 
     return max(bound, low)
 
 
-@njit(cache=True)
+@inner
 def _part_free(
     grid: GridData, verts: npt.NDArray[np.float64], n: int, x: float, y: float, th: float
 ) -> bool:
@@ -160,7 +161,7 @@ def _part_free(
     return True
 
 
-@njit(cache=True)
+@kernel
 def level_free(grid: GridData, shape: ShapeData, x: float, y: float, th: float, level: int) -> bool:
     """Return whether the footprint inflated to ``level`` covers no blocked cell (exact)."""
     for i in range(shape.verts.shape[1]):
@@ -169,7 +170,7 @@ def level_free(grid: GridData, shape: ShapeData, x: float, y: float, th: float, 
     return True
 
 
-@njit(cache=True)
+@kernel
 def map_clearance(grid: GridData, shape: ShapeData, x: float, y: float, th: float) -> float:
     """Return a lower bound (m) on the clearance from the map beyond the margin; -1 if there is
     less than the margin (as level 1 of the shape says).
@@ -185,7 +186,7 @@ def map_clearance(grid: GridData, shape: ShapeData, x: float, y: float, th: floa
     return -1.0
 
 
-@njit(cache=True)
+@inner
 def _place(
     verts: npt.NDArray[np.float64],
     n: int,
@@ -201,7 +202,7 @@ def _place(
         out[i, 1] = y + s * vx + c * vy
 
 
-@njit(cache=True)
+@inner
 def _separation(a: npt.NDArray[np.float64], n: int, b: npt.NDArray[np.float64], m: int) -> float:
     """Return the largest gap between b and an edge's line of a (negative: none separates)."""
     best = -1e300
@@ -219,7 +220,7 @@ def _separation(a: npt.NDArray[np.float64], n: int, b: npt.NDArray[np.float64], 
     return best
 
 
-@njit(cache=True)
+@inner
 def _corner_distance(
     a: npt.NDArray[np.float64], n: int, b: npt.NDArray[np.float64], m: int
 ) -> float:
@@ -238,7 +239,7 @@ def _corner_distance(
     return best
 
 
-@njit(cache=True)
+@kernel
 def convex_distance(
     a: npt.NDArray[np.float64], n: int, b: npt.NDArray[np.float64], m: int
 ) -> float:
@@ -251,7 +252,7 @@ def convex_distance(
     return math.sqrt(min(_corner_distance(a, n, b, m), _corner_distance(b, m, a, n)))
 
 
-@njit(cache=True)
+@kernel
 def poly_distance(
     polys: PolyData, shape: ShapeData, x: float, y: float, th: float, enough: float
 ) -> tuple[float, int]:
@@ -278,7 +279,7 @@ def poly_distance(
     return best, owner
 
 
-@njit(cache=True)
+@kernel
 def clearance(
     grid: GridData, polys: PolyData, shape: ShapeData, x: float, y: float, th: float
 ) -> float:
@@ -293,7 +294,7 @@ def clearance(
     return c
 
 
-@njit(cache=True)
+@kernel
 def pose_free(
     grid: GridData, polys: PolyData, shape: ShapeData, x: float, y: float, th: float
 ) -> bool:
@@ -308,7 +309,7 @@ def pose_free(
     return True
 
 
-@njit(cache=True)
+@kernel
 def travel_ratio(shape: ShapeData, kappa: float) -> float:
     """Return how far the footprint's fastest point moves per metre of the reference point."""
     best = 1.0
@@ -319,7 +320,7 @@ def travel_ratio(shape: ShapeData, kappa: float) -> float:
     return math.sqrt(best)
 
 
-@njit(cache=True)
+@kernel
 def arc_free(
     grid: GridData,
     polys: PolyData,
@@ -348,7 +349,7 @@ def arc_free(
             return True
 
 
-@njit(cache=True)
+@kernel
 def path_free(
     grid: GridData,
     polys: PolyData,
@@ -367,7 +368,7 @@ def path_free(
     return -1
 
 
-@njit(cache=True)
+@kernel
 def pair_distance(
     a: ShapeData,
     ax: float,
@@ -391,7 +392,7 @@ def pair_distance(
     return best
 
 
-@njit(cache=True)
+@kernel
 def between(poses: npt.NDArray[np.float64], i: int, share: float) -> tuple[float, float, float]:
     """Return the pose ``share`` of the way from sample ``i`` to the next under a constant twist."""
     turn = poses[i + 1, 2] - poses[i, 2]
@@ -405,7 +406,7 @@ def between(poses: npt.NDArray[np.float64], i: int, share: float) -> tuple[float
     return cx + c * rx - s * ry, cy + s * rx + c * ry, poses[i, 2] + share * turn
 
 
-@njit(cache=True)
+@kernel
 def sweep_travel(poses: npt.NDArray[np.float64], i: int, radius: float) -> float:
     """Return a bound (m) on the travel of any point within ``radius`` from sample i to the next."""
     turn = abs(poses[i + 1, 2] - poses[i, 2])
@@ -416,7 +417,7 @@ def sweep_travel(poses: npt.NDArray[np.float64], i: int, radius: float) -> float
     return arc + turn * radius
 
 
-@njit(cache=True)
+@kernel
 def samples_free(
     grid: GridData,
     polys: PolyData,
@@ -453,7 +454,7 @@ def samples_free(
     return -1
 
 
-@njit(cache=True)
+@kernel
 def samples_distance(
     polys: PolyData, shape: ShapeData, poses: npt.NDArray[np.float64], step: float
 ) -> float:

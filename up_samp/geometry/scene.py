@@ -116,6 +116,11 @@ class Scene:
         x, y, th = map(float, pose[:3])
         return bool(kernels.pose_free(self.data, self.polys(obstacles), shape, x, y, th))
 
+    def clearance(self, shape: Shape, polys: PolyData, pose: Configuration) -> float:
+        """Return a lower bound (m) on the clearance beyond the shape's margin, or -1."""
+        x, y, th = map(float, pose[:3])
+        return float(kernels.clearance(self.data, polys, shape.data, x, y, th))
+
     def map_free(self, body: Body, pose: Configuration, margin: float = 0.0) -> bool:
         """Return whether ``body`` at ``pose`` touches no blocked cell (``margin`` m away)."""
         return self.pose_free(body, pose, (), margin)
@@ -131,5 +136,6 @@ class Scene:
     ) -> float:
         """Return the distance (m) of two placed bodies; <= 0 where they overlap."""
         a, b = shape_of(body_a).data, shape_of(body_b).data
-        pa, pb = [float(v) for v in pose_a[:3]], [float(v) for v in pose_b[:3]]
-        return float(kernels.pair_distance(a, *pa, b, *pb))
+        ax, ay, ath = map(float, pose_a[:3])
+        bx, by, bth = map(float, pose_b[:3])
+        return float(kernels.pair_distance(a, ax, ay, ath, b, bx, by, bth))

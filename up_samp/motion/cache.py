@@ -45,7 +45,8 @@ class Entry:
 
 
 class MotionCache:
-    """Legs by (map, planner, margin, body, start, goal), each with the obstacles it was planned among.
+    """Legs by (map, planner, margin, body, start, goal), each with the obstacles it was planned
+    among.
 
     A leg and its reverse share an entry (for reversible planners). With a ``folder``, entries are
     kept there, too, one small file each; unreadable files are ignored. Least recently used pairs

@@ -14,11 +14,11 @@ from up_samp.geometry import Scene, Shape
 from up_samp.geometry import kernels as k
 from up_samp.model import Body, Configuration, Deadline, Placed
 from up_samp.motion import hybrid
-from up_samp.motion.arcs import merged, path_time
+from up_samp.motion.arcs import merged, path_time, reversed_arcs
 from up_samp.motion.fields import Fields
+from up_samp.motion.planners import Leg
 from up_samp.motion.reeds_shepp import fastest
 from up_samp.motion.smoothing import improve, settle
-from up_samp.motion.planners import Leg
 from up_samp.motion.timing import relaxed, trajectory_of
 
 FloatArray = npt.NDArray[np.float64]
@@ -32,16 +32,19 @@ class CarSettings:
     """Effort of the car planner.
 
     ``levels``: length of an arc primitive in turning radii, coarse to fine. ``nodes``: size of each
-    search tree. ``extra``: expansions after the first solution, as (least, share of those before).
-    ``rounds``, ``patience``: of the shortening.
+    search tree. ``extra``: expansions after the first solution. ``near``: range (turning radii) in
+    which Reeds-Shepp times guide. ``weight``: of the distance to go. ``rounds``, ``patience``: of
+    the shortening.
     """
 
     levels: tuple[float, ...] = (0.7, 0.35, 0.18)
     nodes: tuple[int, ...] = (60_000, 250_000, 1_000_000)
     extra: int = 400
+    near: float = 10.0
+    weight: float = 1.15
     rounds: int = 1500
     patience: int = 300
-    restarts: int = 2
+    restarts: int = 1
     slice: int = 4000
 
 
@@ -88,22 +91,49 @@ class CarPlanner:
             return None, "the start or the goal touches the map or an obstacle", 0
         radius, v, a = relaxed(body.kinematics)
         direct = self._direct(shape, start, goal, obstacles, (radius, v, a))
-        expansions = 0
-        exhausted = False
-        arcs = direct
-        if arcs is None:
-            for level in range(len(self.settings.levels)):
-                arcs, count, exhausted = self._search(
-                    body, shape, start, goal, obstacles, level, deadline
-                )
-                expansions += count
-                if arcs is not None or deadline.expired():
-                    break
+        if direct is not None:
+            return direct, "", 0
+        best: FloatArray | None = None
+        expansions, reason = 0, "out of time"
+        # the search from the goal's side ends in other local optima
+        for turned in (False, True):
+            ends = (goal, start) if turned else (start, goal)
+            arcs, count, exhausted = self._levels(body, shape, *ends, obstacles, deadline)
+            expansions += count
             if arcs is None:
                 reason = "no path at the finest resolution" if exhausted else "out of time"
-                return None, reason, expansions
-            arcs = self._smooth(shape, start, goal, arcs, obstacles, (radius, v, a), deadline)
-        return arcs, "", expansions
+                if deadline.expired():
+                    break
+                continue
+            arcs = self._smooth(shape, *ends, arcs, obstacles, (radius, v, a), deadline)
+            arcs = reversed_arcs(arcs) if turned else arcs
+            if best is None or path_time(arcs, v, a) < path_time(best, v, a):
+                best = arcs
+        if best is None:
+            return None, reason, expansions
+        return best, "", expansions
+
+    def _levels(
+        self,
+        body: Body,
+        shape: Shape,
+        start: Configuration,
+        goal: Configuration,
+        obstacles: tuple[Placed, ...],
+        deadline: Deadline,
+    ) -> tuple[FloatArray | None, int, bool]:
+        """Search from coarse to fine; return arcs or None, expansions, whether it ran dry."""
+        expansions, exhausted = 0, False
+        for level in range(len(self.settings.levels)):
+            arcs, count, exhausted = self._search(
+                body, shape, start, goal, obstacles, level, deadline
+            )
+            expansions += count
+            if arcs is not None:
+                return arcs, expansions, False
+            if deadline.expired():
+                break
+        return None, expansions, exhausted
 
     def _shape(
         self, body: Body, poses: Sequence[Configuration], obstacles: tuple[Placed, ...]
@@ -113,10 +143,7 @@ class CarPlanner:
         for share in MARGIN_SHARES:
             shape = self.scene.shape(body, self.scene.margin * share)
             least = 0.1 * shape.data.slack[2]
-            if all(
-                k.clearance(self.scene.data, polys, shape.data, p[0], p[1], p[2]) >= least
-                for p in poses
-            ):
+            if all(self.scene.clearance(shape, polys, pose) >= least for pose in poses):
                 return shape
         return None
 
@@ -190,6 +217,7 @@ class CarPlanner:
     ) -> FloatArray:
         """Return the box and the resolution of the search (see :func:`hybrid.expand`)."""
         low, high = self._box(body, poses, obstacles)
+        extra, near, weight = self.settings.extra, self.settings.near, self.settings.weight
         cell = step / 1.5
         bins = math.ceil(2 * math.pi / (step / radius / 1.5))
         while True:
@@ -198,7 +226,7 @@ class CarPlanner:
                 break
             cell *= 1.3
         return np.array(
-            [low[0], low[1], cell, cols, rows, bins, self.settings.extra, 12 * radius, 0.995]
+            [low[0], low[1], cell, cols, rows, bins, extra, near * radius, 0.995, weight]
         )
 
     def _box(

@@ -1,11 +1,11 @@
 """Proofs that a motion is impossible, in milliseconds.
 
-While a footprint moves, the largest disc inside it moves through free space. A cell in which that disc's
-centre can nowhere be is *surely blocked*; if the cells that are not fall apart (8-connected)
+While a footprint moves, the largest disc inside it moves through free space. A cell in which that
+disc's centre can nowhere be is *surely blocked*; if the cells that are not fall apart (8-connected)
 so that two configurations lie in different components, no motion of any kind joins them.
 
-For a blocked cell of the map, every point of a cell whose centre is ``d`` away (centre to centre) is
-at most ``d`` from the blocked *square*, so ``d < r`` surely blocks it. For a convex obstacle the
+For a blocked cell of the map, every point of a cell whose centre is ``d`` away (centre to centre)
+is at most ``d`` from the blocked *square*, so ``d < r`` surely blocks it. For a convex obstacle the
 distance is a convex function, so its largest value over a cell is at a corner. Both are exact
 statements about whole cells: rounding to the grid never makes a false proof.
 """
@@ -17,14 +17,14 @@ from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 from scipy import ndimage
 
 from up_samp.geometry import Scene
-from up_samp.geometry import kernels as k
+from up_samp.geometry.compiled import kernel
 from up_samp.geometry.kernels import PolyData
 from up_samp.geometry.shapes import shape_of
 from up_samp.model import Body, Configuration, Outcome, PathReport, Placed
@@ -39,8 +39,8 @@ TOUCH = 1e-7
 MOST_ALTERNATIVES = 16
 
 
-@njit(cache=True)
-def _mark(
+@kernel
+def mark_blocked(
     owners: npt.NDArray[np.int64], frame: npt.NDArray[np.float64], polys: PolyData, radius: float
 ) -> None:
     """Set bit i in the cells that obstacle ``i`` surely blocks for a disc of ``radius`` m."""
@@ -160,8 +160,8 @@ class Certifier:
     def _gaps(
         self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]
     ) -> list[frozenset[str]] | None:
-        """Return minimal sets of obstacles whose removal joins all poses; [] if they are joined, None
-        if the map alone keeps them apart.
+        """Return minimal sets of obstacles whose removal joins all poses; [] if they are joined,
+        None if the map alone keeps them apart.
         """
         if self.scene.grid is None or len(poses) < 2:
             return []
@@ -169,7 +169,7 @@ class Certifier:
         everything = (1 << len(names)) - 1
         total: list[frozenset[str]] = [frozenset()]
         labels = [self._label(regions, body, pose) for pose in poses]
-        for start, goal in zip(labels, labels[1:], strict=False):
+        for start, goal in pairwise(labels):
             if start == 0 or goal == 0 or start == goal:
                 continue
             if not regions.reaches(start, goal, everything):
@@ -187,7 +187,7 @@ class Certifier:
         """Return a minimal set of obstacles that keeps two successive poses apart."""
         regions, names = self._at(body, obstacles)
         labels = [self._label(regions, body, pose) for pose in poses]
-        for start, goal in zip(labels, labels[1:], strict=False):
+        for start, goal in pairwise(labels):
             if not start or not goal or regions.reaches(start, goal, 0):
                 continue
             removed = 0
@@ -221,9 +221,7 @@ class Certifier:
         """Return whether a pose surely overlaps the map's blocked cells or its outside."""
         if self.scene.grid is None:
             return False
-        shape, data = shape_of(body).data, self.scene.data
-        x, y, th = (float(v) for v in pose[:3])
-        return not k.level_free(data, shape, x, y, th, 0)
+        return not self.scene.map_free(body, pose)
 
     def _hit(self, body: Body, pose: Configuration, obstacles: Sequence[Placed]) -> frozenset[str]:
         return frozenset(
@@ -255,10 +253,22 @@ class Certifier:
                 self._regions.popitem(last=False)
         return self._regions[key], [p.name for p in placed]
 
-    def _build(self, radius: float, placed: Sequence[Placed]) -> Regions:
+    def blocked(self, radius: float, obstacles: Sequence[Placed]) -> BoolArray:
+        """Return the cells in which the centre of a free disc of ``radius`` m can nowhere be."""
+        free, owners = self._cells(radius, sorted(obstacles, key=lambda p: p.name)[:62])
+        return ~free | (owners != 0)
+
+    def _cells(
+        self, radius: float, placed: Sequence[Placed]
+    ) -> tuple[BoolArray, npt.NDArray[np.int64]]:
+        """Return the cells not blocked by the map, and the obstacles (bits) that block each."""
         free = self._distance >= radius - 1e-5  # float32 noise must not block a cell
         owners = np.zeros(free.shape, dtype=np.int64)
-        _mark(owners, self.scene.data.frame, self.scene.polys(placed), radius)
+        mark_blocked(owners, self.scene.data.frame, self.scene.polys(placed), radius)
+        return free, owners
+
+    def _build(self, radius: float, placed: Sequence[Placed]) -> Regions:
+        free, owners = self._cells(radius, placed)
         labels, count = ndimage.label(free & (owners == 0), structure=EIGHT)
         labels = labels.astype(np.int32)
         sets: dict[int, int] = {}

@@ -1,4 +1,4 @@
-"""Distances to a goal over a coarse grid: they guide searches (optimistic, no proof of anything)."""
+"""Distances to a goal over a coarse grid: they guide searches, they prove nothing."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from up_samp.geometry import Scene, Shape
+from up_samp.geometry.compiled import inner, kernel
 from up_samp.geometry.kernels import PolyData
 from up_samp.model import Placed
 from up_samp.motion.hybrid import Field
+from up_samp.motion.visibility import sees
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -21,7 +22,7 @@ BoolArray = npt.NDArray[np.bool_]
 MAX_CELLS = 60_000
 
 
-@njit(cache=True)
+@kernel
 def point_to_convex(x: float, y: float, verts: npt.NDArray[np.float64], n: int) -> float:
     """Return the distance (m) from a point to a convex counter-clockwise polygon (0 inside)."""
     inside = True
@@ -40,7 +41,7 @@ def point_to_convex(x: float, y: float, verts: npt.NDArray[np.float64], n: int) 
     return 0.0 if inside else math.sqrt(best)
 
 
-@njit(cache=True)
+@kernel
 def mark_near(
     cells: npt.NDArray[np.bool_],
     frame: npt.NDArray[np.float64],
@@ -48,8 +49,8 @@ def mark_near(
     reach: float,
     only: int,
 ) -> None:
-    """Set the cells whose centre is closer than ``reach`` (m) to an obstacle (of owner ``only``, or of
-    any if negative). ``frame``: x, y, cos, sin, yaw, cell size.
+    """Set the cells whose centre is closer than ``reach`` (m) to an obstacle (of owner ``only``,
+    or of any if negative). ``frame``: x, y, cos, sin, yaw, cell size.
     """
     rows, cols = cells.shape
     size = frame[5]
@@ -69,20 +70,56 @@ def mark_near(
                     cells[row, col] = True
 
 
-@njit(cache=True)
-def distances(blocked: npt.NDArray[np.bool_], row: int, col: int) -> npt.NDArray[np.float32]:
-    """Return the distance (in cells) of every cell to (row, col) over free cells, 8-connected."""
+@inner
+def _settle(
+    dist: npt.NDArray[np.float32],
+    root: npt.NDArray[np.int32],
+    sums: npt.NDArray[np.int32],
+    cell: int,
+) -> None:
+    """Make sure that a cell sees its root; otherwise take the best settled neighbour as its
+    root.
+    """
+    rows, cols = dist.shape
+    r, c = cell // cols, cell % cols
+    rr, rc = root[r, c] // cols, root[r, c] % cols
+    if max(abs(r - rr), abs(c - rc)) <= 1 or sees(sums, c + 0.5, r + 0.5, rc + 0.5, rr + 0.5):
+        return
+    best = np.inf
+    for dr in range(-1, 2):
+        for dc in range(-1, 2):
+            nr, nc = r + dr, c + dc
+            if (dr == 0 and dc == 0) or nr < 0 or nc < 0 or nr >= rows or nc >= cols:
+                continue
+            d = dist[nr, nc] + math.sqrt(float(dr * dr + dc * dc))
+            if root[nr, nc] >= 0 and d < best:
+                best = d
+                root[r, c] = nr * cols + nc
+    dist[r, c] = best
+
+
+@kernel
+def distances(
+    blocked: npt.NDArray[np.bool_], sums: npt.NDArray[np.int32], row: int, col: int
+) -> npt.NDArray[np.float32]:
+    """Return the distance (in cells) of every cell to (row, col), along any angle.
+
+    Lazy Theta* (Nash, Koenig, Tovey, AAAI 2010) without a goal: each cell hangs on the last turning
+    point in sight. ``sums`` (rows, cols + 1): running sums of the blocked cells of each row.
+    """
     rows, cols = blocked.shape
     dist = np.full((rows, cols), np.inf, dtype=np.float32)
+    root = np.full((rows, cols), -1, dtype=np.int32)
+    done = np.zeros((rows, cols), dtype=np.bool_)
     cap = 8 * rows * cols + 8
     keys = np.empty(cap, dtype=np.float32)
     heap = np.empty(cap, dtype=np.int32)
     dist[row, col] = 0.0
+    root[row, col] = row * cols + col
     keys[0], heap[0] = 0.0, row * cols + col
     size = 1
-    diagonal = math.sqrt(2.0)
     while size > 0:
-        d, cell = keys[0], heap[0]
+        cell = heap[0]
         size -= 1
         key, item = keys[size], heap[size]
         i = 0
@@ -98,16 +135,21 @@ def distances(blocked: npt.NDArray[np.bool_], row: int, col: int) -> npt.NDArray
             i = child
         keys[i], heap[i] = key, item
         r, c = cell // cols, cell % cols
-        if d > dist[r, c]:
+        if done[r, c]:
             continue
+        _settle(dist, root, sums, cell)
+        done[r, c] = True
+        rr, rc = root[r, c] // cols, root[r, c] % cols
         for dr in range(-1, 2):
             for dc in range(-1, 2):
                 nr, nc = r + dr, c + dc
                 if nr < 0 or nc < 0 or nr >= rows or nc >= cols or blocked[nr, nc]:
                     continue
-                step = d + np.float32(diagonal if dr != 0 and dc != 0 else 1.0)
-                if step < dist[nr, nc]:
+                away = math.sqrt(float((nr - rr) ** 2 + (nc - rc) ** 2))
+                step = np.float32(dist[rr, rc] + away)
+                if not done[nr, nc] and step < dist[nr, nc]:
                     dist[nr, nc] = step
+                    root[nr, nc] = root[r, c]
                     i = size
                     size += 1
                     while i > 0 and keys[(i - 1) // 2] > step:
@@ -166,9 +208,11 @@ class Fields:
         row = math.floor((frame[2] * dy - frame[3] * dx) / frame[5])
         if not (0 <= row < blocked.shape[0] and 0 <= col < blocked.shape[1]):
             return Field(np.full(blocked.shape, np.inf, np.float32), frame)
-        # one cell less: a point may lie at the near side of its cell, and so may the goal
-        cells = np.maximum(distances(blocked, row, col) - np.float32(1.0), 0.0)
-        return Field(np.ascontiguousarray(cells * np.float32(frame[5] / 1.04)), frame)
+        sums = np.zeros((blocked.shape[0], blocked.shape[1] + 1), dtype=np.int32)
+        np.cumsum(blocked, axis=1, out=sums[:, 1:])
+        # a point may lie at the near side of its cell, and so may the goal
+        cells = np.maximum(distances(blocked, sums, row, col) - np.float32(0.7), 0.0)
+        return Field(np.ascontiguousarray(cells * np.float32(frame[5])), frame)
 
     def _coarsened(self, factor: int) -> FloatArray:
         """Return the largest clearance (m) within each block of ``factor`` x ``factor`` cells."""

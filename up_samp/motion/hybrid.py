@@ -1,9 +1,9 @@
-"""Hybrid A* for cars: search over (x, y, theta, direction) with Reeds-Shepp connections to the goal.
+"""Hybrid A* for cars: search over (x, y, theta, direction) with Reeds-Shepp ways to the goal.
 
-Dolgov, Thrun, Montemerlo, Diebel, "Path planning for autonomous vehicles in unknown semi-structured
-environments", IJRR 29 (2010). Costs are *times*: each node keeps the time of its closed runs and
-the length of the run it is in, so that stops at cusps and the trapezoidal speed count exactly
-along every path of the search tree. Deterministic.
+Dolgov, Thrun, Montemerlo, Diebel, "Path planning for autonomous vehicles in unknown
+semi-structured environments", IJRR 29 (2010). Costs are *times*: each node keeps the time of its
+closed runs and the length of the run it is in, so that stops at cusps and the trapezoidal speed
+count exactly along every path of the search tree. Deterministic.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from up_samp.geometry.compiled import inner, kernel
 from up_samp.geometry.kernels import GridData, PolyData, ShapeData, advance, arc_free
 from up_samp.motion.reeds_shepp import connect, run_time
 
@@ -51,7 +51,7 @@ class Tree(NamedTuple):
     tail: FloatArray
 
 
-@njit(cache=True)
+@kernel
 def field_value(field: Field, x: float, y: float) -> float:
     """Return the distance (m) of a point to the field's goal; inf outside."""
     rows, cols = field.values.shape
@@ -64,7 +64,7 @@ def field_value(field: Field, x: float, y: float) -> float:
     return float(field.values[row, col])
 
 
-@njit(cache=True)
+@inner
 def _push(tree: Tree, node: int) -> None:
     heap, est = tree.heap, tree.nodes[:, 5]
     i = tree.counters[1]
@@ -78,7 +78,7 @@ def _push(tree: Tree, node: int) -> None:
     heap[i] = node
 
 
-@njit(cache=True)
+@inner
 def _pop(tree: Tree) -> int:
     heap, est = tree.heap, tree.nodes[:, 5]
     top = heap[0]
@@ -100,9 +100,9 @@ def _pop(tree: Tree) -> int:
     return int(top)
 
 
-@njit(cache=True)
+@inner
 def _key(space: FloatArray, x: float, y: float, th: float, backwards: bool) -> int:
-    """Return the table index of a state; -1 outside. ``space``: (x, y, cell, cols, rows, headings)."""
+    """Return the table index of a state; -1 outside (``space``: see :func:`expand`)."""
     col = math.floor((x - space[0]) / space[2])
     row = math.floor((y - space[1]) / space[2])
     if col < 0 or row < 0 or col >= space[3] or row >= space[4]:
@@ -114,12 +114,12 @@ def _key(space: FloatArray, x: float, y: float, th: float, backwards: bool) -> i
     return 2 * int(index) + (1 if backwards else 0)
 
 
-@njit(cache=True)
+@inner
 def _estimate(
     field: Field,
     goal: FloatArray,
     limits: FloatArray,
-    near: float,
+    space: FloatArray,
     x: float,
     y: float,
     th: float,
@@ -135,15 +135,15 @@ def _estimate(
         far = max(far, field_value(field, x, y))
         if far == math.inf:
             return math.inf
-    total = closed + run_time(abs(run) + far, limits[1], limits[2])
-    if away < near:
+    total = closed + run_time(abs(run) + space[9] * far, limits[1], limits[2])
+    if away < space[7]:
         limits[3] = run
         time, _ = connect(x, y, th, goal[0], goal[1], goal[2], limits, out)
         total = max(total, closed + time)
     return total
 
 
-@njit(cache=True)
+@kernel
 def plant(
     tree: Tree,
     field: Field,
@@ -154,21 +154,23 @@ def plant(
 ) -> None:
     """Put the start node into an empty tree."""
     out = np.empty((5, 2))
-    tree.nodes[0, :3] = start
-    tree.nodes[0, 3:5] = 0.0
+    for i in range(3):
+        tree.nodes[0, i] = start[i]
+    tree.nodes[0, 3] = tree.nodes[0, 4] = 0.0
     tree.nodes[0, 5] = _estimate(
-        field, goal, limits, space[7], start[0], start[1], start[2], 0.0, 0.0, out
+        field, goal, limits, space, start[0], start[1], start[2], 0.0, 0.0, out
     )
     tree.links[0, 0] = -1
     tree.links[0, 1] = _key(space, start[0], start[1], start[2], False)
-    tree.counters[:] = 0
+    for i in range(tree.counters.shape[0]):
+        tree.counters[i] = 0
     tree.counters[0] = 1
     tree.counters[3] = -1
     tree.best[0] = math.inf
     _push(tree, 0)
 
 
-@njit(cache=True)
+@inner
 def _shoot(
     tree: Tree,
     node: int,
@@ -195,10 +197,11 @@ def _shoot(
     tree.best[0] = total
     tree.counters[3] = node
     tree.counters[5] = n
-    tree.tail[:n] = out[:n]
+    for i in range(n):
+        tree.tail[i, 0], tree.tail[i, 1] = out[i, 0], out[i, 1]
 
 
-@njit(cache=True)
+@inner
 def _grow(
     tree: Tree,
     node: int,
@@ -228,7 +231,7 @@ def _grow(
     time = closed + run_time(abs(run), limits[1], limits[2])
     if time >= tree.table[key] - 1e-4:
         return
-    estimate = _estimate(field, goal, limits, space[7], x, y, th, closed, run, out)
+    estimate = _estimate(field, goal, limits, space, x, y, th, closed, run, out)
     if estimate >= tree.best[0] * space[8] or estimate == math.inf:
         return
     if not arc_free(grid, polys, shape, x0, y0, th0, kappa, s):
@@ -243,7 +246,7 @@ def _grow(
     _push(tree, n)
 
 
-@njit(cache=True)
+@kernel
 def expand(
     tree: Tree,
     grid: GridData,
@@ -256,12 +259,12 @@ def expand(
     limits: FloatArray,
     budget: int,
 ) -> int:
-    """Expand up to ``budget`` nodes. Returns 0: more to do, 1: done (see ``tree.best``), 2: the open
-    list ran empty, 3: the tree is full.
+    """Expand up to ``budget`` nodes. Returns 0: more to do, 1: done (see ``tree.best``), 2: the
+    open list ran empty, 3: the tree is full.
 
     ``steps`` (n, 2): primitive arcs. ``space``: x, y, cell (m), columns, rows, headings, expansions
     to go on for after the first solution, range (m) in which Reeds-Shepp times guide, share of the
-    best time that an estimate must beat.
+    best time that an estimate must beat, weight of the distance to go.
     """
     out = np.empty((5, 2))
     for _ in range(budget):
@@ -298,7 +301,7 @@ def expand(
     return 0
 
 
-@njit(cache=True)
+@kernel
 def solution(tree: Tree) -> FloatArray:
     """Return the arcs (n, 2) of the best solution."""
     count = 0
@@ -310,20 +313,22 @@ def solution(tree: Tree) -> FloatArray:
     arcs = np.empty((count + tail, 2))
     node = tree.counters[3]
     for i in range(count - 1, -1, -1):
-        arcs[i] = tree.arcs[node]
+        arcs[i, 0], arcs[i, 1] = tree.arcs[node, 0], tree.arcs[node, 1]
         node = tree.links[node, 0]
-    arcs[count:] = tree.tail[:tail]
+    for i in range(tail):
+        arcs[count + i, 0], arcs[count + i, 1] = tree.tail[i, 0], tree.tail[i, 1]
     return arcs
 
 
-@njit(cache=True)
+@kernel
 def clear(tree: Tree) -> None:
     """Forget the tree's nodes in the table, so that the arrays can be used again."""
     for i in range(tree.counters[0]):
         key = tree.links[i, 1]
         if key >= 0:
             tree.table[key] = math.inf
-    tree.counters[:] = 0
+    for i in range(tree.counters.shape[0]):
+        tree.counters[i] = 0
 
 
 def new_tree(nodes: int, keys: int) -> Tree:

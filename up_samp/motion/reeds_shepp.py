@@ -12,15 +12,19 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from up_samp.geometry.compiled import inner, kernel
 
 FloatArray = npt.NDArray[np.float64]
 
 MAX_ARCS = 5
+MAX_WORDS = 12
 TINY = 1e-10
+LOW = -1e-12
+QUARTER = 0.5 * math.pi
 
 
-@njit(cache=True)
+@kernel
 def run_time(length: float, v: float, a: float) -> float:
     """Return the rest-to-rest time (s) over ``length`` m with top speed v (m/s) and acceleration a
     (m/s^2): a trapezoid, or a triangle if it is too short. ``a = inf`` gives length / v.
@@ -30,65 +34,36 @@ def run_time(length: float, v: float, a: float) -> float:
     return 2.0 * math.sqrt(max(length, 0.0) / a)
 
 
-@njit(cache=True)
+@inner
 def _wrap(angle: float) -> float:
     """Return the angle in (-pi, pi]."""
     angle = angle % (2.0 * math.pi)
     return angle - 2.0 * math.pi if angle > math.pi else angle
 
 
-@njit(cache=True)
+@inner
 def _turn(angle: float) -> float:
     """Return the angle in [0, 2 pi), rounding noise below a full turn down to 0."""
     angle = angle % (2.0 * math.pi)
     return 0.0 if angle > 2.0 * math.pi - 1e-9 else angle
 
 
-@njit(cache=True)
-def _offer(
-    best: FloatArray,
-    out: FloatArray,
-    limits: FloatArray,
-    flip: float,
-    mirror: float,
-    reverse: bool,
-    word: tuple[float, float, float, float, float],
+@inner
+def _put(
+    words: FloatArray,
+    n: int,
+    sides: tuple[float, float, float, float],
     lengths: tuple[float, float, float, float, float],
-) -> None:
-    """Cost a word (curvature signs and signed lengths, in turning radii) and keep the best.
-
-    ``limits`` is (radius, v, a, before, after); the last two are the signed lengths (m) of the runs
-    that the curve continues and that continue it.
-    """
-    radius, v, a, before, after = limits[0], limits[1], limits[2], limits[3], limits[4]
-    time, run = 0.0, before
-    for i in range(MAX_ARCS + 1):
-        if i == MAX_ARCS:
-            s = after
-        else:
-            s = (lengths[MAX_ARCS - 1 - i] if reverse else lengths[i]) * flip * radius
-        if abs(s) <= TINY:
-            continue
-        if run * s < 0.0:
-            time += run_time(abs(run), v, a)
-            run = s
-        else:
-            run += s
-    time += run_time(abs(run), v, a)
-    if time < best[0] - 1e-12:
-        best[0] = time
-        n = 0
-        for i in range(MAX_ARCS):
-            k = MAX_ARCS - 1 - i if reverse else i
-            s = lengths[k] * flip * radius
-            if abs(s) > TINY:
-                out[n, 0] = word[k] * mirror / radius
-                out[n, 1] = s
-                n += 1
-        best[1] = n
+) -> int:
+    """Add a word to the list: its form (turn of the first arc, of the others) and its lengths."""
+    for i in range(4):
+        words[n, i] = sides[i]
+    for i in range(MAX_ARCS):
+        words[n, 5 + i] = lengths[i]
+    return n + 1
 
 
-@njit(cache=True)
+@inner
 def _tau_omega(u: float, v: float, xi: float, eta: float, phi: float) -> tuple[float, float]:
     delta = _wrap(u - v)
     A = math.sin(u) - math.sin(delta)
@@ -99,21 +74,12 @@ def _tau_omega(u: float, v: float, xi: float, eta: float, phi: float) -> tuple[f
     return tau, _wrap(tau - u + v - phi)
 
 
-@njit(cache=True)
-def _words(
-    x: float,
-    y: float,
-    phi: float,
-    best: FloatArray,
-    out: FloatArray,
-    limits: FloatArray,
-    flip: float,
-    mirror: float,
-) -> None:
-    """Offer all base words to (x, y, phi), in turning radii (numbers: sections of the paper)."""
+@inner
+def _words(x: float, y: float, phi: float, words: FloatArray, n: int) -> int:
+    """List the words to (x, y, phi) that start with a left turn (numbers: sections of the
+    paper).
+    """
     s_phi, c_phi = math.sin(phi), math.cos(phi)
-    low = -1e-12
-    half = 0.5 * math.pi
     # same-side words start from (xi, eta), opposite-side words from (xo, eo)
     xi, eta = x - s_phi, y - 1.0 + c_phi
     xo, eo = x + s_phi, y - 1.0 - c_phi
@@ -121,68 +87,49 @@ def _words(
     ro, to = math.sqrt(xo * xo + eo * eo), math.atan2(eo, xo)
     # 8.1 L+ S+ L+ (arcs up to a full turn)
     t = _turn(theta)
-    _offer(
-        best,
-        out,
-        limits,
-        flip,
-        mirror,
-        False,
-        (1.0, 0.0, 1.0, 0.0, 0.0),
-        (t, r, _turn(phi - t), 0.0, 0.0),
-    )
+    n = _put(words, n, (1.0, 0.0, 1.0, 0.0), (t, r, _turn(phi - t), 0.0, 0.0))
     if ro >= 2.0:  # 8.2 L+ S+ R+
         u = math.sqrt(ro * ro - 4.0)
         t = _turn(to + math.atan2(2.0, u))
-        word = (1.0, 0.0, -1.0, 0.0, 0.0)
-        _offer(best, out, limits, flip, mirror, False, word, (t, u, _turn(t - phi), 0.0, 0.0))
+        n = _put(words, n, (1.0, 0.0, -1.0, 0.0), (t, u, _turn(t - phi), 0.0, 0.0))
         u = 4.0 - u
         if u <= 0.0:  # 8.11 L+ R- S- L- R+
             t = _wrap(math.atan2((4.0 - u) * xo - 2.0 * eo, -2.0 * xo + (u - 4.0) * eo))
             v = _wrap(t - phi)
-            if t >= low and v >= low:
-                word = (1.0, -1.0, 0.0, 1.0, -1.0)
-                _offer(best, out, limits, flip, mirror, False, word, (t, -half, u, -half, v))
+            if t >= LOW and v >= LOW:
+                n = _put(words, n, (1.0, -1.0, 0.0, 1.0), (t, -QUARTER, u, -QUARTER, v))
+                words[n - 1, 4] = -1.0
     if ro <= 2.0:  # 8.7 L+ R+ L- R-
         u = math.acos(min(1.0, 0.25 * (2.0 + ro)))
         t, v = _tau_omega(u, -u, xo, eo, phi)
-        if t >= low and v <= -low:
-            word = (1.0, -1.0, 1.0, -1.0, 0.0)
-            _offer(best, out, limits, flip, mirror, False, word, (t, u, -u, v, 0.0))
+        if t >= LOW and v <= -LOW:
+            n = _put(words, n, (1.0, -1.0, 1.0, -1.0), (t, u, -u, v, 0.0))
     rho = (20.0 - ro * ro) / 16.0
     if 0.0 <= rho <= 1.0:  # 8.8 L+ R- L- R+
         u = -math.acos(rho)
         t, v = _tau_omega(u, u, xo, eo, phi)
-        if t >= low and v >= low:
-            word = (1.0, -1.0, 1.0, -1.0, 0.0)
-            _offer(best, out, limits, flip, mirror, False, word, (t, u, u, v, 0.0))
+        if t >= LOW and v >= LOW:
+            n = _put(words, n, (1.0, -1.0, 1.0, -1.0), (t, u, u, v, 0.0))
     if r <= 4.0:  # L+ R+ L+ without cusps
         u = -2.0 * math.asin(0.25 * r)
         t = _turn(theta + 0.5 * u + math.pi)
-        word = (1.0, -1.0, 1.0, 0.0, 0.0)
         long = (t, u + 2.0 * math.pi, _turn(phi - t + u), 0.0, 0.0)
-        _offer(best, out, limits, flip, mirror, False, word, long)
-    _reversible(x, y, phi, best, out, limits, flip, mirror, False)
-    xb, yb = x * c_phi + y * s_phi, x * s_phi - y * c_phi
-    _reversible(xb, yb, phi, best, out, limits, flip, mirror, True)
+        n = _put(words, n, (1.0, -1.0, 1.0, 0.0), long)
+    n = _reversible(x, y, phi, words, n)
+    middle = n
+    n = _reversible(x * c_phi + y * s_phi, x * s_phi - y * c_phi, phi, words, n)
+    for i in range(middle, n):  # found from the other end
+        for k in range(2):
+            j = MAX_ARCS - 1 - k
+            words[i, k], words[i, j] = words[i, j], words[i, k]
+            words[i, 5 + k], words[i, 5 + j] = words[i, 5 + j], words[i, 5 + k]
+    return n
 
 
-@njit(cache=True)
-def _reversible(
-    x: float,
-    y: float,
-    phi: float,
-    best: FloatArray,
-    out: FloatArray,
-    limits: FloatArray,
-    flip: float,
-    mirror: float,
-    reverse: bool,
-) -> None:
-    """Offer the words that differ when driven from the other end."""
+@inner
+def _reversible(x: float, y: float, phi: float, words: FloatArray, n: int) -> int:
+    """List the words that differ when driven from the other end."""
     s_phi, c_phi = math.sin(phi), math.cos(phi)
-    low = -1e-12
-    half = 0.5 * math.pi
     xi, eta = x - s_phi, y - 1.0 + c_phi
     xo, eo = x + s_phi, y - 1.0 - c_phi
     r, theta = math.sqrt(xi * xi + eta * eta), math.atan2(eta, xi)
@@ -190,36 +137,41 @@ def _reversible(
     if r <= 4.0:  # 8.3, 8.4 L+ R- L(+ or -)
         u = -2.0 * math.asin(0.25 * r)
         t = _wrap(theta + 0.5 * u + math.pi)
-        v = _wrap(phi - t + u)
-        if t >= low:
-            _offer(
-                best,
-                out,
-                limits,
-                flip,
-                mirror,
-                reverse,
-                (1.0, -1.0, 1.0, 0.0, 0.0),
-                (t, u, v, 0.0, 0.0),
-            )
+        if t >= LOW:
+            n = _put(words, n, (1.0, -1.0, 1.0, 0.0), (t, u, _wrap(phi - t + u), 0.0, 0.0))
     if r >= 2.0:  # 8.9 L+ R- S- L-
         root = math.sqrt(r * r - 4.0)
-        u = 2.0 - root
         t = _wrap(theta + math.atan2(root, -2.0))
-        v = _wrap(phi - half - t)
-        if t >= low and u <= -low and v <= -low:
-            word = (1.0, -1.0, 0.0, 1.0, 0.0)
-            _offer(best, out, limits, flip, mirror, reverse, word, (t, -half, u, v, 0.0))
+        v = _wrap(phi - QUARTER - t)
+        if t >= LOW and v <= -LOW:
+            n = _put(words, n, (1.0, -1.0, 0.0, 1.0), (t, -QUARTER, 2.0 - root, v, 0.0))
     if ro >= 2.0:  # 8.10 L+ R- S- R-
         t = math.atan2(xo, -eo)
-        u = 2.0 - ro
-        v = _wrap(t + half - phi)
-        if t >= low and v <= -low:
-            word = (1.0, -1.0, 0.0, -1.0, 0.0)
-            _offer(best, out, limits, flip, mirror, reverse, word, (t, -half, u, v, 0.0))
+        v = _wrap(t + QUARTER - phi)
+        if t >= LOW and v <= -LOW:
+            n = _put(words, n, (1.0, -1.0, 0.0, -1.0), (t, -QUARTER, 2.0 - ro, v, 0.0))
+    return n
 
 
-@njit(cache=True)
+@inner
+def _time_of(words: FloatArray, i: int, flip: float, limits: FloatArray) -> float:
+    """Return the time (s) of a word between the runs before and after it."""
+    v, a = limits[1], limits[2]
+    scale = flip * limits[0]
+    time, run = 0.0, limits[3]
+    for k in range(MAX_ARCS + 1):
+        s = limits[4] if k == MAX_ARCS else words[i, 5 + k] * scale
+        if abs(s) <= TINY:
+            continue
+        if run * s < 0.0:
+            time += run_time(abs(run), v, a)
+            run = s
+        else:
+            run += s
+    return time + run_time(abs(run), v, a)
+
+
+@kernel
 def connect(
     x0: float,
     y0: float,
@@ -242,13 +194,26 @@ def connect(
     dx, dy = (x1 - x0) / radius, (y1 - y0) / radius
     c, s = math.cos(th0), math.sin(th0)
     x, y, phi = c * dx + s * dy, c * dy - s * dx, _wrap(th1 - th0)
-    best = np.empty(2)
-    best[0], best[1] = 1e300, 0.0
+    words = np.zeros((4 * MAX_WORDS, 2 * MAX_ARCS))
+    best, chosen, best_flip, best_mirror = 1e300, 0, 1.0, 1.0
+    n = 0
     for i in range(4):
         flip = 1.0 if i < 2 else -1.0
         mirror = 1.0 if i % 2 == 0 else -1.0
-        _words(flip * x, mirror * y, flip * mirror * phi, best, out, limits, flip, mirror)
-    return best[0], int(best[1])
+        first = n
+        n = _words(flip * x, mirror * y, flip * mirror * phi, words, n)
+        for k in range(first, n):
+            time = _time_of(words, k, flip, limits)
+            if time < best - 1e-12:
+                best, chosen, best_flip, best_mirror = time, k, flip, mirror
+    count = 0
+    for k in range(MAX_ARCS):
+        s = words[chosen, 5 + k] * best_flip * radius
+        if abs(s) > TINY:
+            out[count, 0] = words[chosen, k] * best_mirror / radius
+            out[count, 1] = s
+            count += 1
+    return best, count
 
 
 def _curve(

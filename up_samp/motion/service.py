@@ -37,9 +37,9 @@ LAZY_ROUNDS = 3
 class MotionService:
     """Plans, bounds and refutes motions on one map (None: the open plane).
 
-    ``planner``: a name of :data:`up_samp.motion.planners.PLANNERS`, or ``"default"``: chosen by what
-    each body needs. ``margin`` (m): clearance that plans keep from walls and objects; less where a
-    start or a goal is closer than that. Same seed, same answers. ``cache`` may be shared.
+    ``planner``: a name of :data:`up_samp.motion.planners.PLANNERS`, or ``"default"``: chosen by
+    what each body needs. ``margin`` (m): clearance that plans keep from walls and objects; less
+    where a start or a goal is closer than that. Same seed, same answers. ``cache`` may be shared.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class MotionService:
         self.seed = seed
         self.cache = MotionCache() if cache is None else cache
         self.certifier = Certifier(self.scene)
-        self.bounds = Bounds(self.scene)
+        self.bounds = Bounds(self.scene, self.certifier)
         self._planners: dict[str, MotionPlanner] = {}
 
     def plan(self, query: PathQuery, deadline: Deadline) -> PathReport:
@@ -197,7 +197,9 @@ class MotionService:
         obstacles: tuple[Placed, ...],
         deadline: Deadline,
     ) -> frozenset[str]:
-        """Return the obstacles that the way on the empty map would hit (all, if that is unknown)."""
+        """Return the obstacles that the way on the empty map would hit (all, if that is
+        unknown).
+        """
         if body.kinematics.model not in PLANAR or not obstacles:
             return frozenset(p.name for p in obstacles)
         for name in planner_names(self.planner, body):
@@ -264,7 +266,8 @@ class MotionService:
         shape = shape_of(body, clearance).data
         polys = self.scene.polys((placed,))
         nothing = k.open_plane()
-        return bool(k.samples_free(nothing, polys, shape, trajectory.poses, 1e-4) < 0)
+        poses = trajectory.poses.copy()  # numba compiles anew for arrays that cannot be written
+        return bool(k.samples_free(nothing, polys, shape, poses, 1e-4) < 0)
 
     def parking_clearance(self, trajectory: Trajectory, body: Body, placed: Placed) -> float:
         """Return the smallest distance (m) of a motion to a resting object, at most 1 mm too small;
@@ -272,7 +275,7 @@ class MotionService:
         """
         shape = shape_of(body).data
         polys = self.scene.polys((placed,))
-        return float(k.samples_distance(polys, shape, trajectory.poses, 1e-3))
+        return float(k.samples_distance(polys, shape, trajectory.poses.copy(), 1e-3))
 
     def precompute(
         self,

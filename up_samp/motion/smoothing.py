@@ -6,16 +6,17 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from up_samp.geometry.compiled import inner, kernel
 from up_samp.geometry.kernels import GridData, PolyData, ShapeData, advance, arc_free
-from up_samp.motion.arcs import merged, nodes_of, path_time
+from up_samp.motion.arcs import ends_of, merged, nodes_of, path_time
 from up_samp.motion.reeds_shepp import TINY, connect, run_time
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 
 
-@njit(cache=True)
+@inner
 def _locate(ends: FloatArray, p: float) -> int:
     """Return the arc in which the position ``p`` (m along the path) lies."""
     low, high = 0, ends.shape[0] - 1
@@ -28,7 +29,7 @@ def _locate(ends: FloatArray, p: float) -> int:
     return low
 
 
-@njit(cache=True)
+@inner
 def _side(
     arcs: FloatArray, i: int, part: float, forward: bool, v: float, a: float
 ) -> tuple[float, float]:
@@ -58,7 +59,7 @@ def _side(
     return open_run, time + run_time(abs(run), v, a)
 
 
-@njit(cache=True)
+@inner
 def _cut(
     arcs: FloatArray, nodes: FloatArray, ends: FloatArray, p: float
 ) -> tuple[int, float, float, float, float]:
@@ -73,7 +74,7 @@ def _cut(
     return i, part, x, y, th
 
 
-@njit(cache=True)
+@inner
 def _free(
     grid: GridData,
     polys: PolyData,
@@ -91,7 +92,7 @@ def _free(
     return True
 
 
-@njit(cache=True)
+@inner
 def _last_run(arcs: FloatArray, n: int, before: float) -> float:
     """Return the signed length of the run in which ``before`` followed by the arcs ends."""
     run = before
@@ -100,7 +101,7 @@ def _last_run(arcs: FloatArray, n: int, before: float) -> float:
     return run
 
 
-@njit(cache=True)
+@inner
 def _closed_time(arcs: FloatArray, n: int, before: float, v: float, a: float) -> float:
     """Return the time of all runs but the last one of ``before`` followed by the arcs."""
     run, time = before, 0.0
@@ -113,22 +114,41 @@ def _closed_time(arcs: FloatArray, n: int, before: float, v: float, a: float) ->
     return time
 
 
-@njit(cache=True)
+@inner
+def _copy(source: FloatArray, n: int, target: FloatArray, at: int) -> None:
+    for k in range(n):
+        target[at + k, 0], target[at + k, 1] = source[k, 0], source[k, 1]
+
+
+@inner
 def _spliced(
     arcs: FloatArray, i: int, part_i: float, j: int, part_j: float, new: FloatArray, n: int
 ) -> FloatArray:
     """Return the path with everything between two cuts replaced."""
     size = arcs.shape[0]
     out = np.empty((i + 1 + n + size - j, 2))
-    out[: i + 1] = arcs[: i + 1]
+    _copy(arcs, i + 1, out, 0)
     out[i, 1] = part_i
-    out[i + 1 : i + 1 + n] = new[:n]
-    out[i + 1 + n :] = arcs[j:]
+    _copy(new, n, out, i + 1)
+    _copy(arcs[j:], size - j, out, i + 1 + n)
     out[i + 1 + n, 1] = arcs[j, 1] - part_j
     return merged(out)
 
 
-@njit(cache=True)
+@inner
+def _random(state: IntArray) -> float:
+    """Return the next number in [0, 1) of a linear congruential generator (Knuth's MMIX)."""
+    state[0] = state[0] * 6364136223846793005 + 1442695040888963407
+    return ((state[0] >> 11) & ((1 << 52) - 1)) / 4503599627370496.0
+
+
+@inner
+def _spread(state: IntArray) -> float:
+    """Return a number of mean 0 and standard deviation 1, about normal."""
+    return 2.0 * (_random(state) + _random(state) + _random(state) - 1.5)
+
+
+@kernel
 def improve(
     grid: GridData,
     polys: PolyData,
@@ -144,14 +164,18 @@ def improve(
 
     Each round cuts the path at two places and joins them by the fastest curve, directly or over a
     randomly displaced pose of the path between them; stops after ``patience`` rounds without a
-    gain. Deterministic for ``seed``. ``limits``: turning radius, v, a (then two entries of scratch).
+    gain. Deterministic for ``seed``. ``limits``: turning radius, v, a (then two entries of
+    scratch).
     """
-    np.random.seed(seed)
+    state = np.empty(1, dtype=np.int64)
+    state[0] = seed
+    for _ in range(8):
+        _random(state)
     radius, v, a = limits[0], limits[1], limits[2]
     out, new = np.empty((5, 2)), np.empty((10, 2))
     best = path_time(arcs, v, a)
     nodes = nodes_of(start, arcs)
-    ends = np.cumsum(np.abs(arcs[:, 1]))
+    ends = ends_of(arcs)
     idle = 0
     for r in range(rounds):
         if arcs.shape[0] < 2 or idle > patience:
@@ -159,10 +183,10 @@ def improve(
         idle += 1
         total = ends[-1]
         if r % 3 == 0:
-            p, q = np.random.random() * total, np.random.random() * total
+            p, q = _random(state) * total, _random(state) * total
         else:  # local windows find what long ones cannot
-            p = np.random.random() * total
-            q = p + (0.5 + 8.0 * np.random.random()) * radius
+            p = _random(state) * total
+            q = p + (0.5 + 8.0 * _random(state)) * radius
         p, q = min(p, q), min(max(p, q), total)
         if r % 5 == 0:
             p = 0.0
@@ -177,27 +201,27 @@ def improve(
         limits[3], limits[4] = before, after
         if r % 2 == 0:
             time, n = connect(x, y, th, gx, gy, gth, limits, out)
-            new[:n] = out[:n]
+            _copy(out, n, new, 0)
         else:
-            k, part_k, mx, my, mth = _cut(arcs, nodes, ends, p + np.random.random() * (q - p))
-            size = radius * 0.5 * 10.0 ** (-2.0 * np.random.random())
-            mx += size * np.random.normal()
-            my += size * np.random.normal()
-            mth += 0.3 * size / radius * np.random.normal()
+            k, _, mx, my, mth = _cut(arcs, nodes, ends, p + _random(state) * (q - p))
+            size = radius * 0.5 * 10.0 ** (-2.0 * _random(state))
+            mx += size * _spread(state)
+            my += size * _spread(state)
+            mth += 0.3 * size / radius * _spread(state)
             limits[4] = (1.0 if arcs[k, 1] > 0.0 else -1.0) * 4.0 * radius
             _, n1 = connect(x, y, th, mx, my, mth, limits, out)
-            new[:n1] = out[:n1]
+            _copy(out, n1, new, 0)
             time = _closed_time(new, n1, before, v, a)
             limits[3], limits[4] = _last_run(new, n1, before), after
             rest, n2 = connect(mx, my, mth, gx, gy, gth, limits, out)
-            new[n1 : n1 + n2] = out[:n2]
+            _copy(out, n2, new, n1)
             n = n1 + n2
             time += rest
         if left + time + right < best - 1e-4 and _free(grid, polys, shape, x, y, th, new, n):
             arcs = _spliced(arcs, i, part_i, j, part_j, new, n)
             best = path_time(arcs, v, a)
             nodes = nodes_of(start, arcs)
-            ends = np.cumsum(np.abs(arcs[:, 1]))
+            ends = ends_of(arcs)
             idle = 0
     return arcs
 

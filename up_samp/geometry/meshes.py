@@ -1,0 +1,227 @@
+"""Solid bodies in space: triangle meshes, walls that rise from a map, and their distances.
+
+Needs the optional extra ``meshes``: ``trimesh`` reads the files, ``coal`` (the successor of hpp-fcl)
+measures. Lengths in m; poses are (x, y, z, qx, qy, qz, qw) in the world frame.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.geometry.maps import OccupancyGrid
+from up_samp.geometry.scene import placed_polygons
+from up_samp.model import Body, Configuration, MotionModel, ProblemError, UnsupportedError
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+_BOX = np.array(
+    [
+        (0, 2, 1), (0, 3, 2), (4, 5, 6), (4, 6, 7), (0, 1, 5), (0, 5, 4),
+        (1, 2, 6), (1, 6, 5), (2, 3, 7), (2, 7, 6), (3, 0, 4), (3, 4, 7),
+    ]
+)  # fmt: skip
+"""Triangles of a box whose corners run round the floor, then round the ceiling."""
+
+
+def _library(name: str) -> Any:
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise UnsupportedError(
+            f"bodies with meshes need the package '{name}': pip install 'up-samp[meshes]'"
+        ) from error
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A triangle mesh in its body's frame. ``vertices`` (n, 3), ``faces`` (m, 3).
+
+    ``radius`` (m) is the distance of the farthest vertex from the body's reference point (the
+    origin); ``closed`` tells whether the surface has an inside; ``solid`` is coal's model of it.
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+    radius: float
+    closed: bool
+    solid: Any
+
+
+def make_mesh(vertices: npt.ArrayLike, faces: npt.ArrayLike, closed: bool = True) -> Mesh:
+    """Return a mesh from its arrays."""
+    coal = _library("coal")
+    points = np.ascontiguousarray(vertices, dtype=np.float64)
+    corners = np.ascontiguousarray(faces, dtype=np.int64)
+    model = coal.BVHModelOBBRSS()
+    positions, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    for point in points:
+        positions.append(point)
+    for a, b, c in corners.tolist():
+        triangles.append(coal.Triangle(a, b, c))
+    model.beginModel(len(corners), len(points))
+    model.addSubModel(positions, triangles)
+    model.endModel()
+    return Mesh(points, corners, float(np.linalg.norm(points, axis=1).max()), closed, model)
+
+
+def load_mesh(path: str | os.PathLike[str]) -> Mesh:
+    """Read a mesh file (STL, OBJ, PLY, OFF, GLB ...; cached). Its numbers are taken as metres.
+
+    Raises ``ProblemError`` naming the file if it is missing, unreadable, or holds no triangles.
+    """
+    name = os.fspath(path)
+    if not os.path.isfile(name):
+        raise ProblemError(f"the geometric model '{name}' is not a file")
+    status = os.stat(name)
+    return _load(name, status.st_mtime_ns, status.st_size)
+
+
+@lru_cache(maxsize=64)
+def _load(name: str, _modified: int, _size: int) -> Mesh:
+    trimesh = _library("trimesh")
+    try:
+        mesh = trimesh.load(name, force="mesh")
+        vertices, faces = np.array(mesh.vertices), np.array(mesh.faces)
+    except Exception as error:  # each of trimesh's readers has errors of its own
+        raise ProblemError(f"the geometric model '{name}' cannot be read: {error}") from error
+    if faces.ndim != 2 or len(faces) == 0 or faces.shape[1] != 3:
+        raise ProblemError(f"the geometric model '{name}' holds no triangles")
+    if not np.isfinite(vertices).all():
+        raise ProblemError(f"the geometric model '{name}' has corners that are not finite")
+    return make_mesh(vertices, faces, bool(mesh.is_watertight))
+
+
+def boxes(rectangles: Iterable[FloatArray], low: float, high: float) -> Mesh | None:
+    """Return upright boxes over convex quadrilaterals (4, 2), counter-clockwise, in the world frame,
+    from height ``low`` to ``high`` (m); None if there are none.
+    """
+    vertices, faces = [], []
+    for index, ring in enumerate(rectangles):
+        for height in (low, high):
+            vertices.append(np.column_stack((ring, np.full(4, height))))
+        faces.append(_BOX + 8 * index)
+    if not faces:
+        return None
+    return make_mesh(np.concatenate(vertices), np.concatenate(faces))
+
+
+def prism(polygons: Sequence[FloatArray], low: float, high: float) -> Mesh:
+    """Return the upright prisms over convex polygons (n, 2), counter-clockwise, world frame."""
+    vertices: list[FloatArray] = []
+    faces: list[tuple[int, int, int]] = []
+    base = 0
+    for ring in polygons:
+        n = len(ring)
+        for height in (low, high):
+            vertices.append(np.column_stack((ring, np.full(n, height))))
+        for i in range(n):
+            j = (i + 1) % n
+            faces += [(base + i, base + j, base + n + j), (base + i, base + n + j, base + n + i)]
+        for i in range(1, n - 1):
+            faces += [(base, base + i + 1, base + i), (base + n, base + n + i, base + n + i + 1)]
+        base += 2 * n
+    return make_mesh(np.concatenate(vertices), np.array(faces))
+
+
+def wall_rectangles(grid: OccupancyGrid) -> list[FloatArray]:
+    """Return the blocked cells of a map, and a ring of cells around it, as few rectangles (4, 2),
+    counter-clockwise in the world frame: runs along rows, joined where the next row has the same.
+    """
+    blocked = np.pad(grid.blocked, 1, constant_values=True)
+    done: list[tuple[int, int, int, int]] = []
+    growing: dict[tuple[int, int], int] = {}
+    for row in range(blocked.shape[0] + 1):
+        runs: set[tuple[int, int]] = set()
+        if row < blocked.shape[0]:
+            edges = np.flatnonzero(
+                np.diff(np.concatenate(([0], blocked[row].astype(np.int8), [0])))
+            )
+            runs = {(int(a), int(b)) for a, b in edges.reshape(-1, 2)}
+        for run in [r for r in growing if r not in runs]:
+            done.append((growing.pop(run), row, *run))
+        for run in runs:
+            growing.setdefault(run, row)
+    found = []
+    for r0, r1, c0, c1 in sorted(done):
+        corners = ((r0, c0), (r0, c1), (r1, c1), (r1, c0))
+        # point_of gives centres of cells, and the ring of padding is cell -1
+        found.append(np.array([grid.point_of(r - 1.5, c - 1.5) for r, c in corners]))
+    return found
+
+
+def mesh_of(body: Body, pose: Configuration, low: float, high: float) -> tuple[Mesh, Configuration]:
+    """Return a resting body's mesh and its pose in space.
+
+    A body that moves in the plane has no height: it stands as a prism from ``low`` to ``high``.
+    """
+    if body.kinematics.model is not MotionModel.SE3:
+        rest = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+        return prism(placed_polygons(body, pose), low, high), rest
+    if body.mesh is None:
+        raise ProblemError("a body that moves in space (SE3) needs a geometric model (a mesh file)")
+    return load_mesh(body.mesh), pose
+
+
+def transform(pose: Sequence[float]) -> Any:
+    """Return coal's transform for a pose (its quaternion need not be of length 1)."""
+    coal = _library("coal")
+    result = coal.Transform3s()
+    result.setRotation(rotation(pose[3:]))
+    result.setTranslation(np.array(pose[:3], dtype=np.float64))
+    return result
+
+
+def rotation(q: Sequence[float]) -> FloatArray:
+    """Return the matrix (3, 3) of a quaternion (x, y, z, w)."""
+    size = math.sqrt(sum(v * v for v in q))
+    if size < 1e-9:
+        raise ProblemError("a quaternion of length 0 is no orientation")
+    x, y, z, w = (float(v) / size for v in q)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def surface_distance(a: Mesh, place_a: Any, b: Mesh, place_b: Any) -> float:
+    """Return the distance (m) of two surfaces at their transforms; 0 where they cross."""
+    coal = _library("coal")
+    result = coal.DistanceResult()
+    found = coal.distance(a.solid, place_a, b.solid, place_b, coal.DistanceRequest(), result)
+    return max(0.0, float(found))
+
+
+def contains(mesh: Mesh, point: npt.ArrayLike) -> bool:
+    """Return whether a point (body frame) lies inside a closed mesh: a ray from it crosses the
+    surface an odd number of times (Moller & Trumbore 1997). An open mesh has no inside.
+    """
+    if not mesh.closed:
+        return False
+    origin = np.asarray(point, dtype=np.float64)
+    ray = np.array([0.5773, 0.2113, 0.7887])  # askew, to miss edges
+    a = mesh.vertices[mesh.faces[:, 0]]
+    one, two = mesh.vertices[mesh.faces[:, 1]] - a, mesh.vertices[mesh.faces[:, 2]] - a
+    p = np.cross(ray, two)
+    det = np.sum(one * p, axis=1)
+    usable = np.abs(det) > 1e-14
+    inverse = np.where(usable, 1.0 / np.where(usable, det, 1.0), 0.0)
+    t = origin - a
+    u = np.sum(t * p, axis=1) * inverse
+    q = np.cross(t, one)
+    v = np.sum(ray * q, axis=1) * inverse
+    far = np.sum(two * q, axis=1) * inverse
+    crossed = usable & (u >= 0) & (v >= 0) & (u + v <= 1) & (far > 0)
+    return bool(np.count_nonzero(crossed) % 2)
