@@ -1,7 +1,7 @@
 """Solid bodies in space: triangle meshes, walls that rise from a map, and their distances.
 
-Needs the optional extra ``meshes``: ``trimesh`` reads the files, ``coal`` (the successor of hpp-fcl)
-measures. Lengths in m; poses are (x, y, z, qx, qy, qz, qw) in the world frame.
+Needs the optional extra ``meshes``: ``trimesh`` reads the files, ``coal`` (the successor of
+hpp-fcl) measures. Lengths in m; poses are (x, y, z, qx, qy, qz, qw) in the world frame.
 """
 
 from __future__ import annotations
@@ -102,8 +102,8 @@ def _load(name: str, _modified: int, _size: int) -> Mesh:
 
 
 def boxes(rectangles: Iterable[FloatArray], low: float, high: float) -> Mesh | None:
-    """Return upright boxes over convex quadrilaterals (4, 2), counter-clockwise, in the world frame,
-    from height ``low`` to ``high`` (m); None if there are none.
+    """Return upright boxes over convex quadrilaterals (4, 2), counter-clockwise, world frame, from
+    height ``low`` to ``high`` (m); None if there are none.
     """
     vertices, faces = [], []
     for index, ring in enumerate(rectangles):
