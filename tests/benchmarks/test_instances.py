@@ -31,7 +31,14 @@ def test_the_paper_has_132():
     assert len(names) == len(set(names))
 
 
-@pytest.mark.parametrize("bad", ["logistics-r1", "nothing"])
+def test_any_size_and_seed_by_name():
+    for name in ("logistics-do-oc-r4-i3-s7", "jobshop-r1-j1-m1-s3", "transport-do-r1-j1-m1"):
+        assert instance(name).build(metric=False).name == name
+    with pytest.raises(ProblemError, match="robots"):
+        instance("logistics-dc-all-r11-i1").build()
+
+
+@pytest.mark.parametrize("bad", ["logistics-r1", "nothing", "transport-dc-r1"])
 def test_unknown_names_are_refused(bad):
     with pytest.raises(ProblemError, match=bad):
         instance(bad)
@@ -170,6 +177,8 @@ def test_box():
 @pytest.mark.long
 @pytest.mark.parametrize("encoding", ["fluents", "no-fluents"])
 def test_all_instances_build(encoding):
-    for family in families():
-        for i in instances(family):
-            assert i.build(encoding, False).name == i.name
+    large = [instances(family)[0] for family in families()]
+    for i in [*instances("paper"), *large, instance("logistics-dc-all-r10-i16")]:
+        problem = i.build(encoding, False)
+        assert problem.name == i.name
+        assert len({a.name for a in problem.activities}) == len(problem.activities)

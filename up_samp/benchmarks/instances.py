@@ -1,9 +1,15 @@
-"""The paper's 132 instances by name, and the larger ones beyond them."""
+"""Instances by name: the paper's 132, the larger ones beyond them, and any other size and seed.
+
+A name says everything: ``logistics-dc-all-r2-i4`` (door closed or ``do``, open; all sides or
+``oc``, corridor only; robots; items), ``jobshop-r2-j2-m4`` (robots, jobs, machines),
+``transport-dc-r2-j2-m2``, ``transport-ft06-do-r3``; ``-s7`` at the end asks for seed 7.
+"""
 
 from __future__ import annotations
 
 import functools
 import itertools
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -19,7 +25,11 @@ Build = Callable[..., SchedulingMotionProblem]
 
 @dataclass(frozen=True)
 class Instance:
-    """A named benchmark instance. ``group`` is the paper's column: OC-DO, ..., ALL-DC, JSP."""
+    """A named benchmark instance.
+
+    ``group`` is the paper's column: ``OC-DO``, ``OC-DC``, ``ALL-DO``, ``ALL-DC``, ``JSP``; or
+    ``transport``.
+    """
 
     name: str
     family: str
@@ -27,26 +37,77 @@ class Instance:
     build: Build
 
 
-def _logistics(
-    robots: int, items: int, door: logistics.DoorState, sides: logistics.Sides, family: str
-) -> Instance:
+_NAME = re.compile(
+    r"(?:(?P<logistics>logistics)-d(?P<ldoor>[co])-(?P<sides>all|oc)-r(?P<lr>\d+)-i(?P<items>\d+)"
+    r"|(?P<jobshop>jobshop)-r(?P<jr>\d+)-j(?P<jobs>\d+)-m(?P<machines>\d+)"
+    r"|(?P<transport>transport)-(?:(?P<data>ft06)-)?d(?P<tdoor>[co])-r(?P<tr>\d+)"
+    r"(?P<size>-j(?P<tjobs>\d+)-m(?P<tmachines>\d+))?)(?:-s(?P<seed>\d+))?"
+)
+
+
+def instance(name: str) -> Instance:
+    """Return the instance of that name; its sizes are checked when it is built.
+
+    :raises ProblemError: if the name is none.
+    """
+    found = _NAME.fullmatch(name)
+    if found is None or (found["transport"] and bool(found["data"]) == bool(found["size"])):
+        raise ProblemError(f"there is no instance {name!r}; `instances(family)` lists them")
+    seed = int(found["seed"] or 0)
+    if found["logistics"]:
+        return _logistics(found, name, seed)
+    return _job_shop(found, name, seed) if found["jobshop"] else _transport(found, name, seed)
+
+
+def _logistics(found: re.Match[str], name: str, seed: int) -> Instance:
+    robots, items = int(found["lr"]), int(found["items"])
+    door: logistics.DoorState = "closed" if found["ldoor"] == "c" else "open"
+    sides: logistics.Sides = "all" if found["sides"] == "all" else "corridor"
+
     def build(encoding: Encoding = "fluents", metric: bool = True) -> SchedulingMotionProblem:
         return logistics.logistics(
-            robots, items, door=door, sides=sides, encoding=encoding, metric=metric
+            robots,
+            items,
+            door=door,
+            sides=sides,
+            encoding=encoding,
+            metric=metric,
+            seed=seed,
+            name=name,
         )
 
-    group = f"{'ALL' if sides == 'all' else 'OC'}-D{door[0].upper()}"
-    return Instance(logistics.instance_name(robots, items, door, sides), family, group, build)
+    group = f"{found['sides'].upper()}-D{found['ldoor'].upper()}"
+    return Instance(name, "logistics", group, build)
 
 
-def _job_shop(robots: int, jobs: int, machines: int, family: str) -> Instance:
+def _job_shop(found: re.Match[str], name: str, seed: int) -> Instance:
+    size = int(found["jr"]), int(found["jobs"]), int(found["machines"])
+
     def build(encoding: Encoding = "fluents", metric: bool = True) -> SchedulingMotionProblem:
-        return jobshop.job_shop(robots, jobs, machines, encoding=encoding, metric=metric)
+        return jobshop.job_shop(*size, encoding=encoding, metric=metric, seed=seed, name=name)
 
-    return Instance(jobshop.instance_name(robots, jobs, machines), family, "JSP", build)
+    return Instance(name, "jobshop", "JSP", build)
 
 
-def _paper_logistics() -> list[Instance]:
+def _transport(found: re.Match[str], name: str, seed: int) -> Instance:
+    size = int(found["tr"]), int(found["tjobs"] or 0), int(found["tmachines"] or 0)
+    door: logistics.DoorState = "closed" if found["tdoor"] == "c" else "open"
+
+    def build(encoding: Encoding = "fluents", metric: bool = True) -> SchedulingMotionProblem:
+        return transport.transport(
+            *size,
+            data=found["data"],
+            door=door,
+            encoding=encoding,
+            metric=metric,
+            seed=seed,
+            name=name,
+        )
+
+    return Instance(name, "transport", "transport", build)
+
+
+def _paper_logistics() -> list[str]:
     settings: list[tuple[logistics.Sides, logistics.DoorState]] = [
         ("corridor", "open"),
         ("corridor", "closed"),
@@ -54,72 +115,55 @@ def _paper_logistics() -> list[Instance]:
         ("all", "closed"),
     ]
     return [
-        _logistics(robots, items, door, sides, "logistics")
-        for (sides, door) in settings
+        logistics.instance_name(robots, items, door, sides)
+        for sides, door in settings
         for robots in (1, 2, 3)
         for items in range(1, 9)
     ]
 
 
-def _large_logistics() -> list[Instance]:
-    return [
-        _logistics(robots, items, "closed", "all", "logistics-large")
-        for robots in range(4, 11)
-        for items in (8, 12, 16)
-    ]
+def _large_logistics() -> list[str]:
+    sizes = itertools.product(range(4, 11), (8, 12, 16))
+    return [logistics.instance_name(r, i, "closed", "all") for r, i in sizes]
 
 
-def _paper_job_shops() -> list[Instance]:
+def _paper_job_shops() -> list[str]:
     return [
-        _job_shop(robots, jobs, machines, "jobshop")
+        jobshop.instance_name(robots, jobs, machines)
         for machines in (1, 2, 4, 6)
         for robots in (1, 2, 3)
         for jobs in (1, 2, 3)
     ]
 
 
-def _large_job_shops() -> list[Instance]:
-    sizes = itertools.chain([(3, 4, 4), (3, 6, 4), (4, 4, 4)], [(4, 4, 6), (4, 6, 6), (5, 6, 6)])
-    return [_job_shop(r, j, m, "jobshop-large") for r, j, m in sizes]
+def _large_job_shops() -> list[str]:
+    sizes = [(3, 4, 4), (3, 6, 4), (4, 4, 4), (4, 4, 6), (4, 6, 6), (5, 6, 6)]
+    return [jobshop.instance_name(*size) for size in sizes]
 
 
-def _transport() -> list[Instance]:
+def _transports() -> list[str]:
     sizes = [*itertools.product((1, 2), (1, 2), (1, 2)), (2, 3, 2), (3, 3, 2), (2, 2, 4)]
-
-    def sized(r: int, j: int, m: int) -> Instance:
-        def build(encoding: Encoding = "fluents", metric: bool = True) -> SchedulingMotionProblem:
-            return transport.transport(r, j, m, encoding=encoding, metric=metric)
-
-        return Instance(transport.instance_name(r, j, m, "closed"), "transport", "transport", build)
-
-    def classic(r: int) -> Instance:
-        def build(encoding: Encoding = "fluents", metric: bool = True) -> SchedulingMotionProblem:
-            return transport.transport(
-                r, data="ft06", door="open", encoding=encoding, metric=metric
-            )
-
-        return Instance(f"transport-ft06-do-r{r}", "transport", "transport", build)
-
-    return [sized(*size) for size in sizes] + [classic(r) for r in (2, 3)]
+    names = [transport.instance_name(*size, "closed") for size in sizes]
+    return [*names, "transport-ft06-do-r2", "transport-ft06-do-r3"]
 
 
-_FAMILIES: dict[str, Callable[[], list[Instance]]] = {
+_FAMILIES: dict[str, Callable[[], list[str]]] = {
     "logistics": _paper_logistics,
     "jobshop": _paper_job_shops,
     "logistics-large": _large_logistics,
     "jobshop-large": _large_job_shops,
-    "transport": _transport,
+    "transport": _transports,
 }
 
 
 def families() -> tuple[str, ...]:
-    """Return the names of the families."""
+    """Return the names of the families (``paper`` is ``logistics`` and ``jobshop``)."""
     return tuple(_FAMILIES)
 
 
 @functools.cache
 def _instances(family: str) -> tuple[Instance, ...]:
-    return tuple(_FAMILIES[family]())
+    return tuple(map(instance, _FAMILIES[family]()))
 
 
 def instances(family: str) -> list[Instance]:
@@ -135,15 +179,3 @@ def instances(family: str) -> list[Instance]:
         known = ", ".join(("paper", *_FAMILIES))
         raise ProblemError(f"there is no family {family!r}; there are {known}")
     return list(_instances(family))
-
-
-def instance(name: str) -> Instance:
-    """Return the instance of that name.
-
-    :raises ProblemError: if no family has it.
-    """
-    for family in _FAMILIES:
-        for candidate in _instances(family):
-            if candidate.name == name:
-                return candidate
-    raise ProblemError(f"there is no instance {name!r}; `instances(family)` lists them")

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from up_samp.benchmarks.instances import families, instances
+from up_samp.benchmarks.instances import instances
 from up_samp.benchmarks.runs import Record, RunSpec
 
 GROUPS = ("OC-DO", "OC-DC", "ALL-DO", "ALL-DC", "JSP")
@@ -58,11 +58,7 @@ def columns(records: Sequence[Record]) -> dict[str, list[Record]]:
 
 
 def _groups() -> dict[str, str]:
-    names = {i.name: i.group for i in instances("paper")}
-    for family in families():
-        for i in instances(family):
-            names.setdefault(i.name, family)
-    return names
+    return {i.name: i.group for i in instances("paper")}
 
 
 def write(records: Sequence[Record], folder: Path) -> Path:
