@@ -135,6 +135,8 @@ def test_map_with_turned_origin_and_unknown_cells(tmp_path):
 def test_missing_and_stray_trajectories(world):
     world.move("m", "r1", drive(HOME, WAY), 0, 26)
     assert kinds(judge(world, trajectories={})) == ["trajectory"]
+    with_path = world.plan(paths=True)
+    assert kinds(validate_plan(world.problem, with_path, {})) == ["trajectory"]
     stray = {**world.trajectories, "n": drive(HOME, WAY)}
     assert kinds(judge(world, trajectories=stray)) == ["trajectory"]
 

@@ -45,7 +45,7 @@ def track(trajectory, shape=CAR):
     return Track(trajectory.times, trajectory.poses, shape.radius)
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=150, deadline=None, derandomize=True)
 @given(poses, segments, st.sampled_from([0.03, 0.05, 0.1]))
 def test_sound_drives_are_accepted(start, way, step):
     trajectory = drive(start, way, step=step)

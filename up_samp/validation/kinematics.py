@@ -91,7 +91,7 @@ def _car(what: str, limits: Limits, times: FloatArray, pieces: Pieces) -> Iterat
     """A car: along its heading, no turn too tight, at rest where it changes direction."""
     radius, dt, length = limits.turning_radius, pieces.dt, pieces.length
     # between two samples a car of this radius can bend to and fro: its chord then leaves the
-    # heading in the middle by at most length / (4 radius), and is shorter than its way
+    # heading in the middle by at most length / (4 radius)
     unseen = length**2 / (4 * radius)
     slip = np.abs(pieces.across)
     yield from _worst(what, "side-slip", "m sideways", times, slip, unseen, 10 * NOISE)
@@ -99,10 +99,11 @@ def _car(what: str, limits: Limits, times: FloatArray, pieces: Pieces) -> Iterat
     curl = np.abs(pieces.turn)
     tightest = length / radius
     yield from _worst(what, "curvature", "rad turned", times, curl, tightest, 10 * NOISE)
-    speed = pieces.along / dt
+    speed = np.copysign(length, pieces.along) / dt
     yield from _worst(what, "speed", "m/s", times, speed, limits.v_max, NOISE / dt)
     yield from _worst(what, "speed", "m/s backwards", times, -speed, limits.v_back, NOISE / dt)
-    fuzz = NOISE + length**3 / (24 * radius**2)
+    # an S-bend inside a piece makes its arc look shorter than its way by length^3 / (96 radius^2)
+    fuzz = NOISE + length**3 / (96 * radius**2)
     yield from _acceleration(what, limits, times, dt, speed[:, None], fuzz, pieces.at_rest)
 
 

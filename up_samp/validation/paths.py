@@ -44,7 +44,10 @@ def read_trajectory(
     start: float,
     found: list[Violation],
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Return times (s) and poses of a motion, ``None`` (and a violation) if there are none."""
+    """Return times (s) and poses of a motion, ``None`` (and a violation) if there are none.
+
+    Where trajectories are ``given``, they have to be complete: the path is only read without.
+    """
     derived = None
     if isinstance(path, SE2WithControlsPath):
         derived = integrate(path, start, task.what, found)
@@ -57,8 +60,9 @@ def read_trajectory(
         if path is not None:
             found.extend(_disagreement(task, path, derived, times, poses))
         return times, poses
-    if derived is None:
+    if derived is None or given is not None:
         found.append(Violation("trajectory", f"{task.what} has no timed trajectory"))
+        return None
     return derived
 
 
