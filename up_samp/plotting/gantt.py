@@ -132,13 +132,15 @@ def _write_label(ax: Axes, row: Row, bar: Bar, bottom: float, taken: list[Bbox])
     """Write the longest of the bar's names that fits into it, else the first above it."""
     if row.track is not None and not row.track.moves:
         return
-    solid = sum(b - a for a, b in bar.driving) > 0.5 * (bar.end - bar.start)
+    longest = max(bar.driving, key=lambda span: span[1] - span[0], default=(0.0, 0.0))
+    solid = longest[1] - longest[0] > 0.5 * (bar.end - bar.start)
     color = ink_on(row.color) if solid else INK
     middle = bottom + _BAR / 2
-    room = _width(ax, bar.start, bar.end) - 4
+    start, end = longest if solid else (bar.start, bar.end)
+    room = _width(ax, start, end) - 4
     for name in bar.labels:
         text = ax.text(
-            (bar.start + bar.end) / 2, middle, name, ha="center", va="center", fontsize=8,
+            (start + end) / 2, middle, name, ha="center", va="center", fontsize=8,
             color=color, zorder=6, clip_on=True,
         )  # fmt: skip
         if _extent(text).width <= room:
