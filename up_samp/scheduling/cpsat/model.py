@@ -40,6 +40,7 @@ class ScheduleModel:
         self.objective: Lin | None = None
         self.disjunctions = Disjunctions()
         self.limit = 0
+        self.limit_at_least = 0
 
     # -- building ------------------------------------------------------------------------------
     def build(self, parts: Additions) -> None:
@@ -64,6 +65,7 @@ class ScheduleModel:
             self.states.add_condition(span, condition, self._vars(owner))
         rest = self.disjunctions.take(forms, list(world.activities.values()))
         self.disjunctions.emit(store, self.states)
+        self.disjunctions.emit_loads(store, Lin(((world.makespan, 1),)))
         self.objective = objective_of(self.problem, self.states, self._exact_makespan)
         self._timelines()
         for form in rest:
@@ -80,6 +82,8 @@ class ScheduleModel:
         self._parameters(parts)
         for activity in parts.durations:
             self._narrow(activity)
+        if parts.durations:
+            self.disjunctions.emit_loads(self.store, Lin(((self.world.makespan, 1),)))
         for form in self._forms(parts):
             self.store.enforce(form)
         for span, condition, owner in parts.conditions:
@@ -172,6 +176,9 @@ class ScheduleModel:
         self.store.enforce(made.start.shift(lower or 0).le(made.end), when)
         if upper is not None:
             self.store.enforce(made.end.le(made.start.shift(upper)), when)
+        made.least, made.most = lower or 0, upper
+        if made.size.terms and upper is not None:
+            self.store.bounds[made.size.terms[0][0]] = (made.least, upper)
 
     def _parameters(self, parts: Additions) -> None:
         for parameter in parts.variables:
@@ -223,14 +230,11 @@ class ScheduleModel:
         for span, _, _ in parts.conditions:
             horizon.beside(int(abs(span.lower.delay) + abs(span.upper.delay)))
         # room for what may be appended later, so that growing seldom means rebuilding
-        self.limit = 2 * horizon.bound() + 100
+        self.limit = max(2 * horizon.bound() + 100, self.limit_at_least)
         delays = [int(abs(t.delay)) for t, _, _ in parts.effects]
         delays += [int(abs(s.upper.delay)) for s, _, _ in parts.conditions]
         self.states.far = constant(self.limit + max(delays, default=0) + 2)
-        times = [self.world.makespan]
-        for made in self.world.activities.values():
-            times += [v for lin in (made.start, made.end) for v, _ in lin.terms]
-        for var in set(times):
+        for var in self.time_variables():
             self.store.rebound(var, 0, self.limit)
 
     def _timelines(self) -> None:
@@ -262,6 +266,27 @@ class ScheduleModel:
             store.enforce(makespan.le(made.end), (literal,))
             attained.append(literal)
         store.clause(attained)
+
+    def capped(self, makespan: int) -> Any:
+        """Return a copy of the CP-SAT model in which everything ends by ``makespan``.
+
+        Times of absent activities are capped too, which costs nothing. Small domains make
+        precedence cycles fail at once.
+        """
+        copy = self.store.model.clone()
+        variables = copy.proto.variables
+        for var in self.time_variables():
+            domain = variables[self.store.position(var)].domain
+            if len(domain) == 2 and domain[0] <= makespan < domain[1]:
+                domain[1] = makespan
+        return copy
+
+    def time_variables(self) -> list[int]:
+        """Return the makespan and the start and end variables."""
+        times = [self.world.makespan]
+        for made in self.world.activities.values():
+            times += [v for lin in (made.start, made.end) for v, _ in lin.terms]
+        return sorted(set(times))
 
     # -- solutions -----------------------------------------------------------------------------
     def schedule(self, value: Any) -> CandidateSchedule:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from up_samp.scheduling.cpsat.cliques import clique_cover, graph_of
 from up_samp.scheduling.cpsat.states import States
-from up_samp.scheduling.cpsat.store import TRUE, Cmp, Form, Store
+from up_samp.scheduling.cpsat.store import TRUE, Cmp, Form, Lin, Store, indicator_sum
 from up_samp.scheduling.cpsat.terms import ActivityVars
 
 
@@ -35,6 +35,17 @@ class Disjunctions:
                 key = (min(a, b), max(a, b))
                 self.gaps[key] = max(gap, self.gaps.get(key, 0))
         return rest
+
+    def emit_loads(self, store: Store, makespan: Lin) -> None:
+        """State that what one clique does fits into the makespan.
+
+        It follows from the NoOverlap, but only so does the linear relaxation see it: without it
+        the lower bound of a routing problem stays at nothing.
+        """
+        for gap, members in self.cliques:
+            if len(members) > 2:
+                load = indicator_sum([(a.present, a.least + gap) for a in members]).shift(-gap)
+                store.enforce(load.le(makespan))
 
     def emit(self, store: Store, states: States) -> None:
         """State every pair: cliques of three and more as NoOverlap, the others one by one."""

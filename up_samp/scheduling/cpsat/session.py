@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-import math
 import os
 import threading
-from collections.abc import Callable
 
-from ortools.sat.python import cp_model
 from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.model import CandidateSchedule, Deadline, ScheduleReport, ScheduleStatus
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.problem import Watcher
-from up_samp.scheduling.cpsat.solving import Answer, Run, run
-from up_samp.scheduling.cpsat.store import Lin
-
-Progress = Callable[[CandidateSchedule, "int | None"], None]
-"""Called with each better schedule and the best proven lower bound on the makespan so far."""
-
-PATIENCE = 0.3
-"""Seconds without a better schedule after which a satisficing solve is content."""
+from up_samp.scheduling.cpsat.search import Progress, Search
+from up_samp.scheduling.cpsat.solving import Run
 
 
 class CpsatSession:
@@ -45,9 +36,7 @@ class CpsatSession:
         self.rebuilds = 0
         self._watcher = Watcher(problem)
         self._model: ScheduleModel | None = None
-        self._last: list[int] | None = None
-        self._last_schedule: CandidateSchedule | None = None
-        self._stated_bound = 0
+        self._last: CandidateSchedule | None = None
         self._interrupted = threading.Event()
 
     @property
@@ -78,33 +67,21 @@ class CpsatSession:
         """
         started = deadline.elapsed()
         model = self._update()
-        if lower_bound is not None:
-            self.bound = max(self.bound, lower_bound)
-        self._state_bound(model)
-        self._hint(model, hint)
-        self._set_objective(model)
+        self.bound = max(self.bound, lower_bound or 0)
         wants_optimum = optimal and bool(self.problem.quality_metrics)
-
-        def improved(values: list[int], objective: float, bound: float) -> bool:
-            if on_solution is not None:
-                if model.objective is None:
-                    self._learn(bound)
-                schedule = model.schedule(self._lookup(model, values))
-                on_solution(schedule, self.bound or None)
-            return False
-
-        if deadline.expired():
-            return ScheduleReport(ScheduleStatus.OUT_OF_TIME, bound=self.bound or None)
-        patience = None if wants_optimum else PATIENCE
-        answer = run(
-            model.store.model,
+        search = Search(
+            model,
             self.settings,
             deadline,
-            improved,
-            patience=patience,
-            interrupted=self._interrupted,
+            self.bound,
+            wants_optimum,
+            on_solution,
+            self._interrupted,
         )
-        return self._report(model, answer, wants_optimum, deadline, started)
+        if not deadline.expired():
+            guess = hint if hint is not None else self._last
+            search.run(lambda: Watcher(self.problem).look(), guess)
+        return self._report(search, wants_optimum, deadline.elapsed() - started)
 
     def interrupt(self) -> None:
         """Stop a :meth:`solve` that runs in another thread."""
@@ -119,72 +96,26 @@ class CpsatSession:
             self._model.grow(parts)
             return self._model
         self.rebuilds += 1
-        self._last = None
-        self._stated_bound = 0
         model = ScheduleModel(self.problem)
         self._model = None
         model.build(Watcher(self.problem).look())
         self._model = model
         return model
 
-    def _state_bound(self, model: ScheduleModel) -> None:
-        if self.bound > self._stated_bound:
-            self._stated_bound = self.bound
-            makespan = Lin(((model.world.makespan, 1),))
-            model.store.enforce(Lin((), self.bound).le(makespan))
-
-    def _hint(self, model: ScheduleModel, hint: CandidateSchedule | None) -> None:
-        values: dict[int, int] = {}
-        last = self._last
-        if last is not None:
-            for var, position in model.store.positions():
-                if var and position < len(last):
-                    values[var] = last[position]
-        chosen = hint if hint is not None else self._last_schedule
-        if chosen is not None and (last is None or chosen != self._last_schedule):
-            values.update(model.hint_values(chosen))
-        model.store.hint(values)
-
-    def _set_objective(self, model: ScheduleModel) -> None:
-        objective = model.objective or Lin(((model.world.makespan, 1),))
-        model.store.model.minimize(model.store.expression(objective))
-
-    @staticmethod
-    def _lookup(model: ScheduleModel, values: list[int]) -> Callable[[int], int]:
-        def value(var: int) -> int:
-            return values[model.store.position(var)]
-
-        return value
-
-    def _learn(self, bound: float) -> None:
-        if math.isfinite(bound):
-            self.bound = max(self.bound, math.ceil(bound - 1e-6))
-
-    def _report(
-        self,
-        model: ScheduleModel,
-        answer: Answer,
-        wants_optimum: bool,
-        deadline: Deadline,
-        started: float,
-    ) -> ScheduleReport:
-        seconds = deadline.elapsed() - started
-        if answer.status == cp_model.INFEASIBLE:
+    def _report(self, search: Search, wants_optimum: bool, seconds: float) -> ScheduleReport:
+        model = search.model
+        if search.invalid:
+            return ScheduleReport(ScheduleStatus.ERROR, message=search.invalid, seconds=seconds)
+        if search.infeasible:
             if model.horizon.certain:
                 return ScheduleReport(ScheduleStatus.INFEASIBLE, seconds=seconds)
             message = f"no schedule ends by {model.limit}; longer ones were not tried"
             return ScheduleReport(ScheduleStatus.NOT_FOUND, message=message, seconds=seconds)
-        if answer.status == cp_model.MODEL_INVALID:
-            message = model.store.model.validate()
-            return ScheduleReport(ScheduleStatus.ERROR, message=message, seconds=seconds)
-        if model.objective is None:
-            self._learn(answer.bound)
+        self.bound = max(self.bound, search.bound)
         bound = self.bound or None
-        if answer.values is None:
+        if search.best is None:
             return ScheduleReport(ScheduleStatus.OUT_OF_TIME, bound=bound, seconds=seconds)
-        self._last = answer.values
-        schedule = model.schedule(self._lookup(model, answer.values))
-        self._last_schedule = schedule
-        proven = answer.status == cp_model.OPTIMAL and wants_optimum and model.horizon.certain
+        self._last = search.best
+        proven = search.proven and wants_optimum and model.horizon.certain
         status = ScheduleStatus.OPTIMAL if proven else ScheduleStatus.FOUND
-        return ScheduleReport(status, schedule, bound, seconds=seconds)
+        return ScheduleReport(status, search.best, bound, seconds=seconds)

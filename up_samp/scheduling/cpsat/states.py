@@ -411,9 +411,7 @@ class States:
 
         return read
 
-    def _value(
-        self, node: FNode, grounds: list[tuple[Literal, StateVar]], pattern: Read
-    ) -> Lin:
+    def _value(self, node: FNode, grounds: list[tuple[Literal, StateVar]], pattern: Read) -> Lin:
         if len(grounds) == 1:
             literal, only = grounds[0]
             static = only.key[0] not in self.dynamic and only.initial is not None

@@ -127,6 +127,21 @@ def _combine(op: str, neutral: Literal, absorbing: Literal, forms: Iterable[Form
     return next(iter(seen)) if len(seen) == 1 else (op, *seen)
 
 
+def indicator_sum(weighted: Iterable[tuple[Literal, int]]) -> Lin:
+    """Return the sum of the weights of the literals that are true."""
+    sums: dict[int, int] = {}
+    const = 0
+    for literal, weight in weighted:
+        if literal == TRUE:
+            const += weight
+        elif literal >= 0:
+            sums[literal] = sums.get(literal, 0) + weight
+        elif literal != FALSE:
+            sums[~literal] = sums.get(~literal, 0) - weight
+            const += weight
+    return Lin(tuple(sorted((v, c) for v, c in sums.items() if c)), const)
+
+
 class Store:
     """The CP-SAT model under construction."""
 

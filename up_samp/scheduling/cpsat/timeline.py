@@ -167,7 +167,7 @@ class Timeline:
 
     def _wants_circuit(self) -> bool:
         writes = self.state.writes
-        if 2 * len(self.linked) < len(writes) or len(writes) < 2:
+        if 3 * len(self.linked) < len(writes) or len(writes) < 2:
             return False
         if any(w.owner is None for w in writes):
             return False

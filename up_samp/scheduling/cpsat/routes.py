@@ -1,0 +1,202 @@
+"""Routes inside a problem: a state variable that some members of a clique change (moves) and others
+need (work at places), all one at a time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from up_samp.scheduling.cpsat.states import Key, Read, StateVar
+from up_samp.scheduling.cpsat.terms import ActivityVars
+from up_samp.scheduling.cpsat.timeline import Link, Timeline
+
+if TYPE_CHECKING:
+    from up_samp.scheduling.cpsat.model import ScheduleModel
+
+INFINITE = 10**12
+
+
+@dataclass(frozen=True)
+class Move:
+    """A transition: from one of ``origins`` to ``to``, lasting at least ``least``."""
+
+    name: str
+    origins: frozenset[int]
+    to: int
+    least: int
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Everyone who comes to a place needs ``state`` to be in ``allowed``; a supporting effect
+    comes ``lead`` or more before what is done there.
+    """
+
+    state: Key
+    allowed: frozenset[int]
+    lead: int
+
+
+@dataclass
+class Route:
+    """One traveller. ``stops`` are (activity, places where it may happen)."""
+
+    key: Key
+    gap: int
+    initial: int
+    final: frozenset[int] | None
+    moves: list[Move]
+    stops: list[tuple[str, frozenset[int]]]
+    entries: dict[int, list[Entry]] = field(default_factory=dict)
+    hops: dict[tuple[int, int], list[Move]] = field(default_factory=dict)
+    travel: dict[tuple[int, int], int] = field(default_factory=dict)
+    _via: dict[tuple[int, int], int] = field(default_factory=dict)
+
+    @property
+    def step(self) -> int:
+        """Time from the end of a move to what may come next (its effect has to be seen)."""
+        return max(1, self.gap)
+
+    def measure(self) -> None:
+        """Compute the shortest travel times between places (Floyd and Warshall)."""
+        places = {self.initial, *(m.to for m in self.moves)}
+        for move in self.moves:
+            places |= move.origins
+            for origin in move.origins:
+                if origin != move.to:
+                    self.hops.setdefault((origin, move.to), []).append(move)
+        order = sorted(places)
+        for a in order:
+            self.travel[a, a] = 0
+        for (a, b), moves in self.hops.items():
+            self.travel[a, b] = min(m.least for m in moves) + self.step
+        for via in order:
+            for a in order:
+                first = self.travel.get((a, via), INFINITE)
+                if a == via or first >= INFINITE:
+                    continue
+                for b in order:
+                    through = first + self.travel.get((via, b), INFINITE)
+                    if b != via and through < self.travel.get((a, b), INFINITE):
+                        self.travel[a, b] = through
+                        self._via[a, b] = via
+
+    def between(self, some: frozenset[int], others: frozenset[int]) -> int:
+        """Return the least travel time from a place in ``some`` to one in ``others``."""
+        return min(
+            (self.travel.get((a, b), INFINITE) for a in some for b in others), default=INFINITE
+        )
+
+    def nearest(self, place: int, targets: frozenset[int]) -> int:
+        """Return the target that is reached first."""
+        return min(targets, key=lambda b: (self.travel.get((place, b), INFINITE), b))
+
+    def path(self, a: int, b: int) -> list[tuple[int, int]]:
+        """Return the hops of a shortest path."""
+        if a == b:
+            return []
+        via = self._via.get((a, b))
+        return [(a, b)] if via is None else [*self.path(a, via), *self.path(via, b)]
+
+
+def find_routes(model: ScheduleModel) -> list[Route]:
+    """Return the routes of a model; each transition belongs to one of them."""
+    routes = []
+    cliques = [(g, {a.index for a in members}) for g, members in model.disjunctions.cliques]
+    for timeline in model.timelines.values():
+        if isinstance(timeline, Timeline):
+            route = _route(model, timeline, cliques)
+            if route is not None:
+                route.measure()
+                routes.append(route)
+    return routes
+
+
+def _route(
+    model: ScheduleModel, timeline: Timeline, cliques: list[tuple[int, set[int]]]
+) -> Route | None:
+    state = timeline.state
+    if not timeline.linked or len(timeline.linked) < len(state.writes) or state.initial is None:
+        return None
+    owners = {w.owner for w in state.writes}
+    if not all(_plain(model, link) for link in timeline.linked.values()):
+        return None
+    found = next(((g, c) for g, c in cliques if owners <= c), None)
+    if found is None:
+        return None
+    gap, members = found
+    moves = [
+        Move(
+            model.states.activity(link.write.owner or 0).name,
+            link.read.allowed or frozenset(),
+            link.write.value.const,
+            model.states.activity(link.write.owner or 0).least,
+        )
+        for link in timeline.linked.values()
+    ]
+    stops = _stops(model, state, members - {o for o in owners if o is not None})
+    if not stops:
+        return None
+    route = Route(state.key, gap, state.initial, _final(model, state), moves, stops)
+    _find_entries(model, route, timeline)
+    return route
+
+
+def _plain(model: ScheduleModel, link: Link) -> bool:
+    """Return whether a transition needs its origin from its start and arrives at its end."""
+    activity = model.states.activity(link.write.owner or 0)
+    starts = model.states.difference(link.read.lo, activity.start) == (0, 0)
+    ends = model.states.difference(link.write.time, activity.end) == (0, 0)
+    return starts and ends and link.write.active == activity.present and not link.write.value.terms
+
+
+def _stops(
+    model: ScheduleModel, state: StateVar, members: set[int]
+) -> list[tuple[str, frozenset[int]]]:
+    places: dict[int, frozenset[int]] = {}
+    for read in state.reads:
+        if read.owner in members and read.allowed is not None:
+            activity = model.states.activity(read.owner)
+            if read.active == activity.present and _inside(model, activity, read):
+                places[read.owner] = places.get(read.owner, read.allowed) & read.allowed
+    return [(model.states.activity(i).name, p) for i, p in sorted(places.items())]
+
+
+def _inside(model: ScheduleModel, activity: ActivityVars, read: Read) -> bool:
+    after = model.states.difference(read.lo, activity.start)[0] >= 0
+    return after and model.states.difference(activity.end, read.hi)[0] >= 0
+
+
+def _final(model: ScheduleModel, state: StateVar) -> frozenset[int] | None:
+    final: frozenset[int] | None = None
+    for read in state.reads:
+        if read.owner is None and read.lo == read.hi == model.states.far and read.allowed:
+            final = read.allowed if final is None else final & read.allowed
+    return final
+
+
+def _find_entries(model: ScheduleModel, route: Route, timeline: Timeline) -> None:
+    """Find what every transition into a place needs of other state variables (open doors)."""
+    into: dict[int, list[ActivityVars]] = {}
+    for link in timeline.linked.values():
+        activity = model.states.activity(link.write.owner or 0)
+        into.setdefault(link.write.value.const, []).append(activity)
+    needs: dict[int, dict[tuple[Key, frozenset[int]], int]] = {}
+    for other in model.states.vars.values():
+        if other is timeline.state:
+            continue
+        for read in other.reads:
+            if read.owner is not None and read.allowed is not None and not read.guard_only:
+                activity = model.states.activity(read.owner)
+                if read.active == activity.present:
+                    lead = model.states.difference(activity.end, read.lo)[0] + 1 + route.step
+                    needs.setdefault(read.owner, {})[other.key, read.allowed] = lead
+    for place, activities in into.items():
+        common = None
+        for activity in activities:
+            mine = set(needs.get(activity.index, {}))
+            common = mine if common is None else common & mine
+        for key, allowed in sorted(common or (), key=str):
+            lead = min(needs[a.index][key, allowed] for a in activities)
+            route.entries.setdefault(place, []).append(Entry(key, allowed, max(0, lead)))
