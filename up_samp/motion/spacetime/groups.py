@@ -8,6 +8,7 @@ and slack; the others are other priorities. Lateness orders the branches.
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Iterable, Mapping, Sequence
@@ -26,7 +27,13 @@ from up_samp.motion.spacetime.single import ON_TIME, Attempt, Window, failed, pl
 
 Pair = tuple[str, str]
 
-EFFORTS = ((0, 60), (1, 40), (2, 30))
+WORTH = 1.0
+"""Lateness (s) that is not worth a search over the plane: a schedule gives way more cheaply."""
+
+DELAYS = (5.0, 12.0, 30.0)
+"""Seconds that one robot may leave later, so that another can get out of its way first."""
+
+EFFORTS = ((0, 60), (1, 8), (2, 6), (3, 12))
 """Rungs of the ladder for a group: (effort for one robot, nodes of the priority search)."""
 
 
@@ -49,8 +56,20 @@ class Group:
     deadline: Deadline
     effort: int = 0
     best: Node | None = None
+    least: float = 0.0
+    """Lateness (s) of everybody alone."""
     stuck: set[str] = field(default_factory=set)
     """Motions that could not be planned in some branch, with those before them."""
+    met: set[str] = field(default_factory=set)
+    """Objects that were in the way of best paths."""
+
+    def is_late(self, run: Run) -> bool:
+        """Return whether a run arrives after its motion's due."""
+        return run.arrival > self.motions[run.name].due + ON_TIME
+
+    def finished(self) -> bool:
+        """Return whether nobody can be less late, as far as driving alone tells."""
+        return self.best is not None and self.lateness(self.best.runs) <= self.least + ON_TIME
 
     def lateness(self, runs: Mapping[str, Run]) -> float:
         """Return the sum of all lateness (s)."""
@@ -75,14 +94,63 @@ def coordinate(
     root, attempt, name = _alone(group)
     if root is None:
         return _hopeless(name, attempt, time.monotonic() - began)
-    for effort, nodes in EFFORTS:
+    _climb(group, root)
+    conflict = _shrunk(group, root, query) if _is_bad(group) else frozenset()
+    return _report(group, conflict, time.monotonic() - began)
+
+
+def _climb(group: Group, root: Node, top: int = len(EFFORTS)) -> None:
+    """Search with more and more effort until nobody is later than alone."""
+    group.least = group.lateness(root.runs)
+    for effort, nodes in EFFORTS[:top]:
+        late = math.inf if group.best is None else group.lateness(group.best.runs) - group.least
+        if (effort > 1 and late <= WORTH) or (effort > 2 and late < math.inf):
+            return
         group.effort = effort
         _search(group, root, nodes)
-        if group.best is not None and group.lateness(group.best.runs) == 0.0:
-            break
-        if deadline.expired():
-            break
-    return _report(group, began)
+        if group.finished() or group.deadline.expired():
+            return
+
+
+def _is_bad(group: Group) -> bool:
+    return group.best is None or group.lateness(group.best.runs) > 0.0
+
+
+def _shrunk(group: Group, root: Node, query: GroupQuery) -> frozenset[str]:
+    """Return few motions that cannot meet their windows even without the others.
+
+    One that is late alone; or else a pair; or else what is left when every motion that does not
+    matter is dropped. Each set is checked again with the others gone (cheap rungs only).
+    """
+    late = [n for n in _order(group) if group.is_late(root.runs[n])]
+    if late:
+        return frozenset(late[:1])
+    bad = group.best.runs if group.best else {}
+    suspects = {n for n in bad if group.is_late(bad[n])} or set(group.stuck)
+    suspects |= {n for pair in root.meetings for n in pair if suspects & set(pair)}
+    names = [n for n in _order(group) if n in (suspects or set(group.motions))]
+    for pair in itertools.combinations(names, 2):
+        if _fails(group, root, pair):
+            return frozenset(pair)
+    for name in list(names):
+        rest = [n for n in names if n != name]
+        if len(rest) > 1 and _fails(group, root, rest):
+            names = rest
+    return frozenset(names)
+
+
+def _fails(group: Group, root: Node, names: Sequence[str]) -> bool:
+    """Return whether these motions alone are found not to meet their windows."""
+    if group.deadline.expired():
+        return False
+    chosen = {n: group.motions[n] for n in group.motions if n in names}
+    meetings = {pair: at for pair, at in root.meetings.items() if set(pair) <= set(names)}
+    if not meetings:
+        return False
+    part = Group(group.workspace, chosen, group.world, group.deadline)
+    runs = {n: root.runs[n] for n in chosen}
+    _climb(part, Node(runs, frozenset(), meetings), top=2)
+    return _is_bad(part) and not group.deadline.expired()
 
 
 def _group_of(workspace: Workspace, query: GroupQuery, deadline: Deadline) -> Group:
@@ -122,12 +190,19 @@ def _window(group: Group, name: str, runs: Mapping[str, Run]) -> Window:
     return Window(min(since, max(motion.release, arrival)), max(motion.release, arrival))
 
 
-def _plan(group: Group, name: str, runs: Mapping[str, Run], first: Iterable[str]) -> Attempt:
-    """Plan one motion around the world and the runs of those that go ``first``."""
+def _plan(
+    group: Group, name: str, runs: Mapping[str, Run], first: Iterable[str], delay: float = 0.0
+) -> Attempt:
+    """Plan one motion around the world and the runs of those that go ``first``, ``delay`` s later
+    than it could leave.
+    """
     others = [*group.world, *(runs[other] for other in sorted(first))]
     window = _window(group, name, runs)
+    window = Window(window.since, window.release + delay)
     motion = group.motions[name]
-    return plan_one(group.workspace, motion, window, others, group.deadline, group.effort)
+    attempt = plan_one(group.workspace, motion, window, others, group.deadline, group.effort)
+    group.met |= attempt.met
+    return attempt
 
 
 def _alone(group: Group) -> tuple[Node | None, Attempt, str]:
@@ -135,7 +210,11 @@ def _alone(group: Group) -> tuple[Node | None, Attempt, str]:
     runs: dict[str, Run] = {}
     attempt = Attempt(None)
     for name in _order(group):
-        attempt = _plan(group, name, runs, ())
+        for effort, _ in EFFORTS:
+            group.effort = effort
+            attempt = _plan(group, name, runs, ())
+            if attempt.run is not None and not group.is_late(attempt.run):
+                break
         if attempt.run is None:
             return None, attempt, name
         runs[name] = attempt.run
@@ -163,7 +242,7 @@ def _search(group: Group, root: Node, budget: int) -> None:
             continue
         if not node.meetings:
             group.best = node
-            if group.lateness(node.runs) == 0.0:
+            if group.finished():
                 return
             continue
         a, b = min(node.meetings, key=lambda pair: (node.meetings[pair], pair))
@@ -189,23 +268,55 @@ def _child(group: Group, node: Node, first: str, second: str) -> Node | None:
         name = queue.pop(0)
         ahead = _ahead(before, name)
         attempt = _plan(group, name, runs, ahead)
+        if attempt.run is None and group.effort > 2 and name == second:
+            attempt = _with_delay(group, before, runs, meetings, first, second)
         if attempt.run is None:
             group.stuck |= {name, *ahead}
             return None
         runs[name] = attempt.run
         _renew_meetings(group, runs, meetings, name)
-        for pair in sorted(meetings):
-            if name in pair:
-                other = pair[0] if pair[1] == name else pair[1]
-                # somebody of lower rank is in the way now: it has to give way again
-                if name in _ahead(before, other) and other not in queue:
-                    queue.append(other)
+        for other in sorted(_partners(meetings, name)):
+            if other in ahead:
+                # it rests in the way before it may leave: whoever comes first cannot come there
+                group.stuck |= {name, other}
+                return None
+            # somebody of lower rank is in the way now: it has to give way again
+            if name in _ahead(before, other) and other not in queue:
+                queue.append(other)
         follower = next((n for n in _order(group) if _previous(group, n) == name), None)
         if follower and runs[follower].timing.trajectory.start < runs[name].arrival:
             queue.append(follower)
         if group.deadline.expired():
             return None
     return Node(runs, before, meetings)
+
+
+def _with_delay(
+    group: Group,
+    before: frozenset[Pair],
+    runs: dict[str, Run],
+    meetings: dict[Pair, float],
+    first: str,
+    second: str,
+) -> Attempt:
+    """Plan ``second`` around a ``first`` that leaves later, so that it can get out of the way."""
+    attempt = Attempt(None)
+    for delay in DELAYS:
+        yielding = _plan(group, first, runs, _ahead(before, first), delay)
+        if yielding.run is None or group.deadline.expired():
+            continue
+        trial = {**runs, first: yielding.run}
+        attempt = _plan(group, second, trial, _ahead(before, second))
+        if attempt.run is not None:
+            runs[first] = yielding.run
+            _renew_meetings(group, runs, meetings, first)
+            break
+    return attempt
+
+
+def _partners(meetings: Mapping[Pair, float], name: str) -> set[str]:
+    """Return who meets ``name``."""
+    return {a if b == name else b for a, b in meetings if name in (a, b)}
 
 
 def _ahead(before: frozenset[Pair], name: str) -> set[str]:
@@ -245,29 +356,28 @@ def _hopeless(name: str, attempt: Attempt, seconds: float) -> GroupReport:
     )
 
 
-def _report(group: Group, began: float) -> GroupReport:
+def _report(group: Group, conflict: frozenset[str], seconds: float) -> GroupReport:
     if group.best is None:
         return GroupReport(
             Outcome.OUT_OF_TIME,
-            conflict=frozenset(group.stuck) or frozenset(group.motions),
+            conflict=conflict,
+            blockers=_resting(group),
             reason="no order of the robots was found in which all can drive",
-            seconds=time.monotonic() - began,
+            seconds=seconds,
         )
     runs = group.best.runs
-    late = {
-        name: runs[name].arrival
-        for name in sorted(runs)
-        if runs[name].arrival > group.motions[name].due + ON_TIME
-    }
+    late = {name: runs[name].arrival for name in sorted(runs) if group.is_late(runs[name])}
     return GroupReport(
         Outcome.FOUND,
         {name: runs[name].timing.trajectory for name in sorted(runs)},
         late,
-        frozenset(group.stuck) | frozenset(late) if late else frozenset(),
-        seconds=time.monotonic() - began,
+        conflict,
+        _resting(group) if late else frozenset(),
+        f"late: {', '.join(late)}" if late else "",
+        seconds,
     )
 
 
-def sequence(names: Sequence[str]) -> str:
-    """Return names for a sentence."""
-    return ", ".join(sorted(names))
+def _resting(group: Group) -> frozenset[str]:
+    """Return the resting objects that were met."""
+    return frozenset(o.object for o in group.world if o.path.cells == 0 and o.object in group.met)

@@ -123,14 +123,19 @@ def shared_stretch(runs: IntArray, a: FloatArray, b: FloatArray, after: float) -
         low[r] = max(a[i], b[j0])
         if min(a[i + 1], b[j1 + 1]) - low[r] <= SAME or low[r] < after - SAME:
             low[r] = np.inf
-    first, last, until = -1, -1, np.inf
-    for r in np.argsort(low):
-        if low[r] > until:
-            break
-        i = runs[r, 0]
-        first = i if first < 0 else min(first, i)
-        last = max(last, i)
-        until = min(a[i + 1], b[runs[r, 2] + 1]) + 2.0
+    first, last = -1, -1
+    until = low.min() if len(low) > 0 else np.inf
+    grown = until < np.inf
+    while grown:
+        grown = False
+        for r in range(len(runs)):
+            if low[r] <= until:
+                i = runs[r, 0]
+                first = i if first < 0 else min(first, i)
+                last = max(last, i)
+                until = max(until, min(a[i + 1], b[runs[r, 2] + 1]) + 2.0)
+                low[r] = np.inf
+                grown = True
     return first, last
 
 
@@ -142,8 +147,10 @@ def safe_intervals(rows: FloatArray, cells: int) -> tuple[IntArray, FloatArray]:
     count = np.zeros(cells + 3, dtype=np.int64)
     for r in range(len(rows)):
         count[int(rows[r, 0]) + 1] += 1
-    start = np.cumsum(count)
-    fill = start.copy()
+    start = np.zeros(cells + 3, dtype=np.int64)
+    fill = np.zeros(cells + 3, dtype=np.int64)
+    for cell in range(1, cells + 3):
+        start[cell] = fill[cell] = start[cell - 1] + count[cell]
     order = np.empty(len(rows), dtype=np.int64)
     for r in range(len(rows)):
         cell = int(rows[r, 0])
@@ -169,7 +176,7 @@ def safe_intervals(rows: FloatArray, cells: int) -> tuple[IntArray, FloatArray]:
             safe[used, 0], safe[used, 1] = free_from, np.inf
             used += 1
         head[cell + 1] = used
-    return head, safe[:used].copy()
+    return head, safe[:used]
 
 
 @kernel
@@ -197,15 +204,17 @@ def forbidden_starts(
         else:
             out[used, 0], out[used, 1] = low - held[cell + 1], high - held[cell]
             used += 1
-    return out[:used].copy(), earliest, latest
+    return out[:used], earliest, latest
 
 
 @kernel
 def first_gap(blocked: FloatArray, earliest: float, latest: float) -> float:
-    """Return the first time in [earliest, latest] outside the open intervals (inf: none)."""
-    order = np.argsort(blocked[:, 0])
+    """Return the first time in [earliest, latest] outside the open intervals (inf: none).
+
+    ``blocked`` (k, 2) is sorted by its first column.
+    """
     at = earliest
-    for k in order:
+    for k in range(len(blocked)):
         if blocked[k, 0] >= at:
             break
         if blocked[k, 1] > at:
@@ -215,7 +224,7 @@ def first_gap(blocked: FloatArray, earliest: float, latest: float) -> float:
 
 @kernel
 def offset_intervals(runs: IntArray, a: FloatArray, b: FloatArray, flags: int) -> FloatArray:
-    """Return the open intervals (k, 2) of b's start minus a's start in which two runs collide.
+    """Return open intervals (k, 2), unsorted, of b's start minus a's in which two runs collide.
 
     ``a`` and ``b`` are the occupancies when each starts at time 0. The pair of cells (i, j)
     collides while a[i] < b[j + 1] + d and b[j] + d < a[i + 1]. Who must keep clear by
@@ -234,14 +243,4 @@ def offset_intervals(runs: IntArray, a: FloatArray, b: FloatArray, flags: int) -
             continue
         pairs[used, 0], pairs[used, 1] = a[i] - b[j1 + 1], a[i + 1] - b[j0]
         used += 1
-    pairs = pairs[:used]
-    out = np.empty((used, 2))
-    order = np.argsort(pairs[:, 0])
-    merged = 0
-    for k in order:
-        if merged > 0 and pairs[k, 0] <= out[merged - 1, 1]:
-            out[merged - 1, 1] = max(out[merged - 1, 1], pairs[k, 1])
-        else:
-            out[merged, 0], out[merged, 1] = pairs[k, 0], pairs[k, 1]
-            merged += 1
-    return out[:merged].copy()
+    return pairs[:used]

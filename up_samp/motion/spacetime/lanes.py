@@ -29,8 +29,8 @@ def lane_offsets(path: Path, other: Path) -> list[float]:
 
 
 def shifted_lane(scene: Scene, path: Path, first: float, last: float, offset: float) -> Path | None:
-    """Return ``path`` moved sideways by ``offset`` m (left > 0) on [first, last] (m along it), if the
-    map allows it. Only for cars on a path without waypoints.
+    """Return ``path`` moved sideways by ``offset`` m (left > 0) on [first, last] (m along it), if
+    the map allows it. Only for cars on a path without waypoints.
     """
     kin = path.body.kinematics
     if kin.model is not MotionModel.REEDSSHEPP or last - first > LONGEST:

@@ -95,7 +95,7 @@ class Path:
     natural_s: FloatArray
     """``s`` at each sample of ``natural``."""
     cleared: set[tuple[Ring, Configuration]] = field(default_factory=set)
-    """Resting bodies (footprint, pose) that the planner of the path has proven it keeps clear of."""
+    """Resting bodies (footprint, pose) that the path's planner has proven it keeps clear of."""
     number: int = field(default_factory=lambda: next(_numbers))
 
     @property

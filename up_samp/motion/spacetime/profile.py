@@ -78,4 +78,11 @@ def profile_of(
 
 
 def _pairs(rows: FloatArray) -> tuple[Interval, ...]:
-    return tuple((float(low), float(high)) for low, high in rows)
+    """Return the union of open intervals as disjoint ones, ascending."""
+    out: list[Interval] = []
+    for low, high in sorted((float(low), float(high)) for low, high in rows):
+        if out and low <= out[-1][1]:
+            out[-1] = (out[-1][0], max(out[-1][1], high))
+        else:
+            out.append((low, high))
+    return tuple(out)

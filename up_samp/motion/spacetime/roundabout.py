@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -10,7 +11,7 @@ import numpy.typing as npt
 
 from up_samp.geometry.scene import Scene
 from up_samp.model import Deadline, MotionModel, Placed, TimedMotion
-from up_samp.motion.arcs import merged
+from up_samp.motion.arcs import merged, nodes_of
 from up_samp.motion.fields import Fields
 from up_samp.motion.smoothing import improve, settle
 from up_samp.motion.spacetime import search
@@ -77,7 +78,7 @@ class Roundabout:
         level: int,
         deadline: Deadline,
     ) -> FloatArray | None:
-        """Return arcs (curvature, signed length, 1 if it stops before) at one resolution, or None."""
+        """Return arcs (curvature, signed length, 1 if it stops before) found at one resolution."""
         body = motion.body
         shape = self.scene.shape(body).data
         grid, polys = self.scene.data, self.scene.polys(static)
@@ -96,6 +97,8 @@ class Roundabout:
         steps = np.array([*arcs, [0.0, 4 * step], [0.0, -4 * step]])
         grain = np.array([step / 1.5, math.ceil(2 * math.pi / (step / radius / 1.5))])
         labels = self._room(LABELS[level])
+        labels.table[:] = -1
+        labels.counters[:] = 0
         search.plant(labels, field, me, movers, start, goal, grain)
         state = 0
         while state == 0 and not deadline.expired() and labels.counters[2] < EXPANSIONS[level]:
@@ -122,7 +125,7 @@ class Roundabout:
         shape = self.scene.shape(body).data
         marks = [0, *(int(i) for i in np.flatnonzero(rows[:, 2]) if i > 0), len(rows)]
         pieces, here = [], origin
-        for low, high in zip(marks[:-1], marks[1:], strict=True):
+        for low, high in itertools.pairwise(marks):
             part = merged(np.ascontiguousarray(rows[low:high, :2]))
             scratch = np.array([*limits, 0.0, 0.0])
             shorter = improve(
@@ -138,8 +141,6 @@ class Roundabout:
 
 
 def _end(pose: FloatArray, arcs: FloatArray) -> FloatArray:
-    from up_samp.motion.arcs import nodes_of
-
     return np.ascontiguousarray(nodes_of(pose, arcs)[-1])
 
 
@@ -162,9 +163,11 @@ def movers_of(motion: TimedMotion, others: Sequence[Run], release: float) -> sea
         verts[i, :n, :m] = hull.verts
         counts[i, :n] = hull.counts
         radii[i] = hull.radius
-    rows = [np.ascontiguousarray(o.path.table[:, 1]) for o, _ in seen]
+    rows = [o.path.table[:, 1].copy() for o, _ in seen]
     first = np.cumsum([0, *(len(r) for r in rows)])
     steps = [max(1e-3, float(2 * r[:, 7].max())) for r in rows]
+    for row in rows:
+        row[:, 4:] = 0.0
     return search.Movers(
         np.concatenate(rows) if rows else np.zeros((0, 9)),
         first.astype(np.int64),

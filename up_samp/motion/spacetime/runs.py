@@ -229,7 +229,7 @@ class Workspace:
     def _quick(self) -> CarPlanner | None:
         from up_samp.motion.car import CarPlanner, CarSettings
 
-        settings = CarSettings((0.7,), (20_000,), rounds=400, patience=120, restarts=1)
+        settings = CarSettings((0.7,), (8_000,), rounds=400, patience=120, restarts=1)
         return CarPlanner(self.scene, 0, settings) if self.scene is not None else None
 
     @cached_property
@@ -238,7 +238,7 @@ class Workspace:
         return getattr(self.service, "scene", None)
 
     def lane(self, path: Path, first: float, last: float, offset: float) -> Path | None:
-        """Return ``path`` moved sideways by ``offset`` m on [first, last] m, if the map allows it."""
+        """Return ``path`` moved sideways by ``offset`` m on [first, last] m, if the map allows."""
         if self.scene is None:
             return None
         key = (path.number, first, last, offset)

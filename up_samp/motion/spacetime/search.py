@@ -37,9 +37,10 @@ GUARD = 0.1
 
 
 class Movers(NamedTuple):
-    """Other bodies: ``rows`` (n, 9) middles of their extended cells (see ``sweep_table``), body k
-    has ``first[k]:first[k + 1]``; ``held`` its occupancy from ``first[k] + k`` on; ``hull`` (m,)
-    the index of its shape in ``verts`` (h, p, c, 2), ``counts`` (h, p; 0: no part), ``radii`` (h,);
+    """Other bodies: ``rows`` (n, 9) poses in the middle of their extended cells (as in
+    ``sweep_table``, but without extent), body k has ``first[k]:first[k + 1]``; ``held``
+    its occupancy from ``first[k] + k`` on; ``hull`` (m,) the index of its shape in ``verts``
+    (h, p, c, 2), ``counts`` (h, p; 0: no part), ``radii`` (h,);
     ``steps`` (m,) distance between middles at most; ``flags`` (m,) who keeps clear of whom.
     """
 
@@ -68,8 +69,8 @@ class Labels(NamedTuple):
     """The search's labels, kept between calls.
 
     ``state`` (cap, 7): x, y, theta, time, signed run, safe until, estimate. ``arc`` (cap, 3):
-    curvature, signed length from the parent, 1 if it stopped there first. ``link`` (cap, 3): parent,
-    key, next label with the same hash. ``heap`` (cap,), ``table`` (hash size,) first label.
+    curvature, signed length from the parent, 1 if it stopped there first. ``link`` (cap, 3):
+    parent, key, next label with the same hash. ``heap`` (cap,), ``table`` (hash size,) first label.
     ``counters``: labels, heap size, expansions, best label, arcs of its tail, whether the tail
     begins with a stop, expansions at the first solution. ``best`` (1,) arrival; ``tail`` (5, 2).
     """
@@ -86,7 +87,7 @@ class Labels(NamedTuple):
 
 def new_labels(cap: int) -> Labels:
     """Return room for ``cap`` labels."""
-    size = 1 << int(math.ceil(math.log2(2 * cap)))
+    size = 1 << math.ceil(math.log2(2 * cap))
     return Labels(
         np.zeros((cap, 7)),
         np.zeros((cap, 3)),
@@ -103,7 +104,7 @@ def new_labels(cap: int) -> Labels:
 def visits(
     me: Me, movers: Movers, x: float, y: float, th: float, resting: bool, out: FloatArray
 ) -> int:
-    """Fill ``out`` (VISITS, 2) with the merged times at which movers are at a pose; return how many."""
+    """Fill ``out`` (VISITS, 2) with the times at which movers are at a pose; return how many."""
     row = np.zeros(9)
     row[0], row[1], row[2], row[3] = x, y, math.cos(th), math.sin(th)
     count = 0
@@ -139,8 +140,6 @@ def visits(
 
 @kernel
 def _touch(row: FloatArray, me: Me, b: FloatArray, movers: Movers, hull: int) -> bool:
-    still = b.copy()
-    still[6:] = 0.0
     for i in range(len(me.counts)):
         for j in range(movers.counts.shape[1]):
             n = movers.counts[hull, j]
@@ -149,7 +148,7 @@ def _touch(row: FloatArray, me: Me, b: FloatArray, movers: Movers, hull: int) ->
                 me.verts[i],
                 me.counts[i],
                 0.0,
-                still,
+                b,
                 movers.verts[hull, j],
                 n,
                 0.0,
@@ -175,11 +174,11 @@ def _add(out: FloatArray, count: int, low: float, high: float) -> int:
         if count == len(out):
             return count
         for i in range(count, k, -1):
-            out[i] = out[i - 1]
+            out[i, 0], out[i, 1] = out[i - 1, 0], out[i - 1, 1]
         count += 1
     else:
         for i in range(last, count):
-            out[i - last + k + 1] = out[i]
+            out[i - last + k + 1, 0], out[i - last + k + 1, 1] = out[i, 0], out[i, 1]
         count -= last - k - 1
     out[k, 0], out[k, 1] = low, high
     return count
@@ -373,7 +372,8 @@ def _offer(
     left = _ramp(moving + far, v, a) - _ramp(moving, v, a) + _stop(moving + far, v, a)
     if away < 12 * radius:
         out = np.empty((5, 2))
-        limits = np.array([radius, v, a, run, 0.0])
+        limits = np.zeros(5)
+        limits[0], limits[1], limits[2], limits[3] = radius, v, a, run
         left = max(
             left,
             connect(end[0], end[1], end[2], goal[0], goal[1], goal[2], limits, out)[0]
@@ -402,9 +402,7 @@ def plant(
     goal: FloatArray,
     grain: FloatArray,
 ) -> None:
-    """Clear the labels and put in the start; ``grain``: cell (m), heading bins."""
-    labels.table[:] = -1
-    labels.counters[:] = 0
+    """Put the start into empty labels; ``grain``: cell (m), heading bins."""
     labels.counters[3] = -1
     labels.best[0] = math.inf
     busy = np.empty((VISITS, 2))
@@ -488,7 +486,8 @@ def _shoot(
     state = labels.state[label]
     v, a = me.numbers[3], me.numbers[4]
     arcs = np.empty((5, 2))
-    limits = np.array([me.numbers[2], v, a, state[4], 0.0])
+    limits = np.zeros(5)
+    limits[0], limits[1], limits[2], limits[3] = me.numbers[2], v, a, state[4]
     _, n = connect(state[0], state[1], state[2], goal[0], goal[1], goal[2], limits, arcs)
     if n == 0:
         return
@@ -513,7 +512,8 @@ def _shoot(
         labels.best[0] = arrival
         labels.counters[3], labels.counters[4] = label, n
         labels.counters[5] = 1 if stopped else 0
-        labels.tail[:n] = arcs[:n]
+        for i in range(n):
+            labels.tail[i, 0], labels.tail[i, 1] = arcs[i, 0], arcs[i, 1]
 
 
 @kernel
@@ -558,7 +558,7 @@ def expand(
             _shoot(labels, label, grid, polys, shape, me, movers, goal, drive, end)
         for k in range(len(steps)):
             if arc_free(grid, polys, shape, state[0], state[1], state[2], steps[k, 0], steps[k, 1]):
-                arc[0] = steps[k]
+                arc[0, 0], arc[0, 1] = steps[k, 0], steps[k, 1]
                 _drive_arc(labels, label, field, me, movers, goal, grain, arc, drive, end)
     return 0
 
@@ -575,7 +575,8 @@ def chain(labels: Labels) -> FloatArray:
     out = np.zeros((count + tail, 3))
     label = labels.counters[3]
     for i in range(count - 1, -1, -1):
-        out[i] = labels.arc[label]
+        for k in range(3):
+            out[i, k] = labels.arc[label, k]
         label = labels.link[label, 0]
     for i in range(tail):
         out[count + i, 0], out[count + i, 1] = labels.tail[i, 0], labels.tail[i, 1]

@@ -109,6 +109,7 @@ def _earliest(motion: TimedMotion, window: Window, path: Path, rows: FloatArray)
     rows = rows[(rows[:, 2] > window.release) | (rows[:, 0] == path.cells + 1)]
     until = motion.present_until
     blocked, earliest, latest = forbidden_starts(rows, path.natural_held, window.release, until)
+    blocked = blocked[np.argsort(blocked[:, 0], kind="stable")]
     start = first_gap(blocked, earliest, latest)
     best = natural_timing(path, start) if start < math.inf else None
     if start > window.release and path.tunable and path.cells > 0:
@@ -176,11 +177,11 @@ def plan_one(
         )
         for path in paths:
             best = _earlier(best, fit(workspace, motion, window, path, others))
-    return Attempt(best, None, frozenset(o.object for o, _ in met))
+    return Attempt(best, None, frozenset(o.object for o, _, _ in met))
 
 
 def _goal_free(workspace: Workspace, motion: TimedMotion, others: Sequence[Run]) -> float:
-    """Return when (s) the last of ``others`` has left the last pose for good, so far as it stays."""
+    """Return when (s) the last of ``others`` has left the last pose, so far as it stays there."""
     rest = workspace.resting(motion.body, motion.poses[-1])
     rows = workspace.forbidden(rest, motion.object, motion.avoid, others)
     rows = rows[(rows[:, 0] == 1) & (rows[:, 1] < motion.present_until)]
@@ -205,8 +206,8 @@ def _earlier(a: Run | None, b: Run | None) -> Run | None:
 
 def _met_at_full_speed(
     workspace: Workspace, motion: TimedMotion, window: Window, path: Path, others: Sequence[Run]
-) -> list[tuple[Run, int]]:
-    """Return the runs (and their cell) that it meets when it drives ``path`` at once, by time."""
+) -> list[tuple[Run, int, float]]:
+    """Return the runs it meets when it drives ``path`` at once, with their cell and when."""
     run = run_of(motion, path, natural_timing(path, window.release), window.since)
     found = []
     for other in others:
@@ -214,7 +215,7 @@ def _met_at_full_speed(
         if at < math.inf:
             found.append((at, other.object, cell, other))
     found.sort(key=lambda item: item[:3])
-    return [(other, cell) for _, _, cell, other in found]
+    return [(other, cell, at) for at, _, cell, other in found]
 
 
 def _with_lanes(
@@ -236,8 +237,9 @@ def _with_lanes(
             best = _earlier(best, run)
             if _good(best, motion):
                 return best
-            if run is not None:
-                options.append((run.arrival, lane.number, lane))
+            # go on from the lane that gets furthest at full speed
+            again = _met_at_full_speed(workspace, motion, window, lane, others)
+            options.append((-again[0][2] if again else -math.inf, lane.number, lane))
         if not options:
             break
         path = min(options, key=lambda option: option[:2])[2]
@@ -247,7 +249,7 @@ def _with_lanes(
 def _lanes(
     workspace: Workspace, motion: TimedMotion, window: Window, path: Path, other: Run
 ) -> Iterator[Path]:
-    """Yield versions of ``path`` that pass ``other`` sideways where it would be met at full speed."""
+    """Yield versions of ``path`` that pass ``other`` sideways where it would be met."""
     run = run_of(motion, path, natural_timing(path, window.release), window.since)
     at, _, _ = workspace.meeting(run, other)
     runs = workspace.conflicts(path, other.path)
@@ -289,14 +291,14 @@ def _with_detours(
 
 
 def _ghosts(
-    workspace: Workspace, motion: TimedMotion, path: Path, met: Sequence[tuple[Run, int]]
+    workspace: Workspace, motion: TimedMotion, path: Path, met: Sequence[tuple[Run, int, float]]
 ) -> list[Placed]:
     """Return copies of the runs that were met, where their path conflicts with ``path``.
 
     Copies over the first and the last pose of the motion are left out: it has to be there.
     """
     ghosts: list[Placed] = []
-    for other, cell in met:
+    for other, cell, _ in met:
         runs = workspace.conflicts(path, other.path)
         hits = np.unique(np.concatenate([np.arange(a, b + 1) for _, a, b in runs]))
         table = other.path.table

@@ -227,6 +227,17 @@ def pieces_conflict(
 
 
 @kernel
+def grown(rows: IntArray) -> IntArray:
+    """Return a copy with room for twice as many rows."""
+    n, m = rows.shape
+    out = np.empty((2 * n, m), dtype=np.int64)
+    for i in range(n):
+        for j in range(m):
+            out[i, j] = rows[i, j]
+    return out
+
+
+@kernel
 def conflict_runs(
     ta: FloatArray,
     va: FloatArray,
@@ -265,17 +276,17 @@ def conflict_runs(
                 open_from = j
             if not hit and open_from >= 0:
                 if used == len(runs):
-                    runs = np.concatenate((runs, np.empty_like(runs)))
+                    runs = grown(runs)
                 runs[used, 0], runs[used, 1], runs[used, 2] = i, open_from, j - 1
                 used += 1
                 open_from = -1
             j += 1 if gap <= 0.0 else max(1, int(gap / step))
         if open_from >= 0:
             if used == len(runs):
-                runs = np.concatenate((runs, np.empty_like(runs)))
+                runs = grown(runs)
             runs[used, 0], runs[used, 1], runs[used, 2] = i, open_from, m - 1
             used += 1
-    return runs[:used].copy()
+    return runs[:used]
 
 
 @kernel

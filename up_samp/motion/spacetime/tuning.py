@@ -71,6 +71,14 @@ def _merge(lo: FloatArray, hi: FloatArray, count: int) -> int:
 
 
 @kernel
+def _grown(rows: FloatArray) -> FloatArray:
+    out = np.empty((2 * len(rows), 2))
+    for i in range(len(rows)):
+        out[i, 0], out[i, 1] = rows[i, 0], rows[i, 1]
+    return out
+
+
+@kernel
 def _advance(
     begin: FloatArray,
     free: FloatArray,
@@ -132,8 +140,6 @@ def reachable(
         if safe[k, 0] <= release + SAME and release < safe[k, 1]:
             sets[0, 0], sets[0, 1] = release, safe[k, 1]
             used = 1
-    index[1 : width - 1] = 0
-    index[width - 1] = 0
     index[width] = used
     lo, hi = np.empty(8 * MOST), np.empty(8 * MOST)
     left = 0
@@ -162,12 +168,12 @@ def reachable(
                         count = _advance(begin, free, tau, horizon, lo, hi, count)
             count = _merge(lo, hi, count)
             if used + count > len(sets):
-                sets = np.concatenate((sets, np.empty_like(sets)))
+                sets = _grown(sets)
             for q in range(count):
                 sets[used + q, 0], sets[used + q, 1] = lo[q], hi[q]
             used += count
             index[i * width + k + 1] = used
-    return index, sets[:used].copy()
+    return index, sets[:used]
 
 
 @kernel
