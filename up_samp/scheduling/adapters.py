@@ -195,10 +195,13 @@ class EngineScheduler:
         self, answer: Answer, compiled: Compiled, lower_bound: int | None, started: float
     ) -> ScheduleReport:
         """Turn the worker's answer into a report that can be believed."""
+        from up_samp.scheduling.schedules import complete
+
         if answer.status == "unsupported":
             raise UnsupportedError(f"engine {self.name}: {answer.message}")
         status = _STATUSES.get(answer.status, ScheduleStatus.ERROR)
-        if status is ScheduleStatus.INFEASIBLE and not self._quirks.proves_unsolvable:
+        proven = self._quirks.proves_unsolvable and compiled.exact
+        if status is ScheduleStatus.INFEASIBLE and not proven:
             status = ScheduleStatus.NOT_FOUND
         solved = status in (ScheduleStatus.OPTIMAL, ScheduleStatus.FOUND)
         if solved and answer.times is None:
@@ -207,6 +210,7 @@ class EngineScheduler:
             message = f"engine {self.name}: {answer.status}. {answer.message}".strip()
             return _report(status, lower_bound, started, message)
         schedule = compiled.map_back(CandidateSchedule(answer.times, answer.parameters))
+        schedule = complete(self._problem, schedule)
         wrong = self._violations(schedule)
         if wrong:
             message = f"engine {self.name} returned a wrong schedule: " + "; ".join(wrong)
@@ -225,6 +229,7 @@ class EngineScheduler:
     def _proven(self, schedule: CandidateSchedule, compiled: Compiled) -> bool:
         return (
             self._quirks.proves_optimal
+            and compiled.exact
             and compiled.problem.minimize_makespan
             and schedule.makespan > compiled.floor
         )

@@ -13,10 +13,21 @@ import sys
 import tempfile
 import time
 import weakref
+from pathlib import Path
 from typing import IO, Any
 
 from up_samp.model import Deadline, EngineError
 from up_samp.scheduling.worker import _LENGTH, Answer, Task, send
+
+_BOOT = """
+import sys, types
+package = types.ModuleType("up_samp")
+package.__path__ = [sys.argv.pop()]
+sys.modules["up_samp"] = package
+from up_samp.scheduling.worker import main
+main()
+"""
+# the worker needs none of what ``import up_samp`` registers: it starts in half a second without
 
 _GRACE = 0.5
 """Seconds that an engine gets beyond its deadline to hand over what it has."""
@@ -39,7 +50,7 @@ class WorkerProcess:
         environment = {**os.environ, "TMPDIR": self._folder, "TMP": self._folder}
         environment["PYTHONPATH"] = os.pathsep.join(p for p in sys.path if p)
         self._process = subprocess.Popen(
-            [sys.executable, "-c", "from up_samp.scheduling.worker import main; main()"],
+            [sys.executable, "-c", _BOOT, str(Path(__file__).parents[1])],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._errors,

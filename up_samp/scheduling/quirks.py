@@ -23,6 +23,7 @@ class Quirks:
         hierarchical_types: understands types below other types.
         long_names: digests any name.
         resources_with_variable_durations: counts resources rightly then.
+        intervals_of_numbers: takes conditions on numbers over intervals.
         empty_intervals: takes a condition over an empty interval as none.
         proves_unsolvable: its ``UNSOLVABLE_PROVEN`` is a proof.
         proves_optimal: its ``SOLVED_OPTIMALLY`` is a proof.
@@ -33,6 +34,7 @@ class Quirks:
     assignments: bool
     hierarchical_types: bool = True
     resources_with_variable_durations: bool = True
+    intervals_of_numbers: bool = True
     empty_intervals: bool = True
     proves_unsolvable: bool = True
     proves_optimal: bool = True
@@ -43,6 +45,7 @@ _ARIES = Quirks(
     optional=False,  # 0.5.0 ignores ``optional`` without a word
     assignments=True,
     resources_with_variable_durations=False,
+    intervals_of_numbers=False,  # its server crashes
     empty_intervals=False,
     proves_unsolvable=False,
     message_limit=4 * 2**20,

@@ -19,6 +19,26 @@ def to_candidate(problem: SchedulingProblem, schedule: Schedule) -> CandidateSch
     return CandidateSchedule(*plain_schedule(schedule))
 
 
+def complete(problem: SchedulingProblem, candidate: CandidateSchedule) -> CandidateSchedule:
+    """Return the candidate with some value for each variable that has none: engines leave out
+    those that nothing constrains.
+    """
+    values: dict[str, Value] = dict(candidate.parameters)
+    present = [a for a in problem.activities if a.name in candidate.times]
+    for parameter in [*problem.base_variables, *(p for a in present for p in a.parameters)]:
+        if parameter.name not in values:
+            values[parameter.name] = _some_value(problem, parameter.type)
+    return CandidateSchedule(candidate.times, values)
+
+
+def _some_value(problem: SchedulingProblem, tpe: Any) -> Value:
+    if tpe.is_bool_type():
+        return False
+    if tpe.is_user_type():
+        return str(next(iter(problem.objects(tpe))).name)
+    return int(tpe.lower_bound if tpe.lower_bound is not None else min(0, tpe.upper_bound or 0))
+
+
 def to_up_schedule(problem: SchedulingProblem, candidate: CandidateSchedule) -> Schedule:
     """Return a candidate as a UP schedule of ``problem``: the present activities with their
     times, and the values of their parameters and of the problem's variables.

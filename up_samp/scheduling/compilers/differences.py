@@ -26,9 +26,12 @@ from up_samp.scheduling.compilers.plain import (
     Type,
     conjunction,
     disjunction,
+    end,
     integer,
     later,
+    negation,
     show,
+    start,
     subexpressions,
 )
 
@@ -38,10 +41,20 @@ def compile_differences(problem: PlainProblem) -> Compiled:
     normal = NormalForm(problem)
     constraints: dict[Expr, None] = {}
     for constraint in problem.constraints:
-        rewritten = normal(constraint)
-        parts = rewritten[1:] if rewritten[0] == "and" else (rewritten,)
-        constraints.update(dict.fromkeys(p for p in parts if p != TRUE))
+        constraints.update(dict.fromkeys(p for p in _parts(normal(constraint)) if p != TRUE))
     return Compiled(replace(problem, constraints=tuple(constraints)))
+
+
+def _parts(constraint: Expr) -> list[Expr]:
+    """Return the conjuncts of a constraint: ``a or (b and c)`` has ``a or b`` and ``a or c``."""
+    if constraint[0] == "and":
+        return [part for conjunct in constraint[1:] for part in _parts(conjunct)]
+    if constraint[0] == "or":
+        inner = [e for e in constraint[1:] if e[0] == "and"]
+        if len(inner) == 1:
+            rest = [e for e in constraint[1:] if e is not inner[0]]
+            return [p for e in inner[0][1:] for p in _parts(disjunction([*rest, e]))]
+    return [constraint]
 
 
 @dataclass
@@ -139,6 +152,12 @@ class NormalForm:
         self._parameters: Mapping[str, Type] = problem.parameter_types()
         self._fluents: Mapping[str, Fluent] = problem.fluents
         self._optional = problem.optional_names()
+        self._activities = [a.name for a in problem.activities]
+        self._fixed = {
+            a.name: a.lower[1]
+            for a in problem.activities
+            if a.lower == a.upper and a.lower[0] == "int"
+        }
         self._owners = {n: a.name for a in problem.activities for n, _ in a.parameters}
         self._memo: dict[tuple[Expr, bool], Expr] = {}
 
@@ -167,8 +186,8 @@ class NormalForm:
         if operator in ("le", "lt"):
             a, b = expression[1:]
             if positive:
-                return self._guarded(expression, at_most(a, b, 1 if operator == "lt" else 0))
-            return self._guarded(expression, at_most(b, a, 0 if operator == "lt" else 1))
+                return self._at_most(expression, a, b, 1 if operator == "lt" else 0)
+            return self._at_most(expression, b, a, 0 if operator == "lt" else 1)
         if operator == "eq":
             return self._equal(expression, positive)
         if operator == "pres":
@@ -176,6 +195,41 @@ class NormalForm:
         if operator in ("par", "flu"):
             return self._guarded(expression, expression if positive else ("not", expression))
         raise UnsupportedError(f"constraint {show(expression)}")
+
+    def _at_most(self, original: Expr, left: Expr, right: Expr, slack: int) -> Expr:
+        """Return ``left + slack <= right``, where ``original`` has values at all.
+
+        The plan's end is written out: it is the latest end of those that are present.
+        """
+        form = linear(left).add(linear(right), -1).add(Linear({}, slack), 1)
+        form = self._within_activities(form)
+        horizon = ("time", "horizon", None, 0)
+        factor = form.coefficients.pop(horizon, 0)
+        if factor == 0:
+            return self._guarded(original, less_equal_zero(form))
+        if factor not in (1, -1):
+            raise UnsupportedError(f"constraint {show(original)}")
+        ways = [less_equal_zero(form)]  # with nothing there, the end is 0
+        for name in self._activities:
+            with_end = less_equal_zero(form.add(Linear({end(name): 1}, 0), factor))
+            present = ("pres", name) if name in self._optional else TRUE
+            if factor > 0:
+                ways.append(disjunction([negation(present), with_end]))
+            else:
+                ways.append(conjunction([present, with_end]))
+        whole = conjunction(ways) if factor > 0 else disjunction(ways)
+        return self._guarded(original, whole)
+
+    def _within_activities(self, form: Linear) -> Linear:
+        """Put in the duration where start and end of an activity of fixed duration meet (in aries
+        0.5.0 they may be one variable, and a difference between the two crashes its server).
+        """
+        for name in {v[2] for v in form.coefficients if v[0] == "time"} & self._fixed.keys():
+            if start(name) in form.coefficients and end(name) in form.coefficients:
+                factor = form.coefficients[end(name)]
+                same = Linear({start(name): 1, end(name): -1}, self._fixed[name])
+                form = form.add(same, factor)
+        return form
 
     def _guarded(self, original: Expr, atom: Expr) -> Expr:
         """Return ``atom``, or that one of the activities is absent that ``original`` mentions."""
@@ -201,10 +255,12 @@ class NormalForm:
             return self._same(a, b, positive)
         if kind == "int":
             if positive:
-                both = [at_most(a, b), at_most(b, a)]
-                return conjunction([self._guarded(expression, e) for e in both])
-            either = disjunction([at_most(a, b, 1), at_most(b, a, 1)])
-            return self._guarded(expression, either)
+                return conjunction(
+                    [self._at_most(expression, a, b, 0), self._at_most(expression, b, a, 0)]
+                )
+            return disjunction(
+                [self._at_most(expression, a, b, 1), self._at_most(expression, b, a, 1)]
+            )
         if a[0] == "obj" and b[0] == "obj":
             return ("bool", (a == b) == positive)
         equal = ("eq", b, a) if a[0] == "obj" else expression

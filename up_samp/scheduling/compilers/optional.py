@@ -1,11 +1,13 @@
 """Optional activities away: every activity becomes mandatory, a bool parameter says presence.
 
-An absent activity runs at time 0, as short as it can. Its conditions and effects stay, on private
+An absent activity runs as early and as short as it can (at time 0, mostly without duration). Its conditions and effects stay, on private
 copies of the fluents: every fluent that an optional activity touches gets one more parameter, a
 *slot*. The slot ``main`` is the real fluent. Each condition and effect of an optional activity has
 a slot parameter that is ``main`` if the activity is present, and ``off...`` if not; the copies that
 absent conditions read have suitable initial values (shared where those are equal, as nobody
 writes there), the copies that absent effects write are read by nobody.
+
+An effect with a condition over parameters is treated likewise: its slot is ``main`` if it happens.
 
 Size: linear in the conditions and effects.
 """
@@ -17,6 +19,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from up_samp.model import CandidateSchedule, UnsupportedError
+from up_samp.scheduling.compilers.differences import NormalForm
 from up_samp.scheduling.compilers.plain import (
     TRUE,
     Activity,
@@ -27,10 +30,10 @@ from up_samp.scheduling.compilers.plain import (
     Fluent,
     PlainProblem,
     Type,
+    conjunction,
     disjunction,
     end,
     fresh,
-    implies,
     integer,
     names_in_use,
     rewrite,
@@ -48,7 +51,7 @@ def compile_optional(problem: PlainProblem) -> Compiled:
         UnsupportedError: an optional activity with a duration that depends on parameters, or with
             a condition that no values of the fluents satisfy.
     """
-    if not problem.optional_names():
+    if not problem.optional_names() and all(e.condition == TRUE for e in problem.effects):
         return Compiled(problem)
     return _Compiler(problem).compile()
 
@@ -59,6 +62,7 @@ class _Compiler:
         self.taken = names_in_use(problem)
         self.optional = problem.optional_names()
         self.shortest = {a.name: self._shortest(a) for a in problem.activities if a.optional}
+        self.earliest = {name: self._earliest(name) for name in self.optional}
         self.present: dict[str, str] = {
             name: fresh(f"{name}.present", self.taken) for name in sorted(self.optional)
         }
@@ -73,6 +77,9 @@ class _Compiler:
         self.initial: dict[Expr, Expr] = {}
         self.extra: dict[str, list[tuple[str, Type]]] = {name: [] for name in self.optional}
         self.constraints: list[Expr] = []
+        self.variables = dict(problem.variables)
+        certain = tuple(replace(a, optional=False) for a in problem.activities)
+        self.normal = NormalForm(replace(problem, activities=certain))
         self._copies: dict[tuple[str, Expr], str] = {}
 
     def compile(self) -> Compiled:
@@ -100,12 +107,14 @@ class _Compiler:
             constraints=(*map(self._expression, problem.constraints), *self.constraints),
             conditions=tuple(conditions),
             effects=tuple(effects),
+            variables=self.variables,
             types=self.types,
             objects=self.objects,
             fluents=fluents,
             initial={**kept, **self.initial},
         )
-        return Compiled(compiled, self._map_back(), max(self.shortest.values(), default=0))
+        floor = max((self.shortest[n] + self.earliest[n] for n in self.optional), default=0)
+        return Compiled(compiled, self._map_back(), floor)
 
     def _with_default(self, fluent: Fluent) -> Fluent:
         """Return the fluent with a default value, for copies whose value does not matter."""
@@ -116,6 +125,7 @@ class _Compiler:
     def _map_back(self) -> Callable[[CandidateSchedule], CandidateSchedule]:
         present = self.present
         added = {name for extra in self.extra.values() for name, _ in extra}
+        added |= set(self.variables) - set(self.problem.variables)
         absent_parameters = {
             a.name: {name for name, _ in a.parameters} for a in self.problem.activities
         }
@@ -152,6 +162,12 @@ class _Compiler:
                 )
         return shortest
 
+    def _earliest(self, name: str) -> int:
+        """Return the start of the activity, if absent, at which nothing of it is before 0."""
+        times = [c.low for c in self.problem.conditions if c.owner == name]
+        times += [e.time for e in self.problem.effects if e.owner == name]
+        return max((-t[3] for t in times if t[1] in ("start", "end") and t[3] < 0), default=0)
+
     def _activity(self, activity: Activity) -> Activity:
         if not activity.optional:
             return activity
@@ -161,11 +177,17 @@ class _Compiler:
         shortest, present = self.shortest[name], ("par", self.present[name])
         self.extra[name].append((self.present[name], ("bool",)))
         if lower[1] > shortest:
-            self.constraints.append(implies(present, ("le", start(name, lower[1]), end(name))))
+            long = ("le", start(name, lower[1]), end(name))
+            self.constraints.append(disjunction([("not", present), long]))
         if upper[1] < shortest:
-            self.constraints.append(implies(present, ("le", end(name), start(name, upper[1]))))
-        self.constraints.append(disjunction([present, ("le", start(name), integer(0))]))
-        self.constraints.append(disjunction([present, ("le", end(name), integer(shortest))]))
+            short = ("le", end(name), start(name, upper[1]))
+            self.constraints.append(disjunction([("not", present), short]))
+        first = self.earliest[name]
+        last = integer(first + shortest)
+        self.constraints.append(disjunction([present, ("le", start(name), integer(first))]))
+        if first:
+            self.constraints.append(disjunction([present, ("le", integer(first), start(name))]))
+        self.constraints.append(disjunction([present, ("le", end(name), last)]))
         duration = integer(min(shortest, lower[1])), integer(max(shortest, upper[1]))
         return Activity(name, False, *duration, activity.parameters)
 
@@ -190,7 +212,9 @@ class _Compiler:
         atoms = [e for e in subexpressions(condition.expression) if e[0] == "flu"]
         wishes = _wishes(self.problem, condition, atoms)
         slots = {
-            atom: self._slot(owner, atom[1], self._reading_copy(atom, wishes[atom]))(atom)
+            atom: self._slot(
+                owner, self._present(owner), atom[1], self._reading_copy(atom, wishes[atom])
+            )(atom)
             for atom in dict.fromkeys(atoms)
         }
         return replace(condition, expression=rewrite(condition.expression, slots.get))
@@ -198,15 +222,29 @@ class _Compiler:
     def _effect(self, effect: Effect) -> Effect:
         owner, fluent = effect.owner, effect.fluent
         value, condition = self._expression(effect.value), self._expression(effect.condition)
-        if owner not in self.optional:
-            return replace(
-                effect, fluent=self._expression(fluent), value=value, condition=condition
+        if owner not in self.optional and condition == TRUE:
+            return replace(effect, fluent=self._expression(fluent), value=value)
+        if any(e[0] == "flu" for e in subexpressions(condition)):
+            raise UnsupportedError(
+                f"the effect of {owner or 'the problem'} on {show(fluent)} that depends on fluents"
             )
-        assert owner is not None
+        happens = conjunction([self._present(owner), condition])
         own = fresh(f"off_{fluent[1]}_{owner}", self.taken)
         self.objects[own] = self.slot_types[fluent[1]]
-        slot = self._slot(owner, fluent[1], own)(fluent)
-        return replace(effect, fluent=slot, value=value, condition=condition)
+        if effect.kind != "assign":
+            self._make_room(effect, own)
+        slot = self._slot(owner, happens, fluent[1], own)(fluent)
+        return replace(effect, fluent=slot, value=value, condition=TRUE)
+
+    def _present(self, owner: str | None) -> Expr:
+        return ("par", self.present[owner]) if owner in self.present else TRUE
+
+    def _make_room(self, effect: Effect, copy: str) -> None:
+        """Let the copy start with a value from which one can count."""
+        _, low, high = self.problem.fluents[effect.fluent[1]].type
+        value = (low or 0) if effect.kind == "increase" else (high or 0)
+        for ground in _ground(self.problem, {effect.fluent[1]}):
+            self.initial[(*ground, ("obj", copy))] = integer(value)
 
     def _reading_copy(self, atom: Expr, wish: Expr) -> str:
         """Return the slot in which the fluent has the wished value and nobody writes."""
@@ -219,20 +257,26 @@ class _Compiler:
                 self.initial[(*ground, ("obj", copy))] = wish
         return self._copies[key]
 
-    def _slot(self, owner: str, fluent: str, off: str) -> Callable[[Expr], Expr]:
-        """Add a slot parameter: ``main`` if the owner is present, ``off`` if not."""
-        parameter = fresh(f"{owner}.slot", self.taken)
-        self.extra[owner].append((parameter, ("user", self.slot_types[fluent])))
-        present, slot = ("par", self.present[owner]), ("par", parameter)
-        self.constraints.append(
-            disjunction([("not", present), ("eq", slot, ("obj", self.main[fluent]))])
-        )
-        self.constraints.append(disjunction([present, ("eq", slot, ("obj", off))]))
+    def _slot(
+        self, owner: str | None, happens: Expr, fluent: str, off: str
+    ) -> Callable[[Expr], Expr]:
+        """Add a slot parameter: ``main`` if it ``happens``, ``off`` if not."""
+        base = "slot" if owner is None else f"{owner}.slot"
+        parameter, tpe = fresh(base, self.taken), ("user", self.slot_types[fluent])
+        if owner is None:
+            self.variables[parameter] = tpe
+        else:
+            self.extra.setdefault(owner, []).append((parameter, tpe))
+        slot = ("par", parameter)
+        self.constraints += [
+            disjunction([self.normal(happens, False), ("eq", slot, ("obj", self.main[fluent]))]),
+            disjunction([self.normal(happens), ("eq", slot, ("obj", off))]),
+        ]
         return lambda expression: (*expression, slot)
 
 
 def _touched(problem: PlainProblem, optional: frozenset[str]) -> set[str]:
-    touched = {e.fluent[1] for e in problem.effects if e.owner in optional}
+    touched = {e.fluent[1] for e in problem.effects if e.owner in optional or e.condition != TRUE}
     for condition in problem.conditions:
         if condition.owner in optional:
             touched.update(e[1] for e in subexpressions(condition.expression) if e[0] == "flu")

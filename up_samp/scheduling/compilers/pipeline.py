@@ -9,10 +9,15 @@ from up_samp.scheduling.compilers.differences import compile_differences
 from up_samp.scheduling.compilers.flat import compile_flat_types
 from up_samp.scheduling.compilers.ground import compile_ground
 from up_samp.scheduling.compilers.instances import compile_instances
+from up_samp.scheduling.compilers.intervals import compile_intervals
 from up_samp.scheduling.compilers.names import compile_names
+from up_samp.scheduling.compilers.numbers import compile_numbers
 from up_samp.scheduling.compilers.optional import compile_optional
 from up_samp.scheduling.compilers.plain import Compiled, PlainProblem
 from up_samp.scheduling.compilers.precedences import compile_precedences
+from up_samp.scheduling.compilers.resources import compile_resources
+from up_samp.scheduling.compilers.rules import compile_rules
+from up_samp.scheduling.compilers.settled import compile_settled
 from up_samp.scheduling.compilers.tokens import compile_tokens
 from up_samp.scheduling.quirks import Quirks
 
@@ -21,12 +26,18 @@ Compiler = Callable[[PlainProblem], Compiled]
 
 def compilers_for(quirks: Quirks) -> list[Compiler]:
     """Return the passes, in order, that make a problem fit an engine."""
-    passes: list[Compiler] = [compile_ground]
+    passes: list[Compiler] = [compile_ground, compile_rules]
     if not quirks.hierarchical_types:
         passes.append(compile_flat_types)
     if not quirks.assignments:
         passes += [compile_instances, compile_precedences]
-    passes.append(compile_differences)
+    if not quirks.intervals_of_numbers:
+        passes.append(compile_numbers)
+    if not quirks.resources_with_variable_durations:
+        passes.append(compile_resources)
+    if not quirks.empty_intervals:
+        passes.append(compile_intervals)
+    passes += [compile_differences, compile_settled]
     if quirks.assignments and not quirks.optional:
         passes.append(compile_tokens)
     if not quirks.optional:
@@ -38,10 +49,11 @@ def compilers_for(quirks: Quirks) -> list[Compiler]:
 def chain(problem: PlainProblem, passes: Sequence[Compiler]) -> Compiled:
     """Run the passes one after the other; their maps back run the other way round."""
     backs: list[Callable[[CandidateSchedule], CandidateSchedule]] = []
-    floor = 0
+    floor, exact = 0, True
     for compiler in passes:
         compiled = compiler(problem)
         problem, floor = compiled.problem, max(floor, compiled.floor)
+        exact = exact and compiled.exact
         backs.append(compiled.map_back)
 
     def map_back(schedule: CandidateSchedule) -> CandidateSchedule:
@@ -49,4 +61,4 @@ def chain(problem: PlainProblem, passes: Sequence[Compiler]) -> Compiled:
             schedule = back(schedule)
         return schedule
 
-    return Compiled(problem, map_back, floor)
+    return Compiled(problem, map_back, floor, exact)

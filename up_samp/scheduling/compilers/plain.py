@@ -144,11 +144,14 @@ class Compiled:
 
     ``floor``: schedules of the compiled problem are never shorter than this even where the
     original's are, so an optimum at or below it proves nothing about the original.
+    ``exact``: every schedule of the original has one in the compiled problem, of the same makespan
+    (or ``floor``); otherwise neither "optimal" nor "unsolvable" carries over.
     """
 
     problem: PlainProblem
     map_back: Callable[[CandidateSchedule], CandidateSchedule] = lambda schedule: schedule
     floor: int = 0
+    exact: bool = True
 
 
 def start(activity: str, delay: int = 0) -> Expr:

@@ -113,14 +113,15 @@ class _Writer:
         return Parameter(name, self.type(tpe), self.environment)
 
     def _effect(self, effect: Effect) -> None:
-        self._chronicle(effect.owner)._add_effect_instance(
-            self.timing(effect.time),
+        # appended as it is: UP's check for clashing effects cannot see slots and constraints
+        effects = self._chronicle(effect.owner)._effects
+        effects.setdefault(self.timing(effect.time), []).append(
             UpEffect(
                 self.expression(effect.fluent),
                 self.expression(effect.value),
                 self.expression(effect.condition),
                 kind=_KINDS[effect.kind],
-            ),
+            )
         )
 
     def type(self, tpe: Type) -> Any:

@@ -1,0 +1,159 @@
+"""``uses`` away, for engines that count resources wrongly when durations vary.
+
+A resource is a fluent that activities only take from at their start and give back to at their end
+(the same amount). Activities that together take too much must not all overlap. As intervals have
+Helly's property (pairwise overlapping ones share an instant), it is enough that of each minimal
+set that takes too much some two are apart; with pairs alone that is the disjunctive resource,
+which a later pass turns into a token. A use without duration takes nothing.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from up_samp.model import UnsupportedError
+from up_samp.scheduling.compilers.plain import (
+    TRUE,
+    Compiled,
+    Effect,
+    Expr,
+    PlainProblem,
+    disjunction,
+    end,
+    negation,
+    show,
+    start,
+    subexpressions,
+)
+
+MOST_SETS = 5000
+"""Most sets of activities that are forbidden one by one, per resource."""
+
+
+@dataclass(frozen=True)
+class Resource:
+    """A renewable resource: how much each activity takes of how much there is."""
+
+    fluent: Expr
+    capacity: int
+    amounts: dict[str, int]
+
+
+def compile_resources(problem: PlainProblem) -> Compiled:
+    """Replace resources by constraints on the order of their users.
+
+    Raises:
+        UnsupportedError: more than :data:`MOST_SETS` sets of users take too much together.
+    """
+    optional = problem.optional_names()
+    constraints: list[Expr] = []
+    gone: set[Expr] = set()
+    for resource in find_resources(problem):
+        gone.add(resource.fluent)
+        for count, users in enumerate(_minimal_sets(resource)):
+            if count >= MOST_SETS:
+                raise UnsupportedError(
+                    f"resource {show(resource.fluent)}: too many sets of activities take more "
+                    f"than {resource.capacity} together"
+                )
+            constraints.append(_not_all_at_once(problem, optional, users))
+    if not gone:
+        return Compiled(problem)
+    names = {f[1] for f in gone}
+    return Compiled(
+        replace(
+            problem,
+            constraints=(*problem.constraints, *constraints),
+            effects=tuple(e for e in problem.effects if e.fluent not in gone),
+            fluents={n: f for n, f in problem.fluents.items() if n not in names},
+            initial={k: v for k, v in problem.initial.items() if k[1] not in names},
+        )
+    )
+
+
+def find_resources(problem: PlainProblem) -> list[Resource]:
+    """Return the fluents (without arguments) that are resources."""
+    effects: dict[Expr, list[Effect]] = defaultdict(list)
+    for effect in problem.effects:
+        effects[effect.fluent].append(effect)
+    read = {
+        e
+        for expression in _read_expressions(problem)
+        for e in subexpressions(expression)
+        if e[0] == "flu"
+    }
+    found = []
+    for fluent, changes in effects.items():
+        if fluent in read or len(fluent) > 2:
+            continue
+        amounts = _amounts(changes)
+        tpe, initial = problem.fluents[fluent[1]].type, problem.initial_value(fluent)
+        if amounts is None or initial[0] != "int" or tpe[1] is None:
+            continue
+        if tpe[2] is not None and initial[1] > tpe[2]:
+            continue
+        found.append(Resource(fluent, initial[1] - tpe[1], amounts))
+    return found
+
+
+def _read_expressions(problem: PlainProblem) -> Iterator[Expr]:
+    yield from problem.constraints
+    for condition in problem.conditions:
+        yield condition.expression
+    for activity in problem.activities:
+        yield activity.lower
+        yield activity.upper
+    for effect in problem.effects:
+        yield effect.value
+        yield effect.condition
+        yield from effect.fluent[2:]
+
+
+def _amounts(effects: list[Effect]) -> dict[str, int] | None:
+    """Return who takes how much, if all effects are the two halves of ``uses``."""
+    taken: dict[str, int] = defaultdict(int)
+    given: dict[str, int] = defaultdict(int)
+    for effect in effects:
+        owner = effect.owner
+        if owner is None or effect.condition != TRUE or effect.value[0] != "int":
+            return None
+        if effect.kind == "decrease" and effect.time == start(owner):
+            taken[owner] += effect.value[1]
+        elif effect.kind == "increase" and effect.time == end(owner):
+            given[owner] += effect.value[1]
+        else:
+            return None
+    return dict(taken) if taken == given and all(a > 0 for a in taken.values()) else None
+
+
+def _minimal_sets(resource: Resource) -> Iterator[tuple[str, ...]]:
+    """Yield the sets of users that take too much, of which no proper subset does."""
+    users = sorted(resource.amounts, key=lambda n: -resource.amounts[n])
+
+    def extend(chosen: tuple[str, ...], total: int, rest: int) -> Iterator[tuple[str, ...]]:
+        for i in range(rest, len(users)):
+            amount = resource.amounts[users[i]]
+            # users come by falling amounts: the last one is the smallest of the set
+            if total + amount > resource.capacity:
+                yield (*chosen, users[i])
+            else:
+                yield from extend((*chosen, users[i]), total + amount, i + 1)
+
+    yield from extend((), 0, 0)
+
+
+def _not_all_at_once(
+    problem: PlainProblem, optional: frozenset[str], users: tuple[str, ...]
+) -> Expr:
+    ways: list[Expr] = []
+    for name in users:
+        if name in optional:
+            ways.append(negation(("pres", name)))
+        lower = problem.activity(name).lower
+        if lower[0] != "int" or lower[1] < 1:
+            ways.append(("le", end(name), start(name)))
+    ways += [("le", end(a), start(b)) for a, b in itertools.permutations(users, 2)]
+    return disjunction(ways)

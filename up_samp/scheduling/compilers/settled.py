@@ -1,0 +1,113 @@
+"""What constraints settle at once: activities that must or cannot be present, fixed switches.
+
+Unit propagation over a problem in normal form. Fewer optional activities are easier for every
+engine; and aries 0.5.0's server can crash on a constraint that is a bare presence parameter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from up_samp.model import CandidateSchedule
+from up_samp.model.schedule import Value
+from up_samp.scheduling.compilers.plain import (
+    FALSE,
+    TRUE,
+    Compiled,
+    Expr,
+    PlainProblem,
+    conjunction,
+    disjunction,
+)
+
+
+def compile_settled(problem: PlainProblem) -> Compiled:
+    """Return the problem without the presences and boolean parameters that are settled."""
+    constraints = list(problem.constraints)
+    settled: dict[Expr, bool] = {}
+    while True:
+        units = {}
+        for constraint in constraints:
+            literal, sign = (constraint[1], False) if constraint[0] == "not" else (constraint, True)
+            if literal[0] in ("pres", "par"):
+                units[literal] = sign
+        if not units:
+            break
+        settled.update(units)
+        simplify = _Simplifier(units)
+        simpler = [simplify(c) for c in constraints]
+        constraints = list(
+            dict.fromkeys(p for c in simpler for p in (c[1:] if c[0] == "and" else (c,)))
+        )
+        constraints = [c for c in constraints if c != TRUE]
+        if FALSE in constraints:
+            return Compiled(replace(problem, constraints=(FALSE,)))
+    return _rebuilt(problem, constraints, settled) if settled else Compiled(problem)
+
+
+def _rebuilt(problem: PlainProblem, constraints: list[Expr], settled: dict[Expr, bool]) -> Compiled:
+    gone = {e[1] for e, sign in settled.items() if e[0] == "pres" and not sign}
+    certain = {e[1] for e, sign in settled.items() if e[0] == "pres" and sign}
+    values: dict[str, Value] = {e[1]: sign for e, sign in settled.items() if e[0] == "par"}
+    simplify = _Simplifier(settled)
+    activities = tuple(
+        replace(
+            a,
+            optional=a.optional and a.name not in certain,
+            parameters=tuple(p for p in a.parameters if p[0] not in values),
+        )
+        for a in problem.activities
+        if a.name not in gone
+    )
+    conditions = [
+        replace(c, expression=simplify(c.expression))
+        for c in problem.conditions
+        if c.owner not in gone
+    ]
+    effects = [
+        replace(e, value=simplify(e.value), condition=simplify(e.condition))
+        for e in problem.effects
+        if e.owner not in gone
+    ]
+    compiled = replace(
+        problem,
+        activities=activities,
+        constraints=tuple(constraints),
+        conditions=tuple(c for c in conditions if c.expression != TRUE),
+        effects=tuple(e for e in effects if e.condition != FALSE),
+        variables={n: t for n, t in problem.variables.items() if n not in values},
+    )
+
+    def map_back(schedule: CandidateSchedule) -> CandidateSchedule:
+        return CandidateSchedule(schedule.times, {**schedule.parameters, **values})
+
+    return Compiled(compiled, map_back)
+
+
+class _Simplifier:
+    """Puts constants for settled literals into expressions and simplifies (memoised)."""
+
+    def __init__(self, settled: dict[Expr, bool]):
+        self.settled = settled
+        self._memo: dict[Expr, Expr] = {}
+
+    def __call__(self, expression: Expr) -> Expr:
+        done = self._memo.get(expression)
+        if done is None:
+            done = self._memo[expression] = self._simplify(expression)
+        return done
+
+    def _simplify(self, e: Expr) -> Expr:
+        operator = e[0]
+        if operator in ("pres", "par"):
+            return ("bool", self.settled[e]) if e in self.settled else e
+        if operator in ("bool", "int", "obj", "time"):
+            return e
+        if operator in ("and", "or"):
+            return (conjunction if operator == "and" else disjunction)([self(x) for x in e[1:]])
+        if operator == "flu":
+            return (*e[:2], *(self(x) for x in e[2:]))
+        operands = [self(x) for x in e[1:]]
+        if operator == "not" and operands[0][0] == "bool":
+            return ("bool", not operands[0][1])
+        return (operator, *operands)
