@@ -21,7 +21,8 @@ from up_samp.scheduling.cpsat.store import TRUE, Lin
 Progress = Callable[[CandidateSchedule, "int | None"], None]
 
 _QUICK = {"linearization_level": 0, "cp_model_probing_level": 0, "symmetry_level": 0}
-_THOROUGH = {"interleave_search": True}
+# no interleave_search: with several workers it aborts the process ("heuristics.fixed_search")
+_THOROUGH: dict[str, Any] = {}
 _COLLAPSED_EFFORT = 15.0
 _CONTENT_EFFORT = 1.0
 _SLACKS = (1.0, 1.1, 1.3, 1.7)
