@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,12 +18,10 @@ from up_samp.motion.fields import Fields
 from up_samp.motion.planners import Leg
 from up_samp.motion.reeds_shepp import fastest
 from up_samp.motion.smoothing import improve, settle
+from up_samp.motion.space import pose_space, widest_shape
 from up_samp.motion.timing import relaxed, trajectory_of
 
 FloatArray = npt.NDArray[np.float64]
-
-MARGIN_SHARES = (1.0, 0.25, 0.06, 0.015, 0.004, 0.001)
-"""Shares of the clearance margin tried where a start or goal is closer to something than that."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +83,7 @@ class CarPlanner:
         deadline: Deadline,
     ) -> tuple[FloatArray | None, str, int]:
         """Return arcs (n, 2) or None, what happened, and the number of expansions."""
-        shape = self._shape(body, (start, goal), obstacles)
+        shape = widest_shape(self.scene, body, (start, goal), obstacles)
         if shape is None:
             return None, "the start or the goal touches the map or an obstacle", 0
         radius, v, a = relaxed(body.kinematics)
@@ -135,18 +132,6 @@ class CarPlanner:
                 break
         return None, expansions, exhausted
 
-    def _shape(
-        self, body: Body, poses: Sequence[Configuration], obstacles: tuple[Placed, ...]
-    ) -> Shape | None:
-        """Return the footprint with the largest margin that all ``poses`` can keep."""
-        polys = self.scene.polys(obstacles)
-        for share in MARGIN_SHARES:
-            shape = self.scene.shape(body, self.scene.margin * share)
-            least = 0.1 * shape.data.slack[2]
-            if all(self.scene.clearance(shape, polys, pose) >= least for pose in poses):
-                return shape
-        return None
-
     def _direct(
         self,
         shape: Shape,
@@ -176,7 +161,10 @@ class CarPlanner:
         radius, v, a = relaxed(body.kinematics)
         step = self.settings.levels[level] * radius
         field = self.fields.toward(shape, goal, obstacles)
-        space = self._space(body, (start, goal), obstacles, step, radius)
+        reach = 8 * radius + 2 * shape.circumscribed
+        bins = math.ceil(2 * math.pi / (self.settings.levels[level] / 1.5))
+        guide = (self.settings.extra, self.settings.near * radius, self.settings.weight)
+        space = pose_space(self.scene, (start, goal), obstacles, reach, step / 1.5, bins, guide)
         keys = int(2 * space[3] * space[4] * space[5])
         tree = self._tree(self.settings.nodes[level], keys)
         steps = np.array(
@@ -206,45 +194,6 @@ class CarPlanner:
         count = int(tree.counters[2])
         hybrid.clear(tree)
         return arcs, count, state == 2
-
-    def _space(
-        self,
-        body: Body,
-        poses: Sequence[Configuration],
-        obstacles: tuple[Placed, ...],
-        step: float,
-        radius: float,
-    ) -> FloatArray:
-        """Return the box and the resolution of the search (see :func:`hybrid.expand`)."""
-        low, high = self._box(body, poses, obstacles)
-        extra, near, weight = self.settings.extra, self.settings.near, self.settings.weight
-        cell = step / 1.5
-        bins = math.ceil(2 * math.pi / (step / radius / 1.5))
-        while True:
-            cols, rows = np.ceil((high - low) / cell).astype(int) + 1
-            if cols * rows * bins * 2 <= 40_000_000:
-                break
-            cell *= 1.3
-        return np.array(
-            [low[0], low[1], cell, cols, rows, bins, extra, near * radius, 0.995, weight]
-        )
-
-    def _box(
-        self, body: Body, poses: Sequence[Configuration], obstacles: tuple[Placed, ...]
-    ) -> tuple[FloatArray, FloatArray]:
-        grid = self.scene.grid
-        if grid is not None:
-            rows, cols = grid.shape
-            corners = [(r, c) for r in (-0.5, rows - 0.5) for c in (-0.5, cols - 0.5)]
-            points = np.array([grid.point_of(r, c) for r, c in corners])
-            return points.min(axis=0), points.max(axis=0)
-        reach = 8 * body.kinematics.turning_radius + 2 * self.scene.shape(body).circumscribed
-        points = np.array([p[:2] for p in poses])
-        polys = self.scene.polys(obstacles)
-        if len(polys.counts):
-            centres, radii = polys.centres[:, :2], polys.centres[:, 2:]
-            points = np.concatenate([points, centres - radii, centres + radii])
-        return points.min(axis=0) - reach, points.max(axis=0) + reach
 
     def _tree(self, nodes: int, keys: int) -> hybrid.Tree:
         if (nodes, keys) not in self._trees:

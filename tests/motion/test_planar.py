@@ -1,0 +1,97 @@
+import math
+
+import numpy as np
+import pytest
+from oracle import RECTANGLE, box_map, ends_exactly, smallest_clearance
+
+from up_samp.model import Body, Deadline, Kinematics, MotionModel, Outcome, PathQuery, Placed
+from up_samp.motion import MotionService
+
+KIN = Kinematics(MotionModel.SE2, v_max=1.5, a_max=0.8, omega_max=0.7)
+SLIDER = Body(RECTANGLE, KIN)
+
+
+def faults(trajectory, kin):
+    t, p = trajectory.times, trajectory.poses
+    dt = np.diff(t)
+    d = np.diff(p, axis=0)
+    velocity = d[:, :2] / dt[:, None]
+    said = []
+    if dt.max() > trajectory.MAX_STEP + 1e-9:
+        said.append("samples too far apart")
+    if np.hypot(*velocity.T).max() > kin.v_max:
+        said.append("too fast")
+    if np.abs(d[:, 2] / dt).max() > kin.omega_max:
+        said.append("turns too fast")
+    middle = (t[:-1] + t[1:]) / 2
+    a = np.hypot(*(np.diff(velocity, axis=0) / np.diff(middle)[:, None]).T)
+    if len(a) and a.max() > kin.a_max * 1.001:
+        said.append(f"accelerates too much: {a.max()}")
+    for i in (0, -1):
+        if np.hypot(*velocity[i]) > kin.a_max * dt[i] / 2 * 1.001:
+            said.append("not from rest to rest")
+    return said
+
+
+def check(service, body, poses, obstacles=()):
+    report = service.plan(PathQuery(body, poses, obstacles), Deadline.after(60))
+    assert report.outcome is Outcome.FOUND, report
+    trajectory = report.trajectory
+    assert ends_exactly(trajectory, poses[0], poses[-1])
+    assert faults(trajectory, body.kinematics) == []
+    assert smallest_clearance(trajectory, body, service.grid, obstacles) > 0
+    bound = service.lower_bound(body, poses[0], poses[-1], obstacles)
+    assert trajectory.duration >= bound - 1e-9
+    return trajectory, bound
+
+
+def test_straight_and_sideways():
+    service = MotionService(box_map(20, 10))
+    trajectory, bound = check(service, SLIDER, ((3, 2, 0.0), (3, 8, 0.0)))
+    assert trajectory.duration == pytest.approx(bound, rel=1e-3)
+
+
+def test_turning_on_the_spot():
+    service = MotionService(box_map(20, 10))
+    trajectory, _ = check(service, SLIDER, ((5, 5, 0.0), (5, 5, 3.0)))
+    assert trajectory.duration == pytest.approx(3.0 / 0.7, rel=1e-3)
+
+
+def test_round_walls_without_stopping_at_each_corner():
+    grid = box_map(30, 20, [(10, 0, 11, 12), (19, 8, 20, 20)])
+    trajectory, bound = check(MotionService(grid), SLIDER, ((4, 4, 0.0), (26, 16, 1.0)))
+    assert trajectory.duration <= 1.4 * bound
+    speed = np.hypot(*np.diff(trajectory.poses[:, :2], axis=0).T) / np.diff(trajectory.times)
+    inside = speed[(trajectory.times[1:] > 3) & (trajectory.times[1:] < trajectory.end - 3)]
+    assert inside.min() > 0.05
+
+
+def test_a_gap_that_needs_the_right_heading():
+    grid = box_map(20, 10, [(9, 0, 11, 4.3), (9, 5.7, 11, 10)])  # 1.4 m: only along the robot
+    trajectory, _ = check(MotionService(grid), SLIDER, ((4, 2, math.pi / 2), (16, 8, math.pi / 2)))
+    through = np.abs(trajectory.poses[:, 0] - 10).argmin()
+    assert abs(math.sin(trajectory.poses[through, 2])) < 0.4
+
+
+def test_objects_and_waypoints():
+    service = MotionService(box_map(20, 10))
+    parked = Placed("p", SLIDER, (10.0, 5.0, math.pi / 2))
+    check(service, SLIDER, ((4, 5, 0.0), (16, 5, 0.0)), (parked,))
+    trajectory, _ = check(service, SLIDER, ((4, 5, 0.0), (10, 8, 1.0), (16, 5, 0.0)), (parked,))
+    assert np.hypot(trajectory.poses[:, 0] - 10, trajectory.poses[:, 1] - 8).min() < 1e-9
+
+
+def test_random_places():
+    rng = np.random.default_rng(4)
+    walls = [(5, 0, 6, 6), (10, 4, 11, 10), (14, 0, 15, 6)]
+    service = MotionService(box_map(20, 10, walls))
+    found = 0
+    while found < 8:
+        ends = [
+            (*rng.uniform(1, 19, 1), *rng.uniform(1, 9, 1), *rng.uniform(-3, 3, 1))
+            for _ in range(2)
+        ]
+        ends = [tuple(map(float, e)) for e in ends]
+        if all(service.scene.pose_free(SLIDER, e, (), 0.05) for e in ends):
+            check(service, SLIDER, tuple(ends))
+            found += 1
