@@ -190,6 +190,8 @@ class Search:
     ) -> Answer:
         if effort is not None:
             options = {**options, "max_deterministic_time": effort}
+        if first:
+            options = {**options, "stop_after_first_solution": True}
 
         def improved(values: list[int], objective: float, bound: float) -> bool:
             self._take(values)
@@ -197,7 +199,7 @@ class Search:
                 if self.minimizes_makespan and not first and math.isfinite(bound):
                     self.bound = max(self.bound, math.ceil(bound - 1e-6))
                 self.progress(self.best, self.bound or None)
-            return first
+            return False
 
         answer = run(
             model,
