@@ -18,8 +18,10 @@ from up_samp.geometry.kernels import (
     PolyData,
     ShapeData,
     advance,
+    between,
     map_clearance,
     poly_distance,
+    sweep_travel,
     travel_ratio,
 )
 from up_samp.motion.reeds_shepp import connect, run_time
@@ -221,3 +223,27 @@ def _without_repeats(nodes: FloatArray) -> FloatArray:
         keep[i] = np.abs(nodes[i] - nodes[i - 1]).max() > 1e-12
     keep[0] = True
     return nodes[keep]
+
+
+@njit(cache=True)
+def sweep_edge(
+    grid: GridData, polys: PolyData, shape: ShapeData, poses: FloatArray, hits: IntArray
+) -> bool:
+    """Return whether the swept motion through ``poses`` (n, 3), with a constant twist between two
+    of them, keeps the margin.
+    """
+    n = poses.shape[0]
+    if look(grid, polys, shape, poses[n - 1, 0], poses[n - 1, 1], poses[n - 1, 2], hits) < 0.0:
+        return False
+    credit = 0.0  # how far the fastest point may still travel unseen
+    for i in range(n - 1):
+        travel = sweep_travel(poses, i, shape.numbers[0])
+        done = credit
+        while done < travel:
+            x, y, th = between(poses, i, done / travel)
+            c = look(grid, polys, shape, x, y, th, hits)
+            if c < 0.0:
+                return False
+            done += c
+        credit = done - travel
+    return True

@@ -122,8 +122,8 @@ class PlanarWorld:
         obstacles: tuple[Placed, ...],
         settings: OmplSettings,
     ) -> None:
-        if body.kinematics.model not in (MotionModel.REEDSSHEPP, MotionModel.SE2):
-            raise UnsupportedError(f"not a planar motion model: {body.kinematics.model.value}")
+        if body.kinematics.model is MotionModel.SE3:
+            raise UnsupportedError("a free flyer (SE3) does not move in the plane")
         self.scene, self.body, self.obstacles = scene, body, obstacles
         self.car = body.kinematics.model is MotionModel.REEDSSHEPP
         self.settings = settings
