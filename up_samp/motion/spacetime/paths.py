@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -196,6 +196,24 @@ def path_of(trajectory: Trajectory, body: Body, waypoints: Sequence[Configuratio
         trajectory.shifted(-trajectory.start),
         natural_s,
     )
+
+
+def timed_cells(path: Path, seconds: float) -> Path:
+    """Return the same path cut into cells that take about ``seconds`` each in its natural timing.
+
+    Cells of equal length take long where it starts and stops; these tell times there better, but
+    speeds cannot be tuned on them.
+    """
+    if path.cells == 0:
+        return path
+    times = path.natural.times
+    count = max(1, math.ceil(float(times[-1]) / seconds))
+    edges = np.interp(np.linspace(0.0, float(times[-1]), count + 1), times, path.natural_s)
+    edges = np.concatenate([edges, path.s[path.stop]])
+    edges = np.unique(np.round(edges / TINY) * TINY)
+    edges[0], edges[-1] = 0.0, path.length
+    halt = np.isin(np.arange(len(edges)), np.searchsorted(edges, path.s[path.stop] - TINY))
+    return replace(path, edges=edges, halt=halt, tunable=False, number=next(_numbers))
 
 
 def resting_path(body: Body, pose: Configuration) -> Path:

@@ -58,14 +58,14 @@ def offset_profile(
         path = workspace.path(motion.body, motion.poses, static, limit)
         if not isinstance(path, Path):
             return path
-        paths.append(path)
+        paths.append(workspace.timed(path))
     return profile_of(workspace, a, b, paths[0], paths[1])
 
 
 def profile_of(
     workspace: Workspace, a: TimedMotion, b: TimedMotion, path_a: Path, path_b: Path
 ) -> OffsetProfile:
-    """Return the interaction profile of two motions on given paths."""
+    """Return the interaction profile of two motions on paths with timed cells."""
     durations = (path_a.natural.duration, path_b.natural.duration)
     flags = pair_flags(a.object, a.avoid, b.object, b.avoid)
     if a.object == b.object or not flags:

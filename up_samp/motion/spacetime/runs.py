@@ -39,7 +39,7 @@ from up_samp.motion.spacetime.intervals import (
     occupancy,
 )
 from up_samp.motion.spacetime.lanes import shifted_lane
-from up_samp.motion.spacetime.paths import Hull, Path, hull_of, path_of, resting_path
+from up_samp.motion.spacetime.paths import Hull, Path, hull_of, path_of, resting_path, timed_cells
 from up_samp.motion.spacetime.sweep import conflict_runs, separation
 from up_samp.motion.spacetime.tuning import Timing
 from up_samp.motion.trajectories import at_rest, joined
@@ -56,6 +56,9 @@ MARGIN = 0.01
 
 QUICK = 0.5
 """Seconds for a detour where there is no planner that stops after fixed work."""
+
+CELL_SECONDS = 0.1
+"""Length (s) of the cells that interaction profiles are made of."""
 
 PATHS = 300
 """Paths that a workspace remembers."""
@@ -157,6 +160,7 @@ class Workspace:
         self._paths: _Memory[Path | PathReport] = _Memory(PATHS)
         self._drives: _Memory[Path] = _Memory(PATHS)
         self._lanes: _Memory[Path | None] = _Memory(PATHS)
+        self._timed: _Memory[Path] = _Memory(PATHS)
         self._rests: _Memory[Path] = _Memory(PATHS)
         self._conflicts: _Memory[IntArray] = _Memory(DIAGRAMS)
 
@@ -246,6 +250,12 @@ class Workspace:
             lane = shifted_lane(self.scene, path, first, last, offset)
             self._lanes.keep(key, lane)
         return self._lanes[key]
+
+    def timed(self, path: Path) -> Path:
+        """Return ``path`` in cells of equal time."""
+        return self._timed.recall(path.number) or self._timed.keep(
+            path.number, timed_cells(path, CELL_SECONDS)
+        )
 
     def resting(self, body: Body, pose: Configuration) -> Path:
         """Return the path of a body that stays at ``pose``."""

@@ -3,15 +3,17 @@
 import math
 
 import numpy as np
-from shapely import Polygon
+from shapely import LineString, Polygon
 from shapely.affinity import affine_transform
 
+from up_samp.geometry.maps import OccupancyGrid
 from up_samp.model import (
     Body,
     Kinematics,
     MotionModel,
     Outcome,
     PathReport,
+    TimedMotion,
     Trajectory,
 )
 
@@ -35,14 +37,17 @@ def trapezoid(length, v_max, a_max, step=0.05):
 
 
 class Straight:
-    """Drives straight from pose to pose, whatever the obstacles."""
+    """Drives straight from pose to pose, or says that something rests in the way."""
 
     def plan(self, query, deadline):
+        way = LineString([p[:2] for p in query.poses]).buffer(0.5 + 1e-3, cap_style="flat")
+        hit = [p.name for p in query.obstacles if placed(p.body, p.pose).intersects(way)]
+        if hit:
+            return PathReport(Outcome.OUT_OF_TIME, blockers=frozenset(hit), reason="blocked")
         times, poses, now = [np.zeros(1)], [np.array([query.poses[0]])], 0.0
         for a, b in zip(query.poses[:-1], query.poses[1:], strict=True):
-            t, s = trapezoid(
-                math.dist(a[:2], b[:2]), query.body.kinematics.v_max, query.body.kinematics.a_max
-            )
+            k = query.body.kinematics
+            t, s = trapezoid(math.dist(a[:2], b[:2]), k.v_max * 0.999999, k.a_max * 0.999999)
             share = (s / s[-1])[1:, None]
             poses.append(np.array(a) + share * (np.array(b) - np.array(a)))
             times.append(now + t[1:])
@@ -81,8 +86,46 @@ def clearance(motions, trajectories, rests=(), step=0.02):
     return least
 
 
+def room(width, height, free, resolution=0.1):
+    """A map that is occupied but for the rectangles ``free`` (x0, y0, x1, y1)."""
+    occupied = np.ones((round(height / resolution), round(width / resolution)), dtype=bool)
+    for box in free:
+        x0, y0, x1, y1 = (round(v / resolution) for v in box)
+        occupied[y0:y1, x0:x1] = False
+    return OccupancyGrid(occupied, resolution)
+
+
+def motion(name, start, goal, release=0.0, due=1e9, **more):
+    """A car's motion; the object is called like the motion, in capitals."""
+    return TimedMotion(name, name.upper(), CAR, (start, goal), release, due, **more)
+
+
+def judge(report, motions, rests=(), step=0.05):
+    """Assert that a found group is safe, keeps its windows' release and the limits of a car."""
+    assert report.outcome is Outcome.FOUND, report.reason
+    assert clearance(motions, report.trajectories, rests, step) > 0.0
+    for m in motions:
+        trajectory = report.trajectories[m.name]
+        assert trajectory.start >= m.release - 1e-9
+        assert np.allclose(trajectory.poses[0, :2], m.poses[0][:2], rtol=0, atol=0)
+        assert np.allclose(trajectory.poses[-1, :2], m.poses[-1][:2], rtol=0, atol=0)
+        for i in (0, -1):
+            turn = (trajectory.poses[i, 2] - m.poses[i][2]) / (2 * math.pi)
+            assert abs(turn - round(turn)) < 1e-9
+        found, k = limits(trajectory), m.body.kinematics
+        assert found["v"] <= k.v_max
+        assert found["a"] <= k.a_max * (1 + 1e-9)
+        assert found["k"] <= 1 / k.turning_radius + 1e-6
+        assert found["dt"] <= 0.05 + 1e-9
+        assert found["slip"] < 1e-6
+        late = trajectory.end > m.due + 1e-6
+        assert late == (m.name in report.late)
+
+
 def limits(trajectory):
     """Largest speed, acceleration, curvature and time step of a car's samples."""
+    if len(trajectory.times) == 1:
+        return {"v": 0.0, "a": 0.0, "k": 0.0, "dt": 0.0, "slip": 0.0}
     d = np.diff(trajectory.poses, axis=0)
     dt = np.diff(trajectory.times)
     half = d[:, 2] / 2
