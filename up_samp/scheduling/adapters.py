@@ -171,6 +171,7 @@ class EngineScheduler:
             compiled.problem,
             None if endless else 0.97 * deadline.remaining(),
             self._quirks.message_limit,
+            dict(self._quirks.environment),
         )
         try:
             answer = self._ready_worker().ask(task, deadline)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 _KNOWN = (
@@ -25,9 +25,11 @@ class Quirks:
         resources_with_variable_durations: counts resources rightly then.
         intervals_of_numbers: takes conditions on numbers over intervals.
         empty_intervals: takes a condition over an empty interval as none.
+        reports_variables: returns values of variables that belong to no activity.
         proves_unsolvable: its ``UNSOLVABLE_PROVEN`` is a proof.
         proves_optimal: its ``SOLVED_OPTIMALLY`` is a proof.
         message_limit: largest problem in bytes of protobuf, if it is sent to a server.
+        environment: environment variables to set for its process.
     """
 
     optional: bool
@@ -36,9 +38,11 @@ class Quirks:
     resources_with_variable_durations: bool = True
     intervals_of_numbers: bool = True
     empty_intervals: bool = True
+    reports_variables: bool = True
     proves_unsolvable: bool = True
     proves_optimal: bool = True
     message_limit: int | None = None
+    environment: tuple[tuple[str, str], ...] = ()
 
 
 _ARIES = Quirks(
@@ -47,16 +51,20 @@ _ARIES = Quirks(
     resources_with_variable_durations=False,
     intervals_of_numbers=False,  # its server crashes
     empty_intervals=False,
+    reports_variables=False,
     proves_unsolvable=False,
     message_limit=4 * 2**20,
 )
+# of its search strategies, "causal" finds first plans of SAMP relaxations far sooner than the
+# others, with which it would have to share the processor; for proofs the portfolio is better
+_ARIES_FIRST = replace(_ARIES, environment=(("ARIES_STRATEGIES", "causal"),))
 _CPSE = Quirks(
     optional=True,
     assignments=False,  # passes ``supports()``, fails in ``solve``
     hierarchical_types=False,  # gives a wrong UNSOLVABLE_PROVEN
 )
 _TABLE = {
-    ("up_aries", "Aries"): _ARIES,
+    ("up_aries", "Aries"): _ARIES_FIRST,
     ("up_aries", "AriesOpt"): _ARIES,
     ("cpse", "CPSE"): _CPSE,
     ("cpse", "CPSETimepoints"): _CPSE,

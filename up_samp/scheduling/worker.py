@@ -35,7 +35,7 @@ class Task:
     """Solve ``problem`` with the engine class ``module.name`` made with ``params``.
 
     ``timeout`` in s for the engine itself; ``message_limit`` in bytes for engines that are reached
-    through protobuf messages.
+    through protobuf messages; ``environment`` variables are set before.
     """
 
     module: str
@@ -44,6 +44,7 @@ class Task:
     problem: PlainProblem
     timeout: float | None = None
     message_limit: int | None = None
+    environment: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -104,6 +105,7 @@ def run(task: Task, engines: _Engines) -> Answer:
 
     started = time.monotonic()
     try:
+        os.environ.update(task.environment)
         engine = engines.get(task)
         problem = write_problem(task.problem)
         if task.message_limit is not None:

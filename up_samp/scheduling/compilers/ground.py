@@ -93,7 +93,7 @@ class _Rewriter:
             activities=tuple(self._activity(a) for a in problem.activities),
             constraints=tuple(c for c in constraints if c != TRUE),
             conditions=tuple(conditions),
-            effects=tuple(self._effect(e) for e in problem.effects),
+            effects=tuple(e for e in map(self._effect, problem.effects) if e.condition != FALSE),
             fluents=fluents,
             initial={k: v for k, v in problem.initial.items() if k[1] in kept},
         )

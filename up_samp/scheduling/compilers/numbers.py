@@ -31,7 +31,7 @@ def compile_numbers(problem: PlainProblem) -> Compiled:
     """Turn integer fluents (without arguments) that conditions read into object fluents.
 
     Raises:
-        UnsupportedError: such a fluent that is also increased or decreased (with a condition
+        UnsupportedError: a fluent that is both assigned and increased or decreased; such a fluent that is also increased or decreased (with a condition
             over more than an instant), or assigned something else than constants.
     """
     numbers = _numbers(problem)
@@ -69,6 +69,9 @@ def _numbers(problem: PlainProblem) -> list[Expr]:
     changes: dict[str, list[Effect]] = defaultdict(list)
     for effect in problem.effects:
         changes[effect.fluent[1]].append(effect)
+    for name, effects in changes.items():
+        if len({e.kind == "assign" for e in effects}) > 1:
+            raise UnsupportedError(f"fluent {name}, both assigned and counted")
     found: dict[Expr, None] = {}
     for condition in problem.conditions:
         fluents = [e for e in subexpressions(condition.expression) if e[0] == "flu"]

@@ -1,13 +1,13 @@
 """Optional activities away: every activity becomes mandatory, a bool parameter says presence.
 
-An absent activity runs as early and as short as it can (at time 0, mostly without duration). Its conditions and effects stay, on private
-copies of the fluents: every fluent that an optional activity touches gets one more parameter, a
-*slot*. The slot ``main`` is the real fluent. Each condition and effect of an optional activity has
-a slot parameter that is ``main`` if the activity is present, and ``off...`` if not; the copies that
-absent conditions read have suitable initial values (shared where those are equal, as nobody
-writes there), the copies that absent effects write are read by nobody.
-
-An effect with a condition over parameters is treated likewise: its slot is ``main`` if it happens.
+An absent activity runs as early and as short as it can (at time 0, mostly without duration). Its
+conditions and effects stay, on private copies of the fluents: every fluent that an optional
+activity touches gets one more parameter, a *slot*. The slot ``main`` is the real fluent. Each
+condition and effect of an optional activity has a slot parameter that is ``main`` if the activity
+is present, and ``off...`` if not; the copies that absent conditions read have suitable initial
+values (shared where those are equal, as nobody writes there), the copies that absent effects write
+are read by nobody. An effect with a condition over parameters is treated likewise: its slot is
+``main`` if it happens.
 
 Size: linear in the conditions and effects.
 """
@@ -104,7 +104,10 @@ class _Compiler:
                 replace(a, parameters=(*a.parameters, *self.extra.get(a.name, ())))
                 for a in activities
             ),
-            constraints=(*map(self._expression, problem.constraints), *self.constraints),
+            constraints=(
+                *map(self._expression, problem.constraints),
+                *(c for c in self.constraints if c != TRUE),
+            ),
             conditions=tuple(conditions),
             effects=tuple(effects),
             variables=self.variables,

@@ -19,6 +19,7 @@ from up_samp.scheduling.compilers.resources import compile_resources
 from up_samp.scheduling.compilers.rules import compile_rules
 from up_samp.scheduling.compilers.settled import compile_settled
 from up_samp.scheduling.compilers.tokens import compile_tokens
+from up_samp.scheduling.compilers.variables import compile_anchor, compile_variables
 from up_samp.scheduling.quirks import Quirks
 
 Compiler = Callable[[PlainProblem], Compiled]
@@ -26,7 +27,7 @@ Compiler = Callable[[PlainProblem], Compiled]
 
 def compilers_for(quirks: Quirks) -> list[Compiler]:
     """Return the passes, in order, that make a problem fit an engine."""
-    passes: list[Compiler] = [compile_ground, compile_rules]
+    passes: list[Compiler] = [compile_rules, compile_ground]
     if not quirks.hierarchical_types:
         passes.append(compile_flat_types)
     if not quirks.assignments:
@@ -42,6 +43,9 @@ def compilers_for(quirks: Quirks) -> list[Compiler]:
         passes.append(compile_tokens)
     if not quirks.optional:
         passes.append(compile_optional)
+    if not quirks.reports_variables:
+        passes.append(compile_variables)
+    passes.append(compile_anchor)
     passes.append(compile_names)
     return passes
 

@@ -85,6 +85,9 @@ class _Compiler:
                 if effect.kind == "assign":
                     name = show(effect.fluent)
                     raise UnsupportedError(f"fluent {name}, both assigned and counted")
+                if any(e[0] == "flu" for e in subexpressions(effect.condition)):
+                    name = show(effect.fluent)
+                    raise UnsupportedError(f"a change of {name} that depends on fluents")
                 kept.append(effect)
             else:
                 self.changes[effect.fluent].append(self._change(effect))

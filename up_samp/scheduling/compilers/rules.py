@@ -30,9 +30,9 @@ def compile_rules(problem: PlainProblem) -> Compiled:
     by_instant: dict[tuple[Expr, Expr], list[Effect]] = defaultdict(list)
     for effect in problem.effects:
         by_instant[effect.time, effect.fluent].append(effect)
-        if effect.time[3] < 0 and not _timed_by_state(effect):
-            in_time = ("le", integer(0), effect.time)
-            constraints.append(disjunction([*_idle(effect, optional), in_time]))
+        if effect.time[3] < 0:
+            absent = [negation(("pres", effect.owner))] if effect.owner in optional else []
+            constraints.append(disjunction([*absent, ("le", integer(0), effect.time)]))
     for effects in by_instant.values():
         for a, b in itertools.combinations(effects, 2):
             counted = a.kind != "assign" and b.kind != "assign"

@@ -1,4 +1,5 @@
-"""What constraints settle at once: activities that must or cannot be present, fixed switches.
+"""What constraints settle at once: activities that must or cannot be present, fixed switches,
+comparisons that earliest and latest times decide.
 
 Unit propagation over a problem in normal form. Fewer optional activities are easier for every
 engine; and aries 0.5.0's server can crash on a constraint that is a bare presence parameter.
@@ -6,10 +7,12 @@ engine; and aries 0.5.0's server can crash on a constraint that is a bare presen
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 from up_samp.model import CandidateSchedule
 from up_samp.model.schedule import Value
+from up_samp.scheduling.compilers.bounds import Bounds, is_bound
 from up_samp.scheduling.compilers.plain import (
     FALSE,
     TRUE,
@@ -26,6 +29,9 @@ def compile_settled(problem: PlainProblem) -> Compiled:
     constraints = list(problem.constraints)
     settled: dict[Expr, bool] = {}
     while True:
+        bounds = Bounds(problem, constraints)
+        decide = _Decider(bounds)
+        constraints = _flat(c if is_bound(c) else decide(c) for c in constraints)
         units = {}
         for constraint in constraints:
             literal, sign = (constraint[1], False) if constraint[0] == "not" else (constraint, True)
@@ -35,14 +41,19 @@ def compile_settled(problem: PlainProblem) -> Compiled:
             break
         settled.update(units)
         simplify = _Simplifier(units)
-        simpler = [simplify(c) for c in constraints]
-        constraints = list(
-            dict.fromkeys(p for c in simpler for p in (c[1:] if c[0] == "and" else (c,)))
-        )
-        constraints = [c for c in constraints if c != TRUE]
-        if FALSE in constraints:
-            return Compiled(replace(problem, constraints=(FALSE,)))
-    return _rebuilt(problem, constraints, settled) if settled else Compiled(problem)
+        constraints = _flat(simplify(c) for c in constraints)
+    if FALSE in constraints:
+        constraints = [FALSE]
+    return _rebuilt(problem, constraints, settled)
+
+
+def _flat(constraints: Iterable[Expr]) -> list[Expr]:
+    """Return the conjuncts, each once."""
+    flat: dict[Expr, None] = {}
+    for constraint in constraints:
+        flat.update(dict.fromkeys(constraint[1:] if constraint[0] == "and" else (constraint,)))
+    flat.pop(TRUE, None)
+    return list(flat)
 
 
 def _rebuilt(problem: PlainProblem, constraints: list[Expr], settled: dict[Expr, bool]) -> Compiled:
@@ -82,6 +93,20 @@ def _rebuilt(problem: PlainProblem, constraints: list[Expr], settled: dict[Expr,
         return CandidateSchedule(schedule.times, {**schedule.parameters, **values})
 
     return Compiled(compiled, map_back)
+
+
+class _Decider:
+    """Puts truth values for the comparisons that bounds decide."""
+
+    def __init__(self, bounds: Bounds):
+        self.bounds = bounds
+
+    def __call__(self, e: Expr) -> Expr:
+        if e[0] == "le":
+            return self.bounds.decide(e)
+        if e[0] in ("and", "or"):
+            return (conjunction if e[0] == "and" else disjunction)([self(x) for x in e[1:]])
+        return e
 
 
 class _Simplifier:
