@@ -54,7 +54,7 @@ class ScheduleModel:
         for activity in parts.activities:
             self._activity(activity)
         self._parameters(parts)
-        forms = self._forms(parts)
+        forms = self._forms(parts, first=True)
         self._set_horizon(parts, forms)
         for activity in parts.activities:
             self._link_times(activity)
@@ -200,9 +200,11 @@ class ScheduleModel:
         self.world.parameters[parameter.name] = Lin(((var, 1),), 0, needs)
         self.parameters[parameter.name] = (var, tpe, None if activity is None else activity.name)
 
-    def _forms(self, parts: Additions) -> list[Form]:
+    def _forms(self, parts: Additions, first: bool = False) -> list[Form]:
         forms: list[Form] = []
         for constraint, scope, owner in parts.constraints:
+            if first and self.disjunctions.add_written(constraint, scope, self.world.activities):
+                continue
             terms = Terms(self.world, self._static, self._vars(owner))
             form = terms.form(constraint)
             if scope:
@@ -225,6 +227,7 @@ class ScheduleModel:
     def _set_horizon(self, parts: Additions, forms: list[Form]) -> None:
         horizon = self.horizon
         horizon.forms(forms)
+        horizon.total += len(self.world.activities) * max(self.disjunctions.gaps.values(), default=0)
         for timing, _, _ in parts.effects:
             horizon.beside(int(abs(timing.delay)))
         for span, _, _ in parts.conditions:

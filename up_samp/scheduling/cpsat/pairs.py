@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from unified_planning.model import FNode
+from unified_planning.model.operators import OperatorKind as Op
+from unified_planning.model.timing import TimepointKind
+
 from up_samp.scheduling.cpsat.cliques import clique_cover, graph_of
 from up_samp.scheduling.cpsat.states import States
 from up_samp.scheduling.cpsat.store import TRUE, Cmp, Form, Lin, Store, indicator_sum
@@ -14,11 +18,43 @@ class Disjunctions:
     def __init__(self) -> None:
         self.gaps: dict[tuple[int, int], int] = {}
         self.cliques: list[tuple[int, list[ActivityVars]]] = []
+        self.members: list[frozenset[int]] = []
         self._activities: list[ActivityVars] = []
 
-    def apart(self, a: int, b: int) -> bool:
-        """Return whether activities ``a`` and ``b`` (indices) never overlap."""
-        return a == b or (min(a, b), max(a, b)) in self.gaps
+    def apart(self, activities: frozenset[int]) -> bool:
+        """Return whether no two of these activities (indices) ever overlap."""
+        if any(activities <= members for members in self.members):
+            return True
+        order = sorted(activities)
+        return all((a, b) in self.gaps for i, a in enumerate(order) for b in order[i + 1 :])
+
+    def add_written(
+        self, constraint: FNode, scope: list[FNode], activities: dict[str, ActivityVars]
+    ) -> bool:
+        """Remember a constraint that is written as the disjunction of a pair (a short cut for
+        the many that there may be); return whether it is one.
+        """
+        if constraint.node_type is not Op.OR or len(constraint.args) != 2:
+            return False
+        first, second = (_written(n) for n in constraint.args)
+        if first is None or second is None or first != (second[1], second[0], second[2]):
+            return False
+        a, b = activities.get(first[0]), activities.get(first[1])
+        if a is None or b is None or a is b:
+            return False
+        names = (first[0], first[1])
+        if any(
+            s.node_type is not Op.PRESENT_EXP or s.presence().container not in names
+            for s in scope
+            if not s.is_true()
+        ):
+            return False
+        self._note(a.index, b.index, first[2])
+        return True
+
+    def _note(self, a: int, b: int, gap: int) -> None:
+        key = (min(a, b), max(a, b))
+        self.gaps[key] = max(gap, self.gaps.get(key, 0))
 
     def take(self, forms: list[Form], activities: list[ActivityVars]) -> list[Form]:
         """Remember the pair disjunctions among ``forms``; return the other forms."""
@@ -32,8 +68,7 @@ class Disjunctions:
                 rest.append(form)
             else:
                 a, b, gap = found
-                key = (min(a, b), max(a, b))
-                self.gaps[key] = max(gap, self.gaps.get(key, 0))
+                self._note(a, b, gap)
         return rest
 
     def emit_loads(self, store: Store, makespan: Lin) -> None:
@@ -56,7 +91,26 @@ class Disjunctions:
             for clique in clique_cover(graph_of(pairs)):
                 members = [self._activities[i] for i in clique]
                 self.cliques.append((gap, members))
+                self.members.append(frozenset(clique))
                 store.model.add_no_overlap([_interval(store, a, gap) for a in members])
+
+
+def _written(node: FNode) -> tuple[str, str, int] | None:
+    """Return (a, b, gap) if ``node`` is ``a.end < b.start`` (gap 1) or ``<=`` (gap 0)."""
+    if node.node_type not in (Op.LT, Op.LE):
+        return None
+    left, right = node.args
+    if left.node_type is not Op.TIMING_EXP or right.node_type is not Op.TIMING_EXP:
+        return None
+    end, start = left.timing(), right.timing()
+    if end.delay != 0 or start.delay != 0:
+        return None
+    if end.timepoint.kind is not TimepointKind.END or start.timepoint.kind is not TimepointKind.START:
+        return None
+    if end.timepoint.container is None or start.timepoint.container is None:
+        return None
+    gap = 1 if node.node_type is Op.LT else 0
+    return end.timepoint.container, start.timepoint.container, gap
 
 
 def _interval(store: Store, activity: ActivityVars, gap: int) -> object:

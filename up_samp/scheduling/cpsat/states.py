@@ -384,11 +384,27 @@ class States:
         terms = Terms(self.world, self.reader(owner, active, lo, hi), owner)
         self.store.enforce(terms.form(node), (active,))
 
+    def _values(self, node: FNode, state: StateVar) -> frozenset[int]:
+        """Return the values of ``state`` with which ``node`` holds."""
+        found = self._allowed.get(node)
+        if found is None:
+            values = state.values or []
+            fixed = _equals_object(node)
+            if fixed is not None:
+                found = frozenset((self.world.objects[fixed],)).intersection(values)
+            else:
+                found = frozenset(v for v in values if self._evaluate(node, v) == TRUE)
+            self._allowed[node] = found
+        return found
+
     def _evaluate(self, node: FNode, value: int) -> Any:
         return Terms(self.world, lambda _: constant(value)).form(node)
 
     def _read(self, state: StateVar, read: Read) -> None:
         if state.key[0] in self.dynamic:
+            anything = read.allowed is not None and len(read.allowed) == len(state.values or ())
+            if anything and state.initial is not None:
+                read = replace(read, allowed=None, guard_only=True)
             state.reads.append(read)
         elif state.initial is None or (
             read.allowed is not None and state.initial not in read.allowed
@@ -438,6 +454,18 @@ class States:
 
 def _no_fluents(node: FNode) -> Lin:
     raise UnsupportedError(f"the fluent '{node}' is read at no time; cpsat needs one")
+
+
+def _equals_object(node: FNode) -> str | None:
+    """Return the object's name if ``node`` says that a fluent equals an object."""
+    if node.node_type is not Op.EQUALS:
+        return None
+    left, right = node.args
+    if right.node_type is Op.FLUENT_EXP:
+        left, right = right, left
+    if left.node_type is Op.FLUENT_EXP and right.node_type is Op.OBJECT_EXP:
+        return str(right.object().name)
+    return None
 
 
 def _conjuncts(node: FNode) -> list[FNode]:

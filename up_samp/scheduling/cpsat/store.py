@@ -45,9 +45,8 @@ class Lin(NamedTuple):
     def plus(self, other: Lin, factor: int = 1) -> Lin:
         """Return ``self + factor * other``."""
         if not other.terms:
-            return self._replace(
-                const=self.const + factor * other.const, needs=join(self.needs, other.needs)
-            )
+            const = self.const + factor * other.const
+            return Lin(self.terms, const, join(self.needs, other.needs))
         if len(self.terms) == 1 and len(other.terms) == 1:
             return self._plus_one(other, factor)
         sums = dict(self.terms)
@@ -71,7 +70,7 @@ class Lin(NamedTuple):
 
     def shift(self, delay: int) -> Lin:
         """Return ``self + delay``."""
-        return self._replace(const=self.const + delay)
+        return Lin(self.terms, self.const + delay, self.needs)
 
     def le(self, other: Lin) -> Form:
         """Return the form ``self <= other``."""
@@ -263,7 +262,7 @@ class Store:
             self.clause([*(self.literal(part) for part in form[1:]), *(~w for w in when)])
 
     def _linear(self, cmp: Cmp, when: tuple[Literal, ...]) -> None:
-        needed = join(tuple(sorted(set(when))), cmp.needs)
+        needed = {*when, *cmp.needs} if cmp.needs else when
         if FALSE in needed:
             return
         total = cp_model.LinearExpr.weighted_sum(

@@ -17,8 +17,8 @@ from dataclasses import dataclass, field
 from up_samp.scheduling.cpsat.states import Read, States, StateVar, Write
 from up_samp.scheduling.cpsat.store import FALSE, TRUE, Lin, Literal, Store, compare, constant
 
-Apart = Callable[[int, int], bool]
-"""Whether two activities are known never to overlap."""
+Apart = Callable[[frozenset[int]], bool]
+"""Whether activities are known never to overlap, any two of them."""
 
 MOST_CIRCUIT_ARCS = 60_000
 
@@ -43,6 +43,7 @@ class Timeline:
     until: list[Lin] = field(default_factory=list)
     arcs: dict[tuple[int, int], Literal] = field(default_factory=dict)
     linked: dict[int, Link] = field(default_factory=dict)
+    _separate: bool | None = None
 
     @property
     def store(self) -> Store:
@@ -135,16 +136,17 @@ class Timeline:
 
     def _alone(self, write: Write, read: Read) -> bool:
         owner = write.owner
-        if owner is None or not self._within(owner, read.lo) or not self._within(owner, write.time):
+        if owner is None or not self._within(owner, read.lo):
             return False
-        return all(
-            other.owner is not None
-            and (
-                other.owner == owner
-                or (self.apart(owner, other.owner) and self._within(other.owner, other.time))
-            )
-            for other in self.state.writes
-        )
+        if self._separate is None:
+            self._separate = self._writers_never_overlap()
+        return self._separate
+
+    def _writers_never_overlap(self) -> bool:
+        owners = {w.owner for w in self.state.writes}
+        if None in owners or not self.apart(frozenset(o for o in owners if o is not None)):
+            return False
+        return all(self._within(w.owner or 0, w.time) for w in self.state.writes)
 
     def _within(self, owner: int, time: Lin) -> bool:
         activity = self.states.activity(owner)
