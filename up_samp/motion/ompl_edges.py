@@ -24,7 +24,7 @@ from up_samp.geometry.kernels import (
     sweep_travel,
     travel_ratio,
 )
-from up_samp.motion.reeds_shepp import connect, run_time
+from up_samp.motion.reeds_shepp import connect
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -120,109 +120,6 @@ def line_edge(
             return True
         share += c / travel
     return True
-
-
-@njit(cache=True)
-def line_time(a: FloatArray, b: FloatArray, limits: FloatArray) -> float:
-    """Return the rest-to-rest time (s) of a straight motion between (x, y, theta) a and b with
-    ``limits`` (v m/s, a m/s^2, omega rad/s): distance and turn share one trapezoid.
-    """
-    dx, dy = b[0] - a[0], b[1] - a[1]
-    way, turn = math.sqrt(dx * dx + dy * dy), abs(b[2] - a[2])
-    if way < 1e-9:
-        return turn / limits[2]
-    return run_time(1.0, min(limits[0] / way, limits[2] / max(turn, 1e-12)), limits[1] / way)
-
-
-@njit(cache=True)
-def _chain_time(nodes: FloatArray, limits: FloatArray) -> float:
-    total = 0.0
-    for i in range(nodes.shape[0] - 1):
-        total += line_time(nodes[i], nodes[i + 1], limits)
-    return total
-
-
-@njit(cache=True)
-def _free(
-    grid: GridData, polys: PolyData, shape: ShapeData, a: FloatArray, b: FloatArray, hits: IntArray
-) -> bool:
-    # a turn of more than half a circle would be checked the wrong way round
-    if abs(b[2] - a[2]) > math.pi:
-        return False
-    return line_edge(grid, polys, shape, a, a[0], a[1], a[2], b[0], b[1], b[2], hits)
-
-
-@njit(cache=True)
-def _point(nodes: FloatArray, position: float) -> FloatArray:
-    """Return the pose at ``position`` (number of the edge and share of it)."""
-    i = min(int(position), nodes.shape[0] - 2)
-    share = position - i
-    return nodes[i] + share * (nodes[i + 1] - nodes[i])
-
-
-@njit(cache=True)
-def shorten_lines(
-    grid: GridData,
-    polys: PolyData,
-    shape: ShapeData,
-    nodes: FloatArray,
-    limits: FloatArray,
-    rounds: int,
-    patience: int,
-    seed: int,
-) -> FloatArray:
-    """Return a chain of straight motions that is not slower (rest at each node), by random
-    shortcuts and displaced nodes; deterministic for ``seed``.
-
-    ``nodes``: (n, 3), theta continuous; ``limits``: see :func:`line_time`. Stops after ``patience``
-    rounds without a gain (Geraerts & Overmars 2007, with times in place of lengths).
-    """
-    np.random.seed(seed)
-    hits = np.zeros(polys.counts.shape[0] + 1, dtype=np.int64)
-    best, idle = _chain_time(nodes, limits), 0
-    for r in range(rounds):
-        n = nodes.shape[0]
-        if idle > patience or n < 3:
-            break
-        idle += 1
-        if r % 3 < 2:  # join two points of the chain, in half of the rounds two nodes
-            p, q = np.random.random() * (n - 1), np.random.random() * (n - 1)
-            if r % 3 == 0:
-                p, q = np.round(p), np.round(q)
-            p, q = min(p, q), max(p, q)
-            i, j = math.ceil(p), math.floor(q)
-            if i > j:
-                continue
-            one, two = _point(nodes, p), _point(nodes, q)
-            new = np.empty((i + 2 + n - 1 - j, 3))
-            new[:i], new[i], new[i + 1], new[i + 2 :] = nodes[:i], one, two, nodes[j + 1 :]
-            first = i
-        else:  # move a node
-            first = 1 + int(np.random.random() * (n - 2))
-            new = nodes.copy()
-            size = 10.0 ** (-2.0 * np.random.random())
-            for k in range(3):
-                new[first, k] += size * np.random.normal()
-            first -= 1
-        time = _chain_time(new, limits)
-        if time >= best - 1e-4:
-            continue
-        edges = 1 if r % 3 < 2 else 2
-        free = True
-        for k in range(first, first + edges):
-            free = free and _free(grid, polys, shape, new[k], new[k + 1], hits)
-        if free:
-            nodes, best, idle = _without_repeats(new), time, 0
-    return nodes
-
-
-@njit(cache=True)
-def _without_repeats(nodes: FloatArray) -> FloatArray:
-    keep = np.ones(nodes.shape[0], dtype=np.bool_)
-    for i in range(1, nodes.shape[0]):
-        keep[i] = np.abs(nodes[i] - nodes[i - 1]).max() > 1e-12
-    keep[0] = True
-    return nodes[keep]
 
 
 @njit(cache=True)

@@ -72,7 +72,7 @@ class OmplPlanner:
             self.name = canonical(name, control=True)
         self.scene = scene
         self.seed = seed
-        self.reversible = True
+        self.reversible = False  # a control law may not run backwards
 
     def leg(
         self,

@@ -17,7 +17,6 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry import Scene
-from up_samp.geometry import kernels as k
 from up_samp.model import (
     Body,
     Configuration,
@@ -29,6 +28,7 @@ from up_samp.model import (
 )
 from up_samp.motion import ompl_edges as edges
 from up_samp.motion.arcs import merged, path_time
+from up_samp.motion.blending import pieces
 from up_samp.motion.ompl_common import (
     Counter,
     OmplLeg,
@@ -40,15 +40,14 @@ from up_samp.motion.ompl_common import (
     set_seed,
     solve,
 )
+from up_samp.motion.planar import PlanarPlanner
+from up_samp.motion.planar_search import shortened
 from up_samp.motion.reeds_shepp import shortest
 from up_samp.motion.smoothing import improve, settle
-from up_samp.motion.straight import timed_chain
+from up_samp.motion.space import MARGIN_SHARES, search_box
 from up_samp.motion.timing import relaxed, trajectory_of
 
 FloatArray = npt.NDArray[np.float64]
-
-MARGIN_SHARES = (1.0, 0.25, 0.06, 0.015, 0.004, 0.001)
-"""Shares of the clearance margin tried where a start or goal is closer to something than that."""
 
 GOAL_TOLERANCE = 1e-9
 """OMPL's goal is the pose itself: it must only be told that it may hit it exactly."""
@@ -166,18 +165,8 @@ class PlanarWorld:
 
     def box(self) -> tuple[FloatArray, FloatArray]:
         """Return the corners (m) of the box that is searched."""
-        grid = self.scene.grid
-        if grid is not None:
-            rows, cols = grid.shape
-            corners = [(r, c) for r in (-0.5, rows - 0.5) for c in (-0.5, cols - 0.5)]
-            points = np.array([grid.point_of(r, c) for r, c in corners])
-            return points.min(axis=0), points.max(axis=0)
-        points = np.array([p[:2] for p in self._poses])
-        if len(self.polys.counts):
-            centres, radii = self.polys.centres[:, :2], self.polys.centres[:, 2:]
-            points = np.concatenate([points, centres - radii, centres + radii])
         reach = 8 * self.radius + 2 * self.shape.circumscribed
-        return points.min(axis=0) - reach, points.max(axis=0) + reach
+        return search_box(self.scene, self._poses, self.obstacles, reach)
 
     def information(self, counter: Counter) -> tuple[Any, float]:
         """Return OMPL's space information and the longest extension (m)."""
@@ -283,27 +272,17 @@ def _drive(
     return trajectory_of((start, goal), (best,), world.body.kinematics)
 
 
-def _glide(world: PlanarWorld, nodes: FloatArray, seed: int) -> Trajectory | None:
-    """Return an omnidirectional body's timed motion along ``nodes``, shortened.
-
-    Between samples a trajectory means a constant twist, which leaves the straight line by a little
-    where the body turns: the samples are made dense enough that this, too, is free.
-    """
-    kinematics = world.body.kinematics
-    limits = np.array([kinematics.v_max, kinematics.a_max, kinematics.omega_max])
-    data = world.scene.data
-    nodes = edges.shorten_lines(
-        data, world.polys, world.shape.data, nodes, limits,
-        3 * world.settings.rounds, 3 * world.settings.patience, seed,
+def _glide(
+    world: PlanarWorld, goal: Configuration, nodes: FloatArray, seed: int
+) -> Trajectory | None:
+    """Return an omnidirectional body's timed motion along ``nodes``, shortened, corners blended."""
+    limits = world.body.kinematics
+    nodes = shortened(
+        world.scene.data, world.polys, world.shape.data, nodes,
+        np.array([limits.v_max, limits.omega_max, limits.a_max]), world.settings.rounds, seed,
     )  # fmt: skip
-    bare = world.scene.shape(world.body, 0.5 * world.margin).data
-    step = Trajectory.MAX_STEP
-    for _ in range(6):
-        trajectory = timed_chain(nodes, kinematics, step)
-        if k.samples_free(data, world.polys, bare, trajectory.poses, 1e-7) < 0:
-            return trajectory
-        step /= 2
-    return None
+    planner = PlanarPlanner(world.scene, seed)
+    return planner._timed(world.body, world.shape, pieces(nodes), goal, world.obstacles)
 
 
 def planar_leg(
@@ -329,6 +308,6 @@ def planar_leg(
     if world.car:
         trajectory = _drive(world, start, goal, found.nodes, seed)
     else:
-        trajectory = _glide(world, found.nodes, seed)
+        trajectory = _glide(world, goal, found.nodes, seed)
     reason = "" if trajectory is not None else "a path was found but not timed safely"
     return OmplLeg(trajectory, reason, found.blockers, found.checks)

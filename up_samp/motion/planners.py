@@ -18,6 +18,7 @@ from up_samp.model import (
     Deadline,
     MotionModel,
     Placed,
+    ProblemError,
     Trajectory,
     UnsupportedError,
 )
@@ -57,14 +58,29 @@ Factory = Callable[[Scene, int], MotionPlanner]
 PLANNERS: dict[str, str | Factory] = {
     "car": "up_samp.motion.car:CarPlanner",
     "planar": "up_samp.motion.planar:PlanarPlanner",
+    "se3": "up_samp.motion.se3:FlyerPlanner",
+    "control": "up_samp.motion.ompl_control:ControlPlanner",
 }
-"""Planners by name: ``module:factory`` (imported when needed) or a factory(scene, seed)."""
+"""Planners by name: ``module:factory`` (imported when needed) or a factory(scene, seed). Beside
+these, OMPL's planners are known by their own names (see :mod:`up_samp.motion.ompl_paths`).
+"""
 
-DEFAULTS: dict[MotionModel, str] = {MotionModel.REEDSSHEPP: "car", MotionModel.SE2: "planar"}
+DEFAULTS: dict[MotionModel, str] = {
+    MotionModel.REEDSSHEPP: "car",
+    MotionModel.SE2: "planar",
+    MotionModel.SE3: "se3",
+    MotionModel.CONTROL: "control",
+}
 """Who plans for which motion model when nothing else is asked for."""
 
-SECOND_OPINIONS: dict[MotionModel, tuple[str, ...]] = {}
+SECOND_OPINIONS: dict[MotionModel, tuple[str, ...]] = {
+    MotionModel.REEDSSHEPP: ("RRTConnect",),
+    MotionModel.SE2: ("RRTConnect",),
+}
 """Planners asked after the default one found nothing, before the answer is "out of time"."""
+
+SECOND_OPINION_SECONDS = 2.0
+"""Time that a second opinion may take at most."""
 
 
 def register_planner(
@@ -86,8 +102,16 @@ def register_planner(
 def make_planner(name: str, scene: Scene, seed: int) -> MotionPlanner:
     """Return the planner called ``name`` for a scene."""
     if name not in PLANNERS:
-        known = ", ".join(sorted(PLANNERS))
-        raise UnsupportedError(f"there is no motion planner '{name}'; known are {known}")
+        from up_samp.motion.ompl_paths import PLANNERS as OMPL
+        from up_samp.motion.ompl_paths import OmplPlanner
+
+        try:
+            return OmplPlanner(name, scene, seed)
+        except ProblemError as error:
+            known = ", ".join((*sorted(PLANNERS), *OMPL))
+            raise ProblemError(
+                f"there is no motion planner '{name}'; known are default, {known}"
+            ) from error
     factory: Any = PLANNERS[name]
     if isinstance(factory, str):
         module, _, attribute = factory.partition(":")

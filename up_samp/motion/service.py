@@ -25,7 +25,12 @@ from up_samp.model import (
 from up_samp.motion.bounds import Bounds
 from up_samp.motion.cache import Entry, MotionCache, obstacle_key
 from up_samp.motion.certificates import Certifier
-from up_samp.motion.planners import MotionPlanner, make_planner, planner_names
+from up_samp.motion.planners import (
+    SECOND_OPINION_SECONDS,
+    MotionPlanner,
+    make_planner,
+    planner_names,
+)
 from up_samp.motion.trajectories import at_rest, joined, reversed_trajectory
 
 log = logging.getLogger(__name__)
@@ -98,7 +103,9 @@ class MotionService:
                 return PathReport(Outcome.FOUND, known, planner=name)
         self.cache.misses += 1
         for name in names:
-            report = self._lazily(name, body, start, goal, obstacles, deadline)
+            # the first planner ends by itself where it can, later ones are second opinions
+            limit = None if name == names[0] else SECOND_OPINION_SECONDS
+            report = self._lazily(name, body, start, goal, obstacles, deadline.within(limit))
             if report.outcome is not Outcome.OUT_OF_TIME:
                 return report
             reasons.append(f"{name}: {report.reason}")
