@@ -31,8 +31,9 @@ def compile_numbers(problem: PlainProblem) -> Compiled:
     """Turn integer fluents (without arguments) that conditions read into object fluents.
 
     Raises:
-        UnsupportedError: a fluent that is both assigned and increased or decreased; such a fluent that is also increased or decreased (with a condition
-            over more than an instant), or assigned something else than constants.
+        UnsupportedError: a fluent that is both assigned and increased or decreased; one that
+            conditions read over an interval and that is counted, or assigned something else
+            than constants.
     """
     numbers = _numbers(problem)
     if not numbers:
