@@ -25,6 +25,8 @@ from up_samp.search.context import Context, Signature
 EAGER_SHARE = 0.2
 """Share of the remaining time (at most ``EAGER_SECONDS``) that goes into durations known early."""
 EAGER_SECONDS = 30.0
+EAGER_QUERY_SECONDS = 2.0
+"""Limit of one query before the first schedule; what takes longer may never be needed."""
 
 
 def check_geometry(snapshot: Snapshot, service: MotionService) -> None:
@@ -91,12 +93,13 @@ def state_durations(context: Context) -> list[Refinement]:
     deadline = context.deadline.within(limit if math.isfinite(limit) else EAGER_SECONDS)
     found = []
     total = len(context.by_signature)
+    seconds = min(EAGER_QUERY_SECONDS, context.query_seconds)
     for count, signature in enumerate(context.by_signature):
         if deadline.expired():
             break
         if count % 10 == 0:
             context.report("motions", f"unobstructed motions {count}/{total}")
-        found += duration_refinements(context, signature, context.query_seconds)
+        found += duration_refinements(context, signature, seconds)
     return found
 
 
