@@ -227,7 +227,9 @@ class ScheduleModel:
     def _set_horizon(self, parts: Additions, forms: list[Form]) -> None:
         horizon = self.horizon
         horizon.forms(forms)
-        horizon.total += len(self.world.activities) * max(self.disjunctions.gaps.values(), default=0)
+        horizon.total += len(self.world.activities) * max(
+            self.disjunctions.gaps.values(), default=0
+        )
         for timing, _, _ in parts.effects:
             horizon.beside(int(abs(timing.delay)))
         for span, _, _ in parts.conditions:

@@ -105,7 +105,10 @@ def _written(node: FNode) -> tuple[str, str, int] | None:
     end, start = left.timing(), right.timing()
     if end.delay != 0 or start.delay != 0:
         return None
-    if end.timepoint.kind is not TimepointKind.END or start.timepoint.kind is not TimepointKind.START:
+    if (
+        end.timepoint.kind is not TimepointKind.END
+        or start.timepoint.kind is not TimepointKind.START
+    ):
         return None
     if end.timepoint.container is None or start.timepoint.container is None:
         return None

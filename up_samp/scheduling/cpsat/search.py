@@ -20,10 +20,13 @@ from up_samp.scheduling.cpsat.store import TRUE, Lin
 
 Progress = Callable[[CandidateSchedule, "int | None"], None]
 
-_QUICK = {"linearization_level": 0, "cp_model_probing_level": 0, "symmetry_level": 0}
+_LIGHT = {"cp_model_probing_level": 0, "symmetry_level": 0}
+_QUICK: dict[str, Any] = {**_LIGHT, "linearization_level": 0}
+_DIVE = {**_QUICK, "search_branching": cp_model.FIXED_SEARCH, "num_workers": 1}
+_RELAXED = {**_LIGHT, "linearization_level": 1}
 # no interleave_search: with several workers it aborts the process ("heuristics.fixed_search")
 _THOROUGH: dict[str, Any] = {}
-_COLLAPSED_EFFORT = 15.0
+_COLLAPSED_EFFORT = 20.0
 _CONTENT_EFFORT = 1.0
 _SLACKS = (1.0, 1.1, 1.3, 1.7)
 
@@ -82,24 +85,20 @@ class Search:
         if not routes:
             return 0
         collapsed = Collapsed(self.model, parts(), routes)
-        expected = 0
-        for restricted in (False, True):
-            if restricted:
-                collapsed.once_only()
-            answer = self._solve_collapsed(collapsed, restricted)
-            if answer is None or self._over():
-                return expected
-            schedule = collapsed.model.schedule(_lookup(collapsed.model, answer))
-            expected = schedule.makespan
-            if self._realize(collapsed.expand(schedule)):
-                return expected
+        expected = self._through(collapsed, proves=True)
+        if self.best is None and not self._over():
+            collapsed.once_only()
+            expected = max(expected, self._through(collapsed, proves=False))
         return expected
 
-    def _solve_collapsed(self, collapsed: Collapsed, restricted: bool) -> list[int] | None:
+    def _through(self, collapsed: Collapsed, proves: bool) -> int:
+        """Solve the collapsed problem and make what is found a schedule of the whole, the first
+        one at once and the best one in the end; return the collapsed makespan.
+        """
         inner = Search(
             collapsed.model,
             self.settings,
-            self.deadline.within(0.3 * self.deadline.remaining()),
+            self.deadline.within(0.35 * self.deadline.remaining()),
             self.bound,
             self.wants_optimum,
             None,
@@ -107,13 +106,20 @@ class Search:
         )
         inner.effort = _COLLAPSED_EFFORT if self.wants_optimum else _CONTENT_EFFORT
         inner._first(0)
+        first = inner.best
+        if first is not None and self._realize(collapsed.expand(first)):
+            inner.deadline = self.deadline.within(0.35 * self.deadline.remaining())
         if not inner._over():
             inner._finish()
-        if not restricted:
+        if proves:
             self.bound = max(self.bound, inner.bound)
             self.infeasible = inner.infeasible
-            self.proven = False
-        return inner.values
+        if inner.best is None:
+            return 0
+        if inner.best is not first and not self._met():
+            self._realize(collapsed.expand(inner.best))
+        self._met()
+        return inner.best.makespan
 
     def _realize(self, guess: CandidateSchedule) -> bool:
         """Try to make a schedule of a collapsed one; return whether that worked.
@@ -124,7 +130,10 @@ class Search:
         self._known.update(hints)
         presences = {abs(a.present) for a in self.model.world.activities.values()} - {TRUE}
         for slack in _SLACKS:
-            model = self.model.capped(max(int(slack * guess.makespan) + 2, self.bound))
+            cap = max(int(slack * guess.makespan) + (2 if slack > 1 else 0), self.bound)
+            if self.best is not None and cap >= self.best.makespan:
+                break
+            model = self.model.capped(cap)
             for var in sorted(presences & hints.keys()):
                 position = self.model.store.position(var)
                 model.add(model.get_int_var_from_proto_index(position) == hints[var])
@@ -144,15 +153,25 @@ class Search:
             last = cap >= limit
             model = self.model.capped(min(cap, limit))
             self._set_hints(model)
-            answer = self._run(model, _QUICK, None if last else effort, first=True)
-            if answer.status == cp_model.INFEASIBLE:
-                if last:
-                    self.infeasible = True
-                elif self.minimizes_makespan:
-                    self.bound = max(self.bound, cap + 1)
-            elif last and answer.values is None:
+            for options, share in ((_DIVE, 1.0), (_QUICK, 1.0), (_RELAXED, 2.0)):
+                unlimited = last and options is _RELAXED
+                budget = None if unlimited else share * effort
+                answer = self._run(model, options, budget, first=True)
+                if answer.status == cp_model.INFEASIBLE:
+                    self._no_schedule(cap, last)
+                    break
+                if answer.values is not None or self._over():
+                    return
+            if last:
                 return
             cap, effort = 2 * cap, 1.6 * effort
+
+    def _no_schedule(self, cap: int, last: bool) -> None:
+        """Learn that no schedule ends by ``cap``."""
+        if last:
+            self.infeasible = True
+        elif self.minimizes_makespan:
+            self.bound = max(self.bound, cap + 1)
 
     def _finish(self) -> None:
         """Improve the schedule until it is proven optimal, or good enough."""
@@ -168,7 +187,8 @@ class Search:
             model.add(makespan >= self.bound)
         self._set_hints(model)
         effort = self.effort if self.wants_optimum or self.effort else _CONTENT_EFFORT
-        answer = self._run(model, _THOROUGH, effort, first=False)
+        options = _THOROUGH if self.wants_optimum else _RELAXED
+        answer = self._run(model, options, effort, first=False)
         if answer.status == cp_model.INFEASIBLE and self.best is None:
             self.infeasible = True
         if answer.status == cp_model.OPTIMAL:
