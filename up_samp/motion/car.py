@@ -24,13 +24,17 @@ from up_samp.motion.timing import relaxed, trajectory_of
 FloatArray = npt.NDArray[np.float64]
 
 
+_DRY = "no path at the finest resolution"
+
+
 @dataclass(frozen=True)
 class CarSettings:
     """Effort of the car planner.
 
     ``levels``: length of an arc primitive in turning radii, coarse to fine. ``nodes``: size of each
     search tree. ``extra``: expansions after the first solution. ``near``: range (turning radii) in
-    which Reeds-Shepp times guide. ``weight``: of the distance to go. ``rounds``, ``patience``: of
+    which Reeds-Shepp times guide. ``weight``: of the distance to go; ``greed``: the same where that
+    finds nothing. ``rounds``, ``patience``: of
     the shortening.
     """
 
@@ -38,7 +42,8 @@ class CarSettings:
     nodes: tuple[int, ...] = (60_000, 250_000, 1_000_000)
     extra: int = 400
     near: float = 10.0
-    weight: float = 1.15
+    weight: float = 2.5
+    greed: float = 3.0
     rounds: int = 1500
     patience: int = 300
     restarts: int = 1
@@ -46,7 +51,11 @@ class CarSettings:
 
 
 class CarPlanner:
-    """Plans legs of car-like bodies in one scene. Deterministic for a seed."""
+    """Plans legs of car-like bodies in one scene. Deterministic for a seed.
+
+    The search is greedy (``weight``), because a stop that is needed somewhere costs the same all
+    along the way: an exact search would try all these places. The shortening makes up for it.
+    """
 
     name = "hybrid-astar"
     reversible = True
@@ -91,46 +100,51 @@ class CarPlanner:
         if direct is not None:
             return direct, "", 0
         best: FloatArray | None = None
-        expansions, reason = 0, "out of time"
-        # the search from the goal's side ends in other local optima
-        for turned in (False, True):
-            ends = (goal, start) if turned else (start, goal)
-            arcs, count, exhausted = self._levels(body, shape, *ends, obstacles, deadline)
-            expansions += count
-            if arcs is None:
-                reason = "no path at the finest resolution" if exhausted else "out of time"
+        expansions, dry = 0, False
+        for level in range(len(self.settings.levels)):
+            # the search from the goal's side ends in other local optima
+            for turned in (False, True):
+                ends = (goal, start) if turned else (start, goal)
+                arcs, count, dry = self._at_level(body, shape, *ends, obstacles, level, deadline)
+                expansions += count
+                if arcs is not None:
+                    arcs = self._smooth(shape, *ends, arcs, obstacles, (radius, v, a), deadline)
+                    arcs = reversed_arcs(arcs) if turned else arcs
+                    if best is None or path_time(arcs, v, a) < path_time(best, v, a):
+                        best = arcs
                 if deadline.expired():
                     break
-                continue
-            arcs = self._smooth(shape, *ends, arcs, obstacles, (radius, v, a), deadline)
-            arcs = reversed_arcs(arcs) if turned else arcs
-            if best is None or path_time(arcs, v, a) < path_time(best, v, a):
-                best = arcs
+            if best is not None or deadline.expired():
+                break
         if best is None:
+            reason = "out of time" if deadline.expired() or not dry else _DRY
             return None, reason, expansions
         return best, "", expansions
 
-    def _levels(
+    def _at_level(
         self,
         body: Body,
         shape: Shape,
         start: Configuration,
         goal: Configuration,
         obstacles: tuple[Placed, ...],
+        level: int,
         deadline: Deadline,
     ) -> tuple[FloatArray | None, int, bool]:
-        """Search from coarse to fine; return arcs or None, expansions, whether it ran dry."""
-        expansions, exhausted = 0, False
-        for level in range(len(self.settings.levels)):
-            arcs, count, exhausted = self._search(
-                body, shape, start, goal, obstacles, level, deadline
+        """Search at one resolution, and greedily if the tree fills up before a path is found.
+
+        A turn that a place far away asks for makes all ways there look too cheap: a search that
+        weighs the distance to go little then fills its tree with them.
+        """
+        expansions, dry = 0, False
+        for weight in (self.settings.weight, self.settings.greed):
+            arcs, count, dry = self._search(
+                body, shape, start, goal, obstacles, level, weight, deadline
             )
             expansions += count
-            if arcs is not None:
-                return arcs, expansions, False
-            if deadline.expired():
-                break
-        return None, expansions, exhausted
+            if arcs is not None or dry or deadline.expired():
+                return arcs, expansions, dry
+        return None, expansions, dry
 
     def _direct(
         self,
@@ -155,6 +169,7 @@ class CarPlanner:
         goal: Configuration,
         obstacles: tuple[Placed, ...],
         level: int,
+        weight: float,
         deadline: Deadline,
     ) -> tuple[FloatArray | None, int, bool]:
         """Run hybrid A* at one resolution; return arcs or None, expansions, whether it ran dry."""
@@ -163,7 +178,7 @@ class CarPlanner:
         field = self.fields.toward(shape, goal, obstacles)
         reach = 8 * radius + 2 * shape.circumscribed
         bins = math.ceil(2 * math.pi / (self.settings.levels[level] / 1.5))
-        guide = (self.settings.extra, self.settings.near * radius, self.settings.weight)
+        guide = (self.settings.extra, self.settings.near * radius, weight)
         space = pose_space(self.scene, (start, goal), obstacles, reach, step / 1.5, bins, guide)
         keys = int(2 * space[3] * space[4] * space[5])
         tree = self._tree(self.settings.nodes[level], keys)
