@@ -279,7 +279,8 @@ def expand(
             return 1
         run = tree.nodes[node, 4]
         time = tree.nodes[node, 3] + run_time(abs(run), limits[1], limits[2])
-        if node > 0 and time > tree.table[tree.links[node, 1]] + 1e-6:
+        # the table is float32: 1e-6 would drop nodes of long drives
+        if node > 0 and time > tree.table[tree.links[node, 1]] + 5e-5:
             continue  # a better way to the same cell was found meanwhile
         tree.counters[2] += 1
         _shoot(tree, node, grid, polys, shape, goal, limits, out)

@@ -105,7 +105,8 @@ def expand_planar(
             return 3
         node = _pop(tree)
         x, y, th = tree.nodes[node, 0], tree.nodes[node, 1], tree.nodes[node, 2]
-        if node > 0 and tree.nodes[node, 3] > tree.table[tree.links[node, 1]] + 1e-6:
+        # the table is float32: 1e-6 would drop nodes of long drives
+        if node > 0 and tree.nodes[node, 3] > tree.table[tree.links[node, 1]] + 5e-5:
             continue
         tree.counters[2] += 1
         turn = _wrapped(goal[2] - th)
@@ -118,7 +119,7 @@ def expand_planar(
             if key < 0:
                 continue
             time = tree.nodes[node, 3] + _cost(dx, dy, dth, limits)
-            if time >= tree.table[key] - 1e-6:
+            if time >= tree.table[key] - 1e-4:
                 continue
             rest = _to_go(field, x + dx, y + dy, th + dth, goal, limits)
             if rest == math.inf or not straight_free(grid, polys, shape, x, y, th, dx, dy, dth):
