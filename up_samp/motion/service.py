@@ -32,6 +32,7 @@ from up_samp.motion.planners import (
     planner_names,
 )
 from up_samp.motion.trajectories import at_rest, joined, reversed_trajectory
+from up_samp.motion.warm import warm_up
 
 log = logging.getLogger(__name__)
 
@@ -67,6 +68,7 @@ class MotionService:
 
     def plan(self, query: PathQuery, deadline: Deadline) -> PathReport:
         """Answer a query: found, proven impossible, or out of time."""
+        warm_up(query.body.kinematics.model)
         began = time.monotonic()
         proof = self.certificate(query.body, query.poses, query.obstacles)
         if proof is not None:
