@@ -19,6 +19,12 @@ CRATE = Placed("crate", Body(((-0.4, -0.4), (0.4, -0.4), (0.0, 0.5)), OMNI.kinem
 START, GOAL = (3.0, 3.0, 0.0), (17.0, 9.0, math.pi / 2)
 
 
+def unicycle(q, u, qdot):
+    qdot[0] = u[0] * math.cos(q[2])
+    qdot[1] = u[0] * math.sin(q[2])
+    qdot[2] = u[1]
+
+
 def hall(gap=True):
     """A hall of 20 m x 12 m with a wall in the middle, and a gap of 2 m in it."""
     occupied = np.zeros((120, 200), dtype=bool)

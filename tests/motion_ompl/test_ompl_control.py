@@ -6,7 +6,7 @@ import time
 import numpy as np
 import oracle
 import pytest
-from oracle import CRATE, DOOR, FOOTPRINT, GOAL, START
+from oracle import CRATE, DOOR, FOOTPRINT, GOAL, START, unicycle
 
 from up_samp.geometry import Scene
 from up_samp.model import (
@@ -30,12 +30,6 @@ SCENE = oracle.hall_scene()
 WALLS = oracle.walls(SCENE.grid)
 
 
-def unicycle(q, u, qdot):
-    qdot[0] = u[0] * math.cos(q[2])
-    qdot[1] = u[0] * math.sin(q[2])
-    qdot[2] = u[1]
-
-
 def drifting(q, u, qdot):
     """Slips sideways in bends; forwards only."""
     qdot[0] = u[0] * math.cos(q[2]) - 0.1 * u[1] * math.sin(q[2])
@@ -56,6 +50,15 @@ LAWS = {
     "drifting": ControlLaw(drifting, (("v", 0.0, 1.5), ("w", -0.6, 1.0))),
     "holonomic": ControlLaw(holonomic, (("v", -1.0, 1.0), ("s", -1.0, 1.0), ("w", -1.0, 1.0))),
 }
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _compiled():
+    """Compile before anything is timed."""
+    for law in LAWS.values():
+        Roller(law)
+    query = PathQuery(body_of(LAWS["unicycle"]), (START, (4.0, 3.0, 0.0)), (CRATE,))
+    assert plan_with_ompl(SCENE, query, Deadline.after(240), planner="RRT").trajectory is not None
 
 
 def body_of(law):

@@ -1,11 +1,9 @@
 """The motion service finds the right planner: by name, by motion model, as a second opinion."""
 
-import math
-
 import numpy as np
 import oracle
 import pytest
-from oracle import CAR, CRATE, GOAL, OMNI, START
+from oracle import CAR, CRATE, GOAL, OMNI, START, unicycle
 
 from up_samp.model import (
     Body,
@@ -23,12 +21,6 @@ from up_samp.motion.service import MotionService
 
 GRID = oracle.hall()
 WALLS = oracle.walls(GRID).union(oracle.obstacles_of([CRATE]))
-
-
-def unicycle(q, u, qdot):
-    qdot[0] = u[0] * math.cos(q[2])
-    qdot[1] = u[0] * math.sin(q[2])
-    qdot[2] = u[1]
 
 
 @pytest.mark.parametrize("body", [CAR, OMNI], ids=["car", "omni"])

@@ -17,7 +17,7 @@ import math
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -129,17 +129,28 @@ class Roller:
         self.high = np.array([high for _, _, high in law.bounds], dtype=np.float64)
         try:
             law.function(np.zeros(3), 0.5 * (self.low + self.high), np.zeros(3))
-            self._rows, self.ends = _kernels(law.function, len(self.low))
         except (IndexError, TypeError, ValueError) as error:
             raise UnsupportedError(
                 "a control model must be a function(q, u, qdot) that fills qdot, with the state "
                 f"(x, y, theta) and the controls {[name for name, _, _ in law.bounds]}: {error}"
             ) from error
 
+    @cached_property
+    def _compiled(self) -> tuple[Any, Any]:
+        return _kernels(self.law.function, len(self.low))
+
+    def ends(
+        self, start: FloatArray, controls: FloatArray, seconds: FloatArray, counts: IntArray
+    ) -> FloatArray:
+        """Return the last states (k, 3) under k sets of p pieces: ``controls`` (k, p, m),
+        ``seconds`` (k, p), each piece integrated in ``counts`` (p,) steps.
+        """
+        return np.asarray(self._compiled[1](start, controls, seconds, counts))
+
     def rows(self, start: npt.ArrayLike, controls: npt.ArrayLike, seconds: float) -> FloatArray:
         """Return the states (n + 1, 3) under constant controls, the start first."""
         q, u = np.asarray(start, dtype=np.float64), np.asarray(controls, dtype=np.float64)
-        return np.asarray(self._rows(q[:3], u, seconds, steps_of(seconds)))
+        return np.asarray(self._compiled[0](q[:3], u, seconds, steps_of(seconds)))
 
     def speed(self) -> float:
         """Return the fastest speed (m/s) among the corners of the controls' bounds."""

@@ -144,7 +144,8 @@ def _search(
         result.setYaw((th + math.pi) % (2 * math.pi) - math.pi)
 
     si.setStateValidityChecker(_Validity(si, low, high))
-    si.setStatePropagator(propagate)
+    wrapped = getattr(oc, "StatePropagatorFn", lambda f: f)(propagate)  # OMPL 1.7 wants it typed
+    si.setStatePropagator(wrapped)
     si.setPropagationStepSize(world.step)
     si.setMinMaxControlDuration(1, 12)
     si.setup()
