@@ -140,7 +140,8 @@ class Span(enum.Enum):
 class Requires:
     """``object`` is at none of ``configurations`` over a span of ``activity``.
 
-    ``WHOLE`` is [start + 1, end] (a change at the start comes just in time), ``TAIL`` is
+    ``WHOLE`` is [start + 1, end - 1] (changes at the very start and end do no harm; nothing is
+    asked of an activity that lasts one unit), ``TAIL`` is
     [end - tail + 1, end] (or the end alone where ``tail`` is 0), ``START`` the start alone.
     """
 

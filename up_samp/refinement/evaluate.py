@@ -45,7 +45,7 @@ def _meets_requirement(statement: Requires, schedule: CandidateSchedule, places:
     start, end = schedule.times[statement.activity]
     first, last = {
         Span.START: (start, start),
-        Span.WHOLE: (start + 1, end),
+        Span.WHOLE: (start + 1, end - 1),
         Span.TAIL: (end - max(0, statement.tail - 1), end),
     }[statement.span]
     return not statement.configurations.intersection(places(statement.object, first, last))

@@ -23,6 +23,7 @@ from up_samp.model.refinement import (
     Requires,
     Span,
     Strength,
+    TimeRef,
     end_of,
     start_of,
 )
@@ -97,6 +98,56 @@ def needs_away_at_start(activity: str, obstacle: str, configuration: str, why: s
     """Return that an obstacle which lies on the motion's first pose must not be there then."""
     statement = Requires(activity, obstacle, frozenset({configuration}), Span.START)
     return Refinement(statement, Layer.GEOMETRIC, Strength.PROVEN, why)
+
+
+def gone_before(
+    point: TimeRef,
+    changes: Iterable[str],
+    units: int,
+    why: str,
+    *,
+    strength: Strength = Strength.PROVEN,
+    layer: Layer = Layer.GEOMETRIC,
+) -> Refinement:
+    """Return that an obstacle has gone ``units`` before an activity's start or end.
+
+    Right where it is in the way at first and nothing brings it back there: then it has gone when
+    any of ``changes``, the activities that set it elsewhere, has ended. Unlike a condition on its
+    place this does not keep further changes of it apart from the activity.
+    """
+    literals: list[Literal] = [Absent(point.activity)]
+    literals += [Apart(end_of(c), point, units) for c in sorted(changes) if c != point.activity]
+    return Refinement(Clause(tuple(literals)), layer, strength, why)
+
+
+def blocked_as_timed(
+    motion: ScheduledMotion,
+    set_by: Mapping[str, str | None],
+    changes: Mapping[str, Mapping[str, int]],
+    why: str,
+    *,
+    strength: Strength = Strength.PROVEN,
+) -> Refinement:
+    """Return that a motion cannot be made while obstacles rest as they do in this schedule.
+
+    ``set_by`` tells which change (activity) set each obstacle where it is (``None``: it is there
+    from the first), ``changes`` at what time each obstacle's present and absent (-1) other
+    changes happen. The cut gives way only when one of them comes in between, so that it rejects
+    the schedule also where a change touches the motion's start or end.
+    """
+    start, end = start_of(motion.activity), end_of(motion.activity)
+    literals: list[Literal] = [Absent(motion.activity)]
+    for obstacle, setter in sorted(set_by.items()):
+        if setter is not None:
+            literals += [Absent(setter), Apart(start, end_of(setter), 1)]
+        for other, time in sorted(changes[obstacle].items()):
+            if other == setter:
+                continue
+            if setter is not None and 0 <= time <= motion.start:
+                literals.append(Apart(end_of(setter), end_of(other), 1))
+            else:
+                literals.append(Apart(end_of(other), end, 1))
+    return Refinement(Clause(tuple(literals)), Layer.GEOMETRIC, strength, why)
 
 
 def blocked_while(

@@ -8,14 +8,15 @@ candidate is collected, unless the preset stops at the first refinement as the p
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from up_samp.model import GroupQuery, GroupReport, Outcome, PathQuery, ScheduledMotion, Trajectory
 from up_samp.model.refinement import Layer, Refinement, Strength
+from up_samp.model.snapshot import TermKind
 from up_samp.refinement import holds, rules
 from up_samp.search import groups as group_rules
-from up_samp.search.context import Context
+from up_samp.search.context import Context, places_between
 from up_samp.search.prepare import duration_refinements
 from up_samp.search.world import group_query, groups_of, instant_obstacles, motion_key
 from up_samp.upio import Itinerary
@@ -138,8 +139,8 @@ def check_path(
     names = report.blockers if proven else frozenset(o.name for o in obstacles)
     movable = {n: _place_at(context, itinerary, n, motion) for n in names if context.movers[n]}
     why = report.reason or f"no path for {motion.activity} found"
-    found = []
-    for activity in _equivalent(context, motion):
+    found: list[Refinement] = []
+    for activity in _equivalent(context, motion, names):
         if not movable:
             found.append(
                 Refinement(
@@ -161,7 +162,35 @@ def check_path(
                     strength=strength,
                 )
             )
+    if movable and all(_fulfilled(context, r, itinerary) for r in found):
+        exact = _blocked_as_timed(context, itinerary, motion, movable, why, strength)
+        found += [] if exact is None else [exact]
     return found
+
+
+def _blocked_as_timed(
+    context: Context,
+    itinerary: Itinerary,
+    motion: ScheduledMotion,
+    blockers: Iterable[str],
+    why: str,
+    strength: Strength,
+) -> Refinement | None:
+    """Return the cut for the blockers' changes as they are ordered; None where it is not known
+    where a change leads.
+    """
+    set_by: dict[str, str | None] = {}
+    changes: dict[str, dict[str, int]] = {}
+    for name in blockers:
+        tasks = [c for c in context.snapshot.changes if c.object == name]
+        if any(c.term.kind is not TermKind.CONSTANT for c in tasks):
+            return None
+        times = itinerary.schedule.times
+        ends = {c.activity: times[c.activity][1] if c.activity in times else -1 for c in tasks}
+        before = [(time, a) for a, time in ends.items() if 0 <= time <= motion.start]
+        set_by[name] = max(before)[1] if before else None
+        changes[name] = ends
+    return rules.blocked_as_timed(motion, set_by, changes, why, strength=strength)
 
 
 def check_duration(
@@ -172,7 +201,7 @@ def check_duration(
     found = []
     if context.params.small_cuts:
         found = duration_refinements(context, (body, motion.poses), context.query_seconds)
-        found = [r for r in found if not _fulfilled(r, itinerary)]
+        found = [r for r in found if not _fulfilled(context, r, itinerary)]
         if found:
             return found
     obstacles = instant_obstacles(context, itinerary, motion)
@@ -191,7 +220,7 @@ def check_duration(
         if context.movers[o.name]
     }
     why = f"the fastest motion found takes {report.trajectory.duration:.2f} s"
-    for activity in _equivalent(context, motion):
+    for activity in _equivalent(context, motion, frozenset(o.name for o in obstacles)):
         if context.params.small_cuts:
             found.append(rules.slower_while(activity, units, places, context.movers, why))
         else:
@@ -208,9 +237,13 @@ def check_duration(
     return found
 
 
-def _fulfilled(refinement: Refinement, itinerary: Itinerary) -> bool:
-    """Return whether the schedule has what a statement on one motion's duration asks for."""
-    return holds(refinement.statement, itinerary.schedule, lambda *_: ())
+def _fulfilled(context: Context, refinement: Refinement, itinerary: Itinerary) -> bool:
+    """Return whether the schedule has what a statement asks for."""
+
+    def places(name: str, first: int, last: int) -> set[str]:
+        return places_between(itinerary, context.snapshot, name, first, last)
+
+    return holds(refinement.statement, itinerary.schedule, places)
 
 
 def _place_at(context: Context, itinerary: Itinerary, name: str, motion: ScheduledMotion) -> str:
@@ -221,15 +254,16 @@ def _place_at(context: Context, itinerary: Itinerary, name: str, motion: Schedul
     return current
 
 
-def _equivalent(context: Context, motion: ScheduledMotion) -> list[str]:
-    """Return the activity and, if asked for, those that make the same motion with equal bodies."""
+def _equivalent(context: Context, motion: ScheduledMotion, blockers: frozenset[str]) -> list[str]:
+    """Return the activity and, if asked for, those that make the same motion with equal bodies
+    and heed the ``blockers`` too.
+    """
     if not context.params.equivalents:
         return [motion.activity]
     body = context.snapshot.objects[motion.object].body
     tasks = context.by_signature.get((body, motion.poses), [])
-    same = [t.activity for t in tasks if t.avoid is None or motion.avoid is None]
-    heeding = [t.activity for t in tasks if t.avoid is not None and motion.avoid is not None]
-    return sorted({motion.activity, *same, *heeding})
+    same = [t.activity for t in tasks if t.avoid is None or blockers <= t.avoid]
+    return sorted({motion.activity, *same})
 
 
 def _as(motion: ScheduledMotion, activity: str) -> ScheduledMotion:

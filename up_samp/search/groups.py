@@ -26,6 +26,7 @@ from up_samp.model import (
 from up_samp.model.refinement import Layer, Refinement, Strength
 from up_samp.refinement import holds, rules
 from up_samp.search.context import Context, places_between
+from up_samp.search.prepare import opened
 from up_samp.search.world import motion_key, rests_of
 from up_samp.upio import Itinerary
 
@@ -106,7 +107,8 @@ def _door_cuts(
             if arrival is not None and arrival > 0:
                 why = f"after {name} has left {place} the motion still takes {arrival:.2f} s"
                 found.append(
-                    rules.needs_open(
+                    opened(
+                        context,
                         motion.activity,
                         name,
                         place,

@@ -16,7 +16,7 @@ from up_samp.model import (
     Placed,
     ProblemError,
 )
-from up_samp.model.refinement import Refinement, Strength
+from up_samp.model.refinement import Layer, Refinement, Strength, end_of, start_of
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
 from up_samp.motion import MotionService
 from up_samp.refinement import rules
@@ -112,7 +112,13 @@ def duration_refinements(
     started = time.monotonic()
     body, poses = signature
     tasks = context.by_signature.get(signature, [])
-    query = PathQuery(body, poses, fixed_obstacles(context))
+    # what is said of all equivalent motions may count on what all of them heed only
+    obstacles = tuple(
+        o
+        for o in fixed_obstacles(context)
+        if all(t.avoid is None or o.name in t.avoid for t in tasks)
+    )
+    query = PathQuery(body, poses, obstacles)
     report = context.service.plan(query, context.deadline.within(seconds))
     context.history.seconds_motion += time.monotonic() - started
     if report.outcome is Outcome.IMPOSSIBLE:
@@ -164,9 +170,11 @@ def _certify(
     _, at_start = service.pose_blockers(body, poses[0], (placed,))
     if at_start:
         why = f"{placed.name} at {configuration} lies on the first pose"
-        return [
-            rules.needs_away_at_start(t.activity, placed.name, configuration, why) for t in tasks
-        ]
+        if context.returns_to(placed.name, configuration):
+            places = {placed.name: configuration}
+            return [rules.blocked_while(t.activity, places, context.movers, why) for t in tasks]
+        changes = context.movers[placed.name]
+        return [rules.gone_before(start_of(t.activity), changes, 0, why) for t in tasks]
     proof = service.certificate(body, poses, (placed,))
     if proof is None:
         return []
@@ -181,8 +189,30 @@ def _certify(
         cuts = [rules.blocked_while(t.activity, places, context.movers, why) for t in others]
     else:
         tail = _tail_units(context, signature, placed)
-        cuts = [rules.needs_open(t.activity, placed.name, configuration, tail, why) for t in others]
+        cuts = [opened(context, t.activity, placed.name, configuration, tail, why) for t in others]
     return found + cuts
+
+
+def opened(
+    context: Context,
+    activity: str,
+    obstacle: str,
+    configuration: str,
+    tail: int,
+    why: str,
+    *,
+    strength: Strength = Strength.PROVEN,
+    layer: Layer = Layer.GEOMETRIC,
+) -> Refinement:
+    """Return that an obstacle which does not come back has left ``tail`` units before the end."""
+    changes = context.movers[obstacle]
+    if len(changes) <= 1:
+        return rules.needs_open(
+            activity, obstacle, configuration, tail, why, strength=strength, layer=layer
+        )
+    # a condition would forbid further changes in its interval, although the obstacle has gone
+    point = end_of(activity)
+    return rules.gone_before(point, changes, max(1, tail), why, strength=strength, layer=layer)
 
 
 def _tail_units(context: Context, signature: Signature, placed: Placed) -> int:

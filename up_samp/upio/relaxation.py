@@ -15,7 +15,12 @@ from unified_planning.model.mixins.timed_conds_effs import TimedCondsEffs
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity, SchedulingProblem
 from unified_planning.model.scheduling.chronicle import Chronicle
-from unified_planning.model.timing import ClosedTimeInterval, DurationInterval, TimeInterval
+from unified_planning.model.timing import (
+    ClosedTimeInterval,
+    DurationInterval,
+    OpenTimeInterval,
+    TimeInterval,
+)
 
 from up_samp.model import UnsupportedError
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
@@ -159,12 +164,8 @@ def _hold_static(relaxation: Relaxation, task: MotionTask) -> None:
 
 
 def inner(activity: Activity) -> TimeInterval:
-    """Return [start + 1, end - 1], or [start + 1, end] where the activity may be that short."""
-    low = activity.duration.lower
-    long_enough = low.is_int_constant() and low.constant_value() >= 2
-    return ClosedTimeInterval(
-        Timing(1, activity.start), Timing(-1 if long_enough else 0, activity.end)
-    )
+    """Return (start, end), which asks nothing of an activity that lasts one unit."""
+    return OpenTimeInterval(Timing(0, activity.start), Timing(0, activity.end))
 
 
 def whole(activity: Activity) -> TimeInterval:

@@ -7,7 +7,11 @@ from typing import Any
 
 from unified_planning.model import FNode, Timing
 from unified_planning.model.scheduling import Activity
-from unified_planning.model.timing import ClosedTimeInterval, TimePointInterval
+from unified_planning.model.timing import (
+    ClosedTimeInterval,
+    OpenTimeInterval,
+    TimePointInterval,
+)
 
 from up_samp.model.refinement import (
     Absent,
@@ -69,7 +73,7 @@ def _write_requires(relaxation: Relaxation, requires: Requires) -> None:
     activity = relaxation.activities[requires.activity]
     end = Timing(0, activity.end)
     if requires.span is Span.WHOLE:
-        span = ClosedTimeInterval(Timing(1, activity.start), end)
+        span = OpenTimeInterval(Timing(0, activity.start), end)
     elif requires.span is Span.TAIL:
         span = ClosedTimeInterval(Timing(-max(0, requires.tail - 1), activity.end), end)
     else:
