@@ -13,6 +13,7 @@ import math
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from up_samp.model import Deadline, GroupQuery, GroupReport, Outcome, TimedMotion
 from up_samp.motion.spacetime.runs import (
@@ -62,6 +63,23 @@ class Group:
     """Motions that could not be planned in some branch, with those before them."""
     met: set[str] = field(default_factory=set)
     """Objects that were in the way of best paths."""
+
+    @cached_property
+    def order(self) -> list[str]:
+        """The motions by release, then by due (less slack first), then by name."""
+        return sorted(self.motions, key=lambda n: (self.motions[n].release, self.motions[n].due, n))
+
+    @cached_property
+    def previous(self) -> dict[str, str]:
+        """The same object's motion just before each one (where there is one)."""
+        last: dict[str, str] = {}
+        found: dict[str, str] = {}
+        for name in self.order:
+            motion = self.motions[name]
+            if motion.object in last:
+                found[name] = last[motion.object]
+            last[motion.object] = name
+        return found
 
     def is_late(self, run: Run) -> bool:
         """Return whether a run arrives after its motion's due."""
@@ -122,13 +140,13 @@ def _shrunk(group: Group, root: Node, query: GroupQuery) -> frozenset[str]:
     One that is late alone; or else a pair; or else what is left when every motion that does not
     matter is dropped. Each set is checked again with the others gone (cheap rungs only).
     """
-    late = [n for n in _order(group) if group.is_late(root.runs[n])]
+    late = [n for n in group.order if group.is_late(root.runs[n])]
     if late:
         return frozenset(late[:1])
     bad = group.best.runs if group.best else {}
     suspects = {n for n in bad if group.is_late(bad[n])} or set(group.stuck)
     suspects |= {n for pair in root.meetings for n in pair if suspects & set(pair)}
-    names = [n for n in _order(group) if n in (suspects or set(group.motions))]
+    names = [n for n in group.order if n in (suspects or set(group.motions))]
     for pair in itertools.combinations(names, 2):
         if _fails(group, root, pair):
             return frozenset(pair)
@@ -162,27 +180,10 @@ def _group_of(workspace: Workspace, query: GroupQuery, deadline: Deadline) -> Gr
     return Group(workspace, motions, world, deadline)
 
 
-def _order(group: Group) -> list[str]:
-    """Return the motions by release, then by due (less slack first), then by name."""
-    return sorted(group.motions, key=lambda n: (group.motions[n].release, group.motions[n].due, n))
-
-
-def _previous(group: Group, name: str) -> str | None:
-    """Return the same object's motion just before this one."""
-    motion = group.motions[name]
-    earlier = [
-        other
-        for other in _order(group)
-        if group.motions[other].object == motion.object and other != name
-    ]
-    earlier = [o for o in earlier if group.motions[o].release < motion.release]
-    return earlier[-1] if earlier else None
-
-
 def _window(group: Group, name: str, runs: Mapping[str, Run]) -> Window:
     """Return when a motion may happen: not before its object has arrived from the last one."""
     motion = group.motions[name]
-    previous = _previous(group, name)
+    previous = group.previous.get(name)
     if previous is None or previous not in runs:
         return Window(motion.present_from, motion.release)
     arrival = runs[previous].arrival
@@ -209,7 +210,7 @@ def _alone(group: Group) -> tuple[Node | None, Attempt, str]:
     """Plan everybody alone; return the node, or the first motion that is impossible on its own."""
     runs: dict[str, Run] = {}
     attempt = Attempt(None)
-    for name in _order(group):
+    for name in group.order:
         for effort, _ in EFFORTS:
             group.effort = effort
             attempt = _plan(group, name, runs, ())
@@ -247,7 +248,7 @@ def _search(group: Group, root: Node, budget: int) -> None:
             continue
         a, b = min(node.meetings, key=lambda pair: (node.meetings[pair], pair))
         children = [_child(group, node, a, b), _child(group, node, b, a)]
-        order = {name: i for i, name in enumerate(_order(group))}
+        order = {name: i for i, name in enumerate(group.order)}
         ranked = [
             (group.lateness(child.runs), order[first], child)
             for first, child in zip((a, b), children, strict=True)
@@ -283,7 +284,7 @@ def _child(group: Group, node: Node, first: str, second: str) -> Node | None:
             # somebody of lower rank is in the way now: it has to give way again
             if name in _ahead(before, other) and other not in queue:
                 queue.append(other)
-        follower = next((n for n in _order(group) if _previous(group, n) == name), None)
+        follower = next((n for n, p in group.previous.items() if p == name), None)
         if follower and runs[follower].timing.trajectory.start < runs[name].arrival:
             queue.append(follower)
         if group.deadline.expired():

@@ -92,6 +92,56 @@ def forbidden(
 
 
 @kernel
+def _moment(times: FloatArray, poses: FloatArray, t: float) -> tuple[float, float]:
+    """Return the position at time ``t`` (rest before and after), along chords."""
+    n = len(times)
+    if t <= times[0] or n == 1:
+        return poses[0, 0], poses[0, 1]
+    if t >= times[n - 1]:
+        return poses[n - 1, 0], poses[n - 1, 1]
+    low, high = 0, n - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if times[middle] <= t:
+            low = middle
+        else:
+            high = middle
+    share = (t - times[low]) / (times[high] - times[low])
+    x = poses[low, 0] + share * (poses[high, 0] - poses[low, 0])
+    return x, poses[low, 1] + share * (poses[high, 1] - poses[low, 1])
+
+
+@kernel
+def stay_far(
+    ta: FloatArray,
+    a: FloatArray,
+    tb: FloatArray,
+    b: FloatArray,
+    low: float,
+    high: float,
+    reach: float,
+    speed: float,
+) -> bool:
+    """Return whether two trajectories (times, poses) certainly stay over ``reach`` m apart while
+    one of them moves during [low, high]; ``speed`` (m/s) bounds how fast they can approach.
+    """
+    t = max(low, min(ta[0], tb[0]))
+    high = min(high, max(ta[len(ta) - 1], tb[len(tb) - 1]))
+    while t <= high:
+        if t > ta[len(ta) - 1] and t < tb[0]:
+            t = tb[0]
+        if t > tb[len(tb) - 1] and t < ta[0]:
+            t = ta[0]
+        x, y = _moment(ta, a, t)
+        u, w = _moment(tb, b, t)
+        gap = np.sqrt((x - u) ** 2 + (y - w) ** 2) - reach
+        if gap <= 0.0:
+            return False
+        t += max(1e-3, gap / speed)
+    return True
+
+
+@kernel
 def first_meeting(
     runs: IntArray, a: FloatArray, b: FloatArray, flags: int
 ) -> tuple[float, int, int]:

@@ -45,12 +45,14 @@ _numbers = itertools.count()
 @dataclass(frozen=True, eq=False)
 class Hull:
     """A planar body's convex parts for the compiled checks: ``verts`` (p, m, 2) padded by repeating
-    the last corner, ``counts`` (p,), ``radius`` about the reference point (m).
+    the last corner, ``counts`` (p,), circumscribed ``radius`` and inscribed radius ``core`` about
+    the reference point (m).
     """
 
     verts: FloatArray
     counts: IntArray
     radius: float
+    core: float
 
 
 _hulls: dict[Ring, Hull] = {}
@@ -68,7 +70,7 @@ def hull_of(body: Body) -> Hull:
             verts[i, : len(part)] = part
             verts[i, len(part) :] = part[-1]
             counts[i] = len(part)
-        _hulls[key] = Hull(verts, counts, float(shape.circumscribed))
+        _hulls[key] = Hull(verts, counts, float(shape.circumscribed), float(shape.inscribed))
     return _hulls[key]
 
 

@@ -37,6 +37,7 @@ from up_samp.motion.spacetime.intervals import (
     first_meeting,
     forbidden,
     occupancy,
+    stay_far,
 )
 from up_samp.motion.spacetime.lanes import shifted_lane
 from up_samp.motion.spacetime.paths import Hull, Path, hull_of, path_of, resting_path, timed_cells
@@ -59,6 +60,9 @@ QUICK = 0.5
 
 CELL_SECONDS = 0.1
 """Length (s) of the cells that interaction profiles are made of."""
+
+CHORD = 0.1
+"""Allowance (m) for positions read along chords instead of arcs."""
 
 PATHS = 300
 """Paths that a workspace remembers."""
@@ -99,6 +103,15 @@ class Run:
             return np.array([self.since, self.since, self.until])
         times = self.timing.trajectory.times
         return occupancy(times, self.timing.s, self.path.edges, self.since, self.until)
+
+    @cached_property
+    def speed(self) -> float:
+        """A bound on its speed (m/s)."""
+        trajectory = self.timing.trajectory
+        if len(trajectory.times) == 1:
+            return 0.0
+        steps = np.hypot(*np.diff(trajectory.poses[:, :2], axis=0).T) / np.diff(trajectory.times)
+        return 1.1 * float(steps.max())
 
     @property
     def arrival(self) -> float:
@@ -285,6 +298,7 @@ class Workspace:
             h.counts,
             h.radius,
             self._margin(a, b, g, h),
+            g.core + h.core,
         )
         return self._conflicts.keep(key, rows)
 
@@ -324,8 +338,21 @@ class Workspace:
             return math.inf, -1, -1
         if a.held[-1] <= b.held[0] or b.held[-1] <= a.held[0]:
             return math.inf, -1, -1
+        if (a.path.number, b.path.number) not in self._conflicts and _stay_far(a, b):
+            return math.inf, -1, -1
         runs = self.conflicts(a.path, b.path)
         return first_meeting(runs, a.held, b.held, flags)
+
+
+def _stay_far(a: Run, b: Run) -> bool:
+    """Return whether two runs cannot meet, by their distance over time alone."""
+    p, q = a.timing.trajectory, b.timing.trajectory
+    low = max(a.held[0], b.held[0], -1e9)
+    high = min(a.held[-1], b.held[-1], 1e9)
+    reach = a.path.hull.radius + b.path.hull.radius + 2 * MARGIN + CHORD
+    # a slack millisecond step moves less than the chord's allowance
+    speed = max(1e-6, a.speed + b.speed)
+    return bool(stay_far(p.times, p.poses, q.times, q.poses, low, high, reach, speed))
 
 
 def pair_flags(

@@ -248,11 +248,13 @@ def conflict_runs(
     cb: IntArray,
     rb: float,
     margin: float,
+    core: float,
 ) -> IntArray:
     """Return the conflicting cell pairs of two paths as rows (i, j first, j last), shape (k, 3).
 
     A cell's middle moves at most the two half-lengths to the next one, so a pair that is far apart
-    lets the scan along ``b`` jump ahead.
+    lets the scan along ``b`` jump ahead. Middles less than ``core`` m apart (the sum of the
+    inscribed radii about the reference points) certainly overlap.
     """
     runs = np.empty((64, 3), dtype=np.int64)
     used = 0
@@ -270,7 +272,9 @@ def conflict_runs(
             dx, dy = a[0] - b[0], a[1] - b[1]
             gap = np.sqrt(dx * dx + dy * dy) - (ra + rb + a[7] + 0.5 * step + margin)
             hit = False
-            if gap <= 0.0:
+            if dx * dx + dy * dy < core * core:
+                hit = True
+            elif gap <= 0.0:
                 hit = pieces_conflict(ta[i], va, ca, ra, tb[j], vb, cb, rb, margin)
             if hit and open_from < 0:
                 open_from = j
