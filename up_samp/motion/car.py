@@ -45,7 +45,7 @@ class CarSettings:
     weight: float = 2.5
     greed: float = 3.0
     rounds: int = 1500
-    patience: int = 300
+    patience: int = 200
     restarts: int = 1
     slice: int = 4000
 

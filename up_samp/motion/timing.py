@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from up_samp.geometry.compiled import kernel
 from up_samp.geometry.kernels import advance
 from up_samp.model import Configuration, Kinematics, Trajectory
 from up_samp.motion.reeds_shepp import run_time
@@ -100,7 +101,8 @@ def trajectory_of(
         for run in runs_of(arcs):
             t, s = _run_samples(run, v, a)
             times.append(now + t)
-            rows.append(_poses_on(rows[-1][-1], run, s))
+            ends = np.cumsum(np.abs(run[:, 1]))
+            rows.append(poses_on(rows[-1][-1], np.ascontiguousarray(run), ends, s))
             now = float(times[-1][-1])
         end = rows[-1][-1]
         turns = round((float(end[2]) - target[2]) / (2 * math.pi))
@@ -108,17 +110,22 @@ def trajectory_of(
     return Trajectory(np.concatenate(times), np.concatenate(rows))
 
 
-def _poses_on(start: FloatArray, arcs: FloatArray, s: FloatArray) -> FloatArray:
-    """Return the poses at driven distances ``s`` (sorted) along one run from ``start``."""
-    out = np.empty((len(s), 3))
-    ends = np.cumsum(np.abs(arcs[:, 1]))
-    x, y, th = (float(c) for c in start)
+@kernel
+def poses_on(start: FloatArray, arcs: FloatArray, ends: FloatArray, s: FloatArray) -> FloatArray:
+    """Return the poses (n, 3) at driven distances ``s`` (sorted, m) along one run from ``start``.
+
+    ``ends``: distance driven at the end of each arc.
+    """
+    out = np.empty((s.shape[0], 3))
+    x, y, th = start[0], start[1], start[2]
     k, begin = 0, 0.0
-    for i, value in enumerate(s):
-        while value > ends[k] and k + 1 < len(ends):
+    for i in range(s.shape[0]):
+        while s[i] > ends[k] and k + 1 < ends.shape[0]:
             x, y, th = advance(x, y, th, arcs[k, 0], arcs[k, 1])
-            begin = float(ends[k])
+            begin = ends[k]
             k += 1
-        part = math.copysign(value - begin, arcs[k, 1])
-        out[i] = advance(x, y, th, arcs[k, 0], part)
+        part = s[i] - begin
+        if arcs[k, 1] < 0.0:
+            part = -part
+        out[i, 0], out[i, 1], out[i, 2] = advance(x, y, th, arcs[k, 0], part)
     return out
