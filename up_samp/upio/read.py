@@ -102,6 +102,9 @@ def _read_movable(obj: MovableObject) -> Movable:
 
 def _read_kinematics(obj: MovableObject, model: MotionModel) -> Kinematics:
     given = dict(obj.motion_parameters or {})
+    if obj.control_model is None:
+        # UP's own examples put the turning radius there
+        given = {**(obj.control_parameters or {}), **given}
     unknown = sorted(set(given) - set(_PARAMETERS))
     if unknown:
         raise ProblemError(
@@ -114,8 +117,6 @@ def _read_kinematics(obj: MovableObject, model: MotionModel) -> Kinematics:
     except (TypeError, ValueError) as error:
         raise ProblemError(f"object '{obj.name}': {error}") from error
     if obj.control_model is None:
-        if obj.control_parameters:
-            raise ProblemError(f"object '{obj.name}' has control parameters but no control model")
         return limits
     return _read_control(obj, limits)
 
@@ -129,15 +130,7 @@ def _read_control(obj: MovableObject, limits: Kinematics) -> Kinematics:
         if curvature is not None:
             if curvature <= 0:
                 raise ProblemError(f"object '{obj.name}': its control model cannot turn")
-            return Kinematics(
-                limits.model,
-                turning_radius=max(limits.turning_radius, 1.0 / curvature),
-                v_max=min(limits.v_max, float(given["v_max"]))
-                if "v_max" in (obj.motion_parameters or {})
-                else float(given["v_max"]),
-                a_max=limits.a_max,
-                omega_max=limits.omega_max,
-            )
+            return _bicycle(obj, limits, curvature, given)
     law = ControlLaw(obj.control_model, bounds)
     return Kinematics(
         MotionModel.CONTROL,
@@ -146,6 +139,26 @@ def _read_control(obj: MovableObject, limits: Kinematics) -> Kinematics:
         limits.a_max,
         limits.omega_max,
         law,
+    )
+
+
+def _bicycle(
+    obj: MovableObject, limits: Kinematics, curvature: float, given: Mapping[str, Any]
+) -> Kinematics:
+    """Return a car's limits. The model can reverse, at ``-v_min`` at most where that is negative
+    (one top speed is used for both ways); a positive ``v_min`` is a speed, not a direction.
+    """
+    own = obj.motion_parameters or {}
+    speed = float(given["v_max"])
+    if float(given.get("v_min", -speed)) < 0:
+        speed = min(speed, -float(given.get("v_min", -speed)))
+    radius = 1.0 / curvature
+    return Kinematics(
+        limits.model,
+        turning_radius=max(limits.turning_radius, radius) if "turning_radius" in own else radius,
+        v_max=min(limits.v_max, speed) if "v_max" in own else speed,
+        a_max=limits.a_max,
+        omega_max=limits.omega_max,
     )
 
 
