@@ -1,12 +1,13 @@
 """The scheduling problems inside the SAMP families: moves at 2 m/s, doors opened before they are
 passed, no motion planning.
 
-    python benchmarks/scheduling/relaxations.py --family logistics --seconds 60 --out relaxations.json
+    python benchmarks/scheduling/relaxations.py --family logistics --seconds 60 --out out.jsonl
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import math
 import time
@@ -35,7 +36,7 @@ def relaxation(problem: Any) -> Any:
         activity = result.activities[task.activity]
         names = [t.name for t in task.terms]
         poses = [snapshot.configurations[n] for n in names]
-        length = sum(math.dist(a[:2], b[:2]) for a, b in zip(poses, poses[1:], strict=False))
+        length = sum(math.dist(a[:2], b[:2]) for a, b in itertools.pairwise(poses))
         low = max(int(activity.duration.lower.constant_value()), math.ceil(length / SPEED))
         high = max(low, int(activity.duration.upper.constant_value()))
         activity.set_duration_bounds(low, high)

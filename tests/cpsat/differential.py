@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from cpsat.random_problems import HORIZON, random_problem
 from oracles.brute_force_schedule import solve as brute_force
 
+from cpsat.random_problems import HORIZON, random_problem
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.upio.plan import build_schedule
-from up_samp.validation.schedule import judge_schedule
 from up_samp.validation.metrics import evaluate_metric
+from up_samp.validation.schedule import judge_schedule
 
 
 def disagreement(seed: int) -> str | None:
@@ -38,4 +38,42 @@ def disagreement(seed: int) -> str | None:
         return f"value {value} {report.schedule}, best {best}"
     if metrics[0].is_minimize_makespan() and report.bound != (best.value or None):
         return f"bound {report.bound} is not the optimum {best.value}"
+    return None
+
+
+def grown_disagreement(seed: int) -> str | None:
+    """Take constraints and conditions off a random problem, add them again one by one with a
+    solve after each, and compare with brute force in the end.
+    """
+    problem = random_problem(seed)
+    constraints = problem._base._constraints
+    later = constraints[len(constraints) // 2 :]
+    del constraints[len(constraints) // 2 :]
+    conditions = [(a, dict(a._conditions)) for a in problem.activities]
+    for a in problem.activities:
+        a._conditions.clear()
+    session = CpsatSession(problem, seed=seed, workers=1)
+    session.solve(Deadline.after(60))
+    for item in later:
+        constraints.append(item)
+        session.solve(Deadline.after(60))
+    for a, spans in conditions:
+        for span, parts in spans.items():
+            for part in parts:
+                a.add_condition(span, part)
+        session.solve(Deadline.after(60))
+    report = session.solve(Deadline.after(60))
+    best = brute_force(problem, HORIZON)
+    if best is None or report.schedule is None:
+        same = best is None and report.status is ScheduleStatus.INFEASIBLE
+        return None if same else f"{report.status} {report.schedule}, best {best}"
+    judged = judge_schedule(problem, build_schedule(problem, report.schedule))
+    if not judged.verdict.valid:
+        return f"invalid: {judged.verdict.violations}"
+    metrics = problem.quality_metrics
+    if metrics and metrics[0].is_minimize_makespan():
+        if report.schedule.makespan != best.value:
+            return f"{report.schedule}, best {best}"
+        if report.bound != (best.value or None):
+            return f"bound {report.bound}, best {best.value}"
     return None

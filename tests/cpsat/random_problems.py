@@ -112,7 +112,9 @@ class Maker:
 
     def activity(self, i: int) -> None:
         r = self.r
-        a = self.p.add_activity(f"a{i}", duration=r.choice([0, 1, 1, 2, 2, 3]), optional=self.chance(0.6))
+        a = self.p.add_activity(
+            f"a{i}", duration=r.choice([0, 1, 1, 2, 2, 3]), optional=self.chance(0.6)
+        )
         if self.chance(0.3):
             low = r.choice([0, 1, 2])
             a.set_duration_bounds(low, low + r.choice([1, 2]))
@@ -144,7 +146,9 @@ class Maker:
             return r.choice([em.LE, em.LT])(x, y)
         if kind == "diff":
             k = r.randint(0, 2)
-            return r.choice([em.LE(em.Plus(x, k), y), em.LE(em.Minus(x, y), k), em.GE(x, em.Plus(y, k))])
+            return r.choice(
+                [em.LE(em.Plus(x, k), y), em.LE(em.Minus(x, y), k), em.GE(x, em.Plus(y, k))]
+            )
         if kind == "eq":
             return em.Equals(x, r.choice([y, em.Int(r.randint(0, 4))]))
         if kind == "end":
@@ -176,7 +180,9 @@ class Maker:
 
     def constraints(self) -> None:
         r, em = self.r, self.em
-        for _ in range(r.choice([0, 1, 2, 3]) if "constraints" in self.features else r.choice([0, 1])):
+        for _ in range(
+            r.choice([0, 1, 2, 3]) if "constraints" in self.features else r.choice([0, 1])
+        ):
             scope = [r.choice(self.activities).present for _ in range(r.choice([0, 0, 1, 2]))]
             self.p.add_constraint(self.formula(), scope=scope)
         optional = [a.present for a in self.activities if a.optional]

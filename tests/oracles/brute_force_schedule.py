@@ -99,9 +99,9 @@ def _lasts(bounds, size, lower=None, upper=None):
 class _Judge:
     def __init__(self, problem):
         self.problem = problem
-        self.constraints = [
-            (c, scope, None) for c, scope in problem.base_scoped_constraints
-        ] + [(c, scope, a) for a in problem.activities for c, scope in a.scoped_constraints]
+        self.constraints = [(c, scope, None) for c, scope in problem.base_scoped_constraints] + [
+            (c, scope, a) for a in problem.activities for c, scope in a.scoped_constraints
+        ]
         self.effects = problem.all_effects()
         self.conditions = problem.all_conditions()
         self.initial = {}
@@ -150,13 +150,14 @@ class _Judge:
     # -- judging -----------------------------------------------------------------------------
     def valid(self, choice):
         """Return the history of the state if the choice is valid, else None."""
+
         def static(key):
             return self.initial[key]
 
         for constraint, scope, owner in self.constraints:
-            if all(self.value(s, choice, owner, static) is True for s in scope):
-                if self.value(constraint, choice, owner, static) is False:
-                    return None
+            binds = all(self.value(s, choice, owner, static) is True for s in scope)
+            if binds and self.value(constraint, choice, owner, static) is False:
+                return None
         history = self.run(choice)
         if history is None:
             return None
@@ -164,6 +165,7 @@ class _Judge:
         for activity in self.problem.activities:
             span = choice.times[activity.name]
             if span is not None:
+
                 def read(key, t=span[0]):
                     return _at(states, t)[key]
 
@@ -178,22 +180,16 @@ class _Judge:
 
     def run(self, choice):
         """Return (effects that happen, states by instant, last instant) or None."""
-        timed = []
-        for timing, effect, owner in self.effects:
-            if owner is not None and choice.times[owner.name] is None:
-                continue
-            t = self.time(timing, choice, owner)
-            if t is UNKNOWN:
-                continue
-            if t < 0:
-                return None
-            timed.append((t, effect, owner))
+        timed = self.timed(choice)
+        if any(t < 0 for t, *_ in timed):
+            return None
         timed.sort(key=lambda x: x[0])
         state, states, log = dict(self.initial), [(-1, dict(self.initial))], []
         looked = []
         for t, group in itertools.groupby(timed, key=lambda x: x[0]):
             new, touched = dict(state), {}
             for _, effect, owner in group:
+
                 def read(key, state=state):
                     return state[key]
 
@@ -225,6 +221,16 @@ class _Judge:
                 return None
         return log, states, last
 
+    def timed(self, choice):
+        """Return (time, effect, owner) for all effects of present activities and the problem."""
+        found = []
+        for timing, effect, owner in self.effects:
+            if owner is None or choice.times[owner.name] is not None:
+                t = self.time(timing, choice, owner)
+                if t is not UNKNOWN:
+                    found.append((t, effect, owner))
+        return found
+
     def value_key(self, node, choice, owner, read):
         return (node.fluent().name, *(self.value(a, choice, owner, read) for a in node.args))
 
@@ -255,6 +261,7 @@ class _Judge:
         lo += 1 if interval.is_left_open() else 0
         hi -= 1 if interval.is_right_open() else 0
         for t in range(lo, hi + 1):
+
             def read(key, t=t):
                 return _at(states, t)[key]
 

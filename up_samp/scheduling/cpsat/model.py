@@ -100,11 +100,19 @@ class ScheduleModel:
         for var, _, _ in self.parameters.values():
             self.store.var(var)
 
-    def can_grow(self, parts: Additions) -> bool:
-        """Return whether the additions fit into the model as it is."""
+    def only_tightened(self, parts: Additions) -> bool:
+        """Return whether every schedule of the problem was one before (bounds stay valid).
+
+        New effects may support conditions, new objects widen domains, longer durations may end
+        what shorter ones may not.
+        """
         if parts.rewritten or parts.effects or parts.new_objects:
             return False
-        if not all(self._narrower(a) for a in parts.durations):
+        return all(self._narrower(a) for a in parts.durations)
+
+    def can_grow(self, parts: Additions) -> bool:
+        """Return whether the additions fit into the model as it is."""
+        if not self.only_tightened(parts):
             return False
         if parts.activities and (self.states.final is not None or self.world.makespan_used):
             return False

@@ -17,6 +17,7 @@ from up_samp.scheduling.cpsat.store import (
     compare,
     conjunction,
     constant,
+    indicator_sum,
 )
 from up_samp.scheduling.cpsat.timeline import guard
 
@@ -104,6 +105,20 @@ class NumericTimeline:
             demands.append(use.amount)
         if intervals:
             model.add_cumulative(intervals, demands, capacity)
+            self._energy(uses, capacity)
+
+    def _energy(self, uses: list[Use], capacity: int) -> None:
+        """State that all borrowing fits into capacity times makespan (implied; a lower bound)."""
+        load = []
+        for use in uses:
+            if use.owner is not None:
+                activity = self.states.activity(use.owner)
+                early = self.states.difference(use.start, activity.start)[0] >= 0
+                if early and self.states.difference(activity.end, use.end)[0] >= 0:
+                    least = max(0, self.states.difference(use.end, use.start)[0])
+                    load.append((use.active, least * use.amount))
+        space = Lin(((self.states.world.makespan, capacity),))
+        self.store.enforce(indicator_sum(load).le(space))
 
     def _reservoir(self) -> None:
         store, state = self.store, self.state

@@ -50,6 +50,9 @@ class Search:
     proven: bool = False
     invalid: str = ""
     effort: float | None = None
+    collapsed: bool = False
+    value: int = 0
+    """The makespan of ``best``, with the way home where moves were taken out."""
     _known: dict[int, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -104,6 +107,7 @@ class Search:
             None,
             self.interrupted,
         )
+        inner.collapsed = True
         inner.effort = _COLLAPSED_EFFORT if self.wants_optimum else _CONTENT_EFFORT
         inner._first(0)
         first = inner.best
@@ -119,7 +123,7 @@ class Search:
         if inner.best is not first and not self._met():
             self._realize(collapsed.expand(inner.best))
         self._met()
-        return inner.best.makespan
+        return inner.value
 
     def _realize(self, guess: CandidateSchedule) -> bool:
         """Try to make a schedule of a collapsed one; return whether that worked.
@@ -131,7 +135,7 @@ class Search:
         presences = {abs(a.present) for a in self.model.world.activities.values()} - {TRUE}
         for slack in _SLACKS:
             cap = max(int(slack * guess.makespan) + (2 if slack > 1 else 0), self.bound)
-            if self.best is not None and cap >= self.best.makespan:
+            if self.best is not None and cap >= self.value:
                 break
             model = self.model.capped(cap)
             for var in sorted(presences & hints.keys()):
@@ -144,8 +148,14 @@ class Search:
         return False
 
     def _first(self, base: int) -> None:
-        """Find some schedule: caps from tight to loose, with more effort each time."""
+        """Find some schedule: a dive under a loose cap, which mostly does; then caps from tight
+        to loose, with more effort each time.
+        """
         limit = self.model.limit
+        model = self.model.capped(max(limit // 8, 4 * base))
+        self._set_hints(model)
+        if self._run(model, _DIVE, 0.5, first=True).values is not None or self._over():
+            return
         base = max(base, self.bound)
         cap = int(1.1 * base) + 5 if base else max(20, limit // 64)
         effort = 1.0
@@ -153,8 +163,8 @@ class Search:
             last = cap >= limit
             model = self.model.capped(min(cap, limit))
             self._set_hints(model)
-            for options, share in ((_DIVE, 1.0), (_QUICK, 1.0), (_RELAXED, 2.0)):
-                unlimited = last and options is _RELAXED
+            for options, share in ((_RELAXED, 2.0), (_QUICK, 1.0), (_DIVE, 1.0)):
+                unlimited = last and options is _DIVE
                 budget = None if unlimited else share * effort
                 answer = self._run(model, options, budget, first=True)
                 if answer.status == cp_model.INFEASIBLE:
@@ -180,7 +190,7 @@ class Search:
         store, limit = self.model.store, self.model.limit
         cap = limit
         if self.minimizes_makespan and self.best is not None:
-            cap = self.best.makespan
+            cap = self.value
         model = self.model.capped(cap)
         if self.minimizes_makespan and self.bound:
             makespan = model.get_int_var_from_proto_index(store.position(self.model.world.makespan))
@@ -200,7 +210,7 @@ class Search:
 
     def _met(self) -> bool:
         """Whether the schedule's makespan is the proven bound."""
-        if self.minimizes_makespan and self.best is not None and self.best.makespan <= self.bound:
+        if self.minimizes_makespan and self.best is not None and self.value <= self.bound:
             self.proven = True
         return self.proven
 
@@ -237,9 +247,11 @@ class Search:
 
     def _take(self, values: list[int]) -> None:
         schedule = self.model.schedule(_lookup(self.model, values))
-        better = self.best is None or schedule.makespan < self.best.makespan
-        if better or not self.minimizes_makespan:
-            self.best, self.values = schedule, values
+        value = schedule.makespan
+        if self.collapsed:
+            value = values[self.model.store.position(self.model.world.makespan)]
+        if self.best is None or value < self.value or not self.minimizes_makespan:
+            self.best, self.values, self.value = schedule, values, value
             positions = self.model.store.positions()
             self._known = {v: values[p] for v, p in positions if v and p < len(values)}
 

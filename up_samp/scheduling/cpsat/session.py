@@ -18,8 +18,8 @@ class CpsatSession:
     """A persistent CP-SAT model of a scheduling problem.
 
     Each :meth:`solve` first picks up what was appended to ``problem`` since the last one:
-    constraints, conditions, activities, narrower durations go into the model as it is; anything else
-    makes a new model. The last schedule is the hint, and the lower bound is carried over as
+    constraints, conditions, activities, narrower durations go into the model as it is; anything
+    else makes a new model. The last schedule is the hint, and the lower bound is carried over as
     long as things were only appended.
 
     :param problem: watched, never changed.
@@ -90,7 +90,7 @@ class CpsatSession:
     # -- stages --------------------------------------------------------------------------------
     def _update(self) -> ScheduleModel:
         parts = self._watcher.look()
-        if parts.rewritten:
+        if self._model is not None and not self._model.only_tightened(parts):
             self.bound = 0
         if self._model is not None and self._model.can_grow(parts):
             self._model.grow(parts)

@@ -81,7 +81,7 @@ def int_bounds(tpe: Type) -> tuple[int, int]:
 
 
 class Terms:
-    """Compiles expressions. ``read`` tells what a fluent expression is worth (a time is implied)."""
+    """Compiles expressions. ``read`` tells what a fluent is worth (a time is implied)."""
 
     def __init__(self, world: World, read: Reader, owner: ActivityVars | None = None) -> None:
         self.world = world

@@ -1,0 +1,32 @@
+import pytest
+
+from cpsat.differential import disagreement, grown_disagreement
+
+FEW = 250
+MANY = 3000
+
+
+@pytest.mark.parametrize("block", range(5))
+def test_agrees_with_brute_force(block):
+    size = FEW // 5
+    found = {s: disagreement(s) for s in range(block * size, (block + 1) * size)}
+    assert not {s: d for s, d in found.items() if d is not None}
+
+
+def test_growing_a_problem_gives_what_a_fresh_one_gives():
+    found = {s: grown_disagreement(s) for s in range(60)}
+    assert not {s: d for s, d in found.items() if d is not None}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("block", range(10))
+def test_agrees_with_brute_force_on_many(block):
+    size = MANY // 10
+    found = {s: disagreement(s) for s in range(10_000 + block * size, 10_000 + (block + 1) * size)}
+    assert not {s: d for s, d in found.items() if d is not None}
+
+
+@pytest.mark.long
+def test_growing_many():
+    found = {s: grown_disagreement(s) for s in range(10_000, 10_500)}
+    assert not {s: d for s, d in found.items() if d is not None}
