@@ -3,36 +3,121 @@
 from __future__ import annotations
 
 import pytest
+from unified_planning.shortcuts import LE, IntType, MinimizeActionCosts, Not, RealType
 
-from up_samp.model import Deadline, ScheduleStatus
-from up_samp.scheduling import open_scheduler
+from up_samp.model import Deadline, ScheduleStatus, UnsupportedError
+from up_samp.scheduling import known_engines, open_scheduler, to_candidate, to_up_schedule
+from up_samp.validation import validate_schedule
 
-from .problems import fetch_and_return
+from . import problems
 
-ENGINES = ("aries", "aries-opt")
+ENGINES = ("cpsat", *(name for name, _, _ in known_engines()))
+PROVING = ("cpsat", "aries-opt", "cpse")
 SOLVED = (ScheduleStatus.FOUND, ScheduleStatus.OPTIMAL)
+OPTIMA = {
+    "fetch_and_return": 11,
+    "two_after_each_other": 7,
+    "flexible": 4,
+    "crew": 9,
+    "garages": 2,
+}
+
+
+def check(problem, schedule):
+    return [str(v) for v in validate_schedule(problem, schedule).violations]
+
+
+class Solve:
+    def __init__(self, engine):
+        self.engine = engine
+        self.opened = []
+
+    def open(self, problem):
+        scheduler = open_scheduler(self.engine, problem, check=check)
+        self.opened.append(scheduler)
+        return scheduler
+
+    def __call__(self, problem, seconds=30.0, **arguments):
+        return self.open(problem).solve(Deadline.after(seconds), **arguments)
 
 
 @pytest.fixture(params=ENGINES)
 def solve(request):
-    opened = []
-
-    def run(problem, seconds=20.0, **arguments):
-        scheduler = open_scheduler(request.param, problem)
-        opened.append(scheduler)
-        return scheduler.solve(Deadline.after(seconds), **arguments)
-
-    run.engine = request.param
-    yield run
-    for scheduler in opened:
-        scheduler.close()
+    solving = Solve(request.param)
+    yield solving
+    for scheduler in solving.opened:
+        if hasattr(scheduler, "close"):
+            scheduler.close()
 
 
-def test_optional_activities_with_a_fluent(solve):
-    report = solve(fetch_and_return())
-    assert report.status in SOLVED
-    assert set(report.schedule.times) == {"go", "pick", "back"}
-    assert report.schedule.makespan >= 11
-    if solve.engine != "aries":
+@pytest.mark.parametrize("name", OPTIMA)
+def test_solves_and_proves(solve, name):
+    problem = getattr(problems, name)()
+    report = solve(problem)
+    assert report.status in SOLVED, report.message
+    assert not check(problem, to_up_schedule(problem, report.schedule))
+    assert report.schedule.makespan >= OPTIMA[name]
+    if solve.engine in PROVING:
         assert report.status is ScheduleStatus.OPTIMAL
-        assert report.bound == report.schedule.makespan == 11
+        assert report.bound == report.schedule.makespan == OPTIMA[name]
+
+
+def test_without_a_metric_nothing_is_called_optimal(solve):
+    report = solve(problems.fetch_and_return(metric=False))
+    assert report.status is ScheduleStatus.FOUND
+
+
+def test_unsolvable_is_proven_or_at_least_not_solved(solve):
+    report = solve(problems.sealed())
+    proven = solve.engine in ("cpsat", "cpse")
+    assert report.status is (ScheduleStatus.INFEASIBLE if proven else ScheduleStatus.NOT_FOUND)
+    assert report.schedule is None
+
+
+def test_a_problem_that_grows_between_calls(solve):
+    problem = problems.fetch_and_return()
+    scheduler = solve.open(problem)
+    first = scheduler.solve(Deadline.after(30.0))
+    go, pick = problem.get_activity("go"), problem.get_activity("pick")
+    problem.add_constraint(LE(20, pick.start), scope=[pick.present])
+    second = scheduler.solve(Deadline.after(30.0), hint=first.schedule, lower_bound=first.bound)
+    assert second.status in SOLVED, second.message
+    assert second.schedule.times["pick"][0] >= 20
+    problem.add_constraint(Not(go.present))
+    third = scheduler.solve(Deadline.after(30.0))
+    assert third.status in (ScheduleStatus.INFEASIBLE, ScheduleStatus.NOT_FOUND)
+
+
+def test_a_lower_bound_that_is_met_is_a_proof(solve):
+    report = solve(problems.two_after_each_other(), lower_bound=7)
+    if report.schedule.makespan == 7:
+        assert report.status is ScheduleStatus.OPTIMAL
+
+
+def test_unsupported_features_are_named(solve):
+    real = problems.two_after_each_other()
+    real.add_variable("share", RealType())
+    with pytest.raises(UnsupportedError, match="real"):
+        solve(real)
+
+
+@pytest.mark.parametrize("engine", [e for e in ENGINES if e != "cpsat"])
+def test_other_metrics_are_refused(engine):
+    problem = problems.two_after_each_other()
+    problem.clear_quality_metrics()
+    problem.add_quality_metric(MinimizeActionCosts({}))
+    with (
+        open_scheduler(engine, problem) as scheduler,
+        pytest.raises(UnsupportedError, match="only the makespan"),
+    ):
+        scheduler.solve(Deadline.after(20.0))
+
+
+def test_schedules_travel_both_ways():
+    problem = problems.garages()
+    problem.add_variable("level", IntType(2, 4))
+    with open_scheduler("aries", problem) as scheduler:
+        candidate = scheduler.solve(Deadline.after(20.0)).schedule
+    assert candidate.parameters["park.where"] == "box"
+    assert 2 <= candidate.parameters["level"] <= 4
+    assert to_candidate(problem, to_up_schedule(problem, candidate)) == candidate

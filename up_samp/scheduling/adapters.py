@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 from up_samp.model import (
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
     from up_samp.scheduling.compilers.plain import Compiled
     from up_samp.scheduling.process import WorkerProcess
-    from up_samp.scheduling.worker import Answer
+    from up_samp.scheduling.worker import Answer, Task
 
 Check = Callable[["SchedulingProblem", "Schedule"], list[str]]
 
@@ -114,7 +115,11 @@ def _engine_class(engine: Any, environment: Any) -> Any:
 
 
 class EngineScheduler:
-    """Runs a UP engine on the compiled problem, in a worker process."""
+    """Runs a UP engine on the compiled problem, in a worker process.
+
+    The worker lives until :meth:`close`. ``hint`` is not used: the engines at hand either take
+    none or were not faster with one.
+    """
 
     def __init__(
         self,
@@ -154,7 +159,6 @@ class EngineScheduler:
         from up_samp.scheduling.compilers.pipeline import chain, compilers_for
         from up_samp.scheduling.compilers.read import read_problem
         from up_samp.scheduling.process import OverrunError
-        from up_samp.scheduling.worker import Task
 
         started = time.monotonic()
         try:
@@ -163,25 +167,47 @@ class EngineScheduler:
             raise UnsupportedError(f"engine {self.name}: {error}") from error
         if deadline.expired():
             return _report(ScheduleStatus.OUT_OF_TIME, lower_bound, started)
+        answer: Answer | None = None
+        for task in self._tasks(compiled, deadline):
+            try:
+                answer = self._ready_worker().ask(task, deadline)
+            except OverrunError:
+                message = f"engine {self.name} did not stop at its deadline and was ended"
+                return _report(ScheduleStatus.OUT_OF_TIME, lower_bound, started, message)
+            except EngineError as error:
+                message = f"engine {self.name}: {error}"
+                return _report(ScheduleStatus.ERROR, lower_bound, started, message)
+            if answer.status != "exception":
+                break
+        assert answer is not None
+        return self._judge(answer, compiled, lower_bound, started)
+
+    def _tasks(self, compiled: Compiled, deadline: Deadline) -> Iterator[Task]:
+        """Yield the call of the engine, then (for engines that may crash on a problem and solve
+        the same one told otherwise) further tries.
+        """
+        from up_samp.scheduling.worker import Task
+
+        problem, quirks = compiled.problem, self._quirks
         endless = deadline.at == float("inf")
-        task = Task(
+        first = Task(
             self._engine.__module__,
             self._engine.__qualname__,
             self._params,
-            compiled.problem,
+            problem,
             None if endless else 0.97 * deadline.remaining(),
-            self._quirks.message_limit,
-            dict(self._quirks.environment),
+            quirks.message_limit,
+            dict(quirks.environment),
         )
-        try:
-            answer = self._ready_worker().ask(task, deadline)
-        except OverrunError:
-            message = f"engine {self.name} did not stop at its deadline and was ended"
-            return _report(ScheduleStatus.OUT_OF_TIME, lower_bound, started, message)
-        except EngineError as error:
-            message = f"engine {self.name}: {error}"
-            return _report(ScheduleStatus.ERROR, lower_bound, started, message)
-        return self._judge(answer, compiled, lower_bound, started)
+        yield first
+        if quirks.fallback is None:
+            return
+        turned = replace(problem, activities=problem.activities[::-1])
+        for environment in (quirks.environment, quirks.fallback):
+            if deadline.expired():
+                return
+            left = None if endless else 0.97 * deadline.remaining()
+            yield replace(first, problem=turned, timeout=left, environment=dict(environment))
 
     def _ready_worker(self) -> WorkerProcess:
         from up_samp.scheduling.process import WorkerProcess

@@ -94,8 +94,9 @@ class WorkerProcess:
             left = deadline.remaining() + _GRACE if deadline.at != float("inf") else None
             if deadline.expired():
                 left = max(0.0, deadline.at + _GRACE - time.monotonic())
-            ready, _, _ = select.select([descriptor], [], [], left)
-            if not ready:
+            waiting = select.poll()
+            waiting.register(descriptor, select.POLLIN | select.POLLHUP)
+            if not waiting.poll(None if left is None else 1000.0 * left):
                 raise OverrunError("no answer by the deadline")
             chunk = os.read(descriptor, size - len(data))
             if not chunk:

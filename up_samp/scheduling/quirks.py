@@ -30,6 +30,7 @@ class Quirks:
         proves_optimal: its ``SOLVED_OPTIMALLY`` is a proof.
         message_limit: largest problem in bytes of protobuf, if it is sent to a server.
         environment: environment variables to set for its process.
+        fallback: environment variables for another try after a crash (``None``: no other try).
     """
 
     optional: bool
@@ -43,6 +44,7 @@ class Quirks:
     proves_optimal: bool = True
     message_limit: int | None = None
     environment: tuple[tuple[str, str], ...] = ()
+    fallback: tuple[tuple[str, str], ...] | None = None
 
 
 _ARIES = Quirks(
@@ -54,10 +56,14 @@ _ARIES = Quirks(
     reports_variables=False,
     proves_unsolvable=False,
     message_limit=4 * 2**20,
+    # some small problems crash its server ("No such key", "index out of bounds"), depending on the
+    # order of the activities and the search strategy
+    fallback=(("ARIES_STRATEGIES", "forward,activity-bool-light"),),
 )
-# of its search strategies, "causal" finds first plans of SAMP relaxations far sooner than the
-# others, with which it would have to share the processor; for proofs the portfolio is better
+# Of its search strategies, "causal" finds first plans of SAMP relaxations far sooner than the
+# others, with which it would have to share the processor; for proofs it needs a companion.
 _ARIES_FIRST = replace(_ARIES, environment=(("ARIES_STRATEGIES", "causal"),))
+_ARIES_PROOF = replace(_ARIES, environment=(("ARIES_STRATEGIES", "causal,activity"),))
 _CPSE = Quirks(
     optional=True,
     assignments=False,  # passes ``supports()``, fails in ``solve``
@@ -65,7 +71,7 @@ _CPSE = Quirks(
 )
 _TABLE = {
     ("up_aries", "Aries"): _ARIES_FIRST,
-    ("up_aries", "AriesOpt"): _ARIES,
+    ("up_aries", "AriesOpt"): _ARIES_PROOF,
     ("cpse", "CPSE"): _CPSE,
     ("cpse", "CPSETimepoints"): _CPSE,
 }
@@ -87,6 +93,9 @@ def quirks_of(engine: Any) -> Quirks:
         optional=kind.has_optional_activities() and kind.has_scoped_constraints(),
         assignments=kind.has_object_fluents(),
         hierarchical_types=kind.has_hierarchical_typing(),
+        reports_variables=False,
+        resources_with_variable_durations=kind.has_increase_effects()
+        and kind.has_decrease_effects(),
     )
 
 

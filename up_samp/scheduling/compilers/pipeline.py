@@ -20,6 +20,7 @@ from up_samp.scheduling.compilers.rules import compile_rules
 from up_samp.scheduling.compilers.settled import compile_settled
 from up_samp.scheduling.compilers.stillness import compile_stillness
 from up_samp.scheduling.compilers.tokens import compile_tokens
+from up_samp.scheduling.compilers.unused import compile_unused
 from up_samp.scheduling.compilers.variables import compile_anchor, compile_variables
 from up_samp.scheduling.quirks import Quirks
 
@@ -46,8 +47,7 @@ def compilers_for(quirks: Quirks) -> list[Compiler]:
         passes.append(compile_optional)
     if not quirks.reports_variables:
         passes.append(compile_variables)
-    passes.append(compile_anchor)
-    passes.append(compile_names)
+    passes += [compile_anchor, compile_unused, compile_names]
     return passes
 
 

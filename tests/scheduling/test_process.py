@@ -1,0 +1,160 @@
+"""Engines that overrun, die, lie or cannot: reported as such, and nothing is left behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from up_samp.model import Deadline, ProblemError, ScheduleStatus, UnsupportedError
+from up_samp.scheduling import is_compatible, open_scheduler
+from up_samp.validation import validate_schedule
+
+from . import doubles
+from .problems import fetch_and_return, two_after_each_other
+
+
+def check(problem, schedule):
+    return [str(v) for v in validate_schedule(problem, schedule).violations]
+
+
+def alive(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    with open(f"/proc/{pid}/stat", encoding="utf-8") as stat:
+        return stat.read().rsplit(")", 1)[1].split()[0] != "Z"
+
+
+def gone(pids, seconds=5.0):
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        if not any(alive(p) for p in pids):
+            return True
+        time.sleep(0.05)
+    return False
+
+
+def read_note(path, seconds=30.0):
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        if path.exists() and len(path.read_text().split()) == 3:
+            worker, child, folder = path.read_text().split()
+            return [int(worker), int(child)], folder
+        time.sleep(0.05)
+    raise AssertionError("the engine never started")
+
+
+def test_an_engine_that_overruns_is_ended_with_all_its_processes(tmp_path):
+    note = tmp_path / "note"
+    with open_scheduler(
+        doubles.Sleeper, two_after_each_other(), params={"note": str(note)}
+    ) as scheduler:
+        started = time.monotonic()
+        report = scheduler.solve(Deadline.after(4.0))
+        assert time.monotonic() - started < 6.0
+        assert report.status is ScheduleStatus.OUT_OF_TIME
+        assert "Sleeper did not stop" in report.message
+        pids, folder = read_note(note)
+        assert gone(pids)
+        assert not os.path.exists(folder)
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_nothing_is_left_when_the_caller_is_killed(tmp_path, how):
+    note = tmp_path / "note"
+    script = (
+        "from scheduling import doubles, problems\n"
+        "from up_samp.scheduling import open_scheduler\n"
+        "from up_samp.model import Deadline\n"
+        "s = open_scheduler(doubles.Sleeper, problems.two_after_each_other(),"
+        f" params={{'note': {str(note)!r}}})\n"
+        "s.solve(Deadline.after(60))\n"
+    )
+    tests = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+    caller = subprocess.Popen(
+        [sys.executable, "-c", script],
+        env={**os.environ, "PYTHONPATH": tests},
+        stderr=subprocess.PIPE,
+    )
+    pids, folder = read_note(note)
+    caller.send_signal(how)
+    _, errors = caller.communicate(timeout=20)
+    if how == signal.SIGINT:
+        assert b"KeyboardInterrupt" in errors
+    assert gone(pids)
+    assert not os.path.exists(folder)
+
+
+def test_a_dying_engine_is_an_error_and_the_next_call_starts_afresh():
+    with open_scheduler(doubles.Dying, two_after_each_other()) as scheduler:
+        for _ in range(2):
+            report = scheduler.solve(Deadline.after(20.0))
+            assert report.status is ScheduleStatus.ERROR
+            assert "exit code 7" in report.message
+            assert "out of luck" in report.message
+
+
+@pytest.mark.parametrize(
+    ("engine", "text"),
+    [
+        (doubles.Raising, "ValueError: no idea"),
+        (doubles.Wrong, "returned a wrong schedule"),
+        (doubles.Planless, "SOLVED_SATISFICING"),
+    ],
+)
+def test_a_wrong_answer_never_becomes_a_schedule(engine, text):
+    with open_scheduler(engine, two_after_each_other(), check=check) as scheduler:
+        report = scheduler.solve(Deadline.after(20.0))
+    assert report.status is ScheduleStatus.ERROR
+    assert report.schedule is None
+    assert text in report.message
+    assert engine.__name__ in report.message
+
+
+def test_engines_that_cannot_are_refused_by_name():
+    problem = two_after_each_other()
+    assert is_compatible(doubles.Wrong) is True
+    assert "does not support scheduling" in is_compatible(doubles.NotAScheduler)
+    with pytest.raises(UnsupportedError, match="NotAScheduler"):
+        open_scheduler(doubles.NotAScheduler, problem)
+    with pytest.raises(ProblemError, match="nonesuch"):
+        open_scheduler("nonesuch", problem)
+
+    class Local(doubles.Double):
+        pass
+
+    with pytest.raises(UnsupportedError, match="Local"):
+        open_scheduler(Local, problem)
+
+
+def test_features_that_remain_after_compilation_are_named():
+    problem = fetch_and_return()  # its conditions need integer variables in the precedence form
+    with (
+        open_scheduler(doubles.Wrong, problem) as scheduler,
+        pytest.raises(UnsupportedError, match=r"Wrong: .*INT_ACTION_PARAMETERS"),
+    ):
+        scheduler.solve(Deadline.after(20.0))
+
+
+def test_a_message_that_aries_would_refuse_is_refused_by_its_size(monkeypatch):
+    from up_samp.scheduling import quirks
+
+    small = quirks.Quirks(optional=False, assignments=True, message_limit=500)
+    monkeypatch.setattr(quirks, "quirks_of", lambda engine: small)
+    with (
+        open_scheduler("aries", fetch_and_return()) as scheduler,
+        pytest.raises(UnsupportedError, match="at most 500 bytes"),
+    ):
+        scheduler.solve(Deadline.after(20.0))
+
+
+def test_an_expired_deadline_starts_nothing():
+    with open_scheduler(doubles.Sleeper, two_after_each_other()) as scheduler:
+        report = scheduler.solve(Deadline.after(0.0))
+    assert report.status is ScheduleStatus.OUT_OF_TIME
