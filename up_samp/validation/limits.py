@@ -41,6 +41,9 @@ def limits_of(item: Any) -> Limits:
     for the steering limits.
     """
     given = dict(item.motion_parameters or {})
+    if item.control_model is None:
+        # parameters without a control model are motion parameters too (UP's examples do so)
+        given = {**(item.control_parameters or {}), **given}
     for key, value in given.items():
         if key not in _KNOWN:
             raise ProblemError(f"object {item.name}: unknown motion parameter '{key}'")
@@ -49,8 +52,6 @@ def limits_of(item: Any) -> Limits:
     radius, v_max, a_max, omega_max = (float(given.get(k, 1.0)) for k in _KNOWN)
     model = item.motion_model.name
     if item.control_model is None:
-        if item.control_parameters:
-            raise ProblemError(f"object {item.name} has control parameters but no control model")
         return Limits(item.name, model, radius, v_max, v_max, a_max, omega_max)
     control = {k: float(v) for k, v in (item.control_parameters or {}).items()}
     controls = _controls(item.name, control)
