@@ -18,8 +18,10 @@ from up_samp.scheduling.compilers.plain import (
     Expr,
     Fluent,
     PlainProblem,
+    conjunction,
     disjunction,
     fresh,
+    later,
     names_in_use,
     negation,
     rewrite,
@@ -115,7 +117,7 @@ def _timeless(problem: PlainProblem, condition: Condition, expression: Expr) -> 
     if condition.owner in problem.optional_names():
         ways.append(negation(("pres", condition.owner)))
     if not never_empty(problem, condition):
-        ways.append(("lt", condition.high, condition.low))
+        ways.append(empty(problem, condition))
     return disjunction(ways)
 
 
@@ -132,3 +134,21 @@ def never_empty(problem: PlainProblem, condition: Condition) -> bool:
     if high == "horizon" and low in ("start", "end", "zero"):
         return bool(low_delay <= high_delay)
     return False
+
+
+def empty(problem: PlainProblem, condition: Condition) -> Expr:
+    """Return that the condition's interval holds no instant.
+
+    In conditions the plan's end is one after the last of all ends and effects, not the makespan.
+    """
+    low, high = condition.low, condition.high
+    if high[1] != "horizon" or low[1] == "horizon":
+        return ("lt", high, low)
+    optional = problem.optional_names()
+    early = [("lt", later(high, 1), low)]
+    for effect in problem.effects:
+        absent = [negation(("pres", effect.owner))] if effect.owner in optional else []
+        if effect.condition != TRUE:
+            absent.append(negation(effect.condition))
+        early.append(disjunction([*absent, ("lt", later(effect.time, 1 + high[3]), low)]))
+    return conjunction(early)

@@ -36,7 +36,7 @@ def compile_intervals(problem: PlainProblem) -> Compiled:
 
     The result is not exact (``Compiled.exact``) where the condition's activity changes the same
     fluent itself: there the interval is just demanded not to be empty. Nor is it where an
-    interval may begin before time 0.
+    interval may begin before time 0, or be empty towards the plan's end.
     """
     compiler = _Compiler(problem)
     for condition in problem.conditions:
@@ -59,6 +59,9 @@ class _Compiler:
         if condition.low[3] < 0 and condition.low[1] in ("start", "end"):
             self.exact = False  # before 0 the initial value counts; engines refuse such times
         if never_empty(self.problem, condition):
+            self.conditions.append(condition)
+        elif "horizon" in (condition.low[1], condition.high[1]):
+            self.exact = False  # there engines look at an end of an empty interval
             self.conditions.append(condition)
         elif not self._always_empty(condition):
             if self._changes_itself(condition):

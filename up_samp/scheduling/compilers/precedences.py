@@ -21,7 +21,7 @@ from collections import defaultdict
 from dataclasses import dataclass, replace
 
 from up_samp.model import CandidateSchedule, UnsupportedError
-from up_samp.scheduling.compilers.ground import never_empty
+from up_samp.scheduling.compilers.ground import empty, never_empty
 from up_samp.scheduling.compilers.instances import equals
 from up_samp.scheduling.compilers.plain import (
     FALSE,
@@ -172,7 +172,7 @@ class _Compiler:
         """Return the ways in which a condition asks nothing."""
         ways = [negation(self._present(condition.owner))]
         if not never_empty(self.problem, condition):
-            ways.append(("lt", condition.high, condition.low))
+            ways.append(empty(self.problem, condition))
         return ways
 
     def _holds(self, condition: Condition, expression: Expr) -> Expr:
