@@ -179,7 +179,7 @@ def shared_stretch(runs: IntArray, a: FloatArray, b: FloatArray, after: float) -
     while grown:
         grown = False
         for r in range(len(runs)):
-            if low[r] <= until:
+            if low[r] <= until and low[r] < np.inf:  # until may be endless
                 i = runs[r, 0]
                 first = i if first < 0 else min(first, i)
                 last = max(last, i)
