@@ -33,8 +33,7 @@ class CarSettings:
 
     ``levels``: length of an arc primitive in turning radii, coarse to fine. ``nodes``: size of each
     search tree. ``extra``: expansions after the first solution. ``near``: range (turning radii) in
-    which Reeds-Shepp times guide. ``weight``: of the distance to go; ``greed``: the same where that
-    finds nothing. ``rounds``, ``patience``: of
+    which Reeds-Shepp times guide. ``weight``: of the distance to go. ``rounds``, ``patience``: of
     the shortening.
     """
 
@@ -43,7 +42,6 @@ class CarSettings:
     extra: int = 400
     near: float = 10.0
     weight: float = 2.5
-    greed: float = 3.0
     rounds: int = 1500
     patience: int = 200
     restarts: int = 1
@@ -101,17 +99,20 @@ class CarPlanner:
             return direct, "", 0
         best: FloatArray | None = None
         expansions, dry = 0, False
+        sides = [False, True]  # the search from the goal's side ends in other local optima
         for level in range(len(self.settings.levels)):
-            # the search from the goal's side ends in other local optima
-            for turned in (False, True):
+            for turned in tuple(sides):
                 ends = (goal, start) if turned else (start, goal)
-                arcs, count, dry = self._at_level(body, shape, *ends, obstacles, level, deadline)
+                arcs, count, dry = self._search(body, shape, *ends, obstacles, level, deadline)
                 expansions += count
                 if arcs is not None:
                     arcs = self._smooth(shape, *ends, arcs, obstacles, (radius, v, a), deadline)
                     arcs = reversed_arcs(arcs) if turned else arcs
                     if best is None or path_time(arcs, v, a) < path_time(best, v, a):
                         best = arcs
+                elif dry:  # trapped at this resolution; look at the trapped end first next time
+                    sides = [turned, not turned]
+                    break
                 if deadline.expired():
                     break
             if best is not None or deadline.expired():
@@ -120,31 +121,6 @@ class CarPlanner:
             reason = "out of time" if deadline.expired() or not dry else _DRY
             return None, reason, expansions
         return best, "", expansions
-
-    def _at_level(
-        self,
-        body: Body,
-        shape: Shape,
-        start: Configuration,
-        goal: Configuration,
-        obstacles: tuple[Placed, ...],
-        level: int,
-        deadline: Deadline,
-    ) -> tuple[FloatArray | None, int, bool]:
-        """Search at one resolution, and greedily if the tree fills up before a path is found.
-
-        A turn that a place far away asks for makes all ways there look too cheap: a search that
-        weighs the distance to go little then fills its tree with them.
-        """
-        expansions, dry = 0, False
-        for weight in (self.settings.weight, self.settings.greed):
-            arcs, count, dry = self._search(
-                body, shape, start, goal, obstacles, level, weight, deadline
-            )
-            expansions += count
-            if arcs is not None or dry or deadline.expired():
-                return arcs, expansions, dry
-        return None, expansions, dry
 
     def _direct(
         self,
@@ -169,7 +145,6 @@ class CarPlanner:
         goal: Configuration,
         obstacles: tuple[Placed, ...],
         level: int,
-        weight: float,
         deadline: Deadline,
     ) -> tuple[FloatArray | None, int, bool]:
         """Run hybrid A* at one resolution; return arcs or None, expansions, whether it ran dry."""
@@ -178,7 +153,7 @@ class CarPlanner:
         field = self.fields.toward(shape, goal, obstacles)
         reach = 8 * radius + 2 * shape.circumscribed
         bins = math.ceil(2 * math.pi / (self.settings.levels[level] / 1.5))
-        guide = (self.settings.extra, self.settings.near * radius, weight)
+        guide = (self.settings.extra, self.settings.near * radius, self.settings.weight)
         space = pose_space(self.scene, (start, goal), obstacles, reach, step / 1.5, bins, guide)
         keys = int(2 * space[3] * space[4] * space[5])
         tree = self._tree(self.settings.nodes[level], keys)
