@@ -19,7 +19,7 @@ from up_samp.model import CandidateSchedule
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.problem import Additions
 from up_samp.scheduling.cpsat.routes import INFINITE, Entry, Route
-from up_samp.scheduling.cpsat.store import Lin, Literal, constant, indicator_sum
+from up_samp.scheduling.cpsat.store import TRUE, Lin, Literal, constant, indicator_sum
 from up_samp.scheduling.cpsat.terms import ActivityVars
 
 MOST_ARCS = 100_000
@@ -120,6 +120,17 @@ class Collapsed:
             for hop, literals in users.items():
                 total = indicator_sum([(x, 1) for x in literals])
                 store.enforce(total.le(constant(len(route.hops[hop]))))
+
+    def hints(self, known: dict[int, int]) -> dict[int, int]:
+        """Translate values of the full model's variables to this model's."""
+        found = {}
+        for name, made in self.model.world.activities.items():
+            other = self.full.world.activities[name]
+            pairs = [(made.present, other.present)] if made.present != TRUE else []
+            for mine, theirs in ((made.start, other.start), (made.end, other.end)):
+                pairs.append((mine.terms[0][0], theirs.terms[0][0]))
+            found.update({mine: known[theirs] for mine, theirs in pairs if theirs in known})
+        return found
 
     # -- back to the full problem --------------------------------------------------------------
     def expand(self, schedule: CandidateSchedule) -> CandidateSchedule:
