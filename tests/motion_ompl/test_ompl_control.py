@@ -4,9 +4,9 @@ import math
 import time
 
 import numpy as np
-import oracle
+import ompl_oracle as oracle
 import pytest
-from oracle import CRATE, DOOR, FOOTPRINT, GOAL, START, unicycle
+from ompl_oracle import CRATE, DOOR, FOOTPRINT, GOAL, START, unicycle
 
 from up_samp.geometry import Scene
 from up_samp.model import (

@@ -3,9 +3,9 @@
 import math
 
 import numpy as np
-import oracle
+import ompl_oracle as oracle
 import pytest
-from oracle import CAR, CRATE, DOOR, OMNI
+from ompl_oracle import CAR, CRATE, DOOR, OMNI
 
 from up_samp.motion.ompl_planar import OmplSettings, PlanarWorld
 from up_samp.motion.reeds_shepp import shortest

@@ -4,9 +4,9 @@ import math
 import time
 
 import numpy as np
-import oracle
+import ompl_oracle as oracle
 import pytest
-from oracle import CAR, CRATE, DOOR, GOAL, OMNI, START
+from ompl_oracle import CAR, CRATE, DOOR, GOAL, OMNI, START
 
 from up_samp.model import (
     Body,

@@ -1,9 +1,9 @@
 """The motion service finds the right planner: by name, by motion model, as a second opinion."""
 
 import numpy as np
-import oracle
+import ompl_oracle as oracle
 import pytest
-from oracle import CAR, CRATE, GOAL, OMNI, START, unicycle
+from ompl_oracle import CAR, CRATE, GOAL, OMNI, START, unicycle
 
 from up_samp.model import (
     Body,

@@ -4,7 +4,7 @@ import builtins
 import math
 
 import numpy as np
-import oracle
+import ompl_oracle as oracle
 import pytest
 
 pytest.importorskip("coal")
