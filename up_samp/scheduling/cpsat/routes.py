@@ -101,7 +101,7 @@ class Route:
 
 
 def find_routes(model: ScheduleModel) -> list[Route]:
-    """Return the routes of a model; each transition belongs to one of them."""
+    """Return the routes of a model that can be collapsed together."""
     routes = []
     cliques = [(g, {a.index for a in members}) for g, members in model.disjunctions.cliques]
     for timeline in model.timelines.values():
@@ -110,7 +110,9 @@ def find_routes(model: ScheduleModel) -> list[Route]:
             if route is not None:
                 route.measure()
                 routes.append(route)
-    return routes
+    # what happens at a place on one route stays: it cannot be a move of another that is collapsed
+    stops = {name for route in routes for name, _ in route.stops}
+    return [r for r in routes if not any(move.name in stops for move in r.moves)]
 
 
 def _route(

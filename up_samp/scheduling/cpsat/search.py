@@ -69,9 +69,8 @@ class Search:
             self._known.update(self.model.hint_values(guess))
         if guess is not None and guess.times and self.minimizes_makespan:
             # the same activities again, if they still fit, are mostly near the optimum
-            if self._realize(guess) and not self._met():
-                self._finish(_RELAXED, _CONTENT_EFFORT)
-            if self._over():
+            self._realize(guess)
+            if self._met() or self._over():
                 return
         base = guess.makespan if guess is not None else 0
         base = max(base, self._collapse(parts))
@@ -190,8 +189,8 @@ class Search:
         elif self.minimizes_makespan:
             self.bound = max(self.bound, cap + 1)
 
-    def _finish(self, options: dict[str, Any] | None = None, effort: float | None = None) -> None:
-        """Improve the schedule until it is proven optimal, or good enough (or for ``effort``)."""
+    def _finish(self) -> None:
+        """Improve the schedule until it is proven optimal, or good enough."""
         if self._met():
             return
         store, limit = self.model.store, self.model.limit
@@ -203,9 +202,8 @@ class Search:
             makespan = model.get_int_var_from_proto_index(store.position(self.model.world.makespan))
             model.add(makespan >= self.bound)
         self._set_hints(model)
-        if options is None:
-            effort = self.effort if self.wants_optimum or self.effort else _CONTENT_EFFORT
-            options = _THOROUGH if self.wants_optimum else _RELAXED
+        effort = self.effort if self.wants_optimum or self.effort else _CONTENT_EFFORT
+        options = _THOROUGH if self.wants_optimum else _RELAXED
         answer = self._run(model, options, effort, first=False)
         if answer.status == cp_model.INFEASIBLE and self.best is None:
             self.infeasible = True
