@@ -24,9 +24,11 @@ from up_samp.motion.spacetime.runs import (
     rest_run,
     workspace_of,
 )
-from up_samp.motion.spacetime.single import ON_TIME, Attempt, Window, failed, plan_one
+from up_samp.motion.spacetime.single import ON_TIME, Attempt, Window, failed, plan_one, sample_one
 
 Pair = tuple[str, str]
+
+METHODS = ("ladder", "st-rrt*")
 
 WORTH = 1.0
 """Lateness (s) that is not worth a search over the plane: a schedule gives way more cheaply."""
@@ -100,20 +102,53 @@ class Group:
 
 
 def coordinate(
-    service: PathPlanner, query: GroupQuery, deadline: Deadline, *, seed: int = 0
+    service: PathPlanner,
+    query: GroupQuery,
+    deadline: Deadline,
+    *,
+    seed: int = 0,
+    method: str = "ladder",
 ) -> GroupReport:
     """Find trajectories for all motions of ``query`` that keep clear of each other, of what rests
     and of what is already decided; late if there is no other way found.
 
-    Deterministic for a ``seed`` as long as the ``deadline`` does not cut it short.
+    ``method``: "ladder" (see above), or "st-rrt*" as in the paper: one robot after the other by
+    ST-RRT* among those before it, without other priorities. Deterministic for a ``seed`` as long
+    as the ``deadline`` does not cut it short.
     """
+    if method not in METHODS:
+        raise ValueError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
     began = time.monotonic()
     group = _group_of(workspace_of(service), query, deadline)
+    if method == "st-rrt*":
+        return _one_by_one(group, seed, began)
     root, attempt, name = _alone(group)
     if root is None:
         return _hopeless(name, attempt, time.monotonic() - began)
     _climb(group, root)
     conflict = _shrunk(group, root, query) if _is_bad(group) else frozenset()
+    return _report(group, conflict, time.monotonic() - began)
+
+
+def _one_by_one(group: Group, seed: int, began: float) -> GroupReport:
+    """Plan one motion after the other by ST-RRT*, each among those before it."""
+    runs: dict[str, Run] = {}
+    for name in group.order:
+        motion, window = group.motions[name], _window(group, name, runs)
+        others = [*group.world, *runs.values()]
+        attempt = sample_one(group.workspace, motion, window, others, group.deadline, seed)
+        group.met |= attempt.met
+        if attempt.run is None:
+            return GroupReport(
+                Outcome.OUT_OF_TIME,
+                conflict=frozenset({*runs, name}),
+                blockers=_resting(group),
+                reason=f"{name}: ST-RRT* found no way among those before it",
+                seconds=time.monotonic() - began,
+            )
+        runs[name] = attempt.run
+    group.best = Node(runs)
+    conflict = frozenset(runs) if _is_bad(group) else frozenset()
     return _report(group, conflict, time.monotonic() - began)
 
 

@@ -13,8 +13,9 @@ from up_samp.geometry.scene import Scene
 from up_samp.model import Deadline, MotionModel, Placed, TimedMotion
 from up_samp.motion.arcs import merged, nodes_of
 from up_samp.motion.fields import Fields
+from up_samp.motion.reeds_shepp import fastest
 from up_samp.motion.smoothing import improve, settle
-from up_samp.motion.spacetime import search
+from up_samp.motion.spacetime import search, strrt
 from up_samp.motion.spacetime.paths import Path, hull_of, path_of
 from up_samp.motion.spacetime.runs import MARGIN, Run, pair_flags
 from up_samp.motion.timing import relaxed, trajectory_of
@@ -31,8 +32,12 @@ EXTRA = 600
 """Expansions after the first solution."""
 EXPANSIONS = (6_000, 12_000)
 """Expansions per resolution."""
-SHARES = (1.0, 0.25, 0.06, 0.015, 0.004, 0.001)
-"""Shares of the clearance margin tried where an end of the motion is closer to something."""
+VERTICES = 6_000
+"""Vertices of each tree of ST-RRT*."""
+BATCH = 1_500
+"""Samples for one range of arrival times."""
+BATCHES = 6
+"""Ranges of arrival times, each twice the one before."""
 
 
 class Roundabout:
@@ -51,22 +56,86 @@ class Roundabout:
         others: Sequence[Run],
         goal_free: float,
         deadline: Deadline,
-    ) -> list[Path]:
+    ) -> tuple[list[Path], bool]:
         """Return paths on which the motion can, with the right timing, pass the ``others``: the one
-        found and a shortened one; none if the search finds none.
+        found and a shortened one, or none; and whether the search tried everything it could.
 
         Only for cars with two poses; ``goal_free`` is when the goal stays free for good (s).
         """
         body = motion.body
         if body.kinematics.model is not MotionModel.REEDSSHEPP or len(motion.poses) != 2:
-            return []
+            return [], False
+        dry = False
         for level in range(len(STEPS)):
-            rows = self._search(motion, release, tuple(static), others, goal_free, level, deadline)
+            rows, dry = self._search(
+                motion, release, tuple(static), others, goal_free, level, deadline
+            )
             if rows is not None:
-                return self._finished(motion, tuple(static), rows)
+                return self._finished(motion, tuple(static), rows), False
             if deadline.expired():
                 break
-        return []
+        return [], dry
+
+    def sampled(
+        self,
+        motion: TimedMotion,
+        release: float,
+        static: Sequence[Placed],
+        others: Sequence[Run],
+        goal_free: float,
+        deadline: Deadline,
+        seed: int = 0,
+    ) -> list[Path]:
+        """Like :meth:`paths`, by ST-RRT*: the range of arrivals doubles until one is found."""
+        body = motion.body
+        if body.kinematics.model is not MotionModel.REEDSSHEPP or len(motion.poses) != 2:
+            return []
+        shape = self.scene.shape(body).data
+        grid, polys = self.scene.data, self.scene.polys(static)
+        me = self._me(motion, release, goal_free)
+        movers = movers_of(motion, others, release)
+        start, goal = (np.array(p[:3], dtype=np.float64) for p in motion.poses)
+        fastest_time, _ = fastest(motion.poses[0], motion.poses[1], *relaxed(body.kinematics))
+        earliest = max(goal_free, release + fastest_time)
+        forest = strrt.new_forest(VERTICES)
+        forest.state[0, 0] = (*start, release)
+        forest.size[0] = 1
+        box = self._box(motion)
+        for batch in range(BATCHES):
+            latest = earliest + max(10.0, fastest_time) * 2.0**batch
+            strrt.grow(
+                forest, grid, polys, shape, me, movers, goal, box, earliest, latest,
+                BATCH, 1000 * seed + batch,
+            )  # fmt: skip
+            if deadline.expired() or (forest.best[0] < np.inf and batch >= BATCHES // 2):
+                break
+        if forest.best[0] == np.inf:
+            return []
+        nodes = strrt.way(forest)
+        arcs = [
+            fastest(tuple(a[:3]), tuple(b[:3]), *relaxed(body.kinematics))[1]
+            for a, b in itertools.pairwise(nodes)
+        ]
+        rows = [np.column_stack([part, np.eye(1, len(part))[0]]) for part in arcs if len(part)]
+        return self._finished(motion, tuple(static), np.concatenate(rows))
+
+    def _box(self, motion: TimedMotion) -> FloatArray:
+        """Return the area that samples are drawn from (x low, y low, x high, y high)."""
+        grid = self.scene.grid
+        if grid is None:
+            points = np.array([pose[:2] for pose in motion.poses])
+            reach = 8 * motion.body.kinematics.turning_radius + 4 * hull_of(motion.body).radius
+            return np.concatenate([points.min(axis=0) - reach, points.max(axis=0) + reach])
+        rows, cols = grid.shape
+        corners = [(r, c) for r in (-0.5, rows - 0.5) for c in (-0.5, cols - 0.5)]
+        points = np.array([grid.point_of(r, c) for r, c in corners])
+        return np.concatenate([points.min(axis=0), points.max(axis=0)])
+
+    def _me(self, motion: TimedMotion, release: float, goal_free: float) -> search.Me:
+        hull = hull_of(motion.body)
+        radius, v, a = relaxed(motion.body.kinematics)
+        numbers = np.array([hull.radius, MARGIN, radius, v, a, release, goal_free])
+        return search.Me(hull.verts, hull.counts, numbers)
 
     def _search(
         self,
@@ -77,18 +146,15 @@ class Roundabout:
         goal_free: float,
         level: int,
         deadline: Deadline,
-    ) -> FloatArray | None:
-        """Return arcs (curvature, signed length, 1 if it stops before) found at one resolution."""
+    ) -> tuple[FloatArray | None, bool]:
+        """Return arcs (curvature, signed length, 1 if it stops before) found at one resolution, and
+        whether there was nothing left to try.
+        """
         body = motion.body
         shape = self.scene.shape(body).data
         grid, polys = self.scene.data, self.scene.polys(static)
-        radius, v, a = relaxed(body.kinematics)
-        hull = hull_of(body)
-        me = search.Me(
-            hull.verts,
-            hull.counts,
-            np.array([hull.radius, MARGIN, radius, v, a, release, goal_free]),
-        )
+        radius = relaxed(body.kinematics)[0]
+        me = self._me(motion, release, goal_free)
         movers = movers_of(motion, others, release)
         start, goal = (np.array(p[:3], dtype=np.float64) for p in motion.poses)
         field = self.fields.toward(self.scene.shape(body), motion.poses[1], static)
@@ -105,7 +171,11 @@ class Roundabout:
             state = search.expand(
                 labels, grid, polys, shape, field, me, movers, steps, goal, grain, SLICE, EXTRA
             )
-        return search.chain(labels) if labels.counters[3] >= 0 else None
+        full = labels.counters[0] >= len(labels.heap)
+        return (
+            search.chain(labels) if labels.counters[3] >= 0 else None,
+            state == 2 and not full,
+        )
 
     def _room(self, size: int) -> search.Labels:
         if size not in self._labels:

@@ -215,12 +215,14 @@ def _sample(
     label: FloatArray,
     arcs: FloatArray,
     n: int,
+    brake: bool,
     drive: Drive,
     end: FloatArray,
 ) -> tuple[int, float]:
     """Sample ``n`` arcs from a label; return the number of poses and the last run's signed length.
 
-    ``end`` (3,) is filled with the last pose. Times ignore the need to brake before the end.
+    ``end`` (3,) is filled with the last pose. With ``brake`` the drive ends at rest, otherwise it
+    may go on.
     """
     v, a = me.numbers[3], me.numbers[4]
     total = 0.0
@@ -229,32 +231,46 @@ def _sample(
     step = max(PIECE, total / (PIECES - n))
     x, y, th = label[0], label[1], label[2]
     count = 0
-    rest, on = 0.0, 0.0
-    run = 0.0
+    rest, on, run, ahead = 0.0, 0.0, 0.0, 0.0
     moving = abs(label[4]) if label[4] * arcs[0, 1] > 0 else 0.0
     for i in range(n):
         kappa, s = arcs[i, 0], arcs[i, 1]
-        if run * s < 0:
-            # a cusp: brake, then start again
-            rest += _ramp(abs(run), v, a) + _stop(run, v, a)
-            on += (
-                _ramp(moving + abs(run), v, a)
-                - _ramp(moving, v, a)
-                + _stop(moving + abs(run), v, a)
-            )
-            run, moving = 0.0, 0.0
+        if i == 0 or run * s < 0:
+            # a cusp: the last run has come to rest, measure the next one
+            if i > 0:
+                rest += _ramp(ahead, v, a) + _stop(ahead, v, a)
+                on += _rolling(moving, ahead, v, a) + _stop(moving + ahead, v, a)
+                moving = 0.0
+            run, ahead = 0.0, 0.0
+            k = i
+            while k < n and arcs[k, 1] * s > 0:
+                ahead += abs(arcs[k, 1])
+                k += 1
+        braked = brake or ahead < abs(total) - 1e-9
         pieces = max(1, math.ceil(abs(s) / step))
         for k in range(1, pieces + 1):
             px, py, pth = advance(x, y, th, kappa, s * k / pieces)
             gone = abs(run) + abs(s) * k / pieces
-            drive.at[count] = rest + _ramp(gone, v, a)
-            drive.on[count] = on + _ramp(moving + gone, v, a) - _ramp(moving, v, a)
+            first, second = _ramp(gone, v, a), _rolling(moving, gone, v, a)
+            left = max(0.0, ahead - gone)
+            if braked and left < min(v * v / (2 * a), 0.5 * ahead):
+                late = _ramp(left, v, a)
+                first = max(first, _ramp(ahead, v, a) + _stop(ahead, v, a) - late)
+                whole = _rolling(moving, ahead, v, a) + _stop(moving + ahead, v, a)
+                second = max(second, whole - late)
+            drive.at[count], drive.on[count] = rest + first, on + second
             drive.many[count] = visits(me, movers, px, py, pth, False, drive.busy[count])
             count += 1
         x, y, th = advance(x, y, th, kappa, s)
         run += s
     end[0], end[1], end[2] = x, y, th
     return count, run
+
+
+@kernel
+def _rolling(before: float, run: float, v: float, a: float) -> float:
+    """Return the time (s) over ``run`` m, ``before`` m after starting at full acceleration."""
+    return _ramp(before + run, v, a) - _ramp(before, v, a)
 
 
 @kernel
@@ -431,7 +447,7 @@ def _drive_arc(
     """Offer what can be reached along one arc: at once, and later after a stop."""
     state = labels.state[label]
     v, a = me.numbers[3], me.numbers[4]
-    count, run = _sample(me, movers, state, arc, 1, drive, end)
+    count, run = _sample(me, movers, state, arc, 1, False, drive, end)
     ahead = state[4] * arc[0, 1] > 0
     after = -math.inf
     if ahead and _clash(drive, count, drive.on, state[3]) == 0.0:
@@ -496,13 +512,11 @@ def _shoot(
         if not arc_free(grid, polys, shape, x, y, th, arcs[i, 0], arcs[i, 1]):
             return
         x, y, th = advance(x, y, th, arcs[i, 0], arcs[i, 1])
-    count, run = _sample(me, movers, state, arcs, n, drive, end)
-    moving = abs(run) + (abs(state[4]) if n == 1 and state[4] * run > 0 else 0.0)
-    stop = _stop(moving, v, a)
+    count, _ = _sample(me, movers, state, arcs, n, True, drive, end)
     free, stopped = me.numbers[6], False
-    arrival = state[3] + drive.on[count - 1] + stop
+    arrival = state[3] + drive.on[count - 1]
     if state[4] * arcs[0, 1] <= 0 or arrival < free or _clash(drive, count, drive.on, state[3]) > 0:
-        takes = drive.at[count - 1] + stop
+        takes = drive.at[count - 1]
         wish = max(state[3] + _stop(state[4], v, a), free - takes)
         begin = _delayed(drive, count, wish, state[5])
         arrival, stopped = begin + takes, True

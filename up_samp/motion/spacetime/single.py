@@ -1,8 +1,9 @@
 """One robot among movers: a ladder from the best path at full speed to new ways round.
 
 1. the best path among what rests there all the time, begun as soon as its planner's own timing
-   meets nothing; 2. its speed tuned; 3. other paths, around parked robots and around the places
-   where it would meet the movers, each tuned; 4. a safe-interval search over the plane.
+   meets nothing; 2. its speed tuned; 3. other paths, in a lane beside it, around parked robots and
+   the places where it would meet the movers, each tuned; 4. a safe-interval search over the plane;
+   5. ST-RRT*.
 """
 
 from __future__ import annotations
@@ -19,11 +20,13 @@ from up_samp.model import (
     Configuration,
     Deadline,
     FixedMotion,
+    MotionModel,
     Outcome,
     PathReport,
     Placed,
     Rest,
     TimedMotion,
+    UnsupportedError,
 )
 from up_samp.motion.spacetime.intervals import (
     first_gap,
@@ -172,12 +175,52 @@ def plan_one(
     if effort > 0 and not _good(best, motion):
         best = _with_detours(workspace, motion, window, first, best, others, static, deadline)
     if effort > 1 and not _good(best, motion) and workspace.roundabout and not deadline.expired():
-        paths = workspace.roundabout.paths(
+        paths, dry = workspace.roundabout.paths(
             motion, window.release, static, others, _goal_free(workspace, motion, others), deadline
         )
+        if not paths and not dry and not deadline.expired():
+            paths = _sampled(workspace, motion, window, static, others, deadline)
         for path in paths:
             best = _earlier(best, fit(workspace, motion, window, path, others))
     return Attempt(best, None, frozenset(o.object for o, _, _ in met))
+
+
+def _sampled(
+    workspace: Workspace,
+    motion: TimedMotion,
+    window: Window,
+    static: Sequence[Placed],
+    others: Sequence[Run],
+    deadline: Deadline,
+    seed: int = 0,
+) -> list[Path]:
+    """Return ways that ST-RRT* finds."""
+    if workspace.roundabout is None:
+        return []
+    free = _goal_free(workspace, motion, others)
+    return workspace.roundabout.sampled(
+        motion, window.release, static, others, free, deadline, seed
+    )
+
+
+def sample_one(
+    workspace: Workspace,
+    motion: TimedMotion,
+    window: Window,
+    others: Sequence[Run],
+    deadline: Deadline,
+    seed: int = 0,
+) -> Attempt:
+    """Return a safe run of a car's ``motion`` by ST-RRT* alone, its speed tuned afterwards."""
+    if motion.body.kinematics.model is not MotionModel.REEDSSHEPP or len(motion.poses) != 2:
+        raise UnsupportedError(
+            f"ST-RRT* plans cars from one pose to another; '{motion.name}' is something else"
+        )
+    best: Run | None = None
+    static = parked_all_the_time(motion, others)
+    for path in _sampled(workspace, motion, window, static, others, deadline, seed):
+        best = _earlier(best, fit(workspace, motion, window, path, others))
+    return Attempt(best, None, frozenset(placed.name for placed in static))
 
 
 def _goal_free(workspace: Workspace, motion: TimedMotion, others: Sequence[Run]) -> float:
