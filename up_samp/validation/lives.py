@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from up_samp.validation.paths import pose_gap
 from up_samp.validation.scene import Jump, Scene, Task
+from up_samp.validation.se3 import AnyTrack, SpaceTrack, track_of
 from up_samp.validation.tracks import Track
 from up_samp.validation.verdict import Violation
 
@@ -27,7 +28,7 @@ TOLERANCE = 1e-3
 class Piece:
     """A time [since, until] (s) of an object's life: driven by ``task`` or at rest (until open)."""
 
-    track: Track
+    track: AnyTrack
     since: float
     until: float
     task: Task | None
@@ -115,9 +116,8 @@ def _live(
         elif event.task is not None and event.task.name in motions:
             times, poses = motions[event.task.name]
             found.extend(_continuity(event.task, here, poses))
-            yield Piece(Track(times, poses, radius), start, end, event.task)
-            last = poses[-1].tolist()
-            here, driven_by = (last[0], last[1], last[2]), event.task.activity
+            yield Piece(track_of(times, poses, radius), start, end, event.task)
+            here, driven_by = tuple(poses[-1].tolist()), event.task.activity
         since = end
     if here is not None:
         yield Piece(_resting(here, radius), since, math.inf, None)
@@ -134,7 +134,9 @@ def _continuity(
         yield Violation("continuity", text)
 
 
-def _resting(pose: tuple[float, ...], radius: float) -> Track:
+def _resting(pose: tuple[float, ...], radius: float) -> AnyTrack:
+    if len(pose) == 7:
+        return SpaceTrack.resting(pose, radius)
     return Track.resting((pose[0], pose[1], pose[2]), radius)
 
 

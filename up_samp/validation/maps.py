@@ -55,13 +55,19 @@ class BlockedMap:
 
         ``polygons`` has shape (k, n, 2), in the world frame.
         """
-        dx, dy = polygons[..., 0] - self.x, polygons[..., 1] - self.y
-        local = np.stack(
-            (self._cos * dx + self._sin * dy, self._cos * dy - self._sin * dx), axis=-1
-        )
-        _, distances = self._tree.query_nearest(
-            shapely.polygons(local), all_matches=False, return_distance=True
-        )
+        return self._nearest(shapely.polygons(self._local(polygons)))
+
+    def distances_of(self, geometries: Any) -> FloatArray:
+        """Return the same for an array of shapely geometries of any kind."""
+        return self._nearest(shapely.transform(geometries, self._local))
+
+    def _local(self, points: FloatArray) -> FloatArray:
+        """Return world points (..., 2) in the frame of the map's cells."""
+        dx, dy = points[..., 0] - self.x, points[..., 1] - self.y
+        return np.stack((self._cos * dx + self._sin * dy, self._cos * dy - self._sin * dx), axis=-1)
+
+    def _nearest(self, geometries: Any) -> FloatArray:
+        _, distances = self._tree.query_nearest(geometries, all_matches=False, return_distance=True)
         return np.asarray(distances)
 
 

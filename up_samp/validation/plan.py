@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from up_samp.model import ProblemError, Trajectory
-from up_samp.validation.collisions import hits_body, hits_map
+from up_samp.validation.collisions import Shape, hits_body, hits_map
 from up_samp.validation.kinematics import motion_violations
 from up_samp.validation.lives import (
     TOLERANCE,
@@ -21,10 +21,18 @@ from up_samp.validation.lives import (
     Piece,
     build_lives,
 )
+from up_samp.validation.maps import BlockedMap
 from up_samp.validation.metrics import evaluate_metric
 from up_samp.validation.paths import passes, path_of, pose_gap, read_trajectory
 from up_samp.validation.scene import Obstacle, Scene, Task
 from up_samp.validation.schedule import JudgedSchedule, judge_schedule
+from up_samp.validation.se3 import (
+    AnyTrack,
+    Solid,
+    hits_body_in_space,
+    hits_map_from_space,
+)
+from up_samp.validation.tracks import Track
 from up_samp.validation.verdict import Verdict, Violation
 
 _LATE = 1e-6
@@ -44,7 +52,7 @@ def validate_plan(
     activity's k-th further motion constraint). Without it they are ``plan.trajectories``, or read
     from the plan's ``SE2WithControlsPath`` paths, starting at their activities' starts. Where a
     plan holds both, they have to agree. Rules: ``semantics.py``. Raises ``UnsupportedError`` for
-    what has no rule there (collisions of SE3 bodies, ...), ``ProblemError`` for a wrong problem.
+    what has no rule there, ``ProblemError`` for a wrong problem.
     """
     if not (seconds_per_unit > 0 and math.isfinite(seconds_per_unit)):
         raise ProblemError(f"seconds_per_unit must be positive, not {seconds_per_unit}")
@@ -195,7 +203,7 @@ def _collisions(
                 continue
             task, shape = piece.task, scene.shapes[name]
             blocked = scene.map_of(task.places[0])
-            time = hits_map(shape, piece.track, blocked, piece.since, piece.until)
+            time = _hits_map(shape, piece.track, blocked, piece.since, piece.until)
             if time is not None:
                 text = f"{task.what} meets the map at {time:.3f} s"
                 yield Violation("map-collision", text)
@@ -211,6 +219,31 @@ def _collisions(
                     yield from _meeting(scene, task, other, piece, theirs)
 
 
+def _hits_map(
+    shape: Shape | Solid, track: AnyTrack, blocked: BlockedMap, low: float, high: float
+) -> float | None:
+    if isinstance(shape, Shape) and isinstance(track, Track):
+        return hits_map(shape, track, blocked, low, high)
+    assert isinstance(shape, Solid)
+    return hits_map_from_space(shape, track, blocked, low, high)
+
+
+def _hits_body(
+    shape: Shape | Solid,
+    track: AnyTrack,
+    other: Shape | Solid,
+    other_track: AnyTrack,
+    low: float,
+    high: float,
+) -> float | None:
+    plane = isinstance(shape, Shape) and isinstance(other, Shape)
+    if plane and isinstance(track, Track) and isinstance(other_track, Track):
+        assert isinstance(shape, Shape)
+        assert isinstance(other, Shape)
+        return hits_body(shape, track, other, other_track, low, high)
+    return hits_body_in_space(shape, track, other, other_track, low, high)
+
+
 def _meeting(
     scene: Scene, task: Task, other: str, piece: Piece, theirs: Piece
 ) -> Iterator[Violation]:
@@ -219,7 +252,7 @@ def _meeting(
     if during is None:
         return
     mine, shape = scene.shapes[task.object], scene.shapes[other]
-    time = hits_body(mine, piece.track, shape, theirs.track, *during)
+    time = _hits_body(mine, piece.track, shape, theirs.track, *during)
     if time is not None:
         doing = f" ({theirs.task.what})" if theirs.task else ""
         yield Violation("collision", f"{task.what} meets {other}{doing} at {time:.3f} s")

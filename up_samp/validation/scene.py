@@ -19,6 +19,7 @@ from up_samp.model import ProblemError, UnsupportedError
 from up_samp.validation.collisions import Shape
 from up_samp.validation.limits import Limits, limits_of
 from up_samp.validation.maps import BlockedMap
+from up_samp.validation.se3 import Solid, load_solid
 from up_samp.validation.timeline import Reading, Timeline, show
 from up_samp.validation.values import MISSING, Key, Reader
 
@@ -85,14 +86,15 @@ class Scene:
         return {name: limits_of(item) for name, item in self.movables.items()}
 
     @cached_property
-    def shapes(self) -> dict[str, Shape]:
-        """Footprints by object; an object without one is solid only in space (unsupported)."""
-        shapes = {}
+    def shapes(self) -> dict[str, Shape | Solid]:
+        """Footprints by object; meshes of those that move in space."""
+        shapes: dict[str, Shape | Solid] = {}
         for name, item in self.movables.items():
-            if item.motion_model.name == "SE3" or item.footprint is None:
-                raise UnsupportedError(
-                    f"object {name}: collisions are judged for footprints in the plane only"
-                )
+            if item.motion_model.name == "SE3":
+                shapes[name] = load_solid(name, item.geometric_model)
+                continue
+            if item.footprint is None:
+                raise UnsupportedError(f"object {name} moves in the plane but has no footprint")
             shapes[name] = Shape(name, np.array(item.footprint, dtype=float))
         return shapes
 

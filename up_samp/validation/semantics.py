@@ -100,7 +100,9 @@ Motions
     map's occupied and unknown cells, within the map, and disjoint from the objects that its
     constraint lists (static and dynamic together; all others if it lists none), resting or not.
     Objects without a configuration (no initial one, no motion effect yet) are nowhere. Touching,
-    and overlap by up to 1e-6 m, is no contact.
+    and overlap by up to 1e-6 m, is no contact. In space (SE3) bodies are their meshes and what is
+    inside of closed ones; the map's cells and bodies that move in the plane reach from the floor
+    to the sky; touching a mesh is contact.
 19. Static obstacles rest between the activity's start and end. Where obstacles come with
     fluents, the fluent tells the object's configuration at the start (a static one's: throughout).
 20. Motions respect their object's limits: see ``kinematics.py``, ``limits.py``, ``control.py``.
