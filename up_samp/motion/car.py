@@ -27,6 +27,10 @@ FloatArray = npt.NDArray[np.float64]
 _DRY = "no path at the finest resolution"
 
 
+_NARROW = 300
+"""A search that runs dry within so many expansions was trapped where it began."""
+
+
 @dataclass(frozen=True)
 class CarSettings:
     """Effort of the car planner.
@@ -38,7 +42,7 @@ class CarSettings:
     """
 
     levels: tuple[float, ...] = (0.7, 0.35, 0.18)
-    nodes: tuple[int, ...] = (60_000, 250_000, 1_000_000)
+    nodes: tuple[int, ...] = (60_000, 250_000, 400_000)
     extra: int = 400
     near: float = 10.0
     weight: float = 2.5
@@ -110,8 +114,8 @@ class CarPlanner:
                     arcs = reversed_arcs(arcs) if turned else arcs
                     if best is None or path_time(arcs, v, a) < path_time(best, v, a):
                         best = arcs
-                elif dry:  # trapped at this resolution; look at the trapped end first next time
-                    sides = [turned, not turned]
+                elif dry:  # trapped, at this resolution; begin at the narrower end next time
+                    sides = [turned, not turned] if count < _NARROW else [not turned, turned]
                     break
                 if deadline.expired():
                     break

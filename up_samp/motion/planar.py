@@ -31,7 +31,7 @@ class PlanarSettings:
 
     levels: tuple[float, ...] = (1.0, 0.5, 0.25)
     bins: tuple[int, ...] = (16, 24, 36)
-    nodes: tuple[int, ...] = (60_000, 250_000, 1_000_000)
+    nodes: tuple[int, ...] = (60_000, 250_000, 400_000)
     weight: float = 1.15
     rounds: int = 600
     slice: int = 4000

@@ -15,7 +15,7 @@ FloatArray = npt.NDArray[np.float64]
 MARGIN_SHARES = (1.0, 0.25, 0.06, 0.015, 0.004, 0.001)
 """Shares of the clearance margin tried where a start or goal is closer to something than that."""
 
-MOST_KEYS = 40_000_000
+MOST_KEYS = 20_000_000
 
 
 def widest_shape(
