@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 Check = Callable[["SchedulingProblem", "Schedule"], list[str]]
 
+_WRONG = "returned a wrong schedule"
 _STATUSES = {
     "SOLVED_OPTIMALLY": ScheduleStatus.OPTIMAL,
     "SOLVED_SATISFICING": ScheduleStatus.FOUND,
@@ -156,13 +157,22 @@ class EngineScheduler:
         Raises:
             UnsupportedError: the problem cannot be compiled to what the engine can do.
         """
+        started = time.monotonic()
+        report = self._attempt(deadline, lower_bound, started, apart=False)
+        if report.status is ScheduleStatus.ERROR and _WRONG in report.message:
+            report = self._attempt(deadline, lower_bound, started, apart=True)
+        return report
+
+    def _attempt(
+        self, deadline: Deadline, lower_bound: int | None, started: float, *, apart: bool
+    ) -> ScheduleReport:
         from up_samp.scheduling.compilers.pipeline import chain, compilers_for
         from up_samp.scheduling.compilers.read import read_problem
         from up_samp.scheduling.process import OverrunError
 
-        started = time.monotonic()
         try:
-            compiled = chain(read_problem(self._problem), compilers_for(self._quirks))
+            passes = compilers_for(self._quirks, apart=apart)
+            compiled = chain(read_problem(self._problem), passes)
         except UnsupportedError as error:
             raise UnsupportedError(f"engine {self.name}: {error}") from error
         if deadline.expired():
@@ -180,7 +190,11 @@ class EngineScheduler:
             if answer.status != "exception":
                 break
         assert answer is not None
-        return self._judge(answer, compiled, lower_bound, started)
+        report = self._judge(answer, compiled, lower_bound, started)
+        late = task.timeout is not None and answer.seconds > 0.9 * task.timeout
+        if report.status is ScheduleStatus.NOT_FOUND and late:  # cpse calls a timeout so
+            return replace(report, status=ScheduleStatus.OUT_OF_TIME)
+        return report
 
     def _tasks(self, compiled: Compiled, deadline: Deadline) -> Iterator[Task]:
         """Yield the call of the engine, then (for engines that may crash on a problem and solve
@@ -233,6 +247,8 @@ class EngineScheduler:
         solved = status in (ScheduleStatus.OPTIMAL, ScheduleStatus.FOUND)
         if solved and answer.times is None:
             status = ScheduleStatus.ERROR
+        if answer.status == "TIMEOUT" and answer.times is not None:
+            status, solved = ScheduleStatus.FOUND, True  # the best until then
         if answer.times is None or not solved:
             message = f"engine {self.name}: {answer.status}. {answer.message}".strip()
             return _report(status, lower_bound, started, message)
@@ -240,7 +256,7 @@ class EngineScheduler:
         schedule = complete(self._problem, schedule)
         wrong = self._violations(schedule)
         if wrong:
-            message = f"engine {self.name} returned a wrong schedule: " + "; ".join(wrong)
+            message = f"engine {self.name} {_WRONG}: " + "; ".join(wrong)
             return _report(ScheduleStatus.ERROR, lower_bound, started, message)
         if status is ScheduleStatus.OPTIMAL:
             if self._proven(schedule, compiled):

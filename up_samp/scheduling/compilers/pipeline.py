@@ -18,7 +18,7 @@ from up_samp.scheduling.compilers.precedences import compile_precedences
 from up_samp.scheduling.compilers.resources import compile_resources
 from up_samp.scheduling.compilers.rules import compile_rules
 from up_samp.scheduling.compilers.settled import compile_settled
-from up_samp.scheduling.compilers.stillness import compile_stillness
+from up_samp.scheduling.compilers.stillness import compile_apart, compile_stillness
 from up_samp.scheduling.compilers.tokens import compile_tokens
 from up_samp.scheduling.compilers.unused import compile_unused
 from up_samp.scheduling.compilers.variables import compile_anchor, compile_variables
@@ -27,9 +27,14 @@ from up_samp.scheduling.quirks import Quirks
 Compiler = Callable[[PlainProblem], Compiled]
 
 
-def compilers_for(quirks: Quirks) -> list[Compiler]:
-    """Return the passes, in order, that make a problem fit an engine."""
+def compilers_for(quirks: Quirks, *, apart: bool = False) -> list[Compiler]:
+    """Return the passes, in order, that make a problem fit an engine.
+
+    ``apart`` says once more, by differences, that effects keep out of others' conditions.
+    """
     passes: list[Compiler] = [compile_rules, compile_ground, compile_stillness]
+    if apart:
+        passes.append(compile_apart)
     if not quirks.hierarchical_types:
         passes.append(compile_flat_types)
     if not quirks.assignments:

@@ -52,6 +52,22 @@ def compile_stillness(problem: PlainProblem) -> Compiled:
     )
 
 
+def compile_apart(problem: PlainProblem) -> Compiled:
+    """Say by differences, for every condition, that effects of other activities stay out of its
+    interval: for engines that sometimes let one coincide with an end of it (quadratic).
+    """
+    optional = problem.optional_names()
+    constraints = [
+        _outside(condition, effect, optional)
+        for condition in problem.conditions
+        for effect in problem.effects
+        if effect.fluent in set(subexpressions(condition.expression))
+        and effect.owner is not None
+        and condition.owner not in (None, effect.owner)
+    ]
+    return Compiled(replace(problem, constraints=(*problem.constraints, *constraints)))
+
+
 def _still(condition: Condition) -> Expr | None:
     """Return the fluent if the condition says ``f = f`` (or ``f or not f``), else ``None``."""
     expression = condition.expression

@@ -1,0 +1,229 @@
+"""The compilers one by one, on plain problems."""
+
+from __future__ import annotations
+
+import pytest
+
+from up_samp.model import CandidateSchedule, UnsupportedError
+from up_samp.scheduling.compilers.cliques import find_cliques
+from up_samp.scheduling.compilers.differences import compile_differences
+from up_samp.scheduling.compilers.flat import compile_flat_types
+from up_samp.scheduling.compilers.ground import compile_ground
+from up_samp.scheduling.compilers.names import compile_names
+from up_samp.scheduling.compilers.optional import compile_optional
+from up_samp.scheduling.compilers.plain import (
+    Activity,
+    Condition,
+    Effect,
+    Fluent,
+    PlainProblem,
+    end,
+    integer,
+    show,
+    start,
+    subexpressions,
+)
+from up_samp.scheduling.compilers.precedences import compile_precedences
+from up_samp.scheduling.compilers.read import read_problem
+from up_samp.scheduling.compilers.resources import compile_resources
+from up_samp.scheduling.compilers.settled import compile_settled
+from up_samp.scheduling.compilers.stillness import compile_stillness
+from up_samp.scheduling.compilers.tokens import compile_tokens
+from up_samp.scheduling.compilers.write import write_problem
+
+from . import problems
+
+
+def activity(name, low=2, high=None, optional=False):
+    return Activity(name, optional, integer(low), integer(low if high is None else high))
+
+
+def of(*activities, **parts):
+    return PlainProblem("p", tuple(activities), **parts)
+
+
+def texts(compiled):
+    return [show(c) for c in compiled.problem.constraints]
+
+
+@pytest.mark.parametrize(
+    ("constraint", "expected"),
+    [
+        (("lt", end("a"), start("b")), ["le(a.end + 1, b.start)"]),
+        (("not", ("le", end("a"), start("b"))), ["le(b.start + 1, a.end)"]),
+        (("le", ("minus", end("b"), start("a")), integer(9)), ["le(b.end, a.start + 9)"]),
+        (("eq", end("a"), start("b")), ["le(a.end, b.start)", "le(b.start, a.end)"]),
+        (
+            ("not", ("eq", end("a"), start("b"))),
+            ["or(le(a.end + 1, b.start), le(b.start + 1, a.end))"],
+        ),
+        (("le", integer(3), ("plus", start("a"), integer(5))), []),
+        (("le", ("time", "horizon", None, 0), integer(8)), ["le(a.end, 8)", "le(b.end, 8)"]),
+    ],
+)
+def test_differences_without_negation_and_minus(constraint, expected):
+    compiled = compile_differences(of(activity("a"), activity("b"), constraints=(constraint,)))
+    assert texts(compiled) == expected
+
+
+def test_comparisons_with_an_absent_activity_ask_nothing():
+    problem = of(
+        activity("a", optional=True), activity("b"), constraints=(("lt", end("a"), start("b")),)
+    )
+    assert texts(compile_differences(problem)) == ["or(not(present(a)), le(a.end + 1, b.start))"]
+
+
+def apart(a, b):
+    return ("or", ("lt", end(a), start(b)), ("lt", end(b), start(a)))
+
+
+def test_a_clique_becomes_one_token():
+    names = [f"a{i}" for i in range(6)]
+    constraints = tuple(apart(a, b) for i, a in enumerate(names) for b in names[:i])
+    normal = compile_differences(of(*map(activity, names), constraints=constraints)).problem
+    assert len(normal.constraints) == 15
+    compiled = compile_tokens(normal).problem
+    assert compiled.constraints == ()
+    assert len(compiled.effects) == len(compiled.conditions) == 6
+
+
+def test_activities_without_duration_keep_their_disjunctions():
+    names = ["a", "b", "c"]
+    loose = [
+        ("or", ("le", end(a), start(b)), ("le", end(b), start(a)))
+        for a, b in (("a", "b"), ("a", "c"), ("b", "c"))
+    ]
+    problem = of(*(activity(n, 0, 2) for n in names), constraints=tuple(loose))
+    assert len(compile_tokens(compile_differences(problem).problem).problem.constraints) == 3
+
+
+def test_cliques_cover_overlapping_groups():
+    order = list("abcdef")
+    groups = ["abcd", "cdef"]
+    pairs = {(x, y): 0 for g in groups for x in g for y in g if x < y}
+    covered = {
+        (x, y) for c in find_cliques(pairs, order) for x in c.members for y in c.members if x < y
+    }
+    assert covered == set(pairs)
+
+
+def test_what_is_settled_goes():
+    problem = of(
+        activity("a", optional=True),
+        activity("b", optional=True),
+        activity("c"),
+        constraints=(
+            ("pres", "a"),
+            ("or", ("not", ("pres", "a")), ("not", ("pres", "b"))),
+            ("or", ("le", integer(9), start("c")), ("par", "late")),
+            ("le", end("c"), integer(5)),
+        ),
+        variables={"late": ("bool",)},
+    )
+    compiled = compile_settled(problem)
+    assert [(a.name, a.optional) for a in compiled.problem.activities] == [
+        ("a", False),
+        ("c", False),
+    ]
+    assert texts(compiled) == ["le(c.end, 5)"]
+    back = compiled.map_back(CandidateSchedule({"a": (0, 2), "c": (0, 2)}))
+    assert back.parameters == {"late": True}
+
+
+def test_static_fluents_become_their_values():
+    door = Fluent(("bool",), (("d", ("user", "Door")),), ("bool", False))
+    problem = of(
+        activity("walk", optional=True),
+        conditions=(Condition(start("walk"), end("walk"), ("flu", "open", ("obj", "d1")), "walk"),),
+        fluents={"open": door},
+        types={"Door": None},
+        objects={"d1": "Door"},
+    )
+    compiled = compile_ground(problem)
+    assert compiled.problem.fluents == {}
+    assert texts(compiled) == ["not(present(walk))"]
+
+
+def test_stillness_is_said_by_differences():
+    problem = of(
+        activity("drive"),
+        activity("shut"),
+        conditions=(
+            Condition(start("drive"), end("drive"), ("eq", ("flu", "d"), ("flu", "d")), "drive"),
+        ),
+        effects=(Effect(end("shut"), "assign", ("flu", "d"), ("bool", False), owner="shut"),),
+        fluents={"d": Fluent(("bool",), (), ("bool", True))},
+    )
+    compiled = compile_stillness(problem)
+    assert compiled.problem.conditions == ()
+    assert texts(compiled) == ["or(le(shut.end + 1, drive.start), le(drive.end + 1, shut.end))"]
+
+
+def test_resources_forbid_minimal_sets_only():
+    effects = []
+    for name, amount in (("a", 2), ("b", 1), ("c", 1), ("d", 1)):
+        effects += [
+            Effect(start(name), "decrease", ("flu", "r"), integer(amount), owner=name),
+            Effect(end(name), "increase", ("flu", "r"), integer(amount), owner=name),
+        ]
+    problem = of(
+        *(activity(n) for n in "abcd"),
+        effects=tuple(effects),
+        fluents={"r": Fluent(("int", 0, 2), (), integer(2))},
+    )
+    compiled = compile_resources(problem)
+    assert compiled.problem.effects == ()
+    mentioned = [
+        {e[2] for e in subexpressions(c) if e[0] == "time"} for c in compiled.problem.constraints
+    ]
+    assert sorted(map(sorted, mentioned)) == [["a", "b"], ["a", "c"], ["a", "d"], ["b", "c", "d"]]
+
+
+def test_optional_activities_go_and_come_back():
+    plain = read_problem(problems.fetch_and_return())
+    compiled = compile_optional(compile_differences(plain).problem)
+    assert not compiled.problem.optional_names()
+    assert write_problem(compiled.problem).kind.has_optional_activities() is False
+    parameters = {n: False for n, t in compiled.problem.parameter_types().items()}
+    parameters["pick.present"] = True
+    times = {a.name: (0, 2) for a in compiled.problem.activities}
+    back = compiled.map_back(CandidateSchedule(times, parameters))
+    assert back == CandidateSchedule({"pick": (0, 2)}, {})
+
+
+def test_precedences_leave_no_fluent():
+    plain = read_problem(problems.fetch_and_return())
+    compiled = compile_precedences(compile_ground(plain).problem).problem
+    assert (dict(compiled.fluents), compiled.conditions, compiled.effects) == ({}, (), ())
+    assert not any(e[0] == "flu" for c in compiled.constraints for e in subexpressions(c))
+
+
+def test_precedences_refuse_what_they_cannot_say():
+    two = {n: Fluent(("bool",), (), ("bool", False)) for n in ("f", "g")}
+    either = ("or", ("flu", "f"), ("flu", "g"))
+    problem = of(
+        activity("a"),
+        activity("b"),
+        conditions=(Condition(start("a"), end("a"), either, "a"),),
+        effects=tuple(
+            Effect(end("b"), "assign", ("flu", n), ("bool", True), owner="b") for n in two
+        ),
+        fluents=two,
+    )
+    with pytest.raises(UnsupportedError, match=r"or\(f, g\).* of a"):
+        compile_precedences(problem)
+
+
+def test_types_below_types_become_constraints():
+    compiled = compile_flat_types(read_problem(problems.garages()))
+    assert set(compiled.problem.types) == {"Place"}
+    assert texts(compiled) == ["eq(park.where, box)"]
+
+
+def test_names_travel_back():
+    compiled = compile_names(read_problem(problems.garages()))
+    (short,) = (a.name for a in compiled.problem.activities)
+    ((parameter, _),) = compiled.problem.activities[0].parameters
+    box = next(o for o, t in compiled.problem.objects.items() if t != "T0")
+    back = compiled.map_back(CandidateSchedule({short: (1, 3)}, {parameter: box}))
+    assert back == CandidateSchedule({"park": (1, 3)}, {"park.where": "box"})
