@@ -23,7 +23,7 @@ from up_samp.search.world import group_query, groups_of
 from up_samp.upio import read_itinerary, read_problem, relax
 
 Times = dict[str, tuple[int, int]]
-QUERY_SECONDS = 3.0
+QUERY_SECONDS = 1.0
 
 
 class Coarse:

@@ -36,6 +36,10 @@ class Findings:
     kinds: dict[str, int] = field(default_factory=dict)
     plans: int = 0
     """Plans of the coarse search that the refinements were held against."""
+    unfinished: str = ""
+    """Why the coarse search is not complete, if it is not."""
+    motion: list[str] = field(default_factory=list)
+    """Trajectories of the motion layer that the validator rejects."""
     relative: list[str] = field(default_factory=list)
     """Relative refinements that some plan of the coarse search breaks."""
     costly: list[str] = field(default_factory=list)
@@ -66,13 +70,13 @@ def judge(world, map_file, *, samples: int = 25, seconds: float = 20.0, **params
 
 
 def solve(problem, **params):
-    settings = {"seconds_per_unit": SECONDS, "query_seconds": 2.0} | params
+    settings = {"seconds_per_unit": SECONDS, "query_seconds": 1.0} | params
     with OneshotPlanner(
         name="samp-refine[cpsat]",
         params=settings,
         optimality_guarantee=OptimalityGuarantee.SOLVED_OPTIMALLY,
     ) as planner:
-        return planner.solve(problem, timeout=30.0)
+        return planner.solve(problem, timeout=20.0)
 
 
 def _judge_refusal(coarse, result, found, plans, seconds) -> None:
@@ -107,13 +111,13 @@ def _better(coarse, makespan, found, seconds):
     try:
         better = coarse.better_than(makespan, Deadline.after(seconds))
     except TimeoutError as error:
-        found.wrong.append(f"not searched to the end: {error}")
+        found.unfinished = str(error)
         return None
     if better is not None:
         plan = build_plan(coarse.problem, coarse.snapshot, CandidateSchedule(better[0]), better[1])
         verdict = validate_plan(coarse.problem, plan, seconds_per_unit=SECONDS)
         if not verdict.valid:
-            found.wrong.append(f"coarse plan {better[0]} is invalid: {verdict.violations[0]}")
+            found.motion.append(f"{better[0]}: {verdict.violations[0]}")
             return None
     return better
 

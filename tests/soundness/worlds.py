@@ -129,7 +129,7 @@ def _add_chain(rng, robot, place, drives, either):
     steps = rng.choice((1, 1, 1, 2))
     for step in range(steps):
         last = step == steps - 1
-        across = rng.random() < 0.75
+        across = rng.random() < 0.5
         side = LEFT if place in LEFT else RIGHT
         other = RIGHT if side is LEFT else LEFT
         goal = rng.choice([p for p in (other if across else side) if p != place])

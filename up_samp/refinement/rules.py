@@ -120,36 +120,6 @@ def gone_before(
     return Refinement(Clause(tuple(literals)), layer, strength, why)
 
 
-def blocked_as_timed(
-    motion: ScheduledMotion,
-    set_by: Mapping[str, str | None],
-    changes: Mapping[str, Mapping[str, int]],
-    why: str,
-    *,
-    strength: Strength = Strength.PROVEN,
-) -> Refinement:
-    """Return that a motion cannot be made while obstacles rest as they do in this schedule.
-
-    ``set_by`` tells which change (activity) set each obstacle where it is (``None``: it is there
-    from the first), ``changes`` at what time each obstacle's present and absent (-1) other
-    changes happen. The cut gives way only when one of them comes in between, so that it rejects
-    the schedule also where a change touches the motion's start or end.
-    """
-    start, end = start_of(motion.activity), end_of(motion.activity)
-    literals: list[Literal] = [Absent(motion.activity)]
-    for obstacle, setter in sorted(set_by.items()):
-        if setter is not None:
-            literals += [Absent(setter), Apart(start, end_of(setter), 1)]
-        for other, time in sorted(changes[obstacle].items()):
-            if other == setter:
-                continue
-            if setter is not None and 0 <= time <= motion.start:
-                literals.append(Apart(end_of(setter), end_of(other), 1))
-            else:
-                literals.append(Apart(end_of(other), end, 1))
-    return Refinement(Clause(tuple(literals)), Layer.GEOMETRIC, strength, why)
-
-
 def blocked_while(
     activity: str,
     blockers: Mapping[str, str],

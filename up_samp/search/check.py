@@ -14,9 +14,10 @@ from dataclasses import dataclass, field
 from up_samp.model import GroupQuery, GroupReport, Outcome, PathQuery, ScheduledMotion, Trajectory
 from up_samp.model.refinement import Layer, Refinement, Strength
 from up_samp.model.snapshot import TermKind
-from up_samp.refinement import holds, rules
+from up_samp.refinement import rules, timed
 from up_samp.search import groups as group_rules
-from up_samp.search.context import Context, places_between
+from up_samp.search.context import Context
+from up_samp.search.exact import rejects
 from up_samp.search.prepare import duration_refinements
 from up_samp.search.world import group_query, groups_of, instant_obstacles, motion_key
 from up_samp.upio import Itinerary
@@ -162,7 +163,7 @@ def check_path(
                     strength=strength,
                 )
             )
-    if movable and all(_fulfilled(context, r, itinerary) for r in found):
+    if movable and not any(rejects(context, itinerary, r) for r in found):
         exact = _blocked_as_timed(context, itinerary, motion, movable, why, strength)
         found += [] if exact is None else [exact]
     return found
@@ -190,7 +191,7 @@ def _blocked_as_timed(
         before = [(time, a) for a, time in ends.items() if 0 <= time <= motion.start]
         set_by[name] = max(before)[1] if before else None
         changes[name] = ends
-    return rules.blocked_as_timed(motion, set_by, changes, why, strength=strength)
+    return timed.blocked_as_timed(motion, set_by, changes, why, strength=strength)
 
 
 def check_duration(
@@ -201,7 +202,7 @@ def check_duration(
     found = []
     if context.params.small_cuts:
         found = duration_refinements(context, (body, motion.poses), context.query_seconds)
-        found = [r for r in found if not _fulfilled(context, r, itinerary)]
+        found = [r for r in found if rejects(context, itinerary, r)]
         if found:
             return found
     obstacles = instant_obstacles(context, itinerary, motion)
@@ -235,15 +236,6 @@ def check_duration(
                 )
             )
     return found
-
-
-def _fulfilled(context: Context, refinement: Refinement, itinerary: Itinerary) -> bool:
-    """Return whether the schedule has what a statement asks for."""
-
-    def places(name: str, first: int, last: int) -> set[str]:
-        return places_between(itinerary, context.snapshot, name, first, last)
-
-    return holds(refinement.statement, itinerary.schedule, places)
 
 
 def _place_at(context: Context, itinerary: Itinerary, name: str, motion: ScheduledMotion) -> str:

@@ -24,8 +24,9 @@ from up_samp.model import (
     Trajectory,
 )
 from up_samp.model.refinement import Layer, Refinement, Strength
-from up_samp.refinement import holds, rules
-from up_samp.search.context import Context, places_between
+from up_samp.refinement import rules
+from up_samp.search.context import Context
+from up_samp.search.exact import or_exact, rejects
 from up_samp.search.prepare import opened
 from up_samp.search.world import motion_key, rests_of
 from up_samp.upio import Itinerary
@@ -51,7 +52,8 @@ def learn(
         motions = [scheduled[n] for n in names]
         blockers = _blocking(context, itinerary, report, motions)
         why = report.reason or "no trajectories found in time"
-        return [rules.group_fails(motions, blockers, context.movers, why)]
+        cut = rules.group_fails(motions, blockers, context.movers, why)
+        return or_exact(context, itinerary, group, report, [cut])
     found: list[Refinement] = []
     for name in sorted(report.late, key=lambda n: (timed[n].release, n)):
         motion = (context, itinerary, scheduled[name], timed[name])
@@ -63,7 +65,8 @@ def learn(
         found += _first_violated(context, itinerary, attempts)
         if context.deadline.expired():
             break
-    return found or [_timing_cut(context, itinerary, group, report)]
+    found = found or [_timing_cut(context, itinerary, group, report)]
+    return or_exact(context, itinerary, group, report, found)
 
 
 def _first_violated(
@@ -71,12 +74,9 @@ def _first_violated(
     itinerary: Itinerary,
     attempts: Iterable[Callable[[], list[Refinement]]],
 ) -> list[Refinement]:
-    def places(name: str, first: int, last: int) -> set[str]:
-        return places_between(itinerary, context.snapshot, name, first, last)
-
     for attempt in attempts:
         found = attempt()
-        if any(not holds(r.statement, itinerary.schedule, places) for r in found):
+        if any(rejects(context, itinerary, r) for r in found):
             return found
     return []
 

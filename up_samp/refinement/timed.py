@@ -1,0 +1,108 @@
+"""Exact cuts for a schedule as it is timed: the last resorts, they always reject it.
+
+A schedule can slip through the general rules where a change of an obstacle just touches a motion's
+start or end. These cuts give way only when something that matters is elsewhere in the order of
+things. Times are in schedule units.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from up_samp.model import ScheduledMotion
+from up_samp.model.refinement import (
+    Absent,
+    Apart,
+    Clause,
+    Layer,
+    Literal,
+    Refinement,
+    Strength,
+    TimeRef,
+    end_of,
+    start_of,
+)
+
+
+def blocked_as_timed(
+    motion: ScheduledMotion,
+    set_by: Mapping[str, str | None],
+    changes: Mapping[str, Mapping[str, int]],
+    why: str,
+    *,
+    strength: Strength = Strength.PROVEN,
+) -> Refinement:
+    """Return that a motion cannot be made while obstacles rest as they do in this schedule.
+
+    ``set_by`` tells which change (activity) set each obstacle where it is (``None``: it is there
+    from the first), ``changes`` at what time each obstacle's present and absent (-1) other
+    changes happen. The cut gives way only when one of them comes in between, so that it rejects
+    the schedule also where a change touches the motion's start or end.
+    """
+    start, end = start_of(motion.activity), end_of(motion.activity)
+    literals: list[Literal] = [Absent(motion.activity)]
+    for obstacle, setter in sorted(set_by.items()):
+        if setter is not None:
+            literals += [Absent(setter), Apart(start, end_of(setter), 1)]
+        for other, time in sorted(changes[obstacle].items()):
+            if other == setter:
+                continue
+            if setter is not None and 0 <= time <= motion.start:
+                literals.append(Apart(end_of(setter), end_of(other), 1))
+            else:
+                literals.append(Apart(end_of(other), end, 1))
+    return Refinement(Clause(tuple(literals)), Layer.GEOMETRIC, strength, why)
+
+
+def as_timed(
+    motions: Sequence[ScheduledMotion],
+    arrivals: Mapping[str, int],
+    drives: Mapping[str, tuple[int, int] | None],
+    changes: Mapping[str, tuple[str, int | None]],
+    why: str,
+    *,
+    strength: Strength,
+) -> Refinement:
+    """Return that a group does not work just as it is timed: the last resort, it always rejects.
+
+    ``arrivals`` are the late motions' needed ends in units after the first start (none: the group
+    found no trajectories). ``drives`` are the times of all other motion activities, ``changes``
+    the objects and times of all instantaneous changes (``None``: absent). The cut gives way when
+    any of them comes, or moves to the other side of the group or of another change of its object.
+    """
+    reference = min(motions, key=lambda m: (m.start, m.activity))
+    begin, final = start_of(reference.activity), max(motions, key=lambda m: (m.end, m.activity))
+    literals: list[Literal] = [Absent(m.activity) for m in motions]
+    for motion in motions:
+        if motion is not reference:
+            literals += _elsewhen(begin, start_of(motion.activity), motion.start - reference.start)
+        needed = arrivals.get(motion.activity, motion.end - reference.start + 1)
+        literals.append(Apart(begin, end_of(motion.activity), needed))
+    last = end_of(final.activity)
+    for name, times in sorted(drives.items()):
+        if times is None:
+            literals.append(Apart(start_of(name), end_of(name), 0))
+        elif times[1] < reference.start:
+            literals.append(Apart(begin, end_of(name), 0))
+        else:
+            literals.append(Apart(start_of(name), last, 0))
+    for name, (thing, time) in sorted(changes.items()):
+        if time is None:
+            literals.append(Apart(start_of(name), end_of(name), 0))
+        elif time <= reference.start:
+            literals.append(Apart(begin, end_of(name), 1))
+            literals += [
+                Apart(end_of(name), end_of(other), 1)
+                for other, (same, before) in sorted(changes.items())
+                if same == thing and before is not None and before < time
+            ]
+        elif time >= final.end:
+            literals.append(Apart(end_of(name), last, 1))
+        else:
+            literals += _elsewhen(begin, end_of(name), time - reference.start)
+    return Refinement(Clause(tuple(literals)), Layer.GROUP, strength, why)
+
+
+def _elsewhen(reference: TimeRef, point: TimeRef, offset: int) -> list[Literal]:
+    """Return that a timepoint is not ``offset`` units after a reference."""
+    return [Apart(point, reference, 1 - offset), Apart(reference, point, offset + 1)]
