@@ -27,8 +27,9 @@ from up_samp.geometry import Scene
 from up_samp.geometry.compiled import kernel
 from up_samp.geometry.kernels import PolyData
 from up_samp.geometry.shapes import shape_of
-from up_samp.model import Body, Configuration, Outcome, PathReport, Placed
+from up_samp.model import Body, Configuration, Deadline, Outcome, PathReport, Placed
 from up_samp.motion.fields import point_to_convex
+from up_samp.motion.slices import separated
 
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int32]
@@ -134,6 +135,16 @@ class Certifier:
         cells = ndimage.distance_transform_edt(~padded)[1:-1, 1:-1]
         return (cells * self.scene.grid.resolution).astype(np.float32)
 
+    @cached_property
+    def nearest(self) -> npt.NDArray[np.int32]:
+        """(row + 1, column + 1) of the blocked or outside cell nearest to each cell."""
+        assert self.scene.grid is not None
+        padded = np.pad(self.scene.grid.blocked, 1, constant_values=True)
+        indices = ndimage.distance_transform_edt(
+            ~padded, return_distances=False, return_indices=True
+        )
+        return np.ascontiguousarray(indices[:, 1:-1, 1:-1], dtype=np.int32)
+
     def prove(
         self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]
     ) -> PathReport | None:
@@ -180,6 +191,42 @@ class Certifier:
             ]
             total = _minimal([old | way for old in total for way in ways])
         return [way for way in total if way]
+
+    def prove_by_slices(
+        self,
+        body: Body,
+        start: Configuration,
+        goal: Configuration,
+        obstacles: Sequence[Placed],
+        deadline: Deadline,
+    ) -> PathReport | None:
+        """Return a proof over positions *and* headings, or None; takes up to seconds.
+
+        See :mod:`up_samp.motion.slices`. Blockers are minimal where time allows.
+        """
+        if self.scene.grid is None or self.scene.grid.shape[0] == 0:
+            return None
+
+        def apart(among: Sequence[Placed]) -> bool:
+            return separated(self.scene, self.nearest, body, start, goal, tuple(among), deadline)
+
+        rest = list(obstacles)
+        if not apart(rest):
+            return None
+        minimal = True
+        for placed in sorted(obstacles, key=lambda p: p.name):
+            others = [p for p in rest if p is not placed]
+            if apart(others):
+                rest = others
+            elif deadline.expired():
+                minimal = False
+                break
+        names = [p.name for p in rest]
+        reason = f"too narrow for the footprint past {', '.join(names)}"
+        if not names:
+            reason = "too narrow for the footprint on the map"
+        ways = [frozenset((name,)) for name in names] if minimal else []
+        return _impossible(reason, names, ways)
 
     def _blockers(
         self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]

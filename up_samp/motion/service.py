@@ -27,6 +27,7 @@ from up_samp.motion.cache import Entry, MotionCache, obstacle_key
 from up_samp.motion.certificates import Certifier
 from up_samp.motion.planners import (
     SECOND_OPINION_SECONDS,
+    Leg,
     MotionPlanner,
     make_planner,
     planner_names,
@@ -38,6 +39,9 @@ log = logging.getLogger(__name__)
 
 PLANAR = (MotionModel.REEDSSHEPP, MotionModel.SE2)
 LAZY_ROUNDS = 3
+QUICK_SECONDS = 1.0
+"""After so long without a motion, a proof over positions and headings is tried."""
+PROOF_SECONDS = 5.0
 
 
 class MotionService:
@@ -137,7 +141,9 @@ class MotionService:
                 chosen = obstacles
             trajectory = self._known(planner, name, body, start, goal, chosen)
             if trajectory is None:
-                leg = planner.leg(body, start, goal, chosen, deadline)
+                leg = self._ask(name, body, start, goal, chosen, deadline)
+                if isinstance(leg, PathReport):
+                    return leg
                 if leg.trajectory is None:
                     return PathReport(Outcome.OUT_OF_TIME, reason=leg.reason, planner=name)
                 trajectory = leg.trajectory
@@ -154,6 +160,28 @@ class MotionService:
             if proof is not None:
                 return proof
         return PathReport(Outcome.FOUND, trajectory, planner=name)
+
+    def _ask(
+        self,
+        name: str,
+        body: Body,
+        start: Configuration,
+        goal: Configuration,
+        obstacles: tuple[Placed, ...],
+        deadline: Deadline,
+    ) -> Leg | PathReport:
+        """Ask a planner; where it finds nothing at once, look for a stronger proof in between."""
+        planner = self._planner(name)
+        if name not in ("car", "planar") or self.grid is None:
+            return planner.leg(body, start, goal, obstacles, deadline)
+        leg = planner.leg(body, start, goal, obstacles, deadline.within(QUICK_SECONDS))
+        if leg.trajectory is not None or deadline.expired():
+            return leg
+        limit = deadline.within(PROOF_SECONDS)
+        proof = self.certifier.prove_by_slices(body, start, goal, obstacles, limit)
+        if proof is not None:
+            return proof
+        return planner.leg(body, start, goal, obstacles, deadline)
 
     def _scope(self, name: str) -> tuple[object, ...]:
         return (self.scene.digest, name, self.scene.margin, self.seed)
