@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from up_samp.scheduling.cpsat.states import Read, States, StateVar, Write
+from up_samp.scheduling.cpsat.states import States
+from up_samp.scheduling.cpsat.statevars import Read, StateVar, Write
 from up_samp.scheduling.cpsat.store import (
     FALSE,
     TRUE,

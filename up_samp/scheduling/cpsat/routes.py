@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from up_samp.scheduling.cpsat.states import Key, Read, StateVar
+from up_samp.scheduling.cpsat.statevars import Key, Read, StateVar
 from up_samp.scheduling.cpsat.terms import ActivityVars
 from up_samp.scheduling.cpsat.timeline import Link, Timeline
 

@@ -10,14 +10,20 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 from unified_planning.model import Effect, FNode, TimeInterval, Timing
-from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.timing import TimepointKind
 
 from up_samp.model import UnsupportedError
+from up_samp.scheduling.cpsat.nodes import (
+    conjuncts,
+    equals_object,
+    fluents_in,
+    has_decisions,
+)
+from up_samp.scheduling.cpsat.statevars import Key, Read, StateVar, Write
 from up_samp.scheduling.cpsat.store import (
     FALSE,
     TRUE,
@@ -29,66 +35,7 @@ from up_samp.scheduling.cpsat.store import (
 )
 from up_samp.scheduling.cpsat.terms import ActivityVars, Terms, World, int_bounds
 
-Key = tuple[Any, ...]
 _MANY = 2000
-
-
-@dataclass
-class Write:
-    """An effect on a ground fluent: assignment of ``value``, or increase by it if ``add``."""
-
-    owner: int | None
-    active: Literal
-    time: Lin
-    value: Lin
-    add: bool = False
-
-
-@dataclass
-class Read:
-    """A value that must be one of ``allowed`` (if given), equals ``value`` (if given), and
-    must not be disturbed over the instants lo..hi.
-    """
-
-    owner: int | None
-    active: Literal
-    lo: Lin
-    hi: Lin
-    allowed: frozenset[int] | None = None
-    value: Lin | None = None
-    guard_only: bool = False
-    loose: bool = False
-    """Whether effects of others at ``hi`` are allowed (the old value counts)."""
-
-
-@dataclass
-class StateVar:
-    """A ground fluent. ``values`` are the codes it may take (``None``: too many to list)."""
-
-    key: Key
-    bounds: tuple[int, int]
-    values: list[int] | None
-    initial: int | None
-    writes: list[Write] = field(default_factory=list)
-    reads: list[Read] = field(default_factory=list)
-    _by_owner: dict[int | None, list[Write]] = field(default_factory=dict)
-    _indexed: int = 0
-
-    def exempt(self, owner: int | None) -> list[Write]:
-        """Return the writes that conditions of ``owner`` are not kept apart from."""
-        if owner is None:
-            return self.writes
-        if self._indexed != len(self.writes):
-            self._by_owner = {}
-            for write in self.writes:
-                self._by_owner.setdefault(write.owner, []).append(write)
-            self._indexed = len(self.writes)
-        return [*self._by_owner.get(None, ()), *self._by_owner.get(owner, ())]
-
-    @property
-    def numeric(self) -> bool:
-        """Whether it is increased or decreased anywhere."""
-        return any(w.add for w in self.writes)
 
 
 class States:
@@ -254,7 +201,7 @@ class States:
             opposite = compare(gap.shift(1), "<=")
             some = self.store.equivalent(compare(constant(0).plus(gap, -1), "<="), opposite)
         active = self.store.all_of([*needs, some])
-        for part in _conjuncts(node):
+        for part in conjuncts(node):
             self._require(part, owner, active, lo, hi)
 
     def _instants(self, span: TimeInterval, terms: Terms) -> tuple[Lin, Lin, tuple[Lin, Lin]]:
@@ -361,8 +308,8 @@ class States:
     def _all_grounds(
         self, node: FNode, owner: ActivityVars | None
     ) -> Iterator[tuple[Literal, StateVar]]:
-        for fluent in _fluents(node):
-            args_have_fluents = any(_fluents(a) for a in fluent.args)
+        for fluent in fluents_in(node):
+            args_have_fluents = any(fluents_in(a) for a in fluent.args)
             if args_have_fluents:
                 raise UnsupportedError(f"the nested fluent '{fluent}' is not supported by cpsat")
             yield from self.grounds(fluent, Terms(self.world, _no_fluents, owner))
@@ -373,9 +320,13 @@ class States:
         if active == FALSE:
             return
         number = None if owner is None else owner.index
-        fluents = _fluents(node)
+        fluents = fluents_in(node)
         single = next(iter(fluents)) if len(fluents) == 1 else None
-        if single is not None and all(a.is_constant() for a in single.args) and not _free(node):
+        if (
+            single is not None
+            and all(a.is_constant() for a in single.args)
+            and not has_decisions(node)
+        ):
             ((_, state),) = self.grounds(single, Terms(self.world, _no_fluents, owner))
             if state.values is not None:
                 allowed = frozenset(v for v in state.values if self._evaluate(node, v) == TRUE)
@@ -389,7 +340,7 @@ class States:
         found = self._allowed.get(node)
         if found is None:
             values = state.values or []
-            fixed = _equals_object(node)
+            fixed = equals_object(node)
             if fixed is not None:
                 found = frozenset((self.world.objects[fixed],)).intersection(values)
             else:
@@ -454,37 +405,3 @@ class States:
 
 def _no_fluents(node: FNode) -> Lin:
     raise UnsupportedError(f"the fluent '{node}' is read at no time; cpsat needs one")
-
-
-def _equals_object(node: FNode) -> str | None:
-    """Return the object's name if ``node`` says that a fluent equals an object."""
-    if node.node_type is not Op.EQUALS:
-        return None
-    left, right = node.args
-    if right.node_type is Op.FLUENT_EXP:
-        left, right = right, left
-    if left.node_type is Op.FLUENT_EXP and right.node_type is Op.OBJECT_EXP:
-        return str(right.object().name)
-    return None
-
-
-def _conjuncts(node: FNode) -> list[FNode]:
-    if node.node_type is Op.AND:
-        return [part for arg in node.args for part in _conjuncts(arg)]
-    return [node]
-
-
-def _walk(node: FNode) -> Iterator[FNode]:
-    yield node
-    for arg in node.args:
-        yield from _walk(arg)
-
-
-def _fluents(node: FNode) -> dict[FNode, None]:
-    return dict.fromkeys(n for n in _walk(node) if n.node_type is Op.FLUENT_EXP)
-
-
-def _free(node: FNode) -> bool:
-    """Return whether decision variables, times or presences occur."""
-    kinds = (Op.PARAM_EXP, Op.TIMING_EXP, Op.PRESENT_EXP)
-    return any(n.node_type in kinds for n in _walk(node))

@@ -14,7 +14,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from up_samp.scheduling.cpsat.states import Read, States, StateVar, Write
+from up_samp.scheduling.cpsat.states import States
+from up_samp.scheduling.cpsat.statevars import Read, StateVar, Write
 from up_samp.scheduling.cpsat.store import FALSE, TRUE, Lin, Literal, Store, compare, constant
 
 Apart = Callable[[frozenset[int]], bool]
