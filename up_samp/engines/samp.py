@@ -26,6 +26,7 @@ from up_samp.engines.kinds import engine_kind, samp_kind
 from up_samp.engines.plain import schedule_plainly
 from up_samp.model import Deadline, EngineError
 from up_samp.model.refinement import Layer
+from up_samp.motion.precompile import precompile
 from up_samp.scheduling import is_compatible
 from up_samp.search.context import Context, Incumbent
 from up_samp.search.history import History, ProgressEvent
@@ -192,6 +193,8 @@ class SampRefine(MetaEngine, OneshotPlannerMixin, AnytimePlannerMixin):  # type:
         self, problem: Any, timeout: float | None, stream: IO[str] | None, optimal: bool
     ) -> Iterator[PlanGenerationResult]:
         """Yield each better plan as INTERMEDIATE, and last the final result."""
+        if isinstance(problem, SchedulingMotionProblem) and problem.motion_activities:
+            precompile()  # once per machine, before the clock runs
         deadline = Deadline.after(timeout)
         if not isinstance(problem, SchedulingMotionProblem) or not problem.motion_activities:
             yield schedule_plainly(self, problem, deadline, optimal)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from up_samp.model import GroupQuery, GroupReport, Outcome, PathQuery, ScheduledMotion, Trajectory
 from up_samp.model.refinement import Layer, Refinement, Strength
 from up_samp.model.snapshot import TermKind
+from up_samp.motion.spacetime import coordinate as coordinate_motions
 from up_samp.refinement import rules, timed
 from up_samp.search import groups as group_rules
 from up_samp.search.context import Context
@@ -21,6 +22,9 @@ from up_samp.search.exact import rejects
 from up_samp.search.prepare import duration_refinements
 from up_samp.search.world import group_query, groups_of, instant_obstacles, motion_key
 from up_samp.upio import Itinerary
+
+GROUP_METHODS = {"default": "ladder", "ladder": "ladder", "st-rrt*": "st-rrt*"}
+"""Group planners by parameter: our ladder, or the paper's ST-RRT* for one robot after the other."""
 
 
 @dataclass
@@ -119,7 +123,11 @@ def coordinate(context: Context, query: GroupQuery) -> GroupReport:
     limit = context.query_seconds * max(1, len(query.motions)) ** 0.5
     if len(query.motions) > 1:
         context.report("group", f"{len(query.motions)} motions together")
-    return context.service.coordinate(query, context.deadline.within(limit))
+    deadline = context.deadline.within(limit)
+    method = GROUP_METHODS[context.params.group_planner.lower()]
+    return coordinate_motions(
+        context.service, query, deadline, seed=context.params.seed, method=method
+    )
 
 
 def check_path(

@@ -300,13 +300,11 @@ def arrival_of(
     fixed: tuple[FixedMotion, ...] = (),
 ) -> float | None:
     """Return the motion's earliest arrival (s) among these, or None if none was found."""
-    # due at once: the planner then looks for the earliest arrival, not for any in time
+    # due at once: then it looks for the earliest arrival, not for any in time
     hasty = replace(motion, due=motion.release)
-    report = context.service.coordinate(
-        GroupQuery((hasty,), rests, fixed), context.deadline.within(context.query_seconds)
-    )
-    trajectory = report.trajectories.get(motion.name)
-    return None if trajectory is None else trajectory.end
+    deadline = context.deadline.within(context.query_seconds)
+    report = earliest_arrival(context.service, hasty, rests, fixed, deadline)
+    return None if report.trajectory is None else report.trajectory.end
 
 
 # --------------------------------------------------------------------------- exact timings

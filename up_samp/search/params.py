@@ -10,6 +10,8 @@ from typing import Any
 from up_samp.model.errors import ProblemError
 from up_samp.search.history import ProgressEvent
 
+GROUP_PLANNERS = ("default", "ladder", "st-rrt*")
+
 
 @dataclass(frozen=True)
 class Parameters:
@@ -62,6 +64,10 @@ class Parameters:
         for name in ("seconds_per_unit", "query_seconds"):
             if not getattr(self, name) > 0:
                 raise ProblemError(f"parameter '{name}' must be positive")
+        if self.group_planner.lower() not in GROUP_PLANNERS:
+            raise ProblemError(
+                f"unknown group planner '{self.group_planner}' (known: {', '.join(GROUP_PLANNERS)})"
+            )
         if self.margin < 0:
             raise ProblemError("parameter 'margin' must not be negative")
         if self.max_restarts < 0:
