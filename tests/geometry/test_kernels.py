@@ -251,3 +251,25 @@ def test_shapes():
 def test_bad_footprints(footprint, said):
     with pytest.raises(ProblemError, match=said):
         shape_of(Body(footprint, KIN))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", FOOTPRINTS)
+def test_many_edges_against_the_map(name):
+    """Ten thousand swept edges: what is called free never comes closer than the margin."""
+    rng = np.random.default_rng(17)
+    footprint, margin = FOOTPRINTS[name], 0.02
+    shape = shape_of(body(name), margin).data
+    free = 0
+    for turn in range(4):
+        grid = cluttered(rng, (1.0, -2.0, 0.3 * turn), density=0.004)
+        area, scene = walls_of(grid), Scene(grid)
+        no_polys = scene.polys()
+        for x, y, th in random_poses(rng, grid, 500):
+            kappa, length = float(rng.uniform(-1, 1)), float(rng.uniform(-3, 3))
+            if k.arc_free(scene.data, no_polys, shape, x, y, th, kappa, length):
+                free += 1
+                poses = [k.advance(x, y, th, kappa, length * i / 200) for i in range(201)]
+                nearest = min(area.distance(placed(footprint, pose)) for pose in poses)
+                assert nearest >= margin - TOLERANCE
+    assert free > 200
