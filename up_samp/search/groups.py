@@ -24,6 +24,7 @@ from up_samp.model import (
     Trajectory,
 )
 from up_samp.model.refinement import Layer, Refinement, Strength
+from up_samp.motion.spacetime import earliest_arrival
 from up_samp.refinement import rules
 from up_samp.search.context import Context
 from up_samp.search.exact import or_exact, rejects
