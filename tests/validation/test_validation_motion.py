@@ -19,7 +19,7 @@ from unified_planning.shortcuts import ConfigurationType
 from validation_kit import DOOR, World, controls, drive, hall, kinds
 
 from up_samp.engines.validator import SampValidator
-from up_samp.model import ProblemError, Trajectory, UnsupportedError
+from up_samp.model import ProblemError, Trajectory
 from up_samp.validation import validate_plan
 
 HOME = (4.0, 10.0, 0.0)
@@ -633,7 +633,7 @@ def test_wrong_problems_are_named(tmp_path):
         judge(w)
 
 
-def test_flyers_are_judged_by_their_kinematics_only(tmp_path):
+def test_a_flyer_needs_its_model(tmp_path):
     w = World(tmp_path)
     mesh = w.place_type.occupancy_map.filename
     space = ConfigurationType("space", OccupancyMap(mesh, (0, 0)), ConfigurationKind.SE3)
@@ -648,7 +648,7 @@ def test_flyers_are_judged_by_their_kinematics_only(tmp_path):
     planar = drive((0, 0, 0), [(3.0, 0.0)], v=1.0, a=1.0)
     poses = np.zeros((len(planar.times), 7))
     poses[:, 0], poses[:, 6] = planar.poses[:, 0], 1.0
-    with pytest.raises(UnsupportedError, match="object f"):
+    with pytest.raises(ProblemError, match="object f"):
         judge(w, trajectories={"m": Trajectory(planar.times, poses)})
 
 
