@@ -67,6 +67,11 @@ def test_solves_and_proves(solve, name):
         assert report.bound == report.schedule.makespan == OPTIMA[name]
 
 
+def test_a_first_schedule_where_no_optimum_is_wanted(solve):
+    report = solve(problems.flexible(), optimal=False)
+    assert report.status in SOLVED, report.message
+
+
 def test_without_a_metric_nothing_is_called_optimal(solve):
     report = solve(problems.fetch_and_return(metric=False))
     assert report.status is ScheduleStatus.FOUND

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
@@ -158,13 +159,20 @@ class EngineScheduler:
             UnsupportedError: the problem cannot be compiled to what the engine can do.
         """
         started = time.monotonic()
-        report = self._attempt(deadline, lower_bound, started, apart=False)
+        runner = self._engine if optimal else _satisficing(self._engine)
+        report = self._attempt(runner, deadline, lower_bound, started, apart=False)
         if report.status is ScheduleStatus.ERROR and _WRONG in report.message:
-            report = self._attempt(deadline, lower_bound, started, apart=True)
+            report = self._attempt(runner, deadline, lower_bound, started, apart=True)
         return report
 
     def _attempt(
-        self, deadline: Deadline, lower_bound: int | None, started: float, *, apart: bool
+        self,
+        runner: Any,
+        deadline: Deadline,
+        lower_bound: int | None,
+        started: float,
+        *,
+        apart: bool,
     ) -> ScheduleReport:
         from up_samp.scheduling.compilers.pipeline import chain, compilers_for
         from up_samp.scheduling.compilers.read import read_problem
@@ -178,7 +186,7 @@ class EngineScheduler:
         if deadline.expired():
             return _report(ScheduleStatus.OUT_OF_TIME, lower_bound, started)
         answer: Answer | None = None
-        for task in self._tasks(compiled, deadline):
+        for task in self._tasks(runner, compiled, deadline):
             try:
                 answer = self._ready_worker().ask(task, deadline)
             except OverrunError:
@@ -191,25 +199,25 @@ class EngineScheduler:
                 break
         assert answer is not None
         report = self._judge(answer, compiled, lower_bound, started)
-        late = task.timeout is not None and answer.seconds > 0.9 * task.timeout
+        late = task.until is not None and time.monotonic() > task.until
         if report.status is ScheduleStatus.NOT_FOUND and late:  # cpse calls a timeout so
             return replace(report, status=ScheduleStatus.OUT_OF_TIME)
         return report
 
-    def _tasks(self, compiled: Compiled, deadline: Deadline) -> Iterator[Task]:
+    def _tasks(self, runner: Any, compiled: Compiled, deadline: Deadline) -> Iterator[Task]:
         """Yield the call of the engine, then (for engines that may crash on a problem and solve
         the same one told otherwise) further tries.
         """
+        from up_samp.scheduling.quirks import quirks_of
         from up_samp.scheduling.worker import Task
 
-        problem, quirks = compiled.problem, self._quirks
-        endless = deadline.at == float("inf")
+        problem, quirks = compiled.problem, quirks_of(runner)
         first = Task(
-            self._engine.__module__,
-            self._engine.__qualname__,
+            runner.__module__,
+            runner.__qualname__,
             self._params,
             problem,
-            None if endless else 0.97 * deadline.remaining(),
+            _engine_stops(deadline),
             quirks.message_limit,
             dict(quirks.environment),
         )
@@ -220,8 +228,8 @@ class EngineScheduler:
         for environment in (quirks.environment, quirks.fallback):
             if deadline.expired():
                 return
-            left = None if endless else 0.97 * deadline.remaining()
-            yield replace(first, problem=turned, timeout=left, environment=dict(environment))
+            until = _engine_stops(deadline)
+            yield replace(first, problem=turned, until=until, environment=dict(environment))
 
     def _ready_worker(self) -> WorkerProcess:
         from up_samp.scheduling.process import WorkerProcess
@@ -295,6 +303,21 @@ class EngineScheduler:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _satisficing(engine: Any) -> Any:
+    """Return the engine class that finds a first schedule sooner, if there is one."""
+    from up_samp.scheduling.quirks import quirks_of
+
+    name = quirks_of(engine).satisficing
+    return engine if name is None else getattr(sys.modules[engine.__module__], name)
+
+
+def _engine_stops(deadline: Deadline) -> float | None:
+    """Return when the engine has to stop itself: early enough to read its answer in time."""
+    if deadline.at == float("inf"):
+        return None
+    return deadline.at - min(0.3, 0.1 * deadline.remaining()) - 0.02 * deadline.remaining()
 
 
 def _report(

@@ -30,6 +30,7 @@ class Quirks:
         proves_optimal: its ``SOLVED_OPTIMALLY`` is a proof.
         message_limit: largest problem in bytes of protobuf, if it is sent to a server.
         environment: environment variables to set for its process.
+        satisficing: class of the same module to ask instead where no optimum is wanted.
         fallback: environment variables for another try after a crash (``None``: no other try).
     """
 
@@ -45,6 +46,7 @@ class Quirks:
     message_limit: int | None = None
     environment: tuple[tuple[str, str], ...] = ()
     fallback: tuple[tuple[str, str], ...] | None = None
+    satisficing: str | None = None
 
 
 _ARIES = Quirks(
@@ -63,7 +65,9 @@ _ARIES = Quirks(
 # Of its search strategies, "causal" finds first plans of SAMP relaxations far sooner than the
 # others, with which it would have to share the processor; for proofs it needs a companion.
 _ARIES_FIRST = replace(_ARIES, environment=(("ARIES_STRATEGIES", "causal"),))
-_ARIES_PROOF = replace(_ARIES, environment=(("ARIES_STRATEGIES", "causal,activity"),))
+_ARIES_PROOF = replace(
+    _ARIES, environment=(("ARIES_STRATEGIES", "causal,activity"),), satisficing="Aries"
+)
 _CPSE = Quirks(
     optional=True,
     assignments=False,  # passes ``supports()``, fails in ``solve``

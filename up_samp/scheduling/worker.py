@@ -34,15 +34,16 @@ _LENGTH = struct.Struct("!Q")
 class Task:
     """Solve ``problem`` with the engine class ``module.name`` made with ``params``.
 
-    ``timeout`` in s for the engine itself; ``message_limit`` in bytes for engines that are reached
-    through protobuf messages; ``environment`` variables are set before.
+    ``until`` (of ``time.monotonic()``, which processes share) is when the engine has to stop
+    itself; ``message_limit`` in bytes for engines that are reached through protobuf messages;
+    ``environment`` variables are set before.
     """
 
     module: str
     name: str
     params: Mapping[str, Any]
     problem: PlainProblem
-    timeout: float | None = None
+    until: float | None = None
     message_limit: int | None = None
     environment: Mapping[str, str] = field(default_factory=dict)
 
@@ -111,13 +112,12 @@ def run(task: Task, engines: _Engines) -> Answer:
         if task.message_limit is not None:
             from up_samp.scheduling.messages import slim_down
 
-            slim_down(engine, task.message_limit)
+            slim_down(engine, problem, task.message_limit)
         lacking = sorted(problem.kind.features - engine.supported_kind().features)
         if lacking:
             raise UnsupportedError(f"{', '.join(lacking)} (after compilation)")
         engine.skip_checks = True  # just done, with the features' names
-        spent = time.monotonic() - started
-        timeout = None if task.timeout is None else max(0.1, task.timeout - spent)
+        timeout = None if task.until is None else max(0.1, task.until - time.monotonic())
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             result = engine.solve(problem, timeout=timeout)
