@@ -242,11 +242,11 @@ def plot(result: dict[str, Any], path: Path) -> None:
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4))
     names = list(result["planners"])
     left.barh(names, [result["planners"][n]["median_ms"] for n in names])
-    left.set_xscale("log")
     left.set_xlabel("median CPU time of a query, ms")
     cells = [g["cells"] for g in result["growth"]]
     for key in ("setup_ms", "certificate_ms", "bound_ms", "plan_ms"):
         right.loglog(cells, [g[key] for g in result["growth"]], marker="o", label=key[:-3])
+    right.xaxis.set_minor_formatter("")
     right.set_xlabel("cells of the map")
     right.set_ylabel("ms")
     right.legend()

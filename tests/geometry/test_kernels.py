@@ -102,7 +102,7 @@ def test_edges_against_the_map(name):
     shape = shape_of(body(name), margin).data
     no_polys = scene.polys()
     seen = {True: 0, False: 0}
-    for x, y, th in random_poses(rng, grid, 500):
+    for x, y, th in random_poses(rng, grid, 250):
         kappa = float(rng.choice([0.0, 1.0, -1.0, 0.3]))
         length = float(rng.uniform(-3, 3))
         free = k.arc_free(scene.data, no_polys, shape, x, y, th, kappa, length)
@@ -116,14 +116,14 @@ def test_edges_against_the_map(name):
         arcs = np.array([[kappa, length / 2], [kappa, length / 2]])
         whole = k.path_free(scene.data, no_polys, shape, np.array([x, y, th]), arcs)
         assert (whole < 0) == free or nearest <= (margin + shape.slack[2]) * 1.083 + 0.05
-    assert min(seen.values()) > 50
+    assert min(seen.values()) > 25
 
 
 def test_distances_between_bodies():
     rng = np.random.default_rng(3)
     scene = Scene(None)
     names = list(FOOTPRINTS)
-    for _ in range(1500):
+    for _ in range(800):
         a, b = rng.choice(names, 2)
         pose_a = tuple(rng.uniform(-2, 2, 3))
         pose_b = tuple(rng.uniform(-2, 2, 3))
@@ -145,7 +145,7 @@ def test_resting_objects(name):
     rng = np.random.default_rng(11)
     scene = Scene(None, 0.05)
     shape = scene.shape(body(name)).data
-    for _ in range(60):
+    for _ in range(12):
         others = tuple(
             Placed(f"o{i}", body(other), tuple(rng.uniform(-5, 5, 3)))
             for i, other in enumerate(("L", "car", "triangle"))
