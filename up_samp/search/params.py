@@ -59,7 +59,7 @@ class Parameters:
     """Layer 1, temporal: a duration for each motion alone, first."""
 
     def __post_init__(self) -> None:
-        if self.preset not in PRESETS:
+        if self.preset not in PRESETS and self.preset not in ABLATIONS:
             raise ProblemError(f"unknown preset '{self.preset}' (known: {', '.join(PRESETS)})")
         for name in ("seconds_per_unit", "query_seconds"):
             if not getattr(self, name) > 0:
@@ -96,12 +96,29 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
 }
 
 
+ABLATIONS: Mapping[str, Mapping[str, Any]] = {
+    f"without-{switch.replace('_', '-')}": {switch: False}
+    for switch in (
+        "bounds_first",
+        "certificates",
+        "small_cuts",
+        "equivalents",
+        "profiles",
+        "incumbents",
+        "single_geometric",
+        "single_temporal",
+    )
+}
+"""The default preset with one idea switched off; presets too, for measurements."""
+
+
 def split_parameters(given: Mapping[str, Any]) -> tuple[Parameters, dict[str, Any]]:
     """Return our parameters (over their preset) and those left for the wrapped engine."""
     names = {f.name for f in dataclasses.fields(Parameters)}
     ours = {k: v for k, v in given.items() if k in names}
     rest = {k: v for k, v in given.items() if k not in names}
     preset = ours.get("preset", "default")
-    if preset not in PRESETS:
+    if preset not in PRESETS and preset not in ABLATIONS:
         raise ProblemError(f"unknown preset '{preset}' (known: {', '.join(PRESETS)})")
-    return Parameters(**{**PRESETS[preset], **ours}), rest
+    settings = PRESETS[preset] if preset in PRESETS else ABLATIONS[preset]
+    return Parameters(**{**settings, **ours}), rest
