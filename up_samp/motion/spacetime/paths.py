@@ -185,6 +185,9 @@ def path_of(trajectory: Trajectory, body: Body, waypoints: Sequence[Configuratio
     tunable = model in (MotionModel.REEDSSHEPP, MotionModel.SE2)
     if tunable:
         stop |= _waypoints(trajectory, natural_s, s, waypoints[1:-1])
+    if model is MotionModel.SE2 and _bends_hard(kept, stop, body):
+        # speeds are tuned along a path for speed alone: a blended corner would be taken too fast
+        tunable = False
     edges, halt = _cells(s, stop, _cell_length(body))
     return Path(
         body,
@@ -265,6 +268,18 @@ def _kinks(poses: FloatArray, s: FloatArray, model: MotionModel) -> tuple[BoolAr
             chord = np.diff(poses, axis=0) / np.diff(s)[:, None]
             stop[1:-1] = np.abs(np.diff(chord, axis=0)).max(axis=1) > CORNER
     return kink, stop
+
+
+def _bends_hard(poses: FloatArray, stop: BoolArray, body: Body) -> bool:
+    """Return whether going round some bend at full speed takes more than the full acceleration."""
+    steps = np.diff(poses[:, :2], axis=0)
+    lengths = np.hypot(steps[:, 0], steps[:, 1])
+    headings = np.arctan2(steps[:, 1], steps[:, 0])
+    turn = np.abs((np.diff(headings) + np.pi) % (2 * np.pi) - np.pi)
+    mean = 0.5 * (lengths[1:] + lengths[:-1])
+    moving = (lengths[1:] > TINY) & (lengths[:-1] > TINY) & ~stop[1:-1]
+    kin = body.kinematics
+    return bool(np.any(turn[moving] * kin.v_max**2 > kin.a_max * mean[moving]))
 
 
 def _waypoints(
