@@ -5,7 +5,8 @@ import pytest
 from tests.soundness.coarse import Coarse, makespan_of
 from tests.soundness.judge import judge
 from tests.soundness.worlds import Change, Drive, World, build, random_world, write_rooms
-from up_samp.model import Deadline
+from up_samp.model import CandidateSchedule, Deadline, ScheduledMotion
+from up_samp.refinement import holds, rules
 
 SEEDS = (1, 3, 5, 7, 8, 13, 14, 22, 26, 35, 46, 48)
 """Quick ones of all sorts: optimal, unsolvable, cars and free robots, doors opened and closed."""
@@ -91,3 +92,15 @@ def test_the_coarse_search_finds_the_known_optimum(rooms):
     # it waits before the door; the 4 m behind it take more than a unit, from rest
     assert times["open"] == (2, 3)
     assert makespan_of(times) == 5
+
+
+def test_a_late_motion_may_pass_when_the_other_takes_its_time():
+    """Who was in time may give way if it gets longer: the timing cut must not forbid that."""
+    group = [
+        ScheduledMotion(n, 0, f"robot_{n}", ("p", "q"), ((0, 0, 0), (1, 0, 0)), start, end)
+        for n, start, end in (("a", 0, 10), ("b", 1, 10))
+    ]
+    cut = rules.group_timing(group, {"b": 12}, {}, {}, "late").statement
+    nowhere = lambda *_: ()  # noqa: E731
+    assert not holds(cut, CandidateSchedule({"a": (0, 10), "b": (1, 10)}), nowhere)
+    assert holds(cut, CandidateSchedule({"a": (0, 11), "b": (1, 10)}), nowhere)

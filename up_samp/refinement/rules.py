@@ -205,7 +205,8 @@ def group_timing(
 
     ``arrivals`` are the late motions' needed ends in units after the first start. The cut gives
     way when an offset changes, except that a single late motion does not arrive earlier by
-    starting later. ``blockers`` rest in the way; the cut gives way when one may have moved.
+    starting later, and when a motion that is in time gets longer: it may give way then.
+    ``blockers`` rest in the way; the cut gives way when one may have moved.
     """
     reference = min(motions, key=lambda m: (m.start, m.activity))
     only_late = next(iter(arrivals)) if len(arrivals) == 1 else None
@@ -220,6 +221,10 @@ def group_timing(
             literals.append(Apart(earlier, later, offset + 1))
     for name, units in sorted(arrivals.items()):
         literals.append(Apart(start_of(reference.activity), end_of(name), units))
+    for motion in motions:
+        if motion.activity not in arrivals:
+            longer = motion.end - reference.start + 1
+            literals.append(Apart(start_of(reference.activity), end_of(motion.activity), longer))
     names = tuple(m.activity for m in motions)
     for obstacle, configuration in sorted(blockers.items()):
         literals += [Elsewhere(n, obstacle, configuration) for n in names]
