@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from up_samp.geometry import shape_of
-from up_samp.model import Body, Configuration, Kinematics, Placed
+from up_samp.model import Body, Configuration, Kinematics, MotionModel, Placed
 from up_samp.motion.certificates import Certifier, Regions
 
 FloatArray = npt.NDArray[np.float64]
@@ -36,7 +36,8 @@ class AfterOpening:
 
         ``leg_bound(a, b)`` bounds the duration of each leg after the one that is closed.
         """
-        if self._certifier.scene.grid is None:
+        # nothing is known of how fast a body under its own equations of motion can be
+        if self._certifier.scene.grid is None or body.kinematics.model is MotionModel.CONTROL:
             return 0.0
         regions, _ = self._certifier._at(body, (placed,))
         labels = [self._certifier._label(regions, body, p) for p in poses]

@@ -15,6 +15,7 @@ from up_samp.model import (
     PathQuery,
     Placed,
     ProblemError,
+    UnsupportedError,
 )
 from up_samp.model.refinement import Layer, Refinement, Strength, end_of, start_of
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
@@ -34,6 +35,11 @@ def check_geometry(snapshot: Snapshot, service: MotionService) -> None:
     drivers = sorted({t.object for t in snapshot.tasks})
     for name in drivers:
         body = snapshot.objects[name].body
+        if body.kinematics.model is MotionModel.SE3:
+            raise UnsupportedError(
+                f"object '{name}' flies (SE3): single flights can be planned and judged, not yet "
+                "coordinated with a schedule"
+            )
         pose = snapshot.configurations[snapshot.initial[name]]
         in_wall, _ = service.pose_blockers(body, pose, ())
         if in_wall:
