@@ -301,6 +301,7 @@ def paper_temporal(
     why: str,
     *,
     layer: Layer,
+    strength: Strength = Strength.RELATIVE,
 ) -> Refinement:
     """Return the paper's temporal refinement: RCOND(G) -> CHTIME.
 
@@ -323,4 +324,4 @@ def paper_temporal(
             )
     for name, units in sorted(arrivals.items()):
         literals.append(Apart(start_of(reference.activity), end_of(name), units))
-    return Refinement(Clause(tuple(literals)), layer, Strength.RELATIVE, why)
+    return Refinement(Clause(tuple(literals)), layer, strength, why)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from up_samp.model import GroupQuery, GroupReport, Outcome, PathQuery, ScheduledMotion, Trajectory
 from up_samp.model.refinement import Layer, Refinement, Strength
@@ -19,12 +19,10 @@ from up_samp.refinement import rules, timed
 from up_samp.search import groups as group_rules
 from up_samp.search.context import Context
 from up_samp.search.exact import rejects
+from up_samp.search.params import GROUP_PLANNERS
 from up_samp.search.prepare import duration_refinements
 from up_samp.search.world import group_query, groups_of, instant_obstacles, motion_key
 from up_samp.upio import Itinerary
-
-GROUP_METHODS = {"default": "ladder", "ladder": "ladder", "st-rrt*": "st-rrt*"}
-"""Group planners by parameter: our ladder, or the paper's ST-RRT* for one robot after the other."""
 
 
 @dataclass
@@ -120,11 +118,10 @@ def _check_group(
 
 def coordinate(context: Context, query: GroupQuery) -> GroupReport:
     """Ask the motion service for a group, within the time of one query."""
-    limit = context.query_seconds * max(1, len(query.motions)) ** 0.5
     if len(query.motions) > 1:
         context.report("group", f"{len(query.motions)} motions together")
-    deadline = context.deadline.within(limit)
-    method = GROUP_METHODS[context.params.group_planner.lower()]
+    deadline = context.deadline.within(context.group_seconds(len(query.motions)))
+    method = GROUP_PLANNERS[context.params.group_planner.lower()]
     return coordinate_motions(
         context.service, query, deadline, seed=context.params.seed, method=method
     )
@@ -146,7 +143,8 @@ def check_path(
     proven = report.outcome is Outcome.IMPOSSIBLE
     strength = Strength.PROVEN if proven else Strength.HEURISTIC
     names = report.blockers if proven else frozenset(o.name for o in obstacles)
-    movable = {n: _place_at(context, itinerary, n, motion) for n in names if context.movers[n]}
+    snapshot = context.snapshot
+    movable = {n: itinerary.place_at(snapshot, n, motion.start) for n in names if context.movers[n]}
     why = report.reason or f"no path for {motion.activity} found"
     found: list[Refinement] = []
     for activity in _equivalent(context, motion, names):
@@ -224,7 +222,7 @@ def check_duration(
     if units <= motion.end - motion.start:
         return []
     places = {
-        o.name: _place_at(context, itinerary, o.name, motion)
+        o.name: itinerary.place_at(context.snapshot, o.name, motion.start)
         for o in obstacles
         if context.movers[o.name]
     }
@@ -246,14 +244,6 @@ def check_duration(
     return found
 
 
-def _place_at(context: Context, itinerary: Itinerary, name: str, motion: ScheduledMotion) -> str:
-    current = context.snapshot.initial[name]
-    for since, place in itinerary.places(context.snapshot, name):
-        if since <= motion.start:
-            current = place
-    return current
-
-
 def _equivalent(context: Context, motion: ScheduledMotion, blockers: frozenset[str]) -> list[str]:
     """Return the activity and, if asked for, those that make the same motion with equal bodies
     and heed the ``blockers`` too.
@@ -270,17 +260,7 @@ def _as(motion: ScheduledMotion, activity: str) -> ScheduledMotion:
     """Return the same motion under an equivalent activity's name (a cut for one activity)."""
     if activity == motion.activity:
         return motion
-    return ScheduledMotion(
-        activity,
-        0,
-        motion.object,
-        motion.configurations,
-        motion.poses,
-        motion.start,
-        motion.end,
-        motion.avoid,
-        motion.static,
-    )
+    return replace(motion, activity=activity, constraint=0)
 
 
 def _rivals(context: Context) -> Mapping[str, None]:

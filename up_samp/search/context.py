@@ -70,6 +70,15 @@ class Context:
         """Return s in schedule units, rounded up (a hair of slack against float noise)."""
         return math.ceil(seconds / self.snapshot.seconds_per_unit - 1e-6)
 
+    def group_seconds(self, count: int) -> float:
+        """Return the time limit (s) of one query for ``count`` motions together."""
+        return self.query_seconds * max(1, count) ** 0.5
+
+    def strength_of(self, seconds: float, count: int) -> Strength:
+        """Return what lateness found in ``seconds`` is worth: a search cut short proves nothing."""
+        cut_short = self.deadline.expired() or seconds >= self.group_seconds(count)
+        return Strength.HEURISTIC if cut_short else Strength.RELATIVE
+
     # ------------------------------------------------------- facts of the problem
     @cached_property
     def constant_tasks(self) -> dict[str, list[MotionTask]]:

@@ -40,7 +40,7 @@ def or_exact(
             if c.activity not in mine
         },
         report.reason or "the group does not work as it is timed",
-        strength=Strength.RELATIVE if late else Strength.HEURISTIC,
+        strength=context.strength_of(report.seconds, len(group)) if late else Strength.HEURISTIC,
     )
     return [*found, exact]
 

@@ -147,7 +147,7 @@ def _rest_cuts(
     if arrival is None or arrival <= timed.due + 1e-6:
         return []
     needed = _needed_rests(context, timed, rests, movable)
-    blockers = {r.name: _name_of(context, itinerary, r, motion.start) for r in needed}
+    blockers = {r.name: itinerary.place_at(context.snapshot, r.name, motion.start) for r in needed}
     units = context.units(arrival - timed.release)
     why = f"with {', '.join(sorted(blockers))} resting in its way the motion takes {units} units"
     return [rules.slower_while(motion.activity, units, blockers, context.movers, why)]
@@ -167,14 +167,6 @@ def _needed_rests(
         else:
             kept = without
     return needed or movable
-
-
-def _name_of(context: Context, itinerary: Itinerary, rest: Rest, time: int) -> str:
-    current = context.snapshot.initial[rest.name]
-    for since, place in itinerary.places(context.snapshot, rest.name):
-        if since <= time:
-            current = place
-    return current
 
 
 # ---------------------------------------------------------------------------------- pairs
@@ -305,7 +297,10 @@ def arrival_of(
     hasty = replace(motion, due=motion.release)
     deadline = context.deadline.within(context.query_seconds)
     report = earliest_arrival(context.service, hasty, rests, fixed, deadline)
-    return None if report.trajectory is None else report.trajectory.end
+    # what a search that was cut short found need not be the earliest: it says nothing
+    if report.trajectory is None or deadline.expired():
+        return None
+    return report.trajectory.end
 
 
 # --------------------------------------------------------------------------- exact timings
@@ -325,7 +320,8 @@ def _timing_cut(
     }
     blockers = _blocking(context, itinerary, report, motions)
     why = f"{', '.join(sorted(arrivals))} cannot arrive in time among the others"
-    return rules.group_timing(motions, arrivals, blockers, context.movers, why)
+    strength = context.strength_of(report.seconds, len(group))
+    return rules.group_timing(motions, arrivals, blockers, context.movers, why, strength=strength)
 
 
 def _blocking(
@@ -339,11 +335,7 @@ def _blocking(
     for name in sorted(report.blockers):
         if not context.movers.get(name):
             continue
-        place = context.snapshot.initial[name]
-        for since, where in itinerary.places(context.snapshot, name):
-            if since <= start:
-                place = where
-        found[name] = place
+        found[name] = itinerary.place_at(context.snapshot, name, start)
     return found
 
 
@@ -360,11 +352,7 @@ def _paper_cut(
     for name in sorted(context.snapshot.moved()):
         if name in moving:
             continue
-        place = context.snapshot.initial[name]
-        for since, where in itinerary.places(context.snapshot, name):
-            if since <= start:
-                place = where
-        places[name] = place
+        places[name] = itinerary.place_at(context.snapshot, name, start)
     rivals = sorted({t.activity for t in context.snapshot.tasks})
     if report.outcome is not Outcome.FOUND:
         return rules.paper_geometric(
@@ -381,4 +369,7 @@ def _paper_cut(
         if motion_key(m) in report.late
     }
     why = "the group needs more time"
-    return rules.paper_temporal(group, rivals, arrivals, places, why, layer=Layer.GROUP)
+    strength = context.strength_of(report.seconds, len(group))
+    return rules.paper_temporal(
+        group, rivals, arrivals, places, why, layer=Layer.GROUP, strength=strength
+    )

@@ -10,7 +10,8 @@ from typing import Any
 from up_samp.model.errors import ProblemError
 from up_samp.search.history import ProgressEvent
 
-GROUP_PLANNERS = ("default", "ladder", "st-rrt*")
+GROUP_PLANNERS = {"default": "ladder", "ladder": "ladder", "st-rrt*": "st-rrt*"}
+"""Group planners by parameter: our ladder, or the paper's ST-RRT* for one robot after the other."""
 
 
 @dataclass(frozen=True)

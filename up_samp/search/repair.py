@@ -109,8 +109,6 @@ class _PresenceFixer:
 
     def __init__(self, problem: SchedulingProblem, schedule: CandidateSchedule):
         self.manager = problem.environment.expression_manager
-        self.simplifier = problem.environment.simplifier
-        self.names = {a.name for a in problem.activities}
         self.present = set(schedule.times)
         self.memo: dict[FNode, FNode] = {}
 

@@ -36,6 +36,10 @@ class Itinerary:
         events += [(c.time, c.configuration) for c in self.changes if c.object == name]
         return [(float("-inf"), snapshot.initial[name]), *sorted(events)]
 
+    def place_at(self, snapshot: Snapshot, name: str, time: int) -> str:
+        """Return the configuration that object ``name`` has, or is leaving, at ``time`` (units)."""
+        return [place for since, place in self.places(snapshot, name) if since <= time][-1]
+
 
 def read_itinerary(relaxation: Relaxation, schedule: CandidateSchedule) -> Itinerary:
     """Resolve every present motion and change of ``schedule`` to configurations and poses."""
