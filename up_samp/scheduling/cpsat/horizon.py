@@ -36,6 +36,8 @@ class Horizon:
     def activity(self, activity: ActivityVars) -> None:
         """Count an activity: its shortest duration, and an effect or condition beside it."""
         start = activity.start.terms[0][0]
+        if start in self._length:
+            return  # an alternative of one that is counted
         fixed = activity.end.terms == activity.start.terms
         self._length[start] = activity.least if fixed else 0
         self._into.setdefault(start, 0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from fractions import Fraction
 from typing import Any
 
@@ -10,6 +11,7 @@ from unified_planning.model.scheduling import Activity, SchedulingProblem
 from unified_planning.model.timing import DurationInterval
 
 from up_samp.model import CandidateSchedule, UnsupportedError
+from up_samp.scheduling.cpsat.alternatives import Group, find_groups, merge_forms
 from up_samp.scheduling.cpsat.horizon import Horizon
 from up_samp.scheduling.cpsat.metrics import objective_of
 from up_samp.scheduling.cpsat.numbers import NumericTimeline
@@ -41,6 +43,7 @@ class ScheduleModel:
         self.disjunctions = Disjunctions()
         self.limit = 0
         self.limit_at_least = 0
+        self._leaders: dict[str, str] = {}
 
     # -- building ------------------------------------------------------------------------------
     def build(self, parts: Additions) -> None:
@@ -51,8 +54,11 @@ class ScheduleModel:
             world.object_types.append(obj.type)
         world.makespan = store.integer(0, _PLACEHOLDER)
         self.states = States(world, self.problem, constant(0))
+        groups = find_groups(parts)
+        self._leaders = {name: g.names[0] for g in groups for name in g.names}
         for activity in parts.activities:
             self._activity(activity)
+        exact = self._alternatives(groups)
         self._parameters(parts)
         forms = self._forms(parts, first=True)
         self._set_horizon(parts, forms)
@@ -64,6 +70,7 @@ class ScheduleModel:
         for span, condition, owner in parts.conditions:
             self.states.add_condition(span, condition, self._vars(owner))
         rest = self.disjunctions.take(forms, list(world.activities.values()))
+        rest = merge_forms(rest, exact)
         self.disjunctions.emit(store, self.states)
         self.disjunctions.emit_loads(store, Lin(((world.makespan, 1),)))
         self.objective = objective_of(self.problem, self.states, self._exact_makespan)
@@ -135,7 +142,9 @@ class ScheduleModel:
         store = self.store
         present = store.boolean() if activity.optional else TRUE
         needs = () if present == TRUE else (present,)
-        start = Lin(((store.integer(0, limit), 1),), 0, needs)
+        leader = self.world.activities.get(self._leaders.get(activity.name, ""))
+        times = ((store.integer(0, limit), 1),) if leader is None else leader.start.terms
+        start = Lin(times, 0, needs)
         lower, upper = _constant_bounds(activity.duration)
         if lower is not None and lower == upper:
             end, size = start.shift(lower), constant(lower)
@@ -149,6 +158,19 @@ class ScheduleModel:
         self.states.register(made)
         if limit == _PLACEHOLDER:
             self.horizon.activity(made)
+
+    def _alternatives(self, groups: list[Group]) -> dict[int, tuple[int, ...]]:
+        """Tell who is never there together; return presence -> presences of its exact group."""
+        exact: dict[int, tuple[int, ...]] = {}
+        for group in groups:
+            members = [self.world.activities[name] for name in group.names]
+            indices = sorted(a.index for a in members)
+            self.disjunctions.exclusive.update(itertools.combinations(indices, 2))
+            self.store.at_most_one([a.present for a in members])
+            if group.exact:
+                self.disjunctions.groups.append(members)
+                exact.update({a.present: tuple(m.present for m in members) for a in members})
+        return exact
 
     def _link_times(self, activity: Activity) -> None:
         store = self.store

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from dataclasses import replace
+
 from unified_planning.model import FNode
 from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.timing import TimepointKind
@@ -11,6 +14,9 @@ from up_samp.scheduling.cpsat.states import States
 from up_samp.scheduling.cpsat.store import TRUE, Cmp, Form, Lin, Store, indicator_sum
 from up_samp.scheduling.cpsat.terms import ActivityVars
 
+Owners = dict[int, list[ActivityVars]]
+"""Time variable -> the activities that have it (alternatives share theirs)."""
+
 
 class Disjunctions:
     """Which pairs of activities never overlap, and by how much they are apart."""
@@ -19,6 +25,10 @@ class Disjunctions:
         self.gaps: dict[tuple[int, int], int] = {}
         self.cliques: list[tuple[int, list[ActivityVars]]] = []
         self.members: list[frozenset[int]] = []
+        self.groups: list[list[ActivityVars]] = []
+        """Alternatives: of each list one is present, all with the same times."""
+        self.exclusive: set[tuple[int, int]] = set()
+        """Pairs (a, b), a < b, that are never both present."""
         self._activities: list[ActivityVars] = []
 
     def apart(self, activities: frozenset[int]) -> bool:
@@ -26,7 +36,8 @@ class Disjunctions:
         if any(activities <= members for members in self.members):
             return True
         order = sorted(activities)
-        return all((a, b) in self.gaps for i, a in enumerate(order) for b in order[i + 1 :])
+        pairs = itertools.combinations(order, 2)
+        return all(pair in self.gaps or pair in self.exclusive for pair in pairs)
 
     def add_written(
         self, constraint: FNode, scope: list[FNode], activities: dict[str, ActivityVars]
@@ -59,8 +70,11 @@ class Disjunctions:
     def take(self, forms: list[Form], activities: list[ActivityVars]) -> list[Form]:
         """Remember the pair disjunctions among ``forms``; return the other forms."""
         self._activities = activities
-        starts = {a.start.terms[0][0]: a for a in activities}
-        ends = {a.end.terms[0][0]: a for a in activities}
+        starts: Owners = {}
+        ends: Owners = {}
+        for activity in activities:
+            starts.setdefault(activity.start.terms[0][0], []).append(activity)
+            ends.setdefault(activity.end.terms[0][0], []).append(activity)
         rest = []
         for form in forms:
             found = _pair(form, starts, ends)
@@ -83,16 +97,45 @@ class Disjunctions:
                 store.enforce(load.le(makespan))
 
     def emit(self, store: Store, states: States) -> None:
-        """State every pair: cliques of three and more as NoOverlap, the others one by one."""
+        """State every pair: cliques of three and more as NoOverlap, the others one by one.
+
+        Alternatives that are all kept apart from others are one interval.
+        """
         by_gap: dict[int, list[tuple[int, int]]] = {}
         for pair, gap in self.gaps.items():
             by_gap.setdefault(gap, []).append(pair)
         for gap, pairs in sorted(by_gap.items()):
-            for clique in clique_cover(graph_of(pairs)):
+            done = self._emit_groups(store, gap, set(pairs))
+            for clique in clique_cover(graph_of(pairs), done):
                 members = [self._activities[i] for i in clique]
                 self.cliques.append((gap, members))
                 self.members.append(frozenset(clique))
                 store.model.add_no_overlap([_interval(store, a, gap) for a in members])
+
+    def _emit_groups(self, store: Store, gap: int, pairs: set[tuple[int, int]]) -> list[set[int]]:
+        """State what holds between whole groups (and what is present anyway); return the sets of
+        activities that are kept apart by that.
+        """
+        single = [[a] for a in self._activities if a.present == TRUE]
+        groups = [*self.groups, *single] if self.groups else []
+        edges = [
+            (i, j)
+            for (i, some), (j, others) in itertools.combinations(enumerate(groups), 2)
+            if (len(some) > 1 or len(others) > 1)
+            and all(_ordered(a, b) in pairs for a in some for b in others)
+        ]
+        done = []
+        for clique in clique_cover(graph_of(edges)):
+            members = [a for i in clique for a in groups[i]]
+            self.cliques.append((gap, members))
+            done.append({a.index for a in members})
+            heads = [replace(groups[i][0], present=TRUE) for i in clique]
+            store.model.add_no_overlap([_interval(store, a, gap) for a in heads])
+        return done
+
+
+def _ordered(a: ActivityVars, b: ActivityVars) -> tuple[int, int]:
+    return (min(a.index, b.index), max(a.index, b.index))
 
 
 def _written(node: FNode) -> tuple[str, str, int] | None:
@@ -127,9 +170,7 @@ def _interval(store: Store, activity: ActivityVars, gap: int) -> object:
     return store.model.new_optional_interval_var(start, size, end, present, "")
 
 
-def _pair(
-    form: Form, starts: dict[int, ActivityVars], ends: dict[int, ActivityVars]
-) -> tuple[int, int, int] | None:
+def _pair(form: Form, starts: Owners, ends: Owners) -> tuple[int, int, int] | None:
     """Return (a, b, gap) if ``form`` says that a and b are ``gap`` or more apart."""
     if form.__class__ is not tuple or form[0] != "|":
         return None
@@ -149,7 +190,7 @@ def _pair(
 
 
 def _precedence(
-    cmp: Cmp, starts: dict[int, ActivityVars], ends: dict[int, ActivityVars]
+    cmp: Cmp, starts: Owners, ends: Owners
 ) -> tuple[ActivityVars, ActivityVars, int] | None:
     """Return (a, b, gap) for ``a.end + gap <= b.start``."""
     if cmp.op != "<=" or len(cmp.terms) != 2:
@@ -159,7 +200,15 @@ def _precedence(
         u, v = v, u
     elif (cu, cv) != (1, -1):
         return None
-    a, b = ends.get(u), starts.get(v)
+    a, b = _owner(u, ends, cmp), _owner(v, starts, cmp)
     if a is None or b is None or a is b:
         return None
     return a, b, cmp.const - a.end.const + b.start.const
+
+
+def _owner(var: int, owners: Owners, cmp: Cmp) -> ActivityVars | None:
+    """Return whose time ``var`` is: of several alternatives, the one that ``cmp`` needs."""
+    found = owners.get(var, [])
+    if len(found) > 1:
+        found = [a for a in found if a.present in cmp.needs]
+    return found[0] if len(found) == 1 else None
