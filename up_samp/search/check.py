@@ -8,7 +8,7 @@ candidate is collected, unless the preset stops at the first refinement as the p
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 from up_samp.model import GroupQuery, GroupReport, Outcome, PathQuery, ScheduledMotion, Trajectory
@@ -17,8 +17,10 @@ from up_samp.model.snapshot import TermKind
 from up_samp.motion.spacetime import coordinate as coordinate_motions
 from up_samp.refinement import rules, timed
 from up_samp.search import groups as group_rules
+from up_samp.search import paper
 from up_samp.search.context import Context
 from up_samp.search.exact import rejects
+from up_samp.search.failure import Failure
 from up_samp.search.params import GROUP_PLANNERS
 from up_samp.search.prepare import duration_refinements
 from up_samp.search.world import group_query, groups_of, instant_obstacles, motion_key
@@ -106,25 +108,27 @@ def _check_group(
     if any(motion_key(m) in check.failed for m in group):
         return
     query = group_query(context, itinerary, group)
-    report = coordinate(context, query)
+    report, cut_short = coordinate(context, query)
     check.trajectories.update(report.trajectories)
     if report.outcome is not Outcome.FOUND:
         check.failed |= report.conflict or {motion_key(m) for m in group}
     for name, arrival in report.late.items():
         check.needed[name] = context.units(arrival)
     if learn and not found and (report.outcome is not Outcome.FOUND or report.late):
-        check.refinements += group_rules.learn(context, itinerary, group, query, report)
+        failure = Failure(context, itinerary, group, query, report, cut_short)
+        check.refinements += group_rules.learn(failure)
 
 
-def coordinate(context: Context, query: GroupQuery) -> GroupReport:
-    """Ask the motion service for a group, within the time of one query."""
+def coordinate(context: Context, query: GroupQuery) -> tuple[GroupReport, bool]:
+    """Ask the motion service for a group; return also whether its time was up."""
     if len(query.motions) > 1:
         context.report("group", f"{len(query.motions)} motions together")
     deadline = context.deadline.within(context.group_seconds(len(query.motions)))
     method = GROUP_PLANNERS[context.params.group_planner.lower()]
-    return coordinate_motions(
+    report = coordinate_motions(
         context.service, query, deadline, seed=context.params.seed, method=method
     )
+    return report, deadline.expired()
 
 
 def check_path(
@@ -159,16 +163,7 @@ def check_path(
                 rules.blocked_while(activity, movable, context.movers, why, strength=strength)
             )
         else:
-            found.append(
-                rules.paper_geometric(
-                    (_as(motion, activity),),
-                    _rivals(context),
-                    movable,
-                    why,
-                    layer=Layer.GEOMETRIC,
-                    strength=strength,
-                )
-            )
+            found.append(paper.no_path(context, _as(motion, activity), movable, why, strength))
     if movable and not any(rejects(context, itinerary, r) for r in found):
         exact = _blocked_as_timed(context, itinerary, motion, movable, why, strength)
         found += [] if exact is None else [exact]
@@ -231,16 +226,7 @@ def check_duration(
         if context.params.small_cuts:
             found.append(rules.slower_while(activity, units, places, context.movers, why))
         else:
-            found.append(
-                rules.paper_temporal(
-                    (_as(motion, activity),),
-                    _rivals(context),
-                    {activity: units},
-                    places,
-                    why,
-                    layer=Layer.TEMPORAL,
-                )
-            )
+            found.append(paper.takes_longer(context, _as(motion, activity), units, places, why))
     return found
 
 
@@ -261,7 +247,3 @@ def _as(motion: ScheduledMotion, activity: str) -> ScheduledMotion:
     if activity == motion.activity:
         return motion
     return replace(motion, activity=activity, constraint=0)
-
-
-def _rivals(context: Context) -> Mapping[str, None]:
-    return dict.fromkeys(t.activity for t in context.snapshot.tasks)

@@ -23,6 +23,11 @@ if TYPE_CHECKING:
 Signature = tuple[Body, tuple[Configuration, ...]]
 """What a motion is to the motion planner: motions of equal signatures are equivalent."""
 
+FIRST_PROOF_SECONDS = 5.0
+
+GROUP_SHARE = 0.2
+"""Share of the remaining time that one group of motions may take."""
+
 
 @dataclass(frozen=True)
 class Incumbent:
@@ -52,6 +57,8 @@ class Context:
     incumbent: Incumbent | None = None
     lower_bound: int = 0
     bound_is_relative: bool = False
+    proof_seconds: float = FIRST_PROOF_SECONDS
+    """Share of our own scheduler's next call, once there is a plan; doubled when it is used up."""
     written: set[object] = field(default_factory=set)
     standing: list[Refinement] = field(default_factory=list)
     durations: dict[Signature, float] = field(default_factory=dict)
@@ -71,13 +78,12 @@ class Context:
         return math.ceil(seconds / self.snapshot.seconds_per_unit - 1e-6)
 
     def group_seconds(self, count: int) -> float:
-        """Return the time limit (s) of one query for ``count`` motions together."""
-        return self.query_seconds * max(1, count) ** 0.5
+        """Return the time limit (s) of one query for ``count`` motions together.
 
-    def strength_of(self, seconds: float, count: int) -> Strength:
-        """Return what lateness found in ``seconds`` is worth: a search cut short proves nothing."""
-        cut_short = self.deadline.expired() or seconds >= self.group_seconds(count)
-        return Strength.HEURISTIC if cut_short else Strength.RELATIVE
+        No query may use up what is left: a late answer can still be repaired.
+        """
+        limit = self.query_seconds * max(1, count) ** 0.5
+        return min(limit, GROUP_SHARE * self.deadline.remaining())
 
     # ------------------------------------------------------- facts of the problem
     @cached_property
@@ -163,6 +169,16 @@ class Context:
     def upper_bound(self) -> int | None:
         """Makespan of the best plan so far."""
         return None if self.incumbent is None else self.incumbent.schedule.makespan
+
+    @property
+    def is_optimal(self) -> bool:
+        """Whether the best plan meets the lower bound."""
+        return self.upper_bound is not None and self.upper_bound <= self.lower_bound
+
+    @property
+    def staged(self) -> bool:
+        """Whether a first plan is sought before any proof: our own scheduler can go on."""
+        return self.native and self.params.incumbents
 
     def report(self, phase: str, message: str) -> None:
         """Tell the progress callback."""

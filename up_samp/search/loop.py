@@ -11,7 +11,7 @@ import time
 from collections.abc import Generator
 from dataclasses import dataclass
 
-from up_samp.model import ScheduleReport, ScheduleStatus
+from up_samp.model import CandidateSchedule, ScheduleReport, ScheduleStatus
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.refinement import holds
 from up_samp.search.check import Check, check_itinerary
@@ -55,7 +55,7 @@ def solve(context: Context, *, optimal: bool) -> Generator[Incumbent, None, Sear
     state_what_is_known(context)
     while not context.deadline.expired():
         report = get_schedule(context, optimal=optimal)  # line 4
-        if report.schedule is None:
+        if report.schedule is None or not is_better(context, report.schedule):
             ending = conclude_without_schedule(context, report)  # lines 18 to 20
             if ending is not None:
                 return ending
@@ -92,12 +92,18 @@ def state_what_is_known(context: Context) -> None:
 
 
 def get_schedule(context: Context, *, optimal: bool) -> ScheduleReport:
-    """Invoke the scheduler on the relaxation and what was learned (line 4)."""
+    """Invoke the scheduler on the relaxation and what was learned (line 4).
+
+    Our own scheduler is asked for good schedules until there is a plan, and then for better ones
+    and for proofs, with more and more time.
+    """
     context.report("schedule", "scheduling")
     last = context.incumbent.schedule if context.incumbent else None
+    proving = optimal and not (context.staged and last is None)
+    sliced = proving and context.staged
     report = context.scheduler.solve(
-        context.deadline,
-        optimal=optimal,
+        context.deadline.within(context.proof_seconds) if sliced else context.deadline,
+        optimal=proving,
         hint=last,
         lower_bound=None if context.heuristic else context.lower_bound,
     )
@@ -105,6 +111,12 @@ def get_schedule(context: Context, *, optimal: bool) -> ScheduleReport:
     if report.bound is not None and not context.heuristic:
         context.lower_bound = max(context.lower_bound, report.bound)
     return report
+
+
+def is_better(context: Context, schedule: CandidateSchedule) -> bool:
+    """Return whether a candidate would be worth more than the best plan, if its motions fit."""
+    upper = context.upper_bound
+    return not context.staged or upper is None or schedule.makespan < upper
 
 
 def check_motions(context: Context, itinerary: Itinerary) -> Check:
@@ -184,22 +196,28 @@ def is_done(
     """Return whether there is all that was asked for, or nothing more to come."""
     if not context.params.refine:
         return True
-    if context.incumbent is not None and (
-        not optimal or context.incumbent.schedule.makespan <= context.lower_bound
-    ):
+    if context.incumbent is not None and (not optimal or context.is_optimal):
         return True
+    if check.passed and optimal and context.staged:
+        return False
     return check.passed or not learned
 
 
 def conclude_without_schedule(context: Context, report: ScheduleReport) -> SearchResult | None:
-    """Decide what it means that the scheduler found nothing (lines 17 to 20).
+    """Decide what it means that the scheduler found nothing better (lines 17 to 20).
 
-    Returns None to go on: heuristic refinements were dropped and t_p was doubled.
+    Returns None to go on: it gets more time, or heuristic refinements were dropped and t_p was
+    doubled.
     """
     if report.status is ScheduleStatus.ERROR:
         return SearchResult(Conclusion.FAILED, report.message)
-    if report.status is ScheduleStatus.OUT_OF_TIME or context.deadline.expired():
+    if context.deadline.expired() or context.is_optimal:
         return conclude(context)
+    if report.status in (ScheduleStatus.OUT_OF_TIME, ScheduleStatus.FOUND):
+        if context.incumbent is None or not context.staged:
+            return conclude(context)
+        context.proof_seconds *= 2
+        return None
     proven = report.status is ScheduleStatus.INFEASIBLE
     if context.heuristic and context.history.restarts < context.params.max_restarts:
         restart(context)
@@ -242,6 +260,6 @@ def conclude(context: Context) -> SearchResult:
             Conclusion.EXHAUSTED,
             "the motions of the last candidate do not fit, and nothing more was learned from it",
         )
-    if context.incumbent.schedule.makespan <= context.lower_bound:
+    if context.is_optimal:
         return SearchResult(Conclusion.OPTIMAL)
     return SearchResult(Conclusion.SOLVED)

@@ -1,0 +1,78 @@
+"""A group that cannot be driven as scheduled, with all that the rules ask about it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from up_samp.model import (
+    GroupQuery,
+    GroupReport,
+    Outcome,
+    ScheduledMotion,
+    TimedMotion,
+)
+from up_samp.model.refinement import Strength
+from up_samp.search.context import Context
+from up_samp.search.world import motion_key
+from up_samp.upio import Itinerary
+
+
+@dataclass(frozen=True)
+class Failure:
+    """One group of a candidate, what was asked and answered. ``cut_short``: time was up."""
+
+    context: Context
+    itinerary: Itinerary
+    group: Sequence[ScheduledMotion]
+    query: GroupQuery
+    report: GroupReport
+    cut_short: bool
+
+    @property
+    def found(self) -> bool:
+        """Whether there are trajectories at all (then some are late)."""
+        return self.report.outcome is Outcome.FOUND
+
+    @property
+    def strength(self) -> Strength:
+        """What the lateness is worth: a search that was cut short proves nothing."""
+        proves = self.found and not self.cut_short and not self.context.deadline.expired()
+        return Strength.RELATIVE if proves else Strength.HEURISTIC
+
+    @cached_property
+    def scheduled(self) -> dict[str, ScheduledMotion]:
+        """The group's motions by the names that reports use."""
+        return {motion_key(m): m for m in self.group}
+
+    @cached_property
+    def timed(self) -> dict[str, TimedMotion]:
+        """What was asked about each motion, by the same names."""
+        return {m.name: m for m in self.query.motions}
+
+    @cached_property
+    def conflict(self) -> list[ScheduledMotion]:
+        """The motions that conflict: as few as the planner could tell, at least the late ones."""
+        names = {*self.report.conflict, *self.report.late} or set(self.scheduled)
+        return [m for m in self.group if motion_key(m) in names]
+
+    def arrivals(self, motions: Sequence[ScheduledMotion]) -> dict[str, int]:
+        """Return the ends that late ones need, in units after the first start of ``motions``."""
+        first = min(m.start for m in motions)
+        late = self.report.late
+        return {
+            m.activity: self.context.units(late[motion_key(m)]) - first
+            for m in motions
+            if motion_key(m) in late
+        }
+
+    def blockers(self, motions: Sequence[ScheduledMotion]) -> dict[str, str]:
+        """Return who rests in the way of ``motions`` and might not, with its configuration."""
+        start = min(m.start for m in motions)
+        snapshot = self.context.snapshot
+        return {
+            name: self.itinerary.place_at(snapshot, name, start)
+            for name in sorted(self.report.blockers)
+            if self.context.movers.get(name)
+        }
