@@ -19,12 +19,12 @@ from unified_planning.engines.mixins.anytime_planner import AnytimeGuarantee, An
 from unified_planning.engines.mixins.oneshot_planner import OneshotPlannerMixin, OptimalityGuarantee
 from unified_planning.exceptions import UPUsageError
 from unified_planning.model import ProblemKind
-from unified_planning.model.motion import SchedulingMotionProblem
+from unified_planning.model.motion import MovableObject, SchedulingMotionProblem
 from unified_planning.plans import Plan, Schedule
 
 from up_samp.engines.kinds import engine_kind, samp_kind
 from up_samp.engines.plain import schedule_plainly
-from up_samp.model import Deadline, EngineError
+from up_samp.model import Deadline, EngineError, MotionModel
 from up_samp.model.refinement import Layer
 from up_samp.motion.precompile import precompile
 from up_samp.scheduling import is_compatible
@@ -194,7 +194,9 @@ class SampRefine(MetaEngine, OneshotPlannerMixin, AnytimePlannerMixin):  # type:
     ) -> Iterator[PlanGenerationResult]:
         """Yield each better plan as INTERMEDIATE, and last the final result."""
         if isinstance(problem, SchedulingMotionProblem) and problem.motion_activities:
-            precompile()  # once per machine, before the clock runs
+            # once per machine, before the clock runs
+            movable = (o for o in problem.all_objects if isinstance(o, MovableObject))
+            precompile(MotionModel[o.motion_model.name] for o in movable)
         deadline = Deadline.after(timeout)
         if not isinstance(problem, SchedulingMotionProblem) or not problem.motion_activities:
             yield schedule_plainly(self, problem, deadline, optimal)

@@ -168,7 +168,7 @@ class CarPlanner:
         limits = np.array([radius, v, a, 0.0, 0.0])
         target = np.array(goal[:3], dtype=np.float64)
         data, polys = self.scene.data, self.scene.polys(obstacles)
-        hybrid.plant(tree, field, space, np.array(start[:3], dtype=np.float64), target, limits)
+        hybrid.plant(tree, np.array(start[:3], dtype=np.float64))
         state = 0
         while state == 0 and not deadline.expired():
             state = hybrid.expand(

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from up_samp.geometry.compiled import inner, kernel
 from up_samp.geometry.kernels import GridData, PolyData, ShapeData, advance, arc_free
+from up_samp.motion.heap import pop, push
 from up_samp.motion.reeds_shepp import connect, run_time
 
 FloatArray = npt.NDArray[np.float64]
@@ -65,42 +66,6 @@ def field_value(field: Field, x: float, y: float) -> float:
 
 
 @inner
-def _push(tree: Tree, node: int) -> None:
-    heap, est = tree.heap, tree.nodes[:, 5]
-    i = tree.counters[1]
-    tree.counters[1] += 1
-    while i > 0:
-        up = (i - 1) // 2
-        if est[heap[up]] <= est[node]:
-            break
-        heap[i] = heap[up]
-        i = up
-    heap[i] = node
-
-
-@inner
-def _pop(tree: Tree) -> int:
-    heap, est = tree.heap, tree.nodes[:, 5]
-    top = heap[0]
-    tree.counters[1] -= 1
-    n = tree.counters[1]
-    node = heap[n]
-    i = 0
-    while True:
-        child = 2 * i + 1
-        if child >= n:
-            break
-        if child + 1 < n and est[heap[child + 1]] < est[heap[child]]:
-            child += 1
-        if est[heap[child]] >= est[node]:
-            break
-        heap[i] = heap[child]
-        i = child
-    heap[i] = node
-    return int(top)
-
-
-@inner
 def _key(space: FloatArray, x: float, y: float, th: float, backwards: bool) -> int:
     """Return the table index of a state; -1 outside (``space``: see :func:`expand`)."""
     col = math.floor((x - space[0]) / space[2])
@@ -143,31 +108,13 @@ def _estimate(
     return total
 
 
-@kernel
-def plant(
-    tree: Tree,
-    field: Field,
-    space: FloatArray,
-    start: FloatArray,
-    goal: FloatArray,
-    limits: FloatArray,
-) -> None:
-    """Put the start node into an empty tree."""
-    out = np.empty((5, 2))
-    for i in range(3):
-        tree.nodes[0, i] = start[i]
-    tree.nodes[0, 3] = tree.nodes[0, 4] = 0.0
-    tree.nodes[0, 5] = _estimate(
-        field, goal, limits, space, start[0], start[1], start[2], 0.0, 0.0, out
-    )
-    tree.links[0, 0] = -1
-    tree.links[0, 1] = _key(space, start[0], start[1], start[2], False)
-    for i in range(tree.counters.shape[0]):
-        tree.counters[i] = 0
-    tree.counters[0] = 1
-    tree.counters[3] = -1
+def plant(tree: Tree, start: FloatArray) -> None:
+    """Put the start node into an empty tree (its order does not matter: it is taken first)."""
+    tree.nodes[0] = (*start[:3], 0.0, 0.0, 0.0)
+    tree.links[0] = -1
+    tree.heap[0] = 0
+    tree.counters[:] = (1, 1, 0, -1, 0, 0)
     tree.best[0] = math.inf
-    _push(tree, 0)
 
 
 @inner
@@ -243,7 +190,7 @@ def _grow(
     tree.nodes[n, 3], tree.nodes[n, 4], tree.nodes[n, 5] = closed, run, estimate
     tree.arcs[n, 0], tree.arcs[n, 1] = kappa, s
     tree.links[n, 0], tree.links[n, 1] = node, key
-    _push(tree, n)
+    push(tree.heap, tree.nodes, tree.counters, n)
 
 
 @kernel
@@ -274,7 +221,7 @@ def expand(
             return 1 if tree.counters[3] >= 0 else 3
         if tree.counters[3] >= 0 and tree.counters[2] > tree.counters[4] + space[6]:
             return 1
-        node = _pop(tree)
+        node = pop(tree.heap, tree.nodes, tree.counters)
         if tree.nodes[node, 5] >= tree.best[0] * space[8]:
             return 1
         run = tree.nodes[node, 4]
@@ -302,34 +249,21 @@ def expand(
     return 0
 
 
-@kernel
 def solution(tree: Tree) -> FloatArray:
     """Return the arcs (n, 2) of the best solution."""
-    count = 0
-    node = tree.counters[3]
+    rows = []
+    node = int(tree.counters[3])
     while node > 0:
-        count += 1
-        node = tree.links[node, 0]
-    tail = tree.counters[5]
-    arcs = np.empty((count + tail, 2))
-    node = tree.counters[3]
-    for i in range(count - 1, -1, -1):
-        arcs[i, 0], arcs[i, 1] = tree.arcs[node, 0], tree.arcs[node, 1]
-        node = tree.links[node, 0]
-    for i in range(tail):
-        arcs[count + i, 0], arcs[count + i, 1] = tree.tail[i, 0], tree.tail[i, 1]
-    return arcs
+        rows.append(tree.arcs[node].copy())
+        node = int(tree.links[node, 0])
+    return np.vstack([*rows[::-1], tree.tail[: tree.counters[5]]])
 
 
-@kernel
 def clear(tree: Tree) -> None:
     """Forget the tree's nodes in the table, so that the arrays can be used again."""
-    for i in range(tree.counters[0]):
-        key = tree.links[i, 1]
-        if key >= 0:
-            tree.table[key] = math.inf
-    for i in range(tree.counters.shape[0]):
-        tree.counters[i] = 0
+    keys = tree.links[: tree.counters[0], 1]
+    tree.table[keys[keys >= 0]] = math.inf
+    tree.counters[:] = 0
 
 
 def new_tree(nodes: int, keys: int) -> Tree:

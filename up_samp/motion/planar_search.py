@@ -9,7 +9,8 @@ import numpy.typing as npt
 
 from up_samp.geometry.compiled import inner, kernel
 from up_samp.geometry.kernels import GridData, PolyData, ShapeData, clearance
-from up_samp.motion.hybrid import Field, Tree, _key, _pop, _push, field_value
+from up_samp.motion.heap import pop, push
+from up_samp.motion.hybrid import Field, Tree, _key, field_value
 from up_samp.motion.reeds_shepp import run_time
 from up_samp.motion.smoothing import _random
 
@@ -97,13 +98,13 @@ def expand_planar(
         tree.links[0, 1] = _key(space, start[0], start[1], start[2], False)
         tree.counters[0] = 1
         tree.counters[3] = -1
-        _push(tree, 0)
+        push(tree.heap, tree.nodes, tree.counters, 0)
     for _ in range(budget):
         if tree.counters[1] == 0:
             return 2
         if tree.counters[0] + steps.shape[0] > tree.nodes.shape[0]:
             return 3
-        node = _pop(tree)
+        node = pop(tree.heap, tree.nodes, tree.counters)
         x, y, th = tree.nodes[node, 0], tree.nodes[node, 1], tree.nodes[node, 2]
         # the table is float32: 1e-6 would drop nodes of long drives
         if node > 0 and tree.nodes[node, 3] > tree.table[tree.links[node, 1]] + 5e-5:
@@ -130,7 +131,7 @@ def expand_planar(
             tree.nodes[n, 0], tree.nodes[n, 1], tree.nodes[n, 2] = x + dx, y + dy, th + dth
             tree.nodes[n, 3], tree.nodes[n, 5] = time, time + space[9] * rest
             tree.links[n, 0], tree.links[n, 1] = node, key
-            _push(tree, n)
+            push(tree.heap, tree.nodes, tree.counters, n)
     return 0
 
 

@@ -1,4 +1,4 @@
-"""Compile all kernels that cars need, before any time limit runs: two parts, side by side.
+"""Compile all kernels that planar bodies need, before any time limit runs, side by side.
 
 numba keeps what it compiled on disk, so this happens once per machine and version.
 """
@@ -82,37 +82,79 @@ def _motion(name: str, *poses: tuple[float, float, float]) -> TimedMotion:
 
 def compile_groups() -> None:
     """Run what coordinates cars, once: two that cross where a third one rests."""
-    from up_samp.motion.spacetime import coordinate
+    from up_samp.motion.spacetime import coordinate, offset_profile
 
     east = _motion("east", (1.0, 4.0, 0.0), (7.0, 4.0, 0.0))
     north = _motion("north", (4.0, 1.0, math.pi / 2), (4.0, 7.0, math.pi / 2))
     third = Rest("third", _BODY, (1.0, 7.5, 0.0), -math.inf, math.inf)
-    coordinate(_Straight(), GroupQuery((east, north), (third,)), Deadline.never())
+    straight = _Straight()
+    coordinate(straight, GroupQuery((east, north), (third,)), Deadline.never())
+    offset_profile(straight, east, north)
 
 
 def compile_search() -> None:
-    """Run the search around movers, once (it is rarely needed, so not before the first plan)."""
+    """Run the searches for one car around movers, once: safe intervals, and samples."""
     from up_samp.motion.spacetime.roundabout import Roundabout
     from up_samp.motion.spacetime.runs import fixed_run
 
     mover = fixed_run(FixedMotion("west", "west", _BODY, _drive((11.0, 6.0, math.pi), (7, 6, 3))))
     around = _motion("around", (2.0, 6.0, 0.0), (10.0, 6.0, 0.0))
-    Roundabout(Scene(_hall(), 0.01)).paths(around, 0.0, (), [mover], 8.0, Deadline.never())
+    roundabout = Roundabout(Scene(_hall(), 0.01))
+    roundabout.paths(around, 0.0, (), [mover], 8.0, Deadline.never())
+    roundabout.sampled(around, 0.0, (), [mover], 8.0, Deadline.never())
 
 
-PARTS = {"paths": compile_paths, "groups": compile_groups, "search": compile_search}
+def compile_planar() -> None:
+    """Run what plans single omnidirectional bodies, once."""
+    service = MotionService(_hall())
+    body = Body(_BODY.footprint, Kinematics(MotionModel.SE2))
+    start, goal = (3.0, 2.0, 0.0), (9.0, 2.0, math.pi / 2)
+    service.lower_bound(body, start, goal)
+    service.plan(PathQuery(body, (start, goal)), Deadline.never())
 
-FIRST = ("paths", "groups")
-"""What any plan needs."""
+
+PARTS = {
+    "paths": compile_paths,
+    "groups": compile_groups,
+    "search": compile_search,
+    "planar": compile_planar,
+}
+
+CHAINS: dict[MotionModel, tuple[tuple[str, ...], ...]] = {
+    MotionModel.REEDSSHEPP: (("paths",), ("groups", "search")),
+    MotionModel.SE2: (("groups", "planar"),),
+}
+"""Parts that bodies of each motion model need: every chain is compiled in a process of its own, in
+this order, so that a later part finds what another process has compiled meanwhile.
+"""
 
 
-def missing(parts: Iterable[str] = FIRST) -> list[str]:
+def chains_for(models: Iterable[MotionModel]) -> list[tuple[str, ...]]:
+    """Return the chains that these motion models need, each part once."""
+    seen: set[str] = set()
+    found = []
+    for model in sorted(set(models), key=list(MotionModel).index):
+        for chain in CHAINS.get(model, ()):
+            parts = tuple(part for part in chain if part not in seen)
+            seen.update(parts)
+            if parts:
+                found.append(parts)
+    return found
+
+
+def missing(parts: Iterable[str]) -> tuple[str, ...]:
     """Return which of the parts have not been compiled on this machine."""
-    from up_samp.motion import hybrid
-    from up_samp.motion.spacetime import search, sweep
+    from up_samp.motion import hybrid, planar_search
+    from up_samp.motion.spacetime import strrt, tuning
 
-    marks = {"paths": hybrid.expand, "groups": sweep.conflict_runs, "search": search.expand}
-    return [part for part in parts if not _on_disk(marks[part])]
+    # the last kernel that each part compiles
+    marks = {
+        "paths": hybrid.expand,
+        "groups": tuning.backtrack,
+        "search": strrt.grow,
+        "planar": planar_search.expand_planar,
+    }
+    return tuple(part for part in parts if not _on_disk(marks[part]))
 
 
 def _on_disk(kernel: Any) -> bool:
@@ -124,21 +166,24 @@ def _on_disk(kernel: Any) -> bool:
     return any(Path(stats.cache_path).glob(f"{module}.{name}-*.nbi"))
 
 
-def precompile(parts: Iterable[str] = FIRST) -> float:
-    """Compile what is missing, each part in a process of its own; return the seconds it took."""
-    needed = missing(parts)
-    if not needed:
+def precompile(models: Iterable[MotionModel] = (MotionModel.REEDSSHEPP,)) -> float:
+    """Compile what bodies of these motion models need and is missing; return the seconds it took.
+
+    At most two processes work side by side.
+    """
+    chains = [needed for chain in chains_for(models) if (needed := missing(chain))]
+    if not chains:
         return 0.0
     began = time.monotonic()
     log.warning("compiling motion kernels (once on this machine, about a minute)")
     processes = [
         subprocess.Popen(
-            [sys.executable, "-m", "up_samp.motion.precompile", part],
+            [sys.executable, "-m", "up_samp.motion.precompile", *chain],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
-        for part in needed
+        for chain in chains
     ]
     try:
         for process in processes:
@@ -152,4 +197,5 @@ def precompile(parts: Iterable[str] = FIRST) -> float:
 
 
 if __name__ == "__main__":
-    PARTS[sys.argv[1]]()
+    for part in sys.argv[1:]:
+        PARTS[part]()

@@ -16,6 +16,7 @@ from up_samp.motion.fields import Fields
 from up_samp.motion.reeds_shepp import fastest
 from up_samp.motion.smoothing import improve, settle
 from up_samp.motion.spacetime import search, strrt
+from up_samp.motion.spacetime.movers import Me, Movers
 from up_samp.motion.spacetime.paths import Path, hull_of, path_of
 from up_samp.motion.spacetime.runs import MARGIN, Run, pair_flags
 from up_samp.motion.timing import relaxed, trajectory_of
@@ -131,11 +132,11 @@ class Roundabout:
         points = np.array([grid.point_of(r, c) for r, c in corners])
         return np.concatenate([points.min(axis=0), points.max(axis=0)])
 
-    def _me(self, motion: TimedMotion, release: float, goal_free: float) -> search.Me:
+    def _me(self, motion: TimedMotion, release: float, goal_free: float) -> Me:
         hull = hull_of(motion.body)
         radius, v, a = relaxed(motion.body.kinematics)
         numbers = np.array([hull.radius, MARGIN, radius, v, a, release, goal_free])
-        return search.Me(hull.verts, hull.counts, numbers)
+        return Me(hull.verts, hull.counts, numbers)
 
     def _search(
         self,
@@ -163,9 +164,7 @@ class Roundabout:
         steps = np.array([*arcs, [0.0, 4 * step], [0.0, -4 * step]])
         grain = np.array([step / 1.5, math.ceil(2 * math.pi / (step / radius / 1.5))])
         labels = self._room(LABELS[level])
-        labels.table[:] = -1
-        labels.counters[:] = 0
-        search.plant(labels, field, me, movers, start, goal, grain)
+        search.plant(labels, me, movers, start)
         state = 0
         while state == 0 and not deadline.expired() and labels.counters[2] < EXPANSIONS[level]:
             state = search.expand(
@@ -214,7 +213,7 @@ def _end(pose: FloatArray, arcs: FloatArray) -> FloatArray:
     return np.ascontiguousarray(nodes_of(pose, arcs)[-1])
 
 
-def movers_of(motion: TimedMotion, others: Sequence[Run], release: float) -> search.Movers:
+def movers_of(motion: TimedMotion, others: Sequence[Run], release: float) -> Movers:
     """Return what the search needs of the other bodies that are there after ``release`` (s)."""
     seen = []
     for other in others:
@@ -238,7 +237,7 @@ def movers_of(motion: TimedMotion, others: Sequence[Run], release: float) -> sea
     steps = [max(1e-3, float(2 * r[:, 7].max())) for r in rows]
     for row in rows:
         row[:, 4:] = 0.0
-    return search.Movers(
+    return Movers(
         np.concatenate(rows) if rows else np.zeros((0, 9)),
         first.astype(np.int64),
         np.concatenate([o.held for o, _ in seen]) if seen else np.zeros(0),

@@ -17,20 +17,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.geometry.compiled import kernel
+from up_samp.geometry.compiled import inner, kernel
 from up_samp.geometry.kernels import GridData, PolyData, ShapeData, advance, arc_free
 from up_samp.motion.reeds_shepp import connect
-from up_samp.motion.spacetime.search import (
-    GUARD,
-    PIECES,
-    VISITS,
-    Drive,
-    Me,
-    Movers,
-    _clash,
-    _sample,
-    visits,
-)
+from up_samp.motion.spacetime.drives import PIECES, Drive, clash, sample
+from up_samp.motion.spacetime.movers import GUARD, VISITS, Me, Movers, visits
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -39,6 +30,9 @@ NEAREST = 6
 """Vertices that a new one may be joined with."""
 RANGE = 10.0
 """Longest edge of an extension, in turning radii."""
+
+EXTEND, REWIRE, JOIN = 0, 1, 2
+"""What edges are tested for."""
 
 
 class Forest(NamedTuple):
@@ -65,7 +59,7 @@ def new_forest(cap: int) -> Forest:
     )
 
 
-@kernel
+@inner
 def _duration(me: Me, p: FloatArray, q: FloatArray, arcs: FloatArray) -> tuple[float, int]:
     """Return the least time (s) from rest at ``p`` to rest at ``q`` and the number of ``arcs``."""
     limits = np.zeros(5)
@@ -74,7 +68,7 @@ def _duration(me: Me, p: FloatArray, q: FloatArray, arcs: FloatArray) -> tuple[f
     return time, n
 
 
-@kernel
+@inner
 def _still(me: Me, movers: Movers, p: FloatArray, low: float, high: float) -> bool:
     """Return whether it is safe to stand at ``p`` all through [low, high]."""
     if high <= low:
@@ -86,7 +80,7 @@ def _still(me: Me, movers: Movers, p: FloatArray, low: float, high: float) -> bo
     return True
 
 
-@kernel
+@inner
 def _edge(
     grid: GridData,
     polys: PolyData,
@@ -102,23 +96,28 @@ def _edge(
     takes, n = _duration(me, p, q, arcs)
     if takes > q[3] - p[3] + 1e-9:
         return False
-    if n == 0:
-        return _still(me, movers, p, p[3], q[3])
     x, y, th = p[0], p[1], p[2]
     for i in range(n):
         if not arc_free(grid, polys, shape, x, y, th, arcs[i, 0], arcs[i, 1]):
             return False
         x, y, th = advance(x, y, th, arcs[i, 0], arcs[i, 1])
-    label, end = np.zeros(7), np.empty(3)
-    label[0], label[1], label[2] = p[0], p[1], p[2]
-    count, _ = _sample(me, movers, label, arcs, n, True, drive, end)
-    if _clash(drive, count, drive.at, p[3]) == 0.0 and _still(me, movers, q, p[3] + takes, q[3]):
-        return True
-    begin = q[3] - takes
-    return _clash(drive, count, drive.at, begin) == 0.0 and _still(me, movers, p, p[3], begin)
+    count = 0
+    if n > 0:
+        label, end = np.zeros(7), np.empty(3)
+        label[0], label[1], label[2] = p[0], p[1], p[2]
+        count, _ = sample(me, movers, label, arcs, n, True, drive, end)
+    for late in range(2):
+        # drive at once and wait at the end, or wait first
+        begin = q[3] - takes if late else p[3]
+        rest = p if late else q
+        low, high = (p[3], begin) if late else (begin + takes, q[3])
+        clear = clash(drive, count, drive.at, begin) == 0.0
+        if clear and _still(me, movers, rest, low, high):
+            return True
+    return False
 
 
-@kernel
+@inner
 def _nearest(forest: Forest, tree: int, me: Me, q: FloatArray, out: IntArray) -> int:
     """Fill ``out`` with the vertices of a tree that can be joined with ``q`` in time and lie
     nearest over the plane; return how many.
@@ -145,34 +144,35 @@ def _nearest(forest: Forest, tree: int, me: Me, q: FloatArray, out: IntArray) ->
     return count
 
 
-@kernel
+@inner
 def _steer(me: Me, tree: int, near: FloatArray, q: FloatArray) -> None:
     """Pull ``q`` towards ``near`` until the edge is within range, its time in proportion."""
     arcs = np.empty((5, 2))
-    a, b = (near, q) if tree == 0 else (q, near)
-    _, n = _duration(me, a, b, arcs)
-    length = 0.0
-    for i in range(n):
-        length += abs(arcs[i, 1])
-    share = RANGE * me.numbers[2] / max(length, 1e-9)
-    if share >= 1.0:
-        return
-    left = share * length if tree == 0 else (1.0 - share) * length
-    x, y, th = a[0], a[1], a[2]
-    for i in range(n):
-        part = min(left, abs(arcs[i, 1]))
-        x, y, th = advance(x, y, th, arcs[i, 0], math.copysign(part, arcs[i, 1]))
-        left -= part
-        if left <= 1e-12:
-            break
-    time = near[3] + share * (q[3] - near[3])
-    q[0], q[1], q[2], q[3] = x, y, th, time
-    takes, _ = _duration(me, near if tree == 0 else q, q if tree == 0 else near, arcs)
-    # from rest to rest a part takes more than its share
-    q[3] = max(q[3], near[3] + takes) if tree == 0 else min(q[3], near[3] - takes)
+    for cut in range(2):
+        a, b = (near, q) if tree == 0 else (q, near)
+        takes, n = _duration(me, a, b, arcs)
+        if cut == 1:
+            # from rest to rest a part takes more than its share
+            q[3] = max(q[3], near[3] + takes) if tree == 0 else min(q[3], near[3] - takes)
+            return
+        length = 0.0
+        for i in range(n):
+            length += abs(arcs[i, 1])
+        share = RANGE * me.numbers[2] / max(length, 1e-9)
+        if share >= 1.0:
+            return
+        left = share * length if tree == 0 else (1.0 - share) * length
+        x, y, th = a[0], a[1], a[2]
+        for i in range(n):
+            part = min(left, abs(arcs[i, 1]))
+            x, y, th = advance(x, y, th, arcs[i, 0], math.copysign(part, arcs[i, 1]))
+            left -= part
+            if left <= 1e-12:
+                break
+        q[0], q[1], q[2], q[3] = x, y, th, near[3] + share * (q[3] - near[3])
 
 
-@kernel
+@inner
 def _insert(forest: Forest, tree: int, q: FloatArray, parent: int, root: float) -> int:
     n = forest.size[tree]
     for k in range(4):
@@ -182,7 +182,7 @@ def _insert(forest: Forest, tree: int, q: FloatArray, parent: int, root: float) 
     return n
 
 
-@kernel
+@inner
 def _draw(
     forest: Forest, me: Me, goal: FloatArray, box: FloatArray, latest: float, q: FloatArray
 ) -> bool:
@@ -198,32 +198,19 @@ def _draw(
     return low < high
 
 
-@kernel
-def _rewire(
-    forest: Forest,
-    grid: GridData,
-    polys: PolyData,
-    shape: ShapeData,
-    me: Me,
-    movers: Movers,
-    new: int,
-    drive: Drive,
-) -> None:
-    """Give vertices of the goal tree that can reach ``new`` its earlier root."""
-    out = np.empty(NEAREST, dtype=np.int64)
-    root = forest.root[1, new]
-    q = forest.state[1, new]
-    far = 0
+@inner
+def _rewirable(forest: Forest, me: Me, q: FloatArray, root: float, out: IntArray) -> int:
+    """Fill ``out`` with vertices of the goal tree near ``q`` that have a later root than
+    ``root``; return how many.
+    """
+    count = 0
     for i in range(forest.size[1]):
         p = forest.state[1, i]
         close = math.hypot(p[0] - q[0], p[1] - q[1]) < 0.5 * RANGE * me.numbers[2]
-        if close and forest.parent[1, i] >= 0 and forest.root[1, i] > root and far < NEAREST:
-            out[far] = i
-            far += 1
-    for k in range(far):
-        i = out[k]
-        if _edge(grid, polys, shape, me, movers, forest.state[1, i], q, drive):
-            forest.parent[1, i], forest.root[1, i] = new, root
+        if close and forest.parent[1, i] >= 0 and forest.root[1, i] > root and count < len(out):
+            out[count] = i
+            count += 1
+    return count
 
 
 @kernel
@@ -259,57 +246,19 @@ def grow(
         if turn % 10 == 0:
             q[0], q[1], q[2] = goal[0], goal[1], goal[2]
             q[3] = earliest + np.random.random() * (bound - earliest)
-            _insert(forest, 1, q, -1, q[3])
-        tree = turn % 2
-        if turn % 10 == 0:
-            tree, new = 1, forest.size[1] - 1
+            tree, new = 1, _insert(forest, 1, q, -1, q[3])
         else:
+            tree, new = turn % 2, -1
             if not _draw(forest, me, goal, box, latest, q):
                 continue
-            new = _extend(forest, grid, polys, shape, me, movers, tree, q, near, drive)
-        if new >= 0:
-            _join(forest, grid, polys, shape, me, movers, tree, new, near, drive)
+            if _nearest(forest, tree, me, q, near) == 0:
+                continue
+            _steer(me, tree, forest.state[tree, near[0]], q)
+        _stages(forest, grid, polys, shape, me, movers, tree, new, q, near, drive)
 
 
-@kernel
-def _extend(
-    forest: Forest,
-    grid: GridData,
-    polys: PolyData,
-    shape: ShapeData,
-    me: Me,
-    movers: Movers,
-    tree: int,
-    q: FloatArray,
-    near: IntArray,
-    drive: Drive,
-) -> int:
-    """Extend a tree towards ``q``; return the new vertex or -1."""
-    if _nearest(forest, tree, me, q, near) == 0:
-        return -1
-    _steer(me, tree, forest.state[tree, near[0]], q)
-    count = _nearest(forest, tree, me, q, near)
-    parent, root = -1, np.inf
-    for k in range(count):
-        i = near[k]
-        if tree == 1 and forest.root[1, i] >= root:
-            continue
-        p = forest.state[tree, i]
-        a, b = (p, q) if tree == 0 else (q, p)
-        if _edge(grid, polys, shape, me, movers, a, b, drive):
-            parent, root = i, forest.root[tree, i]
-            if tree == 0:
-                break
-    if parent < 0:
-        return -1
-    new = _insert(forest, tree, q, parent, root)
-    if tree == 1:
-        _rewire(forest, grid, polys, shape, me, movers, new, drive)
-    return new
-
-
-@kernel
-def _join(
+@inner
+def _stages(
     forest: Forest,
     grid: GridData,
     polys: PolyData,
@@ -318,21 +267,49 @@ def _join(
     movers: Movers,
     tree: int,
     new: int,
+    q: FloatArray,
     near: IntArray,
     drive: Drive,
 ) -> None:
-    """Try to join a new vertex with the other tree; keep the earliest arrival."""
-    q = forest.state[tree, new]
-    other = 1 - tree
-    for k in range(_nearest(forest, other, me, q, near)):
-        i = near[k]
-        p = forest.state[other, i]
-        a, b = (q, p) if tree == 0 else (p, q)
-        arrival = forest.root[1, i] if other == 1 else forest.root[1, new]
-        if arrival < forest.best[0] and _edge(grid, polys, shape, me, movers, a, b, drive):
-            forest.best[0] = arrival
-            forest.best[1] = new if tree == 0 else i
-            forest.best[2] = i if tree == 0 else new
+    """Insert ``q`` (unless it is the vertex ``new``), rewire the goal tree to it, and join it with
+    the other tree if that gives an earlier arrival. One place tests edges: compiling stays short.
+    """
+    for stage in range(JOIN if new >= 0 else EXTEND, JOIN + 1):
+        side = tree if stage == EXTEND else 1 - tree
+        if stage == REWIRE:
+            if tree == 0:
+                continue
+            side, count = 1, _rewirable(forest, me, q, forest.root[1, new], near)
+        else:
+            count = _nearest(forest, side, me, q, near)
+        parent, root = -1, np.inf
+        for k in range(count):
+            i = near[k]
+            # arrivals belong to the goal tree
+            arrival = forest.root[1, i if side == 1 else max(new, 0)]
+            if stage == EXTEND and tree == 1 and arrival >= root:
+                continue
+            if stage == JOIN and arrival >= forest.best[0]:
+                continue
+            p = forest.state[side, i]
+            earlier = stage == REWIRE or (stage == EXTEND) == (tree == 0)
+            a, b = (p, q) if earlier else (q, p)
+            if not _edge(grid, polys, shape, me, movers, a, b, drive):
+                continue
+            if stage == EXTEND:
+                parent, root = i, forest.root[tree, i]
+                if tree == 0:
+                    break
+            elif stage == REWIRE:
+                forest.parent[1, i], forest.root[1, i] = new, forest.root[1, new]
+            else:
+                forest.best[0] = arrival
+                forest.best[1] = new if tree == 0 else i
+                forest.best[2] = i if tree == 0 else new
+        if stage == EXTEND:
+            if parent < 0:
+                return
+            new = _insert(forest, tree, q, parent, root)
 
 
 def way(forest: Forest) -> FloatArray:
