@@ -126,6 +126,10 @@ def test_report(tmp_path):
     assert "1 invalid plans" in text
     assert "no plan \\| in time" in text
     assert "logistics-dc-all-r4-i8" in text
+    # every instance has a row, those of the paper first
+    rows = text.partition("## Every instance")[2].partition("##")[0].strip().splitlines()
+    assert rows[-1] == "| logistics-dc-all-r4-i8 | - (2 s) |  |"
+    assert "| jobshop-r2-j1-m1 | 50, 1.5 s | 50, 1.5 s |" in text
     assert (tmp_path / "coverage.png").stat().st_size > 5000
 
 

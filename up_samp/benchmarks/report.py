@@ -85,6 +85,9 @@ def write(records: Sequence[Record], folder: Path) -> Path:
         table_beyond(records),
         "## Runs that were not solved",
         table_failures(records),
+        "## Every instance",
+        "Makespan (and the lower bound where it is not met) and seconds; a dash is no plan.",
+        table_instances(records),
         "## Versions and machines",
         table_machines(records),
     ]
@@ -187,6 +190,33 @@ def table_failures(records: Sequence[Record]) -> str:
         if not counts(r):
             rows.append([r["instance"], column(r), str(r.get("status")), _reason(r)])
     return _table(rows) if len(rows) > 1 else "None."
+
+
+def table_instances(records: Sequence[Record]) -> str:
+    """Return a row per instance with the makespan, bound and time of each column's first run."""
+    by_column = {
+        title: {r["instance"]: r for r in reversed(members)}
+        for title, members in columns(records).items()
+    }
+    rows = [["instance", *by_column]]
+    for name in dict.fromkeys(r["instance"] for r in sorted(records, key=_order)):
+        rows.append([name, *(_outcome(runs.get(name)) for runs in by_column.values())])
+    return _table(rows)
+
+
+def _order(record: Record) -> tuple[int, str]:
+    known = {i.name: n for n, i in enumerate(instances("paper"))}
+    return known.get(record["instance"], len(known)), record["instance"]
+
+
+def _outcome(record: Record | None) -> str:
+    if record is None:
+        return ""
+    if not solved(record):
+        return f"- ({record.get('seconds') or record['timeout']:.0f} s)"
+    bound = record.get("metrics", {}).get("lower_bound")
+    gap = "" if bound is None or bound >= record["makespan"] else f" (≥ {bound})"
+    return f"{record['makespan']}{gap}, {record['seconds']:.1f} s"
 
 
 def _reason(record: Record) -> str:
