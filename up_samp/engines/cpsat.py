@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import IO, Any
 
 from unified_planning.engines import (
@@ -18,10 +18,11 @@ from unified_planning.engines import (
 from unified_planning.engines.mixins import AnytimePlannerMixin, OneshotPlannerMixin
 from unified_planning.engines.mixins.anytime_planner import AnytimeGuarantee
 from unified_planning.engines.mixins.oneshot_planner import OptimalityGuarantee
+from unified_planning.exceptions import UPUsageError
 from unified_planning.model import ProblemKind
 from unified_planning.model.problem_kind_versioning import LATEST_PROBLEM_KIND_VERSION
 from unified_planning.model.scheduling import SchedulingProblem
-from unified_planning.plans import Schedule
+from unified_planning.plans import Plan, Schedule
 
 from up_samp.model import (
     CandidateSchedule,
@@ -149,6 +150,54 @@ class CpsatEngine(Engine, OneshotPlannerMixin, AnytimePlannerMixin):
     def get_credits(**kwargs: Any) -> Credits | None:
         """Return who made the solver that does the work."""
         return CREDITS
+
+    # ------------------------------------------------------------------ solving
+    def solve(
+        self,
+        problem: Any,
+        heuristic: Callable[[Any], float | None] | None = None,
+        timeout: float | None = None,
+        output_stream: IO[str] | None = None,
+        warm_start_plan: Plan | None = None,
+        **kwargs: Any,
+    ) -> PlanGenerationResult:
+        """Solve as every UP engine does, but for plain scheduling problems without computing the
+        kind: that takes as long as solving a small one, and seconds for large ones. Reading the
+        problem refuses by name what is not supported.
+        """
+        if type(problem) is not SchedulingProblem:
+            return super().solve(  # type: ignore[no-any-return]
+                problem, heuristic, timeout, output_stream, warm_start_plan, **kwargs
+            )
+        self._check_metric(problem)
+        return self._solve_with_params(
+            problem, heuristic, timeout, output_stream, warm_start_plan, **kwargs
+        )
+
+    def get_solutions(
+        self,
+        problem: Any,
+        timeout: float | None = None,
+        output_stream: IO[str] | None = None,
+        warm_start_plan: Plan | None = None,
+        **kwargs: Any,
+    ) -> Iterator[PlanGenerationResult]:
+        """Yield better and better plans (see :meth:`solve` for the kind)."""
+        if type(problem) is not SchedulingProblem:
+            yield from super().get_solutions(
+                problem, timeout, output_stream, warm_start_plan, **kwargs
+            )
+            return
+        self._check_metric(problem)
+        yield from self._get_solutions_with_params(
+            problem, timeout, output_stream, warm_start_plan, **kwargs
+        )
+
+    def _check_metric(self, problem: Any) -> None:
+        if self.optimality_metric_required and not problem.quality_metrics:
+            raise UPUsageError(
+                "The problem has no quality metrics but the engine is required to be optimal!"
+            )
 
     def _solve(
         self,

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import cached_property
 from typing import Any, Final
 
 from unified_planning.model import OperatorKind as Op
@@ -40,9 +41,9 @@ class Decisions:
     objects: Mapping[str, tuple[str, ...]]
     """Names of the objects of each user type, subtypes included."""
 
-    @property
+    @cached_property
     def makespan(self) -> int:
-        """Latest end of a present activity."""
+        """Latest end of a present activity (every timing asks for it)."""
         return max((end for _, end in self.times.values()), default=0)
 
     def timepoint(self, point: Any, owner: str | None, global_end: int) -> Value:

@@ -14,7 +14,7 @@ from up_samp.model import CandidateSchedule, Deadline
 from up_samp.scheduling.cpsat.collapse import Collapsed
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.problem import Additions
-from up_samp.scheduling.cpsat.routes import find_routes
+from up_samp.scheduling.cpsat.routes import Route, find_routes
 from up_samp.scheduling.cpsat.solving import Answer, Run, run
 from up_samp.scheduling.cpsat.store import TRUE, Lin
 
@@ -26,6 +26,16 @@ _DIVE = {**_QUICK, "search_branching": cp_model.FIXED_SEARCH, "num_workers": 1}
 _RELAXED = {**_LIGHT, "linearization_level": 1}
 # no interleave_search: with several workers it aborts the process ("heuristics.fixed_search")
 _THOROUGH: dict[str, Any] = {}
+# One thread without a linear relaxation proves most small shops before several have begun to share
+# what they know (ft10 in a tenth of the time); where loads decide, a relaxation does. Each rung is
+# (options, effort); what it finds is the next one's hint.
+_LADDER: tuple[tuple[dict[str, Any], float], ...] = (
+    ({"num_workers": 1, "linearization_level": 0}, 0.1),
+    ({"num_workers": 1, "linearization_level": 1}, 0.4),
+    ({"num_workers": 1, "linearization_level": 0}, 2.0),
+)
+_LADDER_SIZE = 20_000
+"""Constraints up to which the ladder is tried: it must not cost large models their time."""
 _COLLAPSED_EFFORT = 20.0
 _CONTENT_EFFORT = 1.0
 _SLACKS = (1.0, 1.1, 1.3, 1.7)
@@ -73,7 +83,10 @@ class Search:
             if self._met() or self._over():
                 return
         base = guess.makespan if guess is not None else 0
-        base = max(base, self._collapse(parts))
+        routes = find_routes(self.model) if self.minimizes_makespan else []
+        base = max(base, self._collapse(parts, routes))
+        if not routes and not self._over():
+            self._climb()
         if self._over():
             return
         if self.best is None:
@@ -85,11 +98,17 @@ class Search:
         return self.infeasible or self.proven or bool(self.invalid) or self.deadline.expired()
 
     # -- stages --------------------------------------------------------------------------------
-    def _collapse(self, parts: Callable[[], Additions]) -> int:
+    def _climb(self) -> None:
+        """Solve a small problem without routes by one thread, with more and more effort."""
+        if len(self.model.store.model.proto.constraints) > _LADDER_SIZE:
+            return
+        for options, effort in _LADDER if self.wants_optimum else _LADDER[:1]:
+            self._improve(self._cap(), options, effort)
+            if self._met() or self._over():
+                return
+
+    def _collapse(self, parts: Callable[[], Additions], routes: list[Route]) -> int:
         """Solve the collapsed problem, if there is one; return the makespan to expect."""
-        if not self.minimizes_makespan:
-            return 0
-        routes = find_routes(self.model)
         if not routes:
             return 0
         collapsed = Collapsed(self.model, parts(), routes)
@@ -193,17 +212,23 @@ class Search:
         """Improve the schedule until it is proven optimal, or good enough."""
         if self._met():
             return
-        store, limit = self.model.store, self.model.limit
-        cap = limit
-        if self.minimizes_makespan and self.best is not None:
-            cap = self.value
+        effort = self.effort if self.wants_optimum or self.effort else _CONTENT_EFFORT
+        options = _THOROUGH if self.wants_optimum else _RELAXED
+        self._improve(self._cap(), options, effort)
+
+    def _cap(self) -> int:
+        """Return by when schedules that are not worse than the best one end."""
+        known = self.minimizes_makespan and self.best is not None
+        return self.value if known else self.model.limit
+
+    def _improve(self, cap: int, options: dict[str, Any], effort: float | None) -> None:
+        """Search between the bound and ``cap``, and learn from the answer."""
+        store = self.model.store
         model = self.model.capped(cap)
         if self.minimizes_makespan and self.bound:
             makespan = model.get_int_var_from_proto_index(store.position(self.model.world.makespan))
             model.add(makespan >= self.bound)
         self._set_hints(model)
-        effort = self.effort if self.wants_optimum or self.effort else _CONTENT_EFFORT
-        options = _THOROUGH if self.wants_optimum else _RELAXED
         answer = self._run(model, options, effort, first=False)
         if answer.status == cp_model.INFEASIBLE and self.best is None:
             self.infeasible = True
