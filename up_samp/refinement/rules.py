@@ -146,14 +146,14 @@ def slower_while(
     blockers: Mapping[str, str],
     movers: Mapping[str, Iterable[str]],
     why: str,
+    *,
+    strength: Strength = Strength.RELATIVE,
 ) -> Refinement:
     """Return that a motion takes ``units`` while all ``blockers`` rest where they are."""
-    base = blocked_while(activity, blockers, movers, why, strength=Strength.RELATIVE)
+    base = blocked_while(activity, blockers, movers, why)
     assert isinstance(base.statement, Clause)
     longer = Apart(start_of(activity), end_of(activity), units)
-    return Refinement(
-        Clause((*base.statement.literals, longer)), Layer.TEMPORAL, Strength.RELATIVE, why
-    )
+    return Refinement(Clause((*base.statement.literals, longer)), Layer.TEMPORAL, strength, why)
 
 
 def place_for_one(
@@ -226,9 +226,7 @@ def group_timing(
             longer = motion.end - reference.start + 1
             literals.append(Apart(start_of(reference.activity), end_of(motion.activity), longer))
     names = tuple(m.activity for m in motions)
-    for obstacle, configuration in sorted(blockers.items()):
-        literals += [Elsewhere(n, obstacle, configuration) for n in names]
-        literals += [Overlap(m, names) for m in sorted(movers[obstacle]) if m not in names]
+    literals += _moved_away(names, blockers, movers)
     return Refinement(Clause(tuple(literals)), Layer.GROUP, strength, why)
 
 
@@ -252,10 +250,40 @@ def group_fails(
         finish = motion.end - reference.start
         literals.append(Apart(earlier, end_of(motion.activity), finish + 1))
     names = tuple(m.activity for m in motions)
+    literals += _moved_away(names, blockers, movers)
+    return Refinement(Clause(tuple(literals)), Layer.GROUP, Strength.HEURISTIC, why)
+
+
+def not_together(
+    motions: Sequence[ScheduledMotion],
+    blockers: Mapping[str, str],
+    movers: Mapping[str, Iterable[str]],
+    why: str,
+) -> Refinement:
+    """Return that motions which found no trajectories at several offsets do not all go at once:
+    one of them ends before another begins. Heuristic, as :func:`group_fails`.
+    """
+    names = tuple(m.activity for m in motions)
+    literals: list[Literal] = [Absent(n) for n in names]
+    literals += [
+        Apart(end_of(a.activity), start_of(b.activity), 0)
+        for a in motions
+        for b in motions
+        if a.object != b.object
+    ]
+    literals += _moved_away(names, blockers, movers)
+    return Refinement(Clause(tuple(literals)), Layer.GROUP, Strength.HEURISTIC, why)
+
+
+def _moved_away(
+    names: tuple[str, ...], blockers: Mapping[str, str], movers: Mapping[str, Iterable[str]]
+) -> list[Literal]:
+    """Return that some blocker is elsewhere, or that something moves it meanwhile."""
+    literals: list[Literal] = []
     for obstacle, configuration in sorted(blockers.items()):
         literals += [Elsewhere(n, obstacle, configuration) for n in names]
         literals += [Overlap(m, names) for m in sorted(movers[obstacle]) if m not in names]
-    return Refinement(Clause(tuple(literals)), Layer.GROUP, Strength.HEURISTIC, why)
+    return literals
 
 
 def paper_condition(motions: Sequence[ScheduledMotion], rivals: Iterable[str]) -> list[Literal]:

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 from up_samp.model import GroupQuery, GroupReport, Outcome, PathQuery, ScheduledMotion, Trajectory
-from up_samp.model.refinement import Layer, Refinement, Strength
+from up_samp.model.refinement import Refinement, Strength
 from up_samp.model.snapshot import TermKind
 from up_samp.motion.spacetime import coordinate as coordinate_motions
 from up_samp.refinement import rules, timed
@@ -22,7 +22,7 @@ from up_samp.search.context import Context
 from up_samp.search.exact import rejects
 from up_samp.search.failure import Failure
 from up_samp.search.params import GROUP_PLANNERS
-from up_samp.search.prepare import duration_refinements
+from up_samp.search.prepare import duration_refinements, fastest_path
 from up_samp.search.world import group_query, groups_of, instant_obstacles, motion_key
 from up_samp.upio import Itinerary
 
@@ -150,21 +150,16 @@ def check_path(
     snapshot = context.snapshot
     movable = {n: itinerary.place_at(snapshot, n, motion.start) for n in names if context.movers[n]}
     why = report.reason or f"no path for {motion.activity} found"
-    found: list[Refinement] = []
-    for activity in _equivalent(context, motion, names):
-        if not movable:
-            found.append(
-                Refinement(
-                    rules.impossible(activity, why).statement, Layer.GEOMETRIC, strength, why
-                )
-            )
-        elif context.params.small_cuts:
-            found.append(
-                rules.blocked_while(activity, movable, context.movers, why, strength=strength)
-            )
-        else:
-            found.append(paper.no_path(context, _as(motion, activity), movable, why, strength))
-    if movable and not any(rejects(context, itinerary, r) for r in found):
+    same = _equivalent(context, motion, names)
+    if not movable:
+        return [replace(rules.impossible(a, why), strength=strength) for a in same]
+    if context.params.small_cuts or proven:
+        found = [
+            rules.blocked_while(a, movable, context.movers, why, strength=strength) for a in same
+        ]
+    else:
+        found = paper.no_path(context, motion, obstacles, movable, why)
+    if not any(rejects(context, itinerary, r) for r in found):
         exact = _blocked_as_timed(context, itinerary, motion, movable, why, strength)
         found += [] if exact is None else [exact]
     return found
@@ -207,10 +202,8 @@ def check_duration(
         if found:
             return found
     obstacles = instant_obstacles(context, itinerary, motion)
-    report = context.service.plan(
-        PathQuery(body, motion.poses, obstacles),
-        context.deadline.within(context.query_seconds),
-    )
+    query = PathQuery(body, motion.poses, obstacles)
+    report, strength = fastest_path(context, query, context.query_seconds)
     if report.trajectory is None:
         return []
     units = context.units(report.trajectory.duration)
@@ -224,9 +217,13 @@ def check_duration(
     why = f"the fastest motion found takes {report.trajectory.duration:.2f} s"
     for activity in _equivalent(context, motion, frozenset(o.name for o in obstacles)):
         if context.params.small_cuts:
-            found.append(rules.slower_while(activity, units, places, context.movers, why))
+            found.append(
+                rules.slower_while(activity, units, places, context.movers, why, strength=strength)
+            )
         else:
-            found.append(paper.takes_longer(context, _as(motion, activity), units, places, why))
+            found.append(
+                paper.takes_longer(context, motion, activity, units, places, why, strength)
+            )
     return found
 
 
@@ -240,10 +237,3 @@ def _equivalent(context: Context, motion: ScheduledMotion, blockers: frozenset[s
     tasks = context.by_signature.get((body, motion.poses), [])
     same = [t.activity for t in tasks if t.avoid is None or blockers <= t.avoid]
     return sorted({motion.activity, *same})
-
-
-def _as(motion: ScheduledMotion, activity: str) -> ScheduledMotion:
-    """Return the same motion under an equivalent activity's name (a cut for one activity)."""
-    if activity == motion.activity:
-        return motion
-    return replace(motion, activity=activity, constraint=0)

@@ -8,7 +8,14 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from up_samp.model import Body, CandidateSchedule, Configuration, Deadline, Trajectory
+from up_samp.model import (
+    Body,
+    CandidateSchedule,
+    Configuration,
+    Deadline,
+    PathQuery,
+    Trajectory,
+)
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
 from up_samp.motion.after import AfterOpening
@@ -23,7 +30,8 @@ if TYPE_CHECKING:
 Signature = tuple[Body, tuple[Configuration, ...]]
 """What a motion is to the motion planner: motions of equal signatures are equivalent."""
 
-FIRST_PROOF_SECONDS = 5.0
+FIRST_PROOF_SECONDS = 15.0
+"""Time (s) of the scheduler's first attempt at a proof, once there is a plan."""
 
 GROUP_SHARE = 0.2
 """Share of the remaining time that one group of motions may take."""
@@ -58,10 +66,14 @@ class Context:
     lower_bound: int = 0
     bound_is_relative: bool = False
     proof_seconds: float = FIRST_PROOF_SECONDS
-    """Share of our own scheduler's next call, once there is a plan; doubled when it is used up."""
+    """Limit of our own scheduler's next call, once there is a plan; doubled when it is used up."""
     written: set[object] = field(default_factory=set)
     standing: list[Refinement] = field(default_factory=list)
     durations: dict[Signature, float] = field(default_factory=dict)
+    hasty: set[PathQuery] = field(default_factory=set)
+    """Queries whose time was up: what they found need not be the planner's fastest."""
+    hopeless: set[frozenset[str]] = field(default_factory=set)
+    """Activities that found no trajectories together at some offsets."""
 
     @cached_property
     def after(self) -> AfterOpening:

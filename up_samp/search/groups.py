@@ -50,10 +50,17 @@ def _first_violated(
 
 
 def _hopeless_cut(failure: Failure) -> Refinement:
+    """Return that motions do not go together: as they are timed at first; what fails at other
+    offsets, too, is kept apart whatever the offsets.
+    """
+    context = failure.context
     names = failure.report.conflict or set(failure.scheduled)
     motions = [m for name, m in failure.scheduled.items() if name in names]
     why = failure.report.reason or "no trajectories found in time"
-    return rules.group_fails(motions, failure.blockers(motions), failure.context.movers, why)
+    together = frozenset(m.activity for m in motions)
+    rule = rules.not_together if together in context.hopeless else rules.group_fails
+    context.hopeless.add(together)
+    return rule(motions, failure.blockers(motions), context.movers, why)
 
 
 def _timing_cut(failure: Failure) -> Refinement:
