@@ -9,7 +9,7 @@ from __future__ import annotations
 import enum
 import time
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from up_samp.model import CandidateSchedule, ScheduleReport, ScheduleStatus
 from up_samp.model.refinement import Refinement, Strength
@@ -24,6 +24,7 @@ from up_samp.search.prepare import (
     state_places,
 )
 from up_samp.search.repair import repair
+from up_samp.search.slack import with_slack
 from up_samp.search.trace import write_trace
 from up_samp.upio import Itinerary, read_itinerary
 
@@ -60,11 +61,11 @@ def solve(context: Context, *, optimal: bool) -> Generator[Incumbent, None, Sear
             if ending is not None:
                 return ending
             continue
-        itinerary = read_itinerary(context.relaxation, report.schedule)
+        itinerary = read_itinerary(context.relaxation, with_slack(context, report.schedule))
         check = check_motions(context, itinerary)  # lines 6 to 15
         learned = learn_from(context, itinerary, check)  # lines 31 and 35
         better = adopt_or_repair(context, itinerary, check)  # line 16
-        record(context, report, check, learned)
+        record(context, replace(report, schedule=itinerary.schedule), check, learned)
         if better is not None:
             yield better
         if is_done(context, report, check, learned, optimal=optimal):

@@ -54,6 +54,8 @@ class Parameters:
     """Pairs of motions that meet learned for whole ranges of start offsets."""
     incumbents: bool = True
     """Candidate schedules repaired into plans."""
+    slack: bool = True
+    """Motions given what time the candidate's makespan leaves them."""
     single_geometric: bool = True
     """Layer 1, geometric: a path for each motion alone, first."""
     single_temporal: bool = True
@@ -83,6 +85,7 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
         "small_cuts": False,
         "profiles": False,
         "incumbents": False,
+        "slack": False,
         "path_planner": "RRT",
         "group_planner": "ST-RRT*",
     },
@@ -93,6 +96,7 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
         "small_cuts": False,
         "profiles": False,
         "incumbents": False,
+        "slack": False,
     },
 }
 
@@ -106,6 +110,7 @@ ABLATIONS: Mapping[str, Mapping[str, Any]] = {
         "equivalents",
         "profiles",
         "incumbents",
+        "slack",
         "single_geometric",
         "single_temporal",
     )

@@ -1,0 +1,56 @@
+"""Spread the slack of a schedule: motions may take longer where that costs nothing.
+
+A scheduler has no reason to give a motion more time than it needs alone. Where the makespan allows
+it, more time lets motions that are not critical give way to those that are.
+"""
+
+from __future__ import annotations
+
+from unified_planning.model.metrics import Oversubscription
+from unified_planning.model.scheduling import SchedulingProblem
+
+from up_samp.model import CandidateSchedule
+from up_samp.scheduling.cpsat import CpsatSession
+from up_samp.search.context import Context
+from up_samp.search.restrict import restrict
+
+SLACKS = (1, 3, 6)
+"""Units more than scheduled that are worth having; each counts once for each motion."""
+SLACK_SECONDS = 1.0
+
+
+def with_slack(context: Context, schedule: CandidateSchedule) -> CandidateSchedule:
+    """Return a candidate with the same activities and makespan and more time for its motions."""
+    metrics = context.relaxation.problem.quality_metrics
+    if not context.params.slack or any(not m.is_minimize_makespan() for m in metrics):
+        return schedule
+    return spread(context, restrict(context, schedule), schedule)
+
+
+def spread(
+    context: Context, problem: SchedulingProblem, schedule: CandidateSchedule
+) -> CandidateSchedule:
+    """Return a schedule of ``problem`` (see ``restrict``) that ends no later than
+    ``schedule`` and whose motions have as much slack as can be; ``schedule`` itself, if there is
+    none to be had in little time.
+    """
+    loose = problem.clone()
+    manager = loose.environment.expression_manager
+    moving = {t.activity for t in context.snapshot.tasks}
+    goals = {}
+    for activity in loose.activities:
+        loose.add_constraint(manager.LE(activity.end, schedule.makespan))
+        if activity.name in moving:
+            start, end = schedule.times[activity.name]
+            for more in SLACKS:
+                longer = manager.Plus(activity.start, end - start + more)
+                goals[manager.LE(longer, activity.end)] = 1
+    loose.clear_quality_metrics()
+    loose.add_quality_metric(Oversubscription(goals))
+    session = CpsatSession(loose, seed=context.params.seed, workers=1)
+    report = session.solve(context.deadline.within(SLACK_SECONDS), optimal=True, hint=schedule)
+    if report.schedule is None:
+        return schedule
+    return CandidateSchedule(
+        report.schedule.times, {**schedule.parameters, **report.schedule.parameters}
+    )
