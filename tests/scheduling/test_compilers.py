@@ -28,6 +28,7 @@ from up_samp.scheduling.compilers.read import read_problem
 from up_samp.scheduling.compilers.resources import compile_resources
 from up_samp.scheduling.compilers.settled import compile_settled
 from up_samp.scheduling.compilers.stillness import compile_stillness
+from up_samp.scheduling.compilers.support import compile_support
 from up_samp.scheduling.compilers.tokens import compile_tokens
 from up_samp.scheduling.compilers.write import write_problem
 
@@ -157,6 +158,31 @@ def test_stillness_is_said_by_differences():
     compiled = compile_stillness(problem)
     assert compiled.problem.conditions == ()
     assert texts(compiled) == ["or(le(shut.end + 1, drive.start), le(drive.end + 1, shut.end))"]
+
+
+@pytest.mark.parametrize(
+    ("owner", "time", "value", "exact"),
+    [
+        ("a", start("a"), "x", False),  # the same value again, halfway
+        ("a", start("a"), "y", True),  # would break the condition: never in a schedule
+        ("a", end("a"), "x", True),  # seen after the condition
+        ("a", start("a", -1), "x", True),
+        ("b", start("b"), "x", True),  # others keep out
+        (None, ("time", "zero", None, 3), "x", False),
+    ],
+)
+def test_a_second_supporter_is_lost(owner, time, value, exact):
+    at = ("flu", "at")
+    problem = of(
+        activity("a"),
+        activity("b"),
+        types={"place": None},
+        objects={"x": "place", "y": "place"},
+        fluents={"at": Fluent(("user", "place"), (), ("obj", "x"))},
+        conditions=(Condition(start("a"), end("a"), ("eq", at, ("obj", "x")), "a"),),
+        effects=(Effect(time, "assign", at, ("obj", value), owner=owner),),
+    )
+    assert compile_support(problem).exact is exact
 
 
 def test_resources_forbid_minimal_sets_only():

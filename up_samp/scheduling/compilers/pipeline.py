@@ -19,6 +19,7 @@ from up_samp.scheduling.compilers.resources import compile_resources
 from up_samp.scheduling.compilers.rules import compile_rules
 from up_samp.scheduling.compilers.settled import compile_settled
 from up_samp.scheduling.compilers.stillness import compile_apart, compile_stillness
+from up_samp.scheduling.compilers.support import compile_support
 from up_samp.scheduling.compilers.tokens import compile_tokens
 from up_samp.scheduling.compilers.unused import compile_unused
 from up_samp.scheduling.compilers.variables import compile_anchor, compile_variables
@@ -32,7 +33,7 @@ def compilers_for(quirks: Quirks, *, apart: bool = False) -> list[Compiler]:
 
     ``apart`` says once more, by differences, that effects keep out of others' conditions.
     """
-    passes: list[Compiler] = [compile_rules, compile_ground, compile_stillness]
+    passes: list[Compiler] = [compile_rules, compile_ground, compile_stillness, compile_support]
     if apart:
         passes.append(compile_apart)
     if not quirks.hierarchical_types:
