@@ -74,15 +74,15 @@ def _run_samples(arcs: FloatArray, v: float, a: float) -> tuple[FloatArray, Floa
     ends = np.cumsum(np.abs(arcs[:, 1]))
     length = float(ends[-1])
     knots = np.concatenate([[0.0], time_of_distance(ends, length, v, a)])
-    times, where = [], []
-    for i in range(len(ends)):
-        count = max(1, math.ceil((knots[i + 1] - knots[i]) / Trajectory.MAX_STEP - 1e-9))
-        grid = np.linspace(knots[i], knots[i + 1], count + 1)[1:]
-        s = distance_of_time(grid, length, v, a)
-        s[-1] = ends[i]
-        times.append(grid)
-        where.append(s)
-    return np.concatenate(times), np.concatenate(where)
+    counts = np.ceil(np.diff(knots) / Trajectory.MAX_STEP - 1e-9).astype(np.int64)
+    counts = np.maximum(1, counts)
+    last = np.cumsum(counts) - 1
+    which = np.repeat(np.arange(len(ends)), counts)
+    share = (np.arange(len(which)) - last[which] + counts[which]) / counts[which]
+    times = knots[which] + share * np.diff(knots)[which]
+    where = distance_of_time(times, length, v, a)
+    times[last], where[last] = knots[1:], ends
+    return times, where
 
 
 def trajectory_of(

@@ -110,6 +110,14 @@ class Path:
         """Whole length in ``s`` (m)."""
         return float(self.s[-1])
 
+    @property
+    def fastest(self) -> float:
+        """A time (s) that no timing of the path beats (a car's natural timing is the fastest)."""
+        kin = self.body.kinematics
+        if kin.model is MotionModel.REEDSSHEPP or not self.tunable:
+            return self.natural.duration
+        return self.length / kin.v_max
+
     @cached_property
     def hull(self) -> Hull:
         """The body's convex parts."""
@@ -244,6 +252,8 @@ def _twists(poses: FloatArray) -> FloatArray:
 
 def _kept_samples(s: FloatArray) -> IntArray:
     """Return the samples that lie at least ``TINY`` apart, always with the first and the last."""
+    if np.all(np.diff(s) >= TINY):
+        return np.arange(len(s), dtype=np.int64)
     keep = [0]
     for i in range(1, len(s)):
         if s[i] - s[keep[-1]] >= TINY:

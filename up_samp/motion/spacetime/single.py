@@ -54,6 +54,9 @@ FloatArray = npt.NDArray[np.float64]
 ON_TIME = 1e-6
 """Lateness (s) that does not count."""
 
+WORTH = 0.02
+"""Gain (s) for which a new timing is worth having."""
+
 ROUNDS = 4
 """Other paths tried for one motion."""
 
@@ -80,18 +83,30 @@ class Window:
 
 
 def fit(
-    workspace: Workspace, motion: TimedMotion, window: Window, path: Path, others: Sequence[Run]
+    workspace: Workspace,
+    motion: TimedMotion,
+    window: Window,
+    path: Path,
+    others: Sequence[Run],
+    best: Run | None = None,
 ) -> Run | None:
-    """Return the earliest arrival along ``path`` among ``others``, by waiting and slowing down."""
+    """Return the earliest arrival along ``path`` among ``others``, by waiting and slowing down, or
+    ``best`` if that is not later.
+    """
+    limit = best.arrival if best else math.inf
+    if window.release + path.fastest >= limit:
+        return best
     horizon = max(motion.due, window.release + path.natural.duration)
     while True:
         soon = [o for o in others if o.until > window.release and o.since < horizon]
         later = [o for o in others if o.since >= horizon]
         rows = workspace.forbidden(path, motion.object, motion.avoid, soon)
         ends = _end_rows(workspace, motion, path, later)
-        best = _earliest(motion, window, path, np.concatenate([rows, ends]))
-        if not later or (best is not None and best.trajectory.end <= horizon):
-            return run_of(motion, path, best, window.since) if best else None
+        timing = _earliest(motion, window, path, np.concatenate([rows, ends]), limit)
+        if timing is None and (not later or limit <= horizon):
+            return best
+        if timing is not None and (not later or timing.trajectory.end <= horizon):
+            return run_of(motion, path, timing, window.since)
         horizon = window.release + 4 * (horizon - window.release) + 60.0
 
 
@@ -107,24 +122,30 @@ def _end_rows(
     return rows
 
 
-def _earliest(motion: TimedMotion, window: Window, path: Path, rows: FloatArray) -> Timing | None:
-    """Return the earliest arrival along ``path`` with forbidden (cell, from, until) ``rows``."""
+def _earliest(
+    motion: TimedMotion, window: Window, path: Path, rows: FloatArray, limit: float
+) -> Timing | None:
+    """Return the earliest arrival along ``path``, before ``limit``, with forbidden (cell, from,
+    until) ``rows``.
+    """
     rows = rows[(rows[:, 2] > window.release) | (rows[:, 0] == path.cells + 1)]
     until = motion.present_until
     blocked, earliest, latest = forbidden_starts(rows, path.natural_held, window.release, until)
     blocked = blocked[np.argsort(blocked[:, 0], kind="stable")]
     start = first_gap(blocked, earliest, latest)
-    best = natural_timing(path, start) if start < math.inf else None
+    best = None
+    if start + path.natural.duration < limit:
+        best = natural_timing(path, start)
+        limit = best.trajectory.end
     if start > window.release and path.tunable and path.cells > 0:
         head, safe = safe_intervals(rows, path.cells)
         # at the end it must be able to rest, so it arrives after the last visit of another
         ends = rows[(rows[:, 0] == path.cells + 1) & (rows[:, 1] < until)]
         goal_free = float(np.max(ends[:, 2], initial=-math.inf))
-        limit = best.trajectory.end if best else math.inf
-        if goal_free < math.inf:
-            tuned = tune(path, head, safe, window.release, goal_free, limit)
-            if tuned and (best is None or tuned.trajectory.end < best.trajectory.end - 0.02):
-                best = tuned
+        if goal_free < limit:
+            # hundredths of a second are not worth a timing that stops and goes
+            tuned = tune(path, head, safe, window.release, goal_free, limit - WORTH)
+            best = tuned or best
     return best
 
 
@@ -181,7 +202,7 @@ def plan_one(
         if not paths and not dry and not deadline.expired():
             paths = _sampled(workspace, motion, window, static, others, deadline)
         for path in paths:
-            best = _earlier(best, fit(workspace, motion, window, path, others))
+            best = fit(workspace, motion, window, path, others, best)
     return Attempt(best, None, frozenset(o.object for o, _, _ in met))
 
 
@@ -219,7 +240,7 @@ def sample_one(
     best: Run | None = None
     static = parked_all_the_time(motion, others)
     for path in _sampled(workspace, motion, window, static, others, deadline, seed):
-        best = _earlier(best, fit(workspace, motion, window, path, others))
+        best = fit(workspace, motion, window, path, others, best)
     return Attempt(best, None, frozenset(placed.name for placed in static))
 
 
@@ -239,12 +260,6 @@ def _lasts(placed: Placed, others: Iterable[Run]) -> bool:
 
 def _good(run: Run | None, motion: TimedMotion) -> bool:
     return run is not None and run.arrival <= motion.due + ON_TIME
-
-
-def _earlier(a: Run | None, b: Run | None) -> Run | None:
-    if a is None or b is None:
-        return a or b
-    return b if b.arrival < a.arrival - 1e-9 else a
 
 
 def _met_at_full_speed(
@@ -276,8 +291,7 @@ def _with_lanes(
             break
         options = []
         for lane in _lanes(workspace, motion, window, path, met[0][0]):
-            run = fit(workspace, motion, window, lane, others)
-            best = _earlier(best, run)
+            best = fit(workspace, motion, window, lane, others, best)
             if _good(best, motion):
                 return best
             # go on from the lane that gets furthest at full speed
@@ -327,7 +341,7 @@ def _with_detours(
         if other_path is None:
             break
         path = other_path
-        best = _earlier(best, fit(workspace, motion, window, path, others))
+        best = fit(workspace, motion, window, path, others, best)
         if _good(best, motion):
             break
     return best

@@ -18,7 +18,7 @@ from up_samp.geometry.compiled import kernel
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-DEPTH = 3
+DEPTH = 2
 """Times that a cell may be halved."""
 
 
@@ -227,6 +227,45 @@ def pieces_conflict(
 
 
 @kernel
+def _gap(
+    a: FloatArray, va: FloatArray, ca: IntArray, b: FloatArray, vb: FloatArray, cb: IntArray
+) -> float:
+    """Return the largest gap (m) along an edge normal at the middles of two pieces, least over the
+    pairs of convex parts: not more than the distance, or minus the depth of the overlap.
+    """
+    least_gap = np.inf
+    for u in range(len(ca)):
+        for w in range(len(cb)):
+            best = -np.inf
+            for side in range(2):
+                p, q = (a, b) if side == 0 else (b, a)
+                vp, vq = (va[u], vb[w]) if side == 0 else (vb[w], va[u])
+                n, m = (ca[u], cb[w]) if side == 0 else (cb[w], ca[u])
+                dx, dy = q[0] - p[0], q[1] - p[1]
+                ox, oy = p[2] * dx + p[3] * dy, -p[3] * dx + p[2] * dy
+                c, s = p[2] * q[2] + p[3] * q[3], p[2] * q[3] - p[3] * q[2]
+                for i in range(n):
+                    j = i + 1 if i + 1 < n else 0
+                    nx, ny = vp[j, 1] - vp[i, 1], vp[i, 0] - vp[j, 0]
+                    norm = 1.0 / np.sqrt(nx * nx + ny * ny)
+                    nx *= norm
+                    ny *= norm
+                    gx, gy = c * nx + s * ny, -s * nx + c * ny
+                    least = gx * vq[0, 0] + gy * vq[0, 1]
+                    for k in range(1, m):
+                        least = min(least, gx * vq[k, 0] + gy * vq[k, 1])
+                    best = max(best, least + nx * (ox - vp[i, 0]) + ny * (oy - vp[i, 1]))
+            least_gap = min(least_gap, best)
+    return least_gap
+
+
+@kernel
+def _reach(row: FloatArray, radius: float) -> float:
+    """Return how far (m) any point of a body can be from where it is in the middle of a piece."""
+    return row[7] * (1.0 + row[6] * (radius + 0.5 * row[7])) + row[8]
+
+
+@kernel
 def grown(rows: IntArray) -> IntArray:
     """Return a copy with room for twice as many rows."""
     n, m = rows.shape
@@ -252,30 +291,41 @@ def conflict_runs(
 ) -> IntArray:
     """Return the conflicting cell pairs of two paths as rows (i, j first, j last), shape (k, 3).
 
-    A cell's middle moves at most the two half-lengths to the next one, so a pair that is far apart
-    lets the scan along ``b`` jump ahead. Middles less than ``core`` m apart (the sum of the
-    inscribed radii about the reference points) certainly overlap.
+    From one cell of ``b`` to the next its middle moves at most ``step`` m and no point more than
+    ``stride`` m, so that pairs that are far apart, or deep in each other, let the scan along ``b``
+    jump ahead. Middles less than ``core`` m apart (the sum of the inscribed radii about the
+    reference points) certainly overlap.
     """
     runs = np.empty((64, 3), dtype=np.int64)
     used = 0
     n, m = len(ta), len(tb)
-    step = 0.0
+    step = stride = 1e-9
     for j in range(m):
         step = max(step, 2 * tb[j, 1, 7])
-    step = max(step, 1e-9)
+        stride = max(stride, 2 * _reach(tb[j, 1], rb))
     for i in range(n):
         a = ta[i, 1]
+        mine = _reach(a, ra)
         open_from = -1
         j = 0
         while j < m:
             b = tb[j, 1]
             dx, dy = a[0] - b[0], a[1] - b[1]
-            gap = np.sqrt(dx * dx + dy * dy) - (ra + rb + a[7] + 0.5 * step + margin)
-            hit = False
-            if dx * dx + dy * dy < core * core:
-                hit = True
-            elif gap <= 0.0:
-                hit = pieces_conflict(ta[i], va, ca, ra, tb[j], vb, cb, rb, margin)
+            away = np.sqrt(dx * dx + dy * dy)
+            far = away - (ra + rb + a[7] + 0.5 * step + margin)
+            hit, same = False, 0  # the next ``same`` cells of b are like this one
+            if far > 0.0:
+                same = int(far / step) - 1
+            elif away < core:
+                hit, same = True, int((core - away) / step)
+            else:
+                gap = _gap(a, va, ca, b, vb, cb) - margin
+                if gap <= 0.0:
+                    hit, same = True, int(-gap / stride)
+                elif gap > mine + 0.5 * stride:
+                    same = int((gap - mine - 0.5 * stride) / stride)
+                else:
+                    hit = pieces_conflict(ta[i], va, ca, ra, tb[j], vb, cb, rb, margin)
             if hit and open_from < 0:
                 open_from = j
             if not hit and open_from >= 0:
@@ -284,7 +334,7 @@ def conflict_runs(
                 runs[used, 0], runs[used, 1], runs[used, 2] = i, open_from, j - 1
                 used += 1
                 open_from = -1
-            j += 1 if gap <= 0.0 else max(1, int(gap / step))
+            j += 1 + max(0, same)
         if open_from >= 0:
             if used == len(runs):
                 runs = grown(runs)

@@ -127,6 +127,8 @@ def reachable(
 ) -> tuple[IntArray, FloatArray]:
     """Return the reachable times: slot ``i * width + k`` of (vertex i, level k) holds the intervals
     ``sets[index[slot]:index[slot + 1]]``. Each vertex's last slot is level 0 *with* waiting.
+
+    What cannot arrive until ``horizon`` (s) even at top speed from there is left out.
     """
     m = len(edges) - 1
     top = 1
@@ -152,6 +154,7 @@ def reachable(
         ds = edges[i] - edges[i - 1]
         cap = min(left, int(np.ceil(v_max * v_max / (2 * a * ds) - 1e-9)))
         free = safe[head[i] : head[i + 1]]
+        latest = horizon - (edges[m] - edges[i]) / v_max
         for k in range(width):
             count = 0
             if k == width - 1:
@@ -165,7 +168,7 @@ def reachable(
                     begin = sets[index[source] : index[source + 1]]
                     if len(begin) > 0:
                         tau = _crossing(_speed(before, a, ds, v_max), v1, a, ds)
-                        count = _advance(begin, free, tau, horizon, lo, hi, count)
+                        count = _advance(begin, free, tau, latest, lo, hi, count)
             count = _merge(lo, hi, count)
             if used + count > len(sets):
                 sets = _grown(sets)
@@ -173,6 +176,11 @@ def reachable(
                 sets[used + q, 0], sets[used + q, 1] = lo[q], hi[q]
             used += count
             index[i * width + k + 1] = used
+        if used == index[i * width]:
+            # nobody comes here in time
+            for k in range((i + 1) * width + 1, len(index)):
+                index[k] = used
+            break
     return index, sets[:used]
 
 
@@ -291,7 +299,8 @@ def _sampled(
     path: Path, level: IntArray, reached: FloatArray, left: FloatArray, a: float, v_max: float
 ) -> Timing:
     """Return the trajectory for speed levels and times per vertex (see :func:`backtrack`)."""
-    t, s, v, acc, forced = _phases(path.edges, level, reached, left, a, v_max)
+    phases, forced = _phases(path.edges, level, reached, left, a, v_max)
+    t, s, v, acc = phases.T
     # kinks must be samples: solve s + v dt + acc dt^2 / 2 = kink in the phase that passes it
     kinks = path.s[path.kink][1:-1]
     i = np.clip(np.searchsorted(s, kinks, side="right") - 1, 0, len(s) - 1)
@@ -318,6 +327,7 @@ def _sampled(
     return Timing(Trajectory(times, path.poses_at(at)), at)
 
 
+@kernel
 def _phases(
     edges: FloatArray,
     level: IntArray,
@@ -325,41 +335,43 @@ def _phases(
     left: FloatArray,
     a: float,
     v_max: float,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return phases of constant acceleration (begin, s, v, acceleration; a wait has speed 0)
-    and the times at which it stops or starts.
+) -> tuple[FloatArray, FloatArray]:
+    """Return phases of constant acceleration (begin, s, v, acceleration; a wait has speed 0), shape
+    (k, 4), and the times at which it stops or starts.
     """
-    t, s, v, acc, forced = [], [], [], [], [left[0]]
-    now = float(left[0])
-    for i in range(1, len(edges)):
-        ds = float(edges[i] - edges[i - 1])
-        v0 = min(v_max, math.sqrt(2 * a * ds * level[i - 1]))
-        v1 = min(v_max, math.sqrt(2 * a * ds * level[i]))
+    m = len(edges) - 1
+    rows, forced = np.empty((3 * m, 4)), np.empty(2 * m + 1)
+    now = left[0]
+    forced[0] = now
+    n, stops = 0, 1
+    for i in range(1, m + 1):
+        ds = edges[i] - edges[i - 1]
+        v0, v1 = _speed(level[i - 1], a, ds, v_max), _speed(level[i], a, ds, v_max)
+        high = max(v0, v1)
         ramp, length = abs(v1 - v0) / a, abs(v1 * v1 - v0 * v0) / (2 * a)
-        cruise, high = max(0.0, ds - length) / max(v0, v1), max(v0, v1)
-        steps = [(ramp, v0, a), (cruise, high, 0.0)]
-        if v1 < v0:
-            steps = [(cruise, high, 0.0), (ramp, v0, -a)]
-        at = float(edges[i - 1])
-        for lasts, speed, push in steps:
-            if lasts > 0:
-                t.append(now)
-                s.append(at)
-                v.append(speed)
-                acc.append(push)
+        cruise = max(0.0, ds - length) / high
+        at = edges[i - 1]
+        for part in range(2):
+            # speed up first, slow down last
+            ramps = (part == 0) == (v1 >= v0)
+            lasts = ramp if ramps else cruise
+            if lasts > 0.0:
+                speed = v0 if ramps else high
+                push = (a if v1 >= v0 else -a) if ramps else 0.0
+                rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 3] = now, at, speed, push
+                n += 1
                 now += lasts
                 at += speed * lasts + 0.5 * push * lasts * lasts
         if level[i] == 0:
-            forced.append(now)
-            if i + 1 < len(edges) and left[i] - now > CLOSE:
-                t.append(now)
-                s.append(float(edges[i]))
-                v.append(0.0)
-                acc.append(0.0)
-                now = float(left[i])
-                forced.append(now)
-    columns = [np.array(x, dtype=np.float64) for x in (t, s, v, acc, forced)]
-    return columns[0], columns[1], columns[2], columns[3], columns[4]
+            forced[stops] = now
+            stops += 1
+            if i < m and left[i] - now > CLOSE:
+                rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 3] = now, edges[i], 0.0, 0.0
+                n += 1
+                now = left[i]
+                forced[stops] = now
+                stops += 1
+    return rows[:n], forced[:stops]
 
 
 def _filled(marks: FloatArray) -> FloatArray:
