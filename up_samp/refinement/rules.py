@@ -7,6 +7,7 @@ units. Each function returns what to tell the scheduler, with its strength and i
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 from up_samp.model import ScheduledMotion
 from up_samp.model.refinement import (
@@ -150,10 +151,15 @@ def slower_while(
     strength: Strength = Strength.RELATIVE,
 ) -> Refinement:
     """Return that a motion takes ``units`` while all ``blockers`` rest where they are."""
-    base = blocked_while(activity, blockers, movers, why)
-    assert isinstance(base.statement, Clause)
+    base = blocked_while(activity, blockers, movers, why, strength=strength)
+    return unless_longer(base, activity, units)
+
+
+def unless_longer(cut: Refinement, activity: str, units: int) -> Refinement:
+    """Return a motion's geometric cut as a temporal one, that gives way if it lasts ``units``."""
+    assert isinstance(cut.statement, Clause)
     longer = Apart(start_of(activity), end_of(activity), units)
-    return Refinement(Clause((*base.statement.literals, longer)), Layer.TEMPORAL, strength, why)
+    return replace(cut, statement=Clause((*cut.statement.literals, longer)), layer=Layer.TEMPORAL)
 
 
 def place_for_one(

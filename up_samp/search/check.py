@@ -14,7 +14,6 @@ from dataclasses import dataclass, field, replace
 from up_samp.model import GroupQuery, GroupReport, Outcome, PathQuery, ScheduledMotion, Trajectory
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.model.snapshot import TermKind
-from up_samp.motion.spacetime import coordinate as coordinate_motions
 from up_samp.refinement import rules, timed
 from up_samp.search import groups as group_rules
 from up_samp.search import paper
@@ -125,9 +124,7 @@ def coordinate(context: Context, query: GroupQuery) -> tuple[GroupReport, bool]:
         context.report("group", f"{len(query.motions)} motions together")
     deadline = context.deadline.within(context.group_seconds(len(query.motions)))
     method = GROUP_PLANNERS[context.params.group_planner.lower()]
-    report = coordinate_motions(
-        context.service, query, deadline, seed=context.params.seed, method=method
-    )
+    report = context.service.coordinate(query, deadline, method=method, seed=context.params.seed)
     return report, deadline.expired()
 
 
@@ -224,6 +221,9 @@ def check_duration(
             found.append(
                 paper.takes_longer(context, motion, activity, units, places, why, strength)
             )
+    if not any(rejects(context, itinerary, r) for r in found):
+        exact = _blocked_as_timed(context, itinerary, motion, places, why, strength)
+        found += [] if exact is None else [rules.unless_longer(exact, motion.activity, units)]
     return found
 
 

@@ -36,7 +36,7 @@ def no_path(
     return [
         rules.paper_geometric(
             (_under(motion, activity),),
-            _rivals(context),
+            _movers(context, places),
             places,
             why,
             layer=Layer.GEOMETRIC,
@@ -86,7 +86,7 @@ def takes_longer(
     """
     return rules.paper_temporal(
         (_under(motion, activity),),
-        _rivals(context),
+        _movers(context, places),
         {activity: units},
         places,
         why,
@@ -130,6 +130,15 @@ def group_cut(failure: Failure) -> Refinement:
         layer=Layer.GROUP,
         strength=failure.strength,
     )
+
+
+def _movers(context: Context, places: Mapping[str, str]) -> list[str]:
+    """Return the rivals of a motion that was checked alone: who moves what it was checked with.
+
+    With all rivals in RCOND the cut would not reject a candidate in which any other robot drives
+    meanwhile, although nobody of them was looked at.
+    """
+    return sorted({a for name in places for a in context.movers[name]})
 
 
 def _rivals(context: Context) -> list[str]:

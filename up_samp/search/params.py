@@ -45,7 +45,7 @@ class Parameters:
     bounds_first: bool = True
     """Motion durations known before the first schedule."""
     certificates: bool = True
-    """Proofs of unreachability and places for one, stated before the first schedule."""
+    """Proofs of unreachability (stated before the first schedule, too) and places for one."""
     small_cuts: bool = True
     """Failed groups shrunk to the motions that conflict, with only the rivals that matter."""
     equivalents: bool = True

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from typing import Any
 
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.plans import Schedule
 
 from up_samp.geometry import load_map
-from up_samp.model import Deadline, ProblemError
+from up_samp.model import Body, Configuration, Deadline, PathReport, Placed, ProblemError
 from up_samp.model.snapshot import Snapshot
 from up_samp.motion import MotionCache, MotionService
 from up_samp.scheduling import Scheduler, open_scheduler
@@ -72,12 +72,23 @@ def open_search(
     )
 
 
+class WithoutProofs(MotionService):
+    """A motion service that tells nothing impossible before it has searched for it."""
+
+    def certificate(
+        self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]
+    ) -> PathReport | None:
+        """Return None: there is no proof."""
+        return None
+
+
 def open_service(snapshot: Snapshot, params: Parameters) -> MotionService:
     """Return the motion service for a problem's map."""
     if snapshot.map_file is None and snapshot.tasks:
         raise ProblemError(f"problem '{snapshot.name}' has motions but no occupancy map")
     grid = None if snapshot.map_file is None else load_map(snapshot.map_file)
-    return MotionService(
+    kind = MotionService if params.certificates else WithoutProofs
+    return kind(
         grid,
         planner=params.path_planner,
         margin=params.margin,
