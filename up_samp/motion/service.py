@@ -326,11 +326,21 @@ class MotionService:
 
         return precompute(self, pairs, processes, tuple(obstacles), deadline or Deadline.never())
 
-    def coordinate(self, query: GroupQuery, deadline: Deadline) -> GroupReport:
-        """Find motions for a group that may meet (see :mod:`up_samp.motion.spacetime`)."""
+    def coordinate(
+        self,
+        query: GroupQuery,
+        deadline: Deadline,
+        *,
+        method: str = "ladder",
+        seed: int | None = None,
+    ) -> GroupReport:
+        """Find motions for a group that may meet, by one of the ``METHODS`` of
+        :mod:`up_samp.motion.spacetime` (``seed``: the service's own by default).
+        """
         from up_samp.motion.spacetime import coordinate
 
-        return coordinate(self, query, deadline, seed=self.seed)
+        seed = self.seed if seed is None else seed
+        return coordinate(self, query, deadline, seed=seed, method=method)
 
 
 def _timed(report: PathReport, began: float) -> PathReport:

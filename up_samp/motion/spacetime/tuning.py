@@ -115,6 +115,34 @@ def _waits(came: FloatArray, free: FloatArray, lo: FloatArray, hi: FloatArray) -
 
 
 @kernel
+def _arrivals(
+    index: IntArray,
+    sets: FloatArray,
+    level: int,
+    a: float,
+    v_max: float,
+    ds: float,
+    free: FloatArray,
+    latest: float,
+    lo: FloatArray,
+    hi: FloatArray,
+) -> int:
+    """Fill ``lo``, ``hi`` with arrivals at ``level`` from the vertex before, whose slots are
+    ``index``; return how many.
+    """
+    count, width = 0, len(index) - 1
+    v1 = _speed(level, a, ds, v_max)
+    # a level up or down or the same; never from rest to rest
+    for before in range(abs(level - 1), min(level + 1, width - 2) + 1):
+        source = before if before > 0 else width - 1
+        begin = sets[index[source] : index[source + 1]]
+        if len(begin) > 0:
+            tau = _crossing(_speed(before, a, ds, v_max), v1, a, ds)
+            count = _advance(begin, free, tau, latest, lo, hi, count)
+    return count
+
+
+@kernel
 def reachable(
     edges: FloatArray,
     halt: BoolArray,
@@ -161,14 +189,8 @@ def reachable(
                 came = sets[index[i * width] : index[i * width + 1]]
                 count = _waits(came, free, lo, hi)
             elif k <= cap:
-                v1 = _speed(k, a, ds, v_max)
-                # a level up or down or the same; never from rest to rest
-                for before in range(abs(k - 1), min(k + 1, width - 2) + 1):
-                    source = (i - 1) * width + (before if before > 0 else width - 1)
-                    begin = sets[index[source] : index[source + 1]]
-                    if len(begin) > 0:
-                        tau = _crossing(_speed(before, a, ds, v_max), v1, a, ds)
-                        count = _advance(begin, free, tau, latest, lo, hi, count)
+                before = index[(i - 1) * width : i * width + 1]
+                count = _arrivals(before, sets, k, a, v_max, ds, free, latest, lo, hi)
             count = _merge(lo, hi, count)
             if used + count > len(sets):
                 sets = _grown(sets)
@@ -177,9 +199,7 @@ def reachable(
             used += count
             index[i * width + k + 1] = used
         if used == index[i * width]:
-            # nobody comes here in time
-            for k in range((i + 1) * width + 1, len(index)):
-                index[k] = used
+            index[(i + 1) * width + 1 :] = used  # nobody comes here in time
             break
     return index, sets[:used]
 
