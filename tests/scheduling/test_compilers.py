@@ -205,6 +205,25 @@ def test_resources_forbid_minimal_sets_only():
     assert sorted(map(sorted, mentioned)) == [["a", "b"], ["a", "c"], ["a", "d"], ["b", "c", "d"]]
 
 
+def test_a_resource_with_too_many_sets_stays_only_where_durations_are_certain():
+    def crowd(high):
+        names = [f"a{i}" for i in range(36)]
+        level = ("flu", "level")
+        effects = []
+        for n in names:
+            effects.append(Effect(start(n), "decrease", level, integer(1), owner=n))
+            effects.append(Effect(end(n), "increase", level, integer(1), owner=n))
+        return of(
+            *(activity(n, 2, high) for n in names),
+            fluents={"level": Fluent(("int", 0, 3), (), integer(3))},
+            effects=tuple(effects),
+        )
+
+    assert compile_resources(crowd(2)).problem == crowd(2)
+    with pytest.raises(UnsupportedError, match="level: too many sets"):
+        compile_resources(crowd(4))
+
+
 def test_optional_activities_go_and_come_back():
     plain = read_problem(problems.fetch_and_return())
     compiled = compile_optional(compile_differences(plain).problem)

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from up_samp.model import UnsupportedError
 from up_samp.scheduling.compilers.plain import (
     TRUE,
+    Activity,
     Compiled,
     Effect,
     Expr,
@@ -45,21 +46,26 @@ class Resource:
 def compile_resources(problem: PlainProblem) -> Compiled:
     """Replace resources by constraints on the order of their users.
 
+    Where there are too many sets of users that take too much together, the resource stays if no
+    duration of a user can vary: then engines count rightly.
+
     Raises:
-        UnsupportedError: more than :data:`MOST_SETS` sets of users take too much together.
+        UnsupportedError: more than :data:`MOST_SETS` such sets of users, some of whose durations
+            vary, or that may be absent.
     """
     optional = problem.optional_names()
     constraints: list[Expr] = []
     gone: set[Expr] = set()
     for resource in find_resources(problem):
-        gone.add(resource.fluent)
-        for count, users in enumerate(_minimal_sets(resource)):
-            if count >= MOST_SETS:
-                raise UnsupportedError(
-                    f"resource {show(resource.fluent)}: too many sets of activities take more "
-                    f"than {resource.capacity} together"
-                )
-            constraints.append(_not_all_at_once(problem, optional, users))
+        sets = list(itertools.islice(_minimal_sets(resource), MOST_SETS + 1))
+        if len(sets) <= MOST_SETS:
+            gone.add(resource.fluent)
+            constraints += [_not_all_at_once(problem, optional, users) for users in sets]
+        elif not all(_fixed(problem.activity(name)) for name in resource.amounts):
+            raise UnsupportedError(
+                f"resource {show(resource.fluent)}: too many sets of activities take more "
+                f"than {resource.capacity} together"
+            )
     if not gone:
         return Compiled(problem)
     names = {f[1] for f in gone}
@@ -72,6 +78,12 @@ def compile_resources(problem: PlainProblem) -> Compiled:
             initial={k: v for k, v in problem.initial.items() if k[1] not in names},
         )
     )
+
+
+def _fixed(activity: Activity) -> bool:
+    """Return whether the activity takes place, with a certain positive duration."""
+    lower = activity.lower
+    return not activity.optional and lower == activity.upper and lower[0] == "int" and lower[1] > 0
 
 
 def find_resources(problem: PlainProblem) -> list[Resource]:
