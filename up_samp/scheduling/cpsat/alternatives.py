@@ -24,7 +24,10 @@ from up_samp.scheduling.cpsat.store import Cmp, Form, Literal, disjunction
 
 @dataclass(frozen=True)
 class Group:
-    """Activities of one fixed duration, at most one of them present; ``exact``: one is."""
+    """Activities of one fixed duration, at most one of them present; ``exact``: one is.
+
+    An optional activity that must be there is an exact group of one.
+    """
 
     names: tuple[str, ...]
     exact: bool
@@ -36,7 +39,11 @@ def find_groups(parts: Additions) -> list[Group]:
     exclusive: set[frozenset[str]] = set()
     wanted: dict[tuple[str, ...], None] = {}
     for constraint, scope, _ in parts.constraints:
-        if any(not s.is_true() for s in scope) or constraint.node_type is not Op.OR:
+        if any(not s.is_true() for s in scope):
+            continue
+        if constraint.node_type is Op.PRESENT_EXP:
+            wanted[(str(constraint.presence().container),)] = None
+        if constraint.node_type is not Op.OR:
             continue
         names = _all_present(constraint.args)
         if names is not None:
@@ -54,7 +61,7 @@ def find_groups(parts: Additions) -> list[Group]:
         )
         same = {lengths.get(n) for n in names}
         alike = len(same) == 1 and None not in same
-        if len(names) > 1 and apart and alike and not taken.intersection(names):
+        if (exact or len(names) > 1) and apart and alike and not taken.intersection(names):
             taken.update(names)
             groups.append(Group(names, exact))
     return groups

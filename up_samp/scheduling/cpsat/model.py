@@ -43,6 +43,10 @@ class ScheduleModel:
         self.disjunctions = Disjunctions()
         self.limit = 0
         self.limit_at_least = 0
+        self.exact: dict[int, tuple[int, ...]] = {}
+        """Presence of each alternative -> presences of its whole group, one of them true."""
+        self.stated: list[Form] = []
+        """What was stated at first, but for disjunctions of pairs."""
         self._leaders: dict[str, str] = {}
 
     # -- building ------------------------------------------------------------------------------
@@ -58,7 +62,7 @@ class ScheduleModel:
         self._leaders = {name: g.names[0] for g in groups for name in g.names}
         for activity in parts.activities:
             self._activity(activity)
-        exact = self._alternatives(groups)
+        self.exact = self._alternatives(groups)
         self._parameters(parts)
         forms = self._forms(parts, first=True)
         self._set_horizon(parts, forms)
@@ -70,7 +74,7 @@ class ScheduleModel:
         for span, condition, owner in parts.conditions:
             self.states.add_condition(span, condition, self._vars(owner))
         rest = self.disjunctions.take(forms, list(world.activities.values()))
-        rest = merge_forms(rest, exact)
+        rest = self.stated = merge_forms(rest, self.exact)
         self.disjunctions.emit(store, self.states)
         self.disjunctions.emit_loads(store, Lin(((world.makespan, 1),)))
         self.objective = objective_of(self.problem, self.states, self._exact_makespan)

@@ -121,7 +121,7 @@ class Disjunctions:
         edges = [
             (i, j)
             for (i, some), (j, others) in itertools.combinations(enumerate(groups), 2)
-            if (len(some) > 1 or len(others) > 1)
+            if (some[0].present != TRUE or others[0].present != TRUE)
             and all(_ordered(a, b) in pairs for a in some for b in others)
         ]
         done = []

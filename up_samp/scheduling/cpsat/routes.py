@@ -4,6 +4,8 @@ need (work at places), all one at a time.
 
 from __future__ import annotations
 
+import heapq
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -17,7 +19,7 @@ if TYPE_CHECKING:
 INFINITE = 10**12
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, order=True)
 class Move:
     """A transition: from one of ``origins`` to ``to``, lasting at least ``least``."""
 
@@ -49,6 +51,8 @@ class Route:
     moves: list[Move]
     stops: list[tuple[str, frozenset[int]]]
     entries: dict[int, list[Entry]] = field(default_factory=dict)
+    still: frozenset[Key] = frozenset()
+    """State variables that nobody may change in the midst of any move."""
     hops: dict[tuple[int, int], list[Move]] = field(default_factory=dict)
     travel: dict[tuple[int, int], int] = field(default_factory=dict)
     _via: dict[tuple[int, int], int] = field(default_factory=dict)
@@ -88,16 +92,66 @@ class Route:
             (self.travel.get((a, b), INFINITE) for a in some for b in others), default=INFINITE
         )
 
-    def nearest(self, place: int, targets: frozenset[int]) -> int:
-        """Return the target that is reached first."""
-        return min(targets, key=lambda b: (self.travel.get((place, b), INFINITE), b))
+    def is_direct(self, a: int, b: int) -> bool:
+        """Return whether the shortest way is one move."""
+        return (a, b) in self.hops and (a, b) not in self._via
 
-    def path(self, a: int, b: int) -> list[tuple[int, int]]:
-        """Return the hops of a shortest path."""
-        if a == b:
-            return []
-        via = self._via.get((a, b))
-        return [(a, b)] if via is None else [*self.path(a, via), *self.path(via, b)]
+    def least(self, a: int, b: int) -> int:
+        """Return the duration of the quickest move between two places."""
+        return min(m.least for m in self.hops[a, b])
+
+    def last_least(self, places: frozenset[int]) -> int:
+        """Return the least duration of a move into one of ``places``."""
+        return min((m.least for m in self.moves if m.to in places), default=0)
+
+    def loop(self, place: int) -> int:
+        """Return the least travel time of a way out of a place and back."""
+        return min(
+            (
+                self.travel.get((place, b), INFINITE) + self.travel.get((b, place), INFINITE)
+                for b in {m.to for m in self.moves} - {place}
+            ),
+            default=INFINITE,
+        )
+
+    def way(
+        self, here: int, targets: frozenset[int], banned: Collection[str] = ()
+    ) -> tuple[int, list[Move]] | None:
+        """Return the shortest travel time and moves to one of ``targets``, without the moves
+        named in ``banned`` (Dijkstra); ``None`` if there is no way.
+        """
+        heap: list[tuple[int, int, list[Move]]] = [(0, here, [])]
+        done = set()
+        while heap:
+            distance, place, moves = heapq.heappop(heap)
+            if place in targets:
+                return distance, moves
+            if place in done:
+                continue
+            done.add(place)
+            for to, move in self._leaving(place, banned):
+                if to not in done:
+                    heapq.heappush(heap, (distance + move.least + self.step, to, [*moves, move]))
+        return None
+
+    def _leaving(self, place: int, banned: Collection[str]) -> Iterator[tuple[int, Move]]:
+        for (origin, to), moves in self.hops.items():
+            if origin == place:
+                free = [m for m in moves if m.name not in banned]
+                if free:
+                    yield to, min(free, key=lambda m: (m.least, m.name))
+
+
+@dataclass(frozen=True)
+class UnitPlace:
+    """A place for one: it is taken by whoever rests at one of ``places`` (by route's key)."""
+
+    key: Key
+    places: tuple[tuple[Key, frozenset[int]], ...]
+
+    def places_of(self, route: Key) -> frozenset[int]:
+        """Return the places of a route that it holds."""
+        return dict(self.places).get(route, frozenset())
 
 
 def find_routes(model: ScheduleModel) -> list[Route]:
@@ -142,6 +196,7 @@ def _route(
         return None
     route = Route(state.key, gap, state.initial, _final(model, state), moves, stops)
     _find_entries(model, route, timeline)
+    route.still = _find_still(model, timeline)
     return route
 
 
@@ -202,3 +257,79 @@ def _find_entries(model: ScheduleModel, route: Route, timeline: Timeline) -> Non
         for key, allowed in sorted(common or (), key=str):
             lead = min(needs[a.index][key, allowed] for a in activities)
             route.entries.setdefault(place, []).append(Entry(key, allowed, max(0, lead)))
+
+
+def _find_still(model: ScheduleModel, timeline: Timeline) -> frozenset[Key]:
+    """Return what every transition keeps as it is, strictly between its start and its end."""
+    owners = {link.write.owner for link in timeline.linked.values()}
+    found = set()
+    for state in model.states.vars.values():
+        if state is timeline.state or not state.writes or state.numeric:
+            continue
+        keepers = {
+            read.owner
+            for read in state.reads
+            if read.owner is not None
+            and read.owner in owners
+            and _keeps(model, model.states.activity(read.owner), read)
+        }
+        if keepers == owners:
+            found.add(state.key)
+    return frozenset(found)
+
+
+def _keeps(model: ScheduleModel, activity: ActivityVars, read: Read) -> bool:
+    early = model.states.difference(read.lo, activity.start)[1] <= 1
+    late = model.states.difference(activity.end, read.hi)[1] <= 1
+    return early and late and read.active == activity.present
+
+
+def find_unit_places(model: ScheduleModel, routes: list[Route]) -> list[UnitPlace]:
+    """Return the places for one: 0/1 fluents that arrivals decrease and departures increase."""
+    owners = {
+        model.world.activities[move.name].index: (route, move)
+        for route in routes
+        for move in route.moves
+    }
+    found = []
+    for key, state in model.states.vars.items():
+        if not state.writes or state.bounds != (0, 1) or not all(w.add for w in state.writes):
+            continue
+        if any(w.owner not in owners for w in state.writes):
+            continue
+        arrivals, departures = _unit_moves(model, state)
+        if arrivals is None:
+            continue
+        places = []
+        for route in routes:
+            inside = frozenset(m.to for m in route.moves if m.name in arrivals)
+            comes = {m.name for m in route.moves if m.to in inside}
+            goes = {m.name for m in route.moves if m.origins & inside}
+            mixed = any(m.origins & inside and not m.origins <= inside for m in route.moves)
+            own = {m.name for m in route.moves}
+            if mixed or comes != arrivals & own or goes != departures & own:
+                break
+            places.append((route.key, inside))
+        else:
+            found.append(UnitPlace(key, tuple(places)))
+    return found
+
+
+def _unit_moves(model: ScheduleModel, state: StateVar) -> tuple[set[str] | None, set[str]]:
+    """Return who takes a unit at its end and who gives it back at its start; None if anybody
+    does anything else with it.
+    """
+    arrivals, departures = set(), set()
+    for write in state.writes:
+        activity = model.states.activity(write.owner or 0)
+        if write.value.terms or write.active != activity.present:
+            return None, set()
+        start = model.states.difference(write.time, activity.start) == (0, 0)
+        end = model.states.difference(write.time, activity.end) == (0, 0)
+        if write.value.const == -1 and end:
+            arrivals.add(activity.name)
+        elif write.value.const == 1 and start:
+            departures.add(activity.name)
+        else:
+            return None, set()
+    return arrivals, departures

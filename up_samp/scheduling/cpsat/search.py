@@ -12,11 +12,14 @@ from ortools.sat.python import cp_model
 
 from up_samp.model import CandidateSchedule, Deadline
 from up_samp.scheduling.cpsat.collapse import Collapsed
+from up_samp.scheduling.cpsat.dispatch import Work, find_work
+from up_samp.scheduling.cpsat.expand import expand
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.problem import Additions
 from up_samp.scheduling.cpsat.routes import Route, find_routes
 from up_samp.scheduling.cpsat.solving import Answer, Run, run
 from up_samp.scheduling.cpsat.store import TRUE, Lin
+from up_samp.scheduling.cpsat.tours import decode, improve, sequence_of
 
 Progress = Callable[[CandidateSchedule, "int | None"], None]
 
@@ -38,6 +41,8 @@ _LADDER_SIZE = 20_000
 """Constraints up to which the ladder is tried: it must not cost large models their time."""
 _COLLAPSED_EFFORT = 20.0
 _CONTENT_EFFORT = 1.0
+_ROUNDS_PER_TASK = 20
+"""Rounds of annealing over tours before CP-SAT is asked."""
 _SLACKS = (1.0, 1.1, 1.3, 1.7)
 
 
@@ -111,16 +116,23 @@ class Search:
         """Solve the collapsed problem, if there is one; return the makespan to expect."""
         if not routes:
             return 0
-        collapsed = Collapsed(self.model, parts(), routes)
-        expected = self._through(collapsed, proves=True)
-        if self.best is None and not self._over():
-            collapsed.once_only()
-            expected = max(expected, self._through(collapsed, proves=False))
-        return expected
+        work = find_work(self.model, routes)
+        if work is not None and self.best is None:
+            rounds = _ROUNDS_PER_TASK * len(work.tasks)
+            deadline = self.deadline.within(0.2 * self.deadline.remaining())
+            tour = improve(work, rounds, self.settings.seed, deadline.expired)
+            if tour is not None:
+                self._realize(tour.schedule)
+        if self._met() or self._over():
+            return self.value
+        return self._through(Collapsed(self.model, parts(), routes), work)
 
-    def _through(self, collapsed: Collapsed, proves: bool) -> int:
+    def _through(self, collapsed: Collapsed, work: Work | None) -> int:
         """Solve the collapsed problem and make what is found a schedule of the whole, the first
         one at once and the best one in the end; return the collapsed makespan.
+
+        With a schedule of the whole in hand, only better ones are looked for: where there is none,
+        that schedule is an optimal one.
         """
         inner = Search(
             collapsed.model,
@@ -134,19 +146,29 @@ class Search:
         inner.collapsed = True
         inner._known.update(collapsed.hints(self._known))
         inner.effort = _COLLAPSED_EFFORT if self.wants_optimum else _CONTENT_EFFORT
-        inner._first(0)
-        first = inner.best
-        if first is not None and self._realize(collapsed.expand(first)):
-            inner.deadline = self.deadline.within(0.35 * self.deadline.remaining())
-        if not inner._over():
-            inner._finish()
-        if proves:
-            self.bound = max(self.bound, inner.bound)
+        if self.best is not None:
+            inner._improve(
+                self.value - 1, _THOROUGH if self.wants_optimum else _RELAXED, inner.effort
+            )
+            if inner.infeasible:
+                self.bound = self.value
+                self._met()
+                return self.value
+        else:
+            inner._first(0)
+            if inner.best is not None:
+                self._realize(expand(collapsed.routes, inner.best))
+                inner.deadline = self.deadline.within(0.35 * self.deadline.remaining())
+            if not inner._over():
+                inner._finish()
             self.infeasible = inner.infeasible
+        self.bound = max(self.bound, inner.bound)
         if inner.best is None:
-            return 0
-        if inner.best is not first and not self._met():
-            self._realize(collapsed.expand(inner.best))
+            return self.value
+        if not self._met():
+            tour = None if work is None else decode(work, sequence_of(work, inner.best))
+            if tour is None or not self._realize(tour.schedule) or self.value > inner.value:
+                self._realize(expand(collapsed.routes, inner.best))
         self._met()
         return inner.value
 
