@@ -261,7 +261,12 @@ def _find_entries(model: ScheduleModel, route: Route, timeline: Timeline) -> Non
 
 def _find_still(model: ScheduleModel, timeline: Timeline) -> frozenset[Key]:
     """Return what every transition keeps as it is, strictly between its start and its end."""
-    owners = {link.write.owner for link in timeline.linked.values()}
+    # what lasts one unit has no midst
+    owners = {
+        link.write.owner
+        for link in timeline.linked.values()
+        if model.states.activity(link.write.owner or 0).least > 1
+    }
     found = set()
     for state in model.states.vars.values():
         if state is timeline.state or not state.writes or state.numeric:
@@ -273,7 +278,7 @@ def _find_still(model: ScheduleModel, timeline: Timeline) -> frozenset[Key]:
             and read.owner in owners
             and _keeps(model, model.states.activity(read.owner), read)
         }
-        if keepers == owners:
+        if owners and keepers == owners:
             found.add(state.key)
     return frozenset(found)
 
