@@ -16,8 +16,10 @@ from oracle import (
     smallest_clearance,
 )
 
+from up_samp.geometry import Scene
 from up_samp.model import Body, Deadline, Kinematics, MotionModel, Outcome, PathQuery, Placed
 from up_samp.motion import MotionCache, MotionService
+from up_samp.motion.car import CarPlanner, CarSettings
 
 
 @pytest.fixture(scope="module")
@@ -221,3 +223,14 @@ def test_precompute_in_processes():
     query = PathQuery(ROBOT, (poses[0], poses[1]))
     one, two = (s.plan(query, Deadline.after(60)).trajectory for s in (alone, pooled))
     assert np.array_equal(one.poses, two.poses)
+
+
+def test_a_search_that_comes_no_nearer_gives_up():
+    # a dog-leg that a disc could pass and the car cannot, between halls too large to exhaust
+    grid = box_map(44, 16, [(20, 0, 24, 5), (20, 6.3, 22, 16), (22, 0, 23, 8), (23.3, 0, 24, 8)])
+    planner = CarPlanner(Scene(grid), 0, CarSettings((0.35,), slice=2000, stuck=2))
+    start, goal = (3.0, 3.0, 0.0), (41.0, 13.0, 0.0)
+    leg = planner.leg(ROBOT, start, goal, (), Deadline.never())
+    assert leg.trajectory is None
+    assert "fixed effort" in leg.reason or "finest" in leg.reason
+    assert leg.effort < 60_000

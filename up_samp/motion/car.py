@@ -14,7 +14,7 @@ from up_samp.geometry import kernels as k
 from up_samp.model import Body, Configuration, Deadline, Placed
 from up_samp.motion import hybrid
 from up_samp.motion.arcs import merged, path_time, reversed_arcs
-from up_samp.motion.fields import Fields
+from up_samp.motion.fields import Fields, least_value
 from up_samp.motion.planners import Leg
 from up_samp.motion.reeds_shepp import fastest
 from up_samp.motion.smoothing import improve, settle
@@ -25,6 +25,9 @@ FloatArray = npt.NDArray[np.float64]
 
 
 _DRY = "no path at the finest resolution"
+
+
+_STUCK = "no path at the finest resolution within fixed effort"
 
 
 _NARROW = 300
@@ -38,7 +41,8 @@ class CarSettings:
     ``levels``: length of an arc primitive in turning radii, coarse to fine. ``nodes``: size of each
     search tree. ``extra``: expansions after the first solution. ``near``: range (turning radii) in
     which Reeds-Shepp times guide. ``weight``: of the distance to go. ``rounds``, ``patience``: of
-    the shortening.
+    the shortening. ``slice``: expansions between two looks at the clock; after ``stuck`` of them
+    without coming nearer to the goal one resolution is given up.
     """
 
     levels: tuple[float, ...] = (0.7, 0.35, 0.18)
@@ -50,6 +54,7 @@ class CarSettings:
     patience: int = 200
     restarts: int = 1
     slice: int = 4000
+    stuck: int = 6
 
 
 class CarPlanner:
@@ -122,8 +127,9 @@ class CarPlanner:
             if best is not None or deadline.expired():
                 break
         if best is None:
-            reason = "out of time" if deadline.expired() or not dry else _DRY
-            return None, reason, expansions
+            if deadline.expired():
+                return None, "out of time", expansions
+            return None, _DRY if dry else _STUCK, expansions
         return best, "", expansions
 
     def _direct(
@@ -169,8 +175,17 @@ class CarPlanner:
         target = np.array(goal[:3], dtype=np.float64)
         data, polys = self.scene.data, self.scene.polys(obstacles)
         hybrid.plant(tree, np.array(start[:3], dtype=np.float64))
-        state = 0
-        while state == 0 and not deadline.expired():
+        state, looked, nearest, idle = 0, 0, math.inf, 0
+        while state == 0 and not deadline.expired() and idle < self.settings.stuck:
+            # does the search still come nearer to the goal?
+            new = tree.nodes[looked : tree.counters[0], :2]
+            reached = (
+                least_value(field, new)
+                if len(field.values)
+                else float(np.min(np.hypot(*(new - target[:2]).T), initial=math.inf))
+            )
+            idle = 0 if reached < nearest or tree.counters[3] >= 0 else idle + 1
+            looked, nearest = int(tree.counters[0]), min(nearest, reached)
             state = hybrid.expand(
                 tree,
                 data,

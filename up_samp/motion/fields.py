@@ -22,6 +22,19 @@ BoolArray = npt.NDArray[np.bool_]
 MAX_CELLS = 60_000
 
 
+def least_value(field: Field, points: FloatArray) -> float:
+    """Return the least distance (m) of ``points`` (n, 2) to the field's goal; inf without points
+    that the field knows.
+    """
+    rows, cols = field.values.shape
+    f = field.frame
+    d = points - f[:2]
+    col = np.floor((f[2] * d[:, 0] + f[3] * d[:, 1]) / f[5]).astype(np.int64)
+    row = np.floor((f[2] * d[:, 1] - f[3] * d[:, 0]) / f[5]).astype(np.int64)
+    known = (row >= 0) & (col >= 0) & (row < rows) & (col < cols)
+    return float(np.min(field.values[row[known], col[known]], initial=np.inf))
+
+
 @kernel
 def point_to_convex(x: float, y: float, verts: npt.NDArray[np.float64], n: int) -> float:
     """Return the distance (m) from a point to a convex counter-clockwise polygon (0 inside)."""

@@ -42,6 +42,8 @@ LAZY_ROUNDS = 3
 QUICK_SECONDS = 1.0
 """After so long without a motion, a proof over positions and headings is tried."""
 PROOF_SECONDS = 5.0
+FIRST_SHARE = 0.75
+"""Share of a query's time for the first planner, where others give their opinion after it."""
 
 
 class MotionService:
@@ -110,7 +112,9 @@ class MotionService:
         self.cache.misses += 1
         for name in names:
             # the first planner ends by itself where it can, later ones are second opinions
-            limit = None if name == names[0] else SECOND_OPINION_SECONDS
+            limit = FIRST_SHARE * deadline.remaining() if len(names) > 1 else None
+            if name != names[0]:
+                limit = SECOND_OPINION_SECONDS
             report = self._lazily(name, body, start, goal, obstacles, deadline.within(limit))
             if report.outcome is not Outcome.OUT_OF_TIME:
                 return report
