@@ -8,7 +8,7 @@ from tests.soundness.worlds import Change, Drive, World, build, random_world, wr
 from up_samp.model import CandidateSchedule, Deadline, ScheduledMotion
 from up_samp.refinement import holds, rules
 
-SEEDS = (1, 3, 5, 7, 8, 13, 14, 22, 26, 35, 46, 48)
+SEEDS = (1, 3, 5, 7, 8, 13, 14, 22, 26, 35, 46, 48, 7017)
 """Quick ones of all sorts: optimal, unsolvable, cars and free robots, doors opened and closed."""
 
 
@@ -104,3 +104,15 @@ def test_a_late_motion_may_pass_when_the_other_takes_its_time():
     nowhere = lambda *_: ()  # noqa: E731
     assert not holds(cut, CandidateSchedule({"a": (0, 10), "b": (1, 10)}), nowhere)
     assert holds(cut, CandidateSchedule({"a": (0, 11), "b": (1, 10)}), nowhere)
+
+
+def test_a_timing_cut_gives_way_when_a_robot_drives_on():
+    """How long somebody rests in the way is not for its own drive to tell, but for the next."""
+    group = [
+        ScheduledMotion(n, 0, f"robot_{n}", ("p", "q"), ((0, 0, 0), (1, 0, 0)), start, end)
+        for n, start, end in (("a", 0, 2), ("b", 1, 3))
+    ]
+    cut = rules.group_timing(group, {"b": 4}, {}, {}, "late", rivals=["next"]).statement
+    nowhere = lambda *_: ()  # noqa: E731
+    assert not holds(cut, CandidateSchedule({"a": (0, 2), "b": (1, 3), "next": (4, 5)}), nowhere)
+    assert holds(cut, CandidateSchedule({"a": (0, 2), "b": (1, 3), "next": (2, 3)}), nowhere)

@@ -205,6 +205,7 @@ def group_timing(
     movers: Mapping[str, Iterable[str]],
     why: str,
     *,
+    rivals: Iterable[str] = (),
     strength: Strength = Strength.RELATIVE,
 ) -> Refinement:
     """Return CHTIME for a small group: as timed, some late motion must end later.
@@ -212,7 +213,9 @@ def group_timing(
     ``arrivals`` are the late motions' needed ends in units after the first start. The cut gives
     way when an offset changes, except that a single late motion does not arrive earlier by
     starting later, and when a motion that is in time gets longer: it may give way then.
-    ``blockers`` rest in the way; the cut gives way when one may have moved.
+    ``blockers`` rest in the way; the cut gives way when one may have moved. ``rivals`` are other
+    motions of the group's own objects: it gives way, too, when one of them comes in between, for
+    an object may then arrive later or drive on sooner.
     """
     reference = min(motions, key=lambda m: (m.start, m.activity))
     only_late = next(iter(arrivals)) if len(arrivals) == 1 else None
@@ -232,6 +235,7 @@ def group_timing(
             longer = motion.end - reference.start + 1
             literals.append(Apart(start_of(reference.activity), end_of(motion.activity), longer))
     names = tuple(m.activity for m in motions)
+    literals += [Overlap(r, names) for r in sorted(rivals) if r not in names]
     literals += _moved_away(names, blockers, movers)
     return Refinement(Clause(tuple(literals)), Layer.GROUP, strength, why)
 

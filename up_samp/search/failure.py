@@ -53,9 +53,26 @@ class Failure:
 
     @cached_property
     def conflict(self) -> list[ScheduledMotion]:
-        """The motions that conflict: as few as the planner could tell, at least the late ones."""
+        """The motions that conflict: as few as the planner could tell, at least the late ones,
+        with what else their objects do meanwhile: an object is in the way until it drives on.
+        """
         names = {*self.report.conflict, *self.report.late} or set(self.scheduled)
-        return [m for m in self.group if motion_key(m) in names]
+        core = [m for m in self.group if motion_key(m) in names]
+        objects = {m.object for m in core}
+        first, last = min(m.start for m in core), max(m.end for m in core)
+        return [
+            m
+            for m in self.group
+            if motion_key(m) in names
+            or (m.object in objects and m.start <= last and m.end >= first)
+        ]
+
+    def rivals(self, motions: Sequence[ScheduledMotion]) -> list[str]:
+        """Return the other motion activities of the same objects: they might clear the way."""
+        objects = {m.object for m in motions}
+        mine = {m.activity for m in motions}
+        tasks = self.context.snapshot.tasks
+        return sorted({t.activity for t in tasks if t.object in objects} - mine)
 
     def arrivals(self, motions: Sequence[ScheduledMotion]) -> dict[str, int]:
         """Return the ends that late ones need, in units after the first start of ``motions``."""

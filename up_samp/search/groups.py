@@ -73,5 +73,6 @@ def _timing_cut(failure: Failure) -> Refinement:
         failure.blockers(motions),
         failure.context.movers,
         why,
+        rivals=failure.rivals(motions),
         strength=failure.strength,
     )
