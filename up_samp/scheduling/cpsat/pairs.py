@@ -30,6 +30,7 @@ class Disjunctions:
         self.exclusive: set[tuple[int, int]] = set()
         """Pairs (a, b), a < b, that are never both present."""
         self._activities: list[ActivityVars] = []
+        self._timepoints: dict[FNode, tuple[TimepointKind, str] | None] = {}
 
     def apart(self, activities: frozenset[int]) -> bool:
         """Return whether no two of these activities (indices) ever overlap."""
@@ -47,21 +48,44 @@ class Disjunctions:
         """
         if constraint.node_type is not Op.OR or len(constraint.args) != 2:
             return False
-        first, second = (_written(n) for n in constraint.args)
+        first, second = self._written(constraint.arg(0)), self._written(constraint.arg(1))
         if first is None or second is None or first != (second[1], second[0], second[2]):
             return False
         a, b = activities.get(first[0]), activities.get(first[1])
         if a is None or b is None or a is b:
             return False
-        names = (first[0], first[1])
-        if any(
-            s.node_type is not Op.PRESENT_EXP or s.presence().container not in names
-            for s in scope
-            if not s.is_true()
-        ):
-            return False
+        for node in scope:
+            if node.node_type is Op.PRESENT_EXP:
+                if node.presence().container not in first:
+                    return False
+            elif not node.is_true():
+                return False
         self._note(a.index, b.index, first[2])
         return True
+
+    def _written(self, node: FNode) -> tuple[str, str, int] | None:
+        """Return (a, b, gap) if ``node`` is ``a.end < b.start`` (gap 1) or ``<=`` (gap 0)."""
+        kind = node.node_type
+        if kind is not Op.LT and kind is not Op.LE:
+            return None
+        left, right = node.args
+        end, start = self._timepoint(left), self._timepoint(right)
+        if end is None or start is None:
+            return None
+        if end[0] is not TimepointKind.END or start[0] is not TimepointKind.START:
+            return None
+        return end[1], start[1], 1 if kind is Op.LT else 0
+
+    def _timepoint(self, node: FNode) -> tuple[TimepointKind, str] | None:
+        """Return which end of which activity ``node`` is, if it is just that."""
+        if node.node_type is not Op.TIMING_EXP:
+            return None
+        if node not in self._timepoints:
+            timing = node.timing()
+            name = timing.timepoint.container
+            plain = timing.delay == 0 and name is not None
+            self._timepoints[node] = (timing.timepoint.kind, name) if plain else None
+        return self._timepoints[node]
 
     def _note(self, a: int, b: int, gap: int) -> None:
         key = (min(a, b), max(a, b))
@@ -136,27 +160,6 @@ class Disjunctions:
 
 def _ordered(a: ActivityVars, b: ActivityVars) -> tuple[int, int]:
     return (min(a.index, b.index), max(a.index, b.index))
-
-
-def _written(node: FNode) -> tuple[str, str, int] | None:
-    """Return (a, b, gap) if ``node`` is ``a.end < b.start`` (gap 1) or ``<=`` (gap 0)."""
-    if node.node_type not in (Op.LT, Op.LE):
-        return None
-    left, right = node.args
-    if left.node_type is not Op.TIMING_EXP or right.node_type is not Op.TIMING_EXP:
-        return None
-    end, start = left.timing(), right.timing()
-    if end.delay != 0 or start.delay != 0:
-        return None
-    if (
-        end.timepoint.kind is not TimepointKind.END
-        or start.timepoint.kind is not TimepointKind.START
-    ):
-        return None
-    if end.timepoint.container is None or start.timepoint.container is None:
-        return None
-    gap = 1 if node.node_type is Op.LT else 0
-    return end.timepoint.container, start.timepoint.container, gap
 
 
 def _interval(store: Store, activity: ActivityVars, gap: int) -> object:

@@ -329,7 +329,7 @@ class States:
         ):
             ((_, state),) = self.grounds(single, Terms(self.world, _no_fluents, owner))
             if state.values is not None:
-                allowed = frozenset(v for v in state.values if self._evaluate(node, v) == TRUE)
+                allowed = self._values(node, state)
                 self._read(state, Read(number, active, lo, hi, allowed=allowed))
                 return
         terms = Terms(self.world, self.reader(owner, active, lo, hi), owner)
