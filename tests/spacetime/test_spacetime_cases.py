@@ -5,9 +5,20 @@ import math
 import pytest
 from spacetime_oracle import CAR, Straight, judge, motion, room
 
-from up_samp.model import Deadline, FixedMotion, GroupQuery, Outcome, Rest, TimedMotion
+from up_samp.model import (
+    Deadline,
+    FixedMotion,
+    GroupQuery,
+    GroupReport,
+    Outcome,
+    Rest,
+    TimedMotion,
+)
 from up_samp.motion.service import MotionService
 from up_samp.motion.spacetime import coordinate, earliest_arrival
+from up_samp.motion.spacetime.coupled import couple
+from up_samp.motion.spacetime.runs import rest_run, run_of, workspace_of
+from up_samp.motion.spacetime.tuning import natural_timing
 
 UP = math.pi / 2
 CORRIDOR = (1, 1, 39, 3)  # one robot wide
@@ -205,3 +216,54 @@ def test_one_after_the_other_by_st_rrt_star():
     assert (again.trajectories["b"].poses == report.trajectories["b"].poses).all()
     with pytest.raises(ValueError, match="method"):
         coordinate(service, query, Deadline.after(1), method="magic")
+
+
+LONG = (1, 1, 99, 3)
+BAY = (49, 1, 52, 6.5)
+
+
+def test_three_in_a_dead_end_are_moved_together():
+    # no order works: the first has far to go to the bay, and both others must wait for it
+    service = MotionService(room(100, 8, [LONG, BAY]))
+    motions = [
+        motion("a", (3, 2, 0), (97, 2, 0)),
+        motion("b", (93, 2, math.pi), (3, 2, math.pi)),
+        motion("c", (96.8, 2, math.pi), (6, 2, math.pi)),
+    ]
+    report = solve(service, motions)
+    judge(report, motions)
+    assert max(t.poses[:, 1].max() for t in report.trajectories.values()) > 3.5
+    assert solve(service, motions).trajectories.keys() == report.trajectories.keys()
+
+
+def test_coupling_heeds_what_comes_by():
+    service = MotionService(room(100, 8, [LONG, BAY]))
+    motions = [
+        motion("a", (3, 2, 0), (97, 2, 0)),
+        motion("b", (96.8, 2, math.pi), (3, 2, math.pi)),
+    ]
+    alone = {m.name: sent(service, m) for m in motions}
+    guest = Rest("guest", CAR, (70.0, 2.0, 0.0), -math.inf, 90.0)
+    workspace = workspace_of(service)
+    world = [rest_run(workspace, guest)]
+    runs = couple(workspace, motions, alone, world, Deadline.after(60))
+    assert runs is not None
+    found = {name: run.timing.trajectory for name, run in runs.items()}
+    report = GroupReport(Outcome.FOUND, found)
+    judge(report, motions, [guest])
+    assert min(t.end for t in found.values()) > 90.0
+
+
+def sent(service, motion):
+    workspace = workspace_of(service)
+    path = workspace.path(motion.body, motion.poses, (), Deadline.after(60))
+    return run_of(motion, path, natural_timing(path, motion.release), motion.present_from)
+
+
+def test_coupling_refuses_what_it_cannot_do():
+    workspace = workspace_of(MotionService(room(40, 8, [CORRIDOR])))
+    one = motion("a", (3, 2, 0), (37, 2, 0))
+    assert couple(workspace, [one], {}, [], Deadline.after(60)) is None
+    again = motion("b", (37, 2, 0), (3, 2, 0))
+    same = TimedMotion("c", again.object, CAR, again.poses, 0.0, math.inf)
+    assert couple(workspace, [again, same], {}, [], Deadline.after(60)) is None

@@ -1,21 +1,18 @@
-"""Several robots at once: priority-based search over a ladder for one robot.
+"""Several robots at once: a ladder of efforts, and a report of what really conflicts.
 
-Everybody is first planned alone. Conflicts are then resolved one by one, earliest first, by
-giving one of two robots priority and planning the other one again around all that come before it
-(priority-based search, Ma et al. 2019). The first branch is prioritised planning by release time
-and slack; the others are other priorities. Lateness orders the branches.
+Everybody is first planned alone; orders of priority are tried with more and more effort
+(:mod:`up_samp.motion.spacetime.priorities`), and a few robots for which no order works are moved
+together. A group that fails or is late is shrunk to the few motions that really conflict.
 """
 
 from __future__ import annotations
 
 import itertools
-import math
 import time
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Sequence
 
-from up_samp.model import Deadline, GroupQuery, GroupReport, Outcome, TimedMotion
+from up_samp.model import Deadline, GroupQuery, GroupReport, Outcome
+from up_samp.motion.spacetime.priorities import Group, Node, alone, climb, window_of
 from up_samp.motion.spacetime.runs import (
     PathPlanner,
     Run,
@@ -24,81 +21,9 @@ from up_samp.motion.spacetime.runs import (
     rest_run,
     workspace_of,
 )
-from up_samp.motion.spacetime.single import ON_TIME, Attempt, Window, failed, plan_one, sample_one
-
-Pair = tuple[str, str]
+from up_samp.motion.spacetime.single import Attempt, failed, sample_one
 
 METHODS = ("ladder", "st-rrt*")
-
-WORTH = 1.0
-"""Lateness (s) that is not worth a search over the plane: a schedule gives way more cheaply."""
-
-DELAYS = (5.0, 12.0, 30.0)
-"""Seconds that one robot may leave later, so that another can get out of its way first."""
-
-EFFORTS = ((0, 60), (1, 8), (2, 6), (3, 12))
-"""Rungs of the ladder for a group: (effort for one robot, nodes of the priority search)."""
-
-
-@dataclass(frozen=True, eq=False)
-class Node:
-    """Runs by motion name, who goes before whom, and which pairs still meet (at what time)."""
-
-    runs: Mapping[str, Run]
-    before: frozenset[Pair] = frozenset()
-    meetings: Mapping[Pair, float] = field(default_factory=dict)
-
-
-@dataclass
-class Group:
-    """A group under search, with the best answers so far."""
-
-    workspace: Workspace
-    motions: dict[str, TimedMotion]
-    world: list[Run]
-    deadline: Deadline
-    effort: int = 0
-    best: Node | None = None
-    least: float = 0.0
-    """Lateness (s) of everybody alone."""
-    stuck: set[str] = field(default_factory=set)
-    """Motions that could not be planned in some branch, with those before them."""
-    met: set[str] = field(default_factory=set)
-    """Objects that were in the way of best paths."""
-
-    @cached_property
-    def order(self) -> list[str]:
-        """The motions by release, then by due (less slack first), then by name."""
-        return sorted(self.motions, key=lambda n: (self.motions[n].release, self.motions[n].due, n))
-
-    @cached_property
-    def previous(self) -> dict[str, str]:
-        """The same object's motion just before each one (where there is one)."""
-        last: dict[str, str] = {}
-        found: dict[str, str] = {}
-        for name in self.order:
-            motion = self.motions[name]
-            if motion.object in last:
-                found[name] = last[motion.object]
-            last[motion.object] = name
-        return found
-
-    def is_late(self, run: Run) -> bool:
-        """Return whether a run arrives after its motion's due."""
-        return run.arrival > self.motions[run.name].due + ON_TIME
-
-    def finished(self) -> bool:
-        """Return whether nobody can be less late, as far as driving alone tells."""
-        return self.best is not None and self.lateness(self.best.runs) <= self.least + ON_TIME
-
-    def lateness(self, runs: Mapping[str, Run]) -> float:
-        """Return the sum of all lateness (s)."""
-        late = (runs[name].arrival - self.motions[name].due for name in sorted(runs))
-        return sum(x for x in late if x > ON_TIME)
-
-    def cost(self, runs: Mapping[str, Run]) -> tuple[float, float]:
-        """Return (lateness, sum of arrivals), less is better."""
-        return self.lateness(runs), sum(runs[name].arrival for name in sorted(runs))
 
 
 def coordinate(
@@ -122,10 +47,10 @@ def coordinate(
     group = _group_of(workspace_of(service), query, deadline)
     if method == "st-rrt*":
         return _one_by_one(group, seed, began)
-    root, attempt, name = _alone(group)
+    root, attempt, name = alone(group)
     if root is None:
         return _hopeless(name, attempt, time.monotonic() - began)
-    _climb(group, root)
+    climb(group, root)
     conflict = _shrunk(group, root, query) if _is_bad(group) else frozenset()
     return _report(group, conflict, time.monotonic() - began)
 
@@ -134,7 +59,7 @@ def _one_by_one(group: Group, seed: int, began: float) -> GroupReport:
     """Plan one motion after the other by ST-RRT*, each among those before it."""
     runs: dict[str, Run] = {}
     for name in group.order:
-        motion, window = group.motions[name], _window(group, name, runs)
+        motion, window = group.motions[name], window_of(group, name, runs)
         others = [*group.world, *runs.values()]
         attempt = sample_one(group.workspace, motion, window, others, group.deadline, seed)
         group.met |= attempt.met
@@ -150,19 +75,6 @@ def _one_by_one(group: Group, seed: int, began: float) -> GroupReport:
     group.best = Node(runs)
     conflict = frozenset(runs) if _is_bad(group) else frozenset()
     return _report(group, conflict, time.monotonic() - began)
-
-
-def _climb(group: Group, root: Node, top: int = len(EFFORTS)) -> None:
-    """Search with more and more effort until nobody is later than alone."""
-    group.least = group.lateness(root.runs)
-    for effort, nodes in EFFORTS[:top]:
-        late = math.inf if group.best is None else group.lateness(group.best.runs) - group.least
-        if (effort > 1 and late <= WORTH) or (effort > 2 and late < math.inf):
-            return
-        group.effort = effort
-        _search(group, root, nodes)
-        if group.finished() or group.deadline.expired():
-            return
 
 
 def _is_bad(group: Group) -> bool:
@@ -202,7 +114,7 @@ def _fails(group: Group, root: Node, names: Sequence[str]) -> bool:
         return False
     part = Group(group.workspace, chosen, group.world, group.deadline)
     runs = {n: root.runs[n] for n in chosen}
-    _climb(part, Node(runs, frozenset(), meetings), top=2)
+    climb(part, Node(runs, frozenset(), meetings), top=2)
     return _is_bad(part) and not group.deadline.expired()
 
 
@@ -213,171 +125,6 @@ def _group_of(workspace: Workspace, query: GroupQuery, deadline: Deadline) -> Gr
     if len(motions) != len(query.motions):
         raise ValueError("two motions of a group have the same name")
     return Group(workspace, motions, world, deadline)
-
-
-def _window(group: Group, name: str, runs: Mapping[str, Run]) -> Window:
-    """Return when a motion may happen: not before its object has arrived from the last one."""
-    motion = group.motions[name]
-    previous = group.previous.get(name)
-    if previous is None or previous not in runs:
-        return Window(motion.present_from, motion.release)
-    arrival = runs[previous].arrival
-    since = max(motion.present_from, arrival) if motion.present_from > -math.inf else arrival
-    return Window(min(since, max(motion.release, arrival)), max(motion.release, arrival))
-
-
-def _plan(
-    group: Group, name: str, runs: Mapping[str, Run], first: Iterable[str], delay: float = 0.0
-) -> Attempt:
-    """Plan one motion around the world and the runs of those that go ``first``, ``delay`` s later
-    than it could leave.
-    """
-    others = [*group.world, *(runs[other] for other in sorted(first))]
-    window = _window(group, name, runs)
-    window = Window(window.since, window.release + delay)
-    motion = group.motions[name]
-    attempt = plan_one(group.workspace, motion, window, others, group.deadline, group.effort)
-    group.met |= attempt.met
-    return attempt
-
-
-def _alone(group: Group) -> tuple[Node | None, Attempt, str]:
-    """Plan everybody alone; return the node, or the first motion that is impossible on its own."""
-    runs: dict[str, Run] = {}
-    attempt = Attempt(None)
-    for name in group.order:
-        for effort, _ in EFFORTS:
-            group.effort = effort
-            attempt = _plan(group, name, runs, ())
-            if attempt.run is not None and not group.is_late(attempt.run):
-                break
-        if attempt.run is None:
-            return None, attempt, name
-        runs[name] = attempt.run
-    return Node(runs, frozenset(), _all_meetings(group, runs)), attempt, ""
-
-
-def _all_meetings(group: Group, runs: Mapping[str, Run]) -> dict[Pair, float]:
-    names = sorted(runs)
-    meetings: dict[Pair, float] = {}
-    for i, a in enumerate(names):
-        for b in names[i + 1 :]:
-            at = group.workspace.meeting(runs[a], runs[b])[0]
-            if at < math.inf:
-                meetings[a, b] = at
-    return meetings
-
-
-def _search(group: Group, root: Node, budget: int) -> None:
-    """Search priorities depth first, children by cost; keeps the best node without a meeting."""
-    stack = [root]
-    while stack and budget > 0 and not group.deadline.expired():
-        node = stack.pop()
-        budget -= 1
-        if group.best is not None and group.lateness(node.runs) >= group.lateness(group.best.runs):
-            continue
-        if not node.meetings:
-            group.best = node
-            if group.finished():
-                return
-            continue
-        a, b = min(node.meetings, key=lambda pair: (node.meetings[pair], pair))
-        children = [_child(group, node, a, b), _child(group, node, b, a)]
-        order = {name: i for i, name in enumerate(group.order)}
-        ranked = [
-            (group.lateness(child.runs), order[first], child)
-            for first, child in zip((a, b), children, strict=True)
-            if child is not None
-        ]
-        ranked.sort(key=lambda item: item[:2], reverse=True)
-        stack += [child for _, _, child in ranked]
-
-
-def _child(group: Group, node: Node, first: str, second: str) -> Node | None:
-    """Return the node in which ``first`` goes before ``second``, or nothing if that fails."""
-    before = node.before | {(first, second)}
-    if _ahead(before, first) & {second}:
-        return None
-    runs, meetings = dict(node.runs), dict(node.meetings)
-    queue = [second]
-    while queue:
-        name = queue.pop(0)
-        ahead = _ahead(before, name)
-        attempt = _plan(group, name, runs, ahead)
-        if attempt.run is None and group.effort > 2 and name == second:
-            attempt = _with_delay(group, before, runs, meetings, first, second)
-        if attempt.run is None:
-            group.stuck |= {name, *ahead}
-            return None
-        runs[name] = attempt.run
-        _renew_meetings(group, runs, meetings, name)
-        for other in sorted(_partners(meetings, name)):
-            if other in ahead:
-                # it rests in the way before it may leave: whoever comes first cannot come there
-                group.stuck |= {name, other}
-                return None
-            # somebody of lower rank is in the way now: it has to give way again
-            if name in _ahead(before, other) and other not in queue:
-                queue.append(other)
-        follower = next((n for n, p in group.previous.items() if p == name), None)
-        if follower and runs[follower].timing.trajectory.start < runs[name].arrival:
-            queue.append(follower)
-        if group.deadline.expired():
-            return None
-    return Node(runs, before, meetings)
-
-
-def _with_delay(
-    group: Group,
-    before: frozenset[Pair],
-    runs: dict[str, Run],
-    meetings: dict[Pair, float],
-    first: str,
-    second: str,
-) -> Attempt:
-    """Plan ``second`` around a ``first`` that leaves later, so that it can get out of the way."""
-    attempt = Attempt(None)
-    for delay in DELAYS:
-        yielding = _plan(group, first, runs, _ahead(before, first), delay)
-        if yielding.run is None or group.deadline.expired():
-            continue
-        trial = {**runs, first: yielding.run}
-        attempt = _plan(group, second, trial, _ahead(before, second))
-        if attempt.run is not None:
-            runs[first] = yielding.run
-            _renew_meetings(group, runs, meetings, first)
-            break
-    return attempt
-
-
-def _partners(meetings: Mapping[Pair, float], name: str) -> set[str]:
-    """Return who meets ``name``."""
-    return {a if b == name else b for a, b in meetings if name in (a, b)}
-
-
-def _ahead(before: frozenset[Pair], name: str) -> set[str]:
-    """Return everybody who goes before ``name``, directly or not."""
-    found: set[str] = set()
-    todo = [name]
-    while todo:
-        last = todo.pop()
-        for a, b in before:
-            if b == last and a not in found:
-                found.add(a)
-                todo.append(a)
-    return found
-
-
-def _renew_meetings(
-    group: Group, runs: Mapping[str, Run], meetings: dict[Pair, float], name: str
-) -> None:
-    for other in runs:
-        pair = (name, other) if name < other else (other, name)
-        meetings.pop(pair, None)
-        if other != name:
-            at = group.workspace.meeting(runs[pair[0]], runs[pair[1]])[0]
-            if at < math.inf:
-                meetings[pair] = at
 
 
 def _hopeless(name: str, attempt: Attempt, seconds: float) -> GroupReport:
