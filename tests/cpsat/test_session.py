@@ -1,3 +1,4 @@
+import random
 import threading
 import time
 
@@ -211,3 +212,34 @@ def test_zero_durations_borrow_nothing():
     assert solve(problem).schedule.makespan == 4
     problem.add_constraint(Or(LE(work.end, blink.start), LE(blink.end, work.start)))
     assert solve(problem).schedule.makespan == 6
+
+
+def test_effort_ends_a_search_in_the_same_way_each_time():
+    answers = []
+    for _ in range(2):
+        problem = disjunctive_shop(jobs=9, machines=9)
+        session = CpsatSession(problem, workers=1, effort=0.05)
+        answers.append(session.solve(Deadline.never()))
+    first, second = answers
+    assert first.status is ScheduleStatus.FOUND  # too little for a proof
+    assert first.schedule == second.schedule
+    assert first.bound == second.bound
+
+
+def disjunctive_shop(jobs, machines):
+    """Jobs through all machines, orders and durations drawn at random."""
+    draw = random.Random(3)
+    problem = SchedulingProblem("shop")
+    on = {m: [] for m in range(machines)}
+    for j in range(jobs):
+        last = None
+        for k, m in enumerate(draw.sample(range(machines), machines)):
+            a = problem.add_activity(f"j{j}k{k}", draw.randint(1, 99))
+            if last is not None:
+                problem.add_constraint(LE(last.end, a.start))
+            for b in on[m]:
+                problem.add_constraint(Or(LE(a.end, b.start), LE(b.end, a.start)))
+            on[m].append(a)
+            last = a
+    problem.add_quality_metric(MinimizeMakespan())
+    return problem

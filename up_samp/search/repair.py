@@ -19,20 +19,21 @@ from up_samp.search.slack import spread
 from up_samp.upio import read_itinerary
 
 MAX_STEPS = 25
-REPAIR_SECONDS = 5.0
+REPAIR_EFFORT = 4.0
+"""Deterministic time of one step (about seconds)."""
 
 
 def repair(context: Context, schedule: CandidateSchedule, check: Check) -> Incumbent | None:
     """Return a plan with the activities of ``schedule``, or None where this way finds none."""
     problem = restrict(context, schedule)
-    session = CpsatSession(problem, seed=context.params.seed, workers=1)
+    session = CpsatSession(problem, seed=context.params.seed, workers=1, effort=REPAIR_EFFORT)
     activities = {a.name: a for a in problem.activities}
     current = schedule
     for _ in range(MAX_STEPS):
         if check.failed or context.deadline.expired():
             return None
         _demand(problem, activities, current, check.needed)
-        report = session.solve(context.deadline.within(REPAIR_SECONDS), optimal=True, hint=current)
+        report = session.solve(context.deadline, optimal=True, hint=current)
         if report.schedule is None:
             return None
         if context.upper_bound is not None and report.schedule.makespan >= context.upper_bound:

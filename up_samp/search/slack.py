@@ -16,7 +16,8 @@ from up_samp.search.restrict import restrict
 
 SLACKS = (1, 3, 6)
 """Units more than scheduled that are worth having; each counts once for each motion."""
-SLACK_SECONDS = 1.0
+SLACK_EFFORT = 1.0
+"""Deterministic time that may go into it (about seconds)."""
 
 
 def with_slack(context: Context, schedule: CandidateSchedule) -> CandidateSchedule:
@@ -47,8 +48,8 @@ def spread(
                 goals[manager.LE(longer, activity.end)] = 1
     loose.clear_quality_metrics()
     loose.add_quality_metric(Oversubscription(goals))
-    session = CpsatSession(loose, seed=context.params.seed, workers=1)
-    report = session.solve(context.deadline.within(SLACK_SECONDS), optimal=True, hint=schedule)
+    session = CpsatSession(loose, seed=context.params.seed, workers=1, effort=SLACK_EFFORT)
+    report = session.solve(context.deadline, optimal=True, hint=schedule)
     if report.schedule is None:
         return schedule
     return CandidateSchedule(

@@ -66,6 +66,8 @@ class Search:
     invalid: str = ""
     effort: float | None = None
     collapsed: bool = False
+    left: float | None = None
+    """Effort that is left for all stages together (``None``: no limit)."""
     value: int = 0
     """The makespan of ``best``, with the way home where moves were taken out."""
     _known: dict[int, int] = field(default_factory=dict)
@@ -100,7 +102,9 @@ class Search:
             self._finish()
 
     def _over(self) -> bool:
-        return self.infeasible or self.proven or bool(self.invalid) or self.deadline.expired()
+        spent = self.left is not None and self.left <= 0
+        ended = self.infeasible or self.proven or bool(self.invalid)
+        return ended or spent or self.deadline.expired()
 
     # -- stages --------------------------------------------------------------------------------
     def _climb(self) -> None:
@@ -144,6 +148,7 @@ class Search:
             self.interrupted,
         )
         inner.collapsed = True
+        inner.left = self.left
         inner._known.update(collapsed.hints(self._known))
         inner.effort = _COLLAPSED_EFFORT if self.wants_optimum else _CONTENT_EFFORT
         if self.best is not None:
@@ -163,6 +168,7 @@ class Search:
                 inner._finish()
             self.infeasible = inner.infeasible
         self.bound = max(self.bound, inner.bound)
+        self.left = inner.left
         if inner.best is None:
             return self.value
         if not self._met():
@@ -271,8 +277,9 @@ class Search:
     def _run(
         self, model: Any, options: dict[str, Any], effort: float | None, *, first: bool
     ) -> Answer:
-        if effort is not None:
-            options = {**options, "max_deterministic_time": effort}
+        limits = [e for e in (effort, self.left) if e is not None]
+        if limits:
+            options = {**options, "max_deterministic_time": max(0.0, min(limits))}
         if first:
             options = {**options, "stop_after_first_solution": True}
 
@@ -292,6 +299,8 @@ class Search:
             interrupted=self.interrupted,
             options=options,
         )
+        if self.left is not None:
+            self.left -= answer.effort
         if answer.status == cp_model.MODEL_INVALID:
             self.invalid = model.validate()
         elif answer.values is not None:

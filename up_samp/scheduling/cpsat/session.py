@@ -25,13 +25,21 @@ class CpsatSession:
     :param problem: watched, never changed.
     :param seed: for CP-SAT; with ``workers=1`` answers are deterministic.
     :param workers: threads of CP-SAT (``None``: one per core).
+    :param effort: limit of one :meth:`solve` in CP-SAT's deterministic time, about seconds of one
+        quiet core: unlike a deadline, it ends the same way on every machine (``None``: no limit).
     """
 
     def __init__(
-        self, problem: SchedulingProblem, *, seed: int = 0, workers: int | None = None
+        self,
+        problem: SchedulingProblem,
+        *,
+        seed: int = 0,
+        workers: int | None = None,
+        effort: float | None = None,
     ) -> None:
         self.problem = problem
         self.settings = Run(seed, workers or os.cpu_count() or 1)
+        self.effort = effort
         self.bound = 0
         self.rebuilds = 0
         self._watcher = Watcher(problem)
@@ -77,6 +85,7 @@ class CpsatSession:
             wants_optimum,
             on_solution,
             self._interrupted,
+            left=self.effort,
         )
         if not deadline.expired():
             guess = hint if hint is not None else self._last

@@ -34,6 +34,8 @@ class Answer:
     bound: float
     objective: float
     stopped: bool
+    effort: float = 0.0
+    """Deterministic time that it took."""
 
 
 class _Watch(cp_model.CpSolverSolutionCallback):
@@ -103,6 +105,7 @@ def run(
         solver.best_objective_bound,
         solver.objective_value if known else math.inf,
         watch.stopped,
+        solver.response_proto.deterministic_time,
     )
 
 
