@@ -217,8 +217,8 @@ def test_zero_durations_borrow_nothing():
 def test_effort_ends_a_search_in_the_same_way_each_time():
     answers = []
     for _ in range(2):
-        problem = disjunctive_shop(jobs=9, machines=9)
-        session = CpsatSession(problem, workers=1, effort=0.05)
+        problem = disjunctive_shop(jobs=12, machines=12)
+        session = CpsatSession(problem, workers=1, effort=0.02)
         answers.append(session.solve(Deadline.never()))
     first, second = answers
     assert first.status is ScheduleStatus.FOUND  # too little for a proof
