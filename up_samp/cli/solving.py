@@ -57,6 +57,13 @@ def add_solver_arguments(parser: argparse.ArgumentParser, *, out: str | None, gi
         + ("" if out is None else " (default: %(default)s)"),
     )
     parser.add_argument(
+        "--trace",
+        type=Path,
+        default=None,
+        metavar="DIR",
+        help="folder for every candidate schedule and what was learned from it, as text",
+    )
+    parser.add_argument(
         "--gif",
         action=argparse.BooleanOptionalAction,
         default=gif,
@@ -109,6 +116,8 @@ def _solve(problem: SchedulingProblem, args: argparse.Namespace) -> PlanGenerati
         }
         if args.optimal:
             params["optimal"] = True
+        if args.trace is not None:
+            params["trace"] = str(args.trace)
         try:
             planner = OneshotPlanner(name=name, params=params)
         except UPNoRequestedEngineAvailableException as error:

@@ -210,7 +210,7 @@ class SampRefine(MetaEngine, OneshotPlannerMixin, AnytimePlannerMixin):  # type:
         except StopIteration as stop:
             yield self._final(problem, context, stop.value)
         except (InvalidPlanError, EngineError) as error:
-            yield self._failure(context, str(error))
+            yield self._failure(problem, context, str(error))
         finally:
             search.close()
 
@@ -261,8 +261,13 @@ class SampRefine(MetaEngine, OneshotPlannerMixin, AnytimePlannerMixin):  # type:
             status = solved
         return self._result(status, plan, context, ending.why)
 
-    def _failure(self, context: Context, why: str) -> PlanGenerationResult:
-        return self._result(PlanGenerationResultStatus.INTERNAL_ERROR, None, context, why)
+    def _failure(
+        self, problem: SchedulingMotionProblem, context: Context, why: str
+    ) -> PlanGenerationResult:
+        """Return what went wrong, and the best plan until then, if there is one."""
+        if context.incumbent is None:
+            return self._result(PlanGenerationResultStatus.INTERNAL_ERROR, None, context, why)
+        return self._final(problem, context, SearchResult(Conclusion.FAILED, why))
 
     def _result(
         self,
@@ -301,7 +306,9 @@ class SampRefine(MetaEngine, OneshotPlannerMixin, AnytimePlannerMixin):  # type:
             "seconds_per_unit": f"{self.params.seconds_per_unit:g}",
         }
         if context.incumbent is not None:
-            metrics["makespan"] = str(context.incumbent.schedule.makespan)
+            makespan = context.incumbent.schedule.makespan
+            metrics["makespan"] = str(makespan)
+            metrics["gap"] = f"{1 - context.lower_bound / makespan if makespan else 0:.4f}"
         return metrics
 
 

@@ -90,6 +90,7 @@ def state_what_is_known(context: Context) -> None:
         context.report("prepare", name)
         context.learn(stage(context))
     context.history.seconds_motion = time.monotonic() - started
+    write_trace(context, None, context.standing)
 
 
 def get_schedule(context: Context, *, optimal: bool) -> ScheduleReport:
@@ -183,7 +184,7 @@ def record(
         )
     )
     context.report("round", f"{len(learned)} refinements" if learned else "candidate fits")
-    write_trace(context, report, learned)
+    write_trace(context, report, check.refinements, learned)
 
 
 def is_done(
