@@ -28,6 +28,7 @@ from up_samp.model import (
     TimedMotion,
     UnsupportedError,
 )
+from up_samp.motion.spacetime.flights import earliest_flight, has_flyers
 from up_samp.motion.spacetime.intervals import (
     first_gap,
     forbidden_starts,
@@ -390,6 +391,8 @@ def earliest_arrival(
     by what rests there for good; anything else without a trajectory is ``OUT_OF_TIME``.
     """
     began = time.monotonic()
+    if has_flyers((motion,), rests, fixed):
+        return earliest_flight(service, motion, rests, fixed, deadline or Deadline.never())
     workspace = workspace_of(service)
     others = [rest_run(workspace, rest) for rest in rests] + [fixed_run(f) for f in fixed]
     window = Window(motion.present_from, motion.release)
