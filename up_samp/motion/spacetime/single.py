@@ -292,11 +292,13 @@ def _with_lanes(
             break
         options = []
         for lane in _lanes(workspace, motion, window, path, met[0][0]):
+            again = _met_at_full_speed(workspace, motion, window, lane, others)
+            if again and again[0][2] <= met[0][2] + WORTH:
+                continue  # it passes nobody
             best = fit(workspace, motion, window, lane, others, best)
             if _good(best, motion):
                 return best
             # go on from the lane that gets furthest at full speed
-            again = _met_at_full_speed(workspace, motion, window, lane, others)
             options.append((-again[0][2] if again else -math.inf, lane.number, lane))
         if not options:
             break
