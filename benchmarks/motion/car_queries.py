@@ -30,6 +30,7 @@ from up_samp.motion.reeds_shepp import run_time
 
 KIN = Kinematics(MotionModel.REEDSSHEPP, turning_radius=1.0, v_max=2.0, a_max=0.5)
 ROBOT = Body(((-1.0, -0.5), (1.0, -0.5), (1.0, 0.5), (-1.0, 0.5)), KIN)
+OMNI = Body(ROBOT.footprint, Kinematics(MotionModel.SE2, v_max=2.0, a_max=0.5, omega_max=1.0))
 DOOR = Body(((-0.5, -5.0), (0.5, -5.0), (0.5, 5.0), (-0.5, 5.0)), KIN)
 OPEN, CLOSED = Placed("door", DOOR, (51.5, 40.0, 0.0)), Placed("door", DOOR, (51.5, 30.0, 0.0))
 WALLS = ((52, 35, 100, 40), (52, 20, 100, 25))
@@ -59,18 +60,20 @@ def timed(call: Any) -> tuple[float, Any]:
     return time.process_time() - began, value
 
 
-def by_service(planner: str, depots: int, seconds: float) -> list[dict[str, Any]]:
+def by_service(
+    planner: str, depots: int, seconds: float, body: Body = ROBOT
+) -> list[dict[str, Any]]:
     grid = logistics_map()
     warm = MotionService(grid, planner=planner)
-    warm.plan(PathQuery(ROBOT, ((20, 59, 1.5), (59, 32, 0)), (OPEN,)), Deadline.after(120))
+    warm.plan(PathQuery(body, ((20, 59, 1.5), (59, 32, 0)), (OPEN,)), Deadline.after(120))
     service = MotionService(grid, planner=planner)
-    service.lower_bound(ROBOT, (20, 59, 1.5), (59, 32, 0), (OPEN,))
-    service.certificate(ROBOT, ((20, 59, 1.5), (59, 32, 0)), (OPEN,))
+    service.lower_bound(body, (20, 59, 1.5), (59, 32, 0), (OPEN,))
+    service.certificate(body, ((20, 59, 1.5), (59, 32, 0)), (OPEN,))
     rows = []
     for start, goal in queries(depots):
-        query = PathQuery(ROBOT, (start, goal), (OPEN,))
+        query = PathQuery(body, (start, goal), (OPEN,))
         spent, report = timed(lambda q=query: service.plan(q, Deadline.after(seconds)))
-        bound = service.lower_bound(ROBOT, start, goal, (OPEN,))
+        bound = service.lower_bound(body, start, goal, (OPEN,))
         found = report.outcome is Outcome.FOUND
         duration = report.trajectory.duration if found else None
         rows.append({"seconds": spent, "found": found, "duration": duration, "bound": bound})
@@ -213,7 +216,8 @@ def markdown(result: dict[str, Any]) -> str:
         "| planner | queries | found | median ms | max ms | median duration / bound | max |",
         "|---|---|---|---|---|---|---|",
     ]
-    for name, s in result["planners"].items():
+    same = {**result["planners"], "ours, the body omnidirectional": result["omnidirectional"]}
+    for name, s in same.items():
         ratio = "-" if s["median_ratio"] is None else f"{s['median_ratio']:.3f}"
         worst = "-" if s["max_ratio"] is None else f"{s['max_ratio']:.3f}"
         lines.append(
@@ -270,6 +274,7 @@ def main() -> None:
     }
     result = {
         "planners": {name: summary(rows) for name, rows in planners.items()},
+        "omnidirectional": summary(by_service("planar", args.depots, 60.0, OMNI)),
         "footprint_check_us": footprint_check(),
         "certificate_ms": certificates(),
         "growth": growth(),

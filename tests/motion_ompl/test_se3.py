@@ -189,6 +189,7 @@ def test_clear_errors(bodies, tmp_path, monkeypatch):
             raise ImportError(name)
         return builtins.__import__(name, *args, **kwargs)
 
+    meshes._library.cache_clear()
     monkeypatch.setattr(meshes.importlib, "import_module", without)
     with pytest.raises(UnsupportedError, match=r"up-samp\[meshes\]"):
         meshes.transform((0, 0, 0, *UPRIGHT))

@@ -11,7 +11,7 @@ import math
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,7 @@ _BOX = np.array(
 """Triangles of a box whose corners run round the floor, then round the ceiling."""
 
 
+@cache
 def _library(name: str) -> Any:
     try:
         return importlib.import_module(name)
@@ -225,3 +226,52 @@ def contains(mesh: Mesh, point: npt.ArrayLike) -> bool:
     far = np.sum(two * q, axis=1) * inverse
     crossed = usable & (u >= 0) & (v >= 0) & (u + v <= 1) & (far > 0)
     return bool(np.count_nonzero(crossed) % 2)
+
+
+def nested(a: Mesh, pose_a: Sequence[float], b: Mesh, pose_b: Sequence[float]) -> bool:
+    """Return whether one of two bodies whose surfaces do not meet lies inside the other."""
+    for one, here, other, there in ((a, pose_a, b, pose_b), (b, pose_b, a, pose_a)):
+        corner = rotation(here[3:]) @ one.vertices[0] + np.array(here[:3])
+        if contains(other, rotation(there[3:]).T @ (corner - np.array(there[:3]))):
+            return True
+    return False
+
+
+def bodies_meet(
+    body_a: Body, pose_a: Configuration, body_b: Body, pose_b: Configuration, touch: float = 1e-7
+) -> bool:
+    """Return whether two resting bodies, one of them in space at least, are closer than ``touch``
+    (m) or one inside the other.
+    """
+    heights = [p[2] for p in (pose_a, pose_b) if len(p) == 7]
+    low, high = _tall((body_a, body_b), heights)
+    (a, at_a), (b, at_b) = mesh_of(body_a, pose_a, low, high), mesh_of(body_b, pose_b, low, high)
+    if surface_distance(a, transform(at_a), b, transform(at_b)) < touch:
+        return True
+    return nested(a, at_a, b, at_b)
+
+
+def meets_walls(grid: OccupancyGrid, body: Body, pose: Configuration) -> bool:
+    """Return whether a body in space touches a map's blocked cells (which rise to the sky) or lies
+    in one or outside the map.
+    """
+    low, high = _tall((body,), [pose[2]])
+    walls = boxes(wall_rectangles(grid), low, high)
+    mesh, at = mesh_of(body, pose, low, high)
+    row, col = grid.cells_of([pose[:2]])[0]
+    rows, cols = grid.shape
+    if not (0 <= row < rows and 0 <= col < cols):
+        return True
+    if walls is None:
+        return False
+    rest = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    if surface_distance(mesh, transform(at), walls, transform(rest)) < 1e-7:
+        return True
+    return nested(mesh, at, walls, rest)
+
+
+def _tall(bodies: Sequence[Body], heights: Sequence[float]) -> tuple[float, float]:
+    """Return a floor and a sky (m) below and above all bodies with meshes at these heights."""
+    meshes = [b.mesh for b in bodies if b.kinematics.model is MotionModel.SE3]
+    reach = 2 * max((load_mesh(m).radius for m in meshes if m is not None), default=1.0) + 1.0
+    return min(heights) - reach, max(heights) + reach

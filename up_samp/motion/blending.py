@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.model import Kinematics, Trajectory
+from up_samp.model import Body, Kinematics, Trajectory
 from up_samp.motion.timing import RELAX
 
 FloatArray = npt.NDArray[np.float64]
@@ -192,3 +192,41 @@ def pieces(nodes: FloatArray) -> FloatArray:
         if np.abs(b - a).max() > TINY:
             keep.append(b)
     return np.array(keep)
+
+
+def moved_corner(nodes: FloatArray, i: int, shift: float, cut: float) -> FloatArray | None:
+    """Return the nodes with inner node ``i`` pushed outwards by ``shift`` m, and replaced by two
+    ``cut`` m from it along its pieces (None: it is no corner).
+    """
+    before, after = nodes[i] - nodes[i - 1], nodes[i + 1] - nodes[i]
+    sizes = np.hypot(*before[:2]), np.hypot(*after[:2])
+    if min(sizes) < TINY:
+        return None
+    u, w = before / sizes[0], after / sizes[1]
+    inside = w[:2] - u[:2]
+    bend = float(np.hypot(*inside))
+    if bend < 1e-3:
+        return None
+    out = np.append(-shift * inside / bend, 0.0)
+    if cut <= 0.0:
+        return np.concatenate([nodes[:i], [nodes[i] + out], nodes[i + 1 :]])
+    reach = min(cut, 0.4 * sizes[0]), min(cut, 0.4 * sizes[1])
+    pair = [nodes[i] - reach[0] * u + out, nodes[i] + reach[1] * w + out]
+    return np.concatenate([nodes[:i], pair, nodes[i + 1 :]])
+
+
+def chain_time(nodes: FloatArray, body: Body) -> float:
+    """Return about how long (s) the blended motion along ``nodes`` takes where nothing is near."""
+    chain = Chain.of(nodes, body.kinematics)
+    speeds = first_speeds(chain)
+    total = 0.0
+    for i, length in enumerate(chain.lengths):
+        if length < TINY:
+            total += abs(float(nodes[i + 1, 2] - nodes[i, 2])) / chain.omega
+            continue
+        first, last = _reach(chain, speeds, i), _reach(chain, speeds, i + 1)
+        free = max(float(length) - first - last, 0.0)
+        ends = float(speeds[i]), float(speeds[i + 1])
+        total += sum(_profile(free, *ends, float(chain.tops[i]), chain.a)[1:])
+        total += 2 * last / ends[1] if ends[1] > 0 else 0.0
+    return total

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import threading
 from dataclasses import dataclass
@@ -13,7 +14,15 @@ from up_samp.geometry import Scene, Shape
 from up_samp.geometry import kernels as k
 from up_samp.model import Body, Configuration, Deadline, Placed, Trajectory
 from up_samp.motion import hybrid
-from up_samp.motion.blending import Chain, first_speeds, pieces, settled, timed
+from up_samp.motion.blending import (
+    Chain,
+    chain_time,
+    first_speeds,
+    moved_corner,
+    pieces,
+    settled,
+    timed,
+)
 from up_samp.motion.fields import Fields
 from up_samp.motion.planar_search import expand_planar, shortened, straight_free
 from up_samp.motion.planners import Leg
@@ -21,6 +30,10 @@ from up_samp.motion.space import pose_space, widest_shape
 from up_samp.motion.trajectories import at_rest
 
 FloatArray = npt.NDArray[np.float64]
+
+
+GAIN = 1e-3
+"""Seconds that a corner's new place must save."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +47,7 @@ class PlanarSettings:
     nodes: tuple[int, ...] = (60_000, 250_000, 400_000)
     weight: float = 1.15
     rounds: int = 600
+    shifts: tuple[float, ...] = (0.25, 1.0, 0.5)
     slice: int = 4000
 
 
@@ -67,6 +81,8 @@ class PlanarPlanner:
             if chain is None:
                 return Leg(None, reason, effort)
             motion = self._timed(body, shape, chain, goal, obstacles)
+            if motion is not None:
+                motion = self._rounded(body, shape, chain, goal, obstacles, motion, deadline)
             if motion is None:
                 return Leg(None, "no safe timing along the path found", effort)
             return Leg(motion, "", effort)
@@ -154,6 +170,39 @@ class PlanarPlanner:
         rows.reverse()
         rows[-1][2] = rows[-2][2] + math.remainder(target[2] - rows[-2][2], 2 * math.pi)
         return np.array(rows), count, False
+
+    def _rounded(
+        self,
+        body: Body,
+        shape: Shape,
+        nodes: FloatArray,
+        goal: Configuration,
+        obstacles: tuple[Placed, ...],
+        motion: Trajectory,
+        deadline: Deadline,
+    ) -> Trajectory:
+        """Return a motion that is not slower: corners pushed outwards or cut in two.
+
+        A shortest path hugs the inner side of every corner, where a blend has no room.
+        """
+        data, polys = self.scene.data, self.scene.polys(obstacles)
+        for shift, cut in itertools.product(self.settings.shifts, (0.0, 1.0)):
+            i = 1
+            while i < len(nodes) - 1 and not deadline.expired():
+                trial = moved_corner(nodes, i, shift * shape.inner[2], cut * shape.circumscribed)
+                i += 1
+                if trial is None or chain_time(trial, body) > motion.duration - GAIN:
+                    continue
+                if not all(
+                    straight_free(data, polys, shape.data, *map(float, a), *map(float, b - a))
+                    for a, b in itertools.pairwise(trial[i - 2 : i + 2])
+                ):
+                    continue
+                faster = self._timed(body, shape, trial, goal, obstacles)
+                if faster is not None and faster.duration < motion.duration - GAIN:
+                    i += len(trial) - len(nodes)
+                    nodes, motion = trial, faster
+        return motion
 
     def _timed(
         self,

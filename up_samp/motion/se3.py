@@ -21,9 +21,8 @@ from up_samp.geometry import Scene
 from up_samp.geometry.meshes import (
     Mesh,
     boxes,
-    contains,
     mesh_of,
-    rotation,
+    nested,
     surface_distance,
     transform,
     wall_rectangles,
@@ -58,6 +57,8 @@ TOUCH = 1e-4
 """Clearance (m) that counts as none (and the shortest step of the edge checks)."""
 SHORTCUTS = 300
 """Rounds of shortening."""
+PATIENCE = 80
+"""Rounds without a gain after which shortening stops."""
 
 
 class FlyerWorld:
@@ -88,6 +89,9 @@ class FlyerWorld:
             if walls is not None:
                 rest = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
                 self.things.append(("", walls, transform(rest), rest))
+        self._centres = np.array([rest[:3] for *_, rest in self.things]).reshape(-1, 3)
+        self._reaches = np.array([m.radius + self.mesh.radius for _, m, _, _ in self.things])
+        self._walls = next((i for i, thing in enumerate(self.things) if not thing[0]), -1)
         self.met: set[str] = set()
 
     def _box(self, poses: Sequence[Configuration]) -> tuple[FloatArray, FloatArray]:
@@ -114,17 +118,21 @@ class FlyerWorld:
         return low, high
 
     def clearance(self, pose: Sequence[float]) -> float:
-        """Return the distance (m) of the surfaces to the nearest thing beyond the margin.
+        """Return a lower bound on the distance (m) of the surfaces to the nearest thing beyond the
+        margin: exact where that is near, by spheres where it is far.
 
         What is nearer than the margin is remembered as being in the way.
         """
-        place = transform(pose)
-        best = math.inf
-        for name, mesh, where, rest in self.things:
-            if name:  # spheres around both settle what is far
-                far = math.dist(pose[:3], rest[:3]) - self.mesh.radius - mesh.radius
-                if far >= best:
-                    continue
+        place, point = transform(pose), np.array(pose[:3])
+        far = np.linalg.norm(self._centres - point, axis=1) - self._reaches
+        if self._walls >= 0:
+            far[self._walls] = self._scene.room(point[0], point[1]) - self.mesh.radius
+        near = far < 0.5 * self.mesh.radius
+        best = float(np.min(far[~near], initial=math.inf)) - self.margin
+        for i in np.flatnonzero(near):
+            if far[i] - self.margin >= best:
+                continue
+            name, mesh, where, _ = self.things[i]
             d = surface_distance(self.mesh, place, mesh, where) - self.margin
             if d <= TOUCH:
                 self.met.add(name)
@@ -138,16 +146,7 @@ class FlyerWorld:
 
     def swallowed(self, pose: Configuration) -> bool:
         """Return whether the body lies inside a thing, or a thing inside it, without contact."""
-        mine = rotation(pose[3:])
-        corner = mine @ self.mesh.vertices[0] + np.array(pose[:3])
-        for _, mesh, _, rest in self.things:
-            theirs = rotation(rest[3:])
-            if contains(mesh, theirs.T @ (corner - np.array(rest[:3]))):
-                return True
-            other = theirs @ mesh.vertices[0] + np.array(rest[:3])
-            if contains(self.mesh, mine.T @ (other - np.array(pose[:3]))):
-                return True
-        return False
+        return any(nested(self.mesh, pose, mesh, rest) for _, mesh, _, rest in self.things)
 
     def edge_free(self, a: FloatArray, b: FloatArray) -> bool:
         """Return whether the margin is kept all along the edge between two poses."""
@@ -255,9 +254,11 @@ def flyer_leg(
 def shorten(world: FlyerWorld, nodes: FloatArray, deadline: Deadline, seed: int) -> FloatArray:
     """Return a chain that is not slower, by random shortcuts (Geraerts & Overmars 2007)."""
     rng = random.Random(seed)
+    idle = 0
     for _ in range(SHORTCUTS):
-        if len(nodes) < 3 or deadline.expired():
+        if len(nodes) < 3 or idle > PATIENCE or deadline.expired():
             break
+        idle += 1
         p, q = sorted((rng.uniform(0, len(nodes) - 1), rng.uniform(0, len(nodes) - 1)))
         if rng.random() < 0.5:
             p, q = float(round(p)), float(round(q))
@@ -270,7 +271,7 @@ def shorten(world: FlyerWorld, nodes: FloatArray, deadline: Deadline, seed: int)
         new = new[keep]
         faster = _seconds(new, world) < _seconds(nodes, world) - 1e-4
         if faster and world.edge_free(one, two):
-            nodes = new
+            nodes, idle = new, 0
     return nodes
 
 

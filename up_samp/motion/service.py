@@ -292,12 +292,20 @@ class MotionService:
     ) -> tuple[bool, frozenset[str]]:
         """Return whether a body at a pose overlaps the map, and the obstacles that it overlaps."""
         hit = {p.name for p in obstacles if self.overlap(body, pose, p.body, p.pose)}
+        if body.kinematics.model is MotionModel.SE3:
+            from up_samp.geometry.meshes import meets_walls
+
+            return self.grid is not None and meets_walls(self.grid, body, pose), frozenset(hit)
         return self.certifier.hits_map(body, pose), frozenset(hit)
 
     def overlap(
         self, body_a: Body, pose_a: Configuration, body_b: Body, pose_b: Configuration
     ) -> bool:
-        """Return whether two placed planar bodies share area (touching is no overlap)."""
+        """Return whether two placed bodies share area, or in space, volume (SE3: or touch)."""
+        if MotionModel.SE3 in (body_a.kinematics.model, body_b.kinematics.model):
+            from up_samp.geometry.meshes import bodies_meet
+
+            return bodies_meet(body_a, pose_a, body_b, pose_b)
         return self.scene.distance(body_a, pose_a, body_b, pose_b) < -1e-7
 
     def parking_clears(

@@ -34,13 +34,9 @@ EAGER_QUERY_SECONDS = 2.0
 def check_geometry(snapshot: Snapshot, service: MotionService) -> None:
     """Raise :class:`ProblemError` where a robot starts in a wall or in another object."""
     drivers = sorted({t.object for t in snapshot.tasks})
+    _check_flyers(snapshot, drivers)
     for name in drivers:
         body = snapshot.objects[name].body
-        if body.kinematics.model is MotionModel.SE3:
-            raise UnsupportedError(
-                f"object '{name}' flies (SE3): single flights can be planned and judged, not yet "
-                "coordinated with a schedule"
-            )
         pose = snapshot.configurations[snapshot.initial[name]]
         in_wall, _ = service.pose_blockers(body, pose, ())
         if in_wall:
@@ -60,6 +56,20 @@ def check_geometry(snapshot: Snapshot, service: MotionService) -> None:
                 f"object '{name}' overlaps '{min(hit)}' at the start; move one of them "
                 f"('{name}' starts at '{snapshot.initial[name]}' {_show(pose)})"
             )
+
+
+def _check_flyers(snapshot: Snapshot, drivers: list[str]) -> None:
+    """Raise :class:`UnsupportedError` where something drives in the plane beside free flyers."""
+    flyers = [
+        n for n, o in sorted(snapshot.objects.items())
+        if o.body.kinematics.model is MotionModel.SE3 and n in snapshot.initial
+    ]  # fmt: skip
+    planar = [n for n in drivers if n not in flyers]
+    if flyers and planar:
+        raise UnsupportedError(
+            f"object '{flyers[0]}' is in space (SE3) and '{planar[0]}' drives in the plane: the "
+            "two are not coordinated with each other"
+        )
 
 
 def _show(pose: Configuration) -> str:

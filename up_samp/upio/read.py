@@ -57,7 +57,7 @@ def read_problem(problem: SchedulingMotionProblem, seconds_per_unit: float = 1.0
     tasks, changes = _read_activities(problem, frozenset(objects))
     initial = _read_initial(problem)
     _check_initial(objects, configurations, initial, tasks, changes)
-    _check_dimensions(objects, configurations, tasks, changes)
+    _check_dimensions(objects, configurations, initial, tasks, changes)
     if len(maps) > 1:
         raise UnsupportedError(
             f"problem '{problem.name}' uses several occupancy maps ({', '.join(sorted(maps))}); "
@@ -387,9 +387,17 @@ def _check_initial(
 def _check_dimensions(
     objects: Mapping[str, Movable],
     configurations: Mapping[str, Configuration],
+    initial: Mapping[str, str],
     tasks: Sequence[MotionTask],
     changes: Sequence[ChangeTask],
 ) -> None:
+    for name, place in initial.items():
+        model = objects[name].body.kinematics.model
+        if len(configurations[place]) != (7 if model is MotionModel.SE3 else 3):
+            raise ProblemError(
+                f"object '{name}' starts at '{place}', which is of the wrong type for it "
+                f"({model.value})"
+            )
     uses = [(t.activity, t.object, t.terms) for t in tasks]
     uses += [(c.activity, c.object, (c.term,)) for c in changes]
     for activity, name, terms in uses:

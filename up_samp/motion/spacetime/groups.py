@@ -11,7 +11,8 @@ import itertools
 import time
 from collections.abc import Sequence
 
-from up_samp.model import Deadline, GroupQuery, GroupReport, Outcome
+from up_samp.model import Deadline, GroupQuery, GroupReport, Outcome, UnsupportedError
+from up_samp.motion.spacetime.flights import coordinate_flights, has_flyers
 from up_samp.motion.spacetime.priorities import Group, Node, alone, climb, window_of
 from up_samp.motion.spacetime.runs import (
     PathPlanner,
@@ -39,10 +40,15 @@ def coordinate(
 
     ``method``: "ladder" (see above), or "st-rrt*" as in the paper: one robot after the other by
     ST-RRT* among those before it, without other priorities. Deterministic for a ``seed`` as long
-    as the ``deadline`` does not cut it short.
+    as the ``deadline`` does not cut it short. Free flyers (SE3) go one after the other, see
+    :mod:`up_samp.motion.spacetime.flights`.
     """
     if method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
+    if has_flyers(query.motions, query.rests, query.fixed):
+        if method != "ladder":
+            raise UnsupportedError(f"the method '{method}' is for planar bodies; one here is SE3")
+        return coordinate_flights(service, query, deadline)
     began = time.monotonic()
     group = _group_of(workspace_of(service), query, deadline)
     if method == "st-rrt*":

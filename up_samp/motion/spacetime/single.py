@@ -28,6 +28,7 @@ from up_samp.model import (
     TimedMotion,
     UnsupportedError,
 )
+from up_samp.motion.spacetime.flights import earliest_flight, has_flyers
 from up_samp.motion.spacetime.intervals import (
     first_gap,
     forbidden_starts,
@@ -291,11 +292,13 @@ def _with_lanes(
             break
         options = []
         for lane in _lanes(workspace, motion, window, path, met[0][0]):
+            again = _met_at_full_speed(workspace, motion, window, lane, others)
+            if again and again[0][2] <= met[0][2] + WORTH:
+                continue  # it passes nobody
             best = fit(workspace, motion, window, lane, others, best)
             if _good(best, motion):
                 return best
             # go on from the lane that gets furthest at full speed
-            again = _met_at_full_speed(workspace, motion, window, lane, others)
             options.append((-again[0][2] if again else -math.inf, lane.number, lane))
         if not options:
             break
@@ -390,6 +393,8 @@ def earliest_arrival(
     by what rests there for good; anything else without a trajectory is ``OUT_OF_TIME``.
     """
     began = time.monotonic()
+    if has_flyers((motion,), rests, fixed):
+        return earliest_flight(service, motion, rests, fixed, deadline or Deadline.never())
     workspace = workspace_of(service)
     others = [rest_run(workspace, rest) for rest in rests] + [fixed_run(f) for f in fixed]
     window = Window(motion.present_from, motion.release)
