@@ -19,8 +19,8 @@ from up_samp.search.slack import spread
 from up_samp.upio import read_itinerary
 
 MAX_STEPS = 25
-REPAIR_EFFORT = 4.0
-"""Deterministic time of one step (about seconds)."""
+REPAIR_EFFORT = 0.4
+"""Deterministic time of CP-SAT for one step: a few seconds at most."""
 
 
 def repair(context: Context, schedule: CandidateSchedule, check: Check) -> Incumbent | None:

@@ -16,8 +16,8 @@ from up_samp.search.restrict import restrict
 
 SLACKS = (1, 3, 6)
 """Units more than scheduled that are worth having; each counts once for each motion."""
-SLACK_EFFORT = 1.0
-"""Deterministic time that may go into it (about seconds)."""
+SLACK_EFFORT = 0.06
+"""Deterministic time of CP-SAT that may go into it: well below a second."""
 
 
 def with_slack(context: Context, schedule: CandidateSchedule) -> CandidateSchedule:

@@ -25,8 +25,8 @@ class CpsatSession:
     :param problem: watched, never changed.
     :param seed: for CP-SAT; with ``workers=1`` answers are deterministic.
     :param workers: threads of CP-SAT (``None``: one per core).
-    :param effort: limit of one :meth:`solve` in CP-SAT's deterministic time, about seconds of one
-        quiet core: unlike a deadline, it ends the same way on every machine (``None``: no limit).
+    :param effort: limit of one :meth:`solve` in CP-SAT's deterministic time (0.1 may take a
+        second): unlike a deadline, it ends the same way on every machine (``None``: no limit).
     """
 
     def __init__(
