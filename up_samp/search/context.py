@@ -33,6 +33,10 @@ Signature = tuple[Body, tuple[Configuration, ...]]
 FIRST_PROOF_SECONDS = 15.0
 """Time (s) of the scheduler's first attempt at a proof, once there is a plan."""
 
+SCHEDULE_SHARE = 0.4
+"""Share of the remaining time that our own scheduler may take for a schedule, until there is a
+plan: its schedules get better with time, but their motions have to be checked, too."""
+
 GROUP_SHARE = 0.2
 """Share of the remaining time that one group of motions may take."""
 
@@ -67,6 +71,8 @@ class Context:
     bound_is_relative: bool = False
     proof_seconds: float = FIRST_PROOF_SECONDS
     """Limit of our own scheduler's next call, once there is a plan; doubled when it is used up."""
+    schedule_share: float = SCHEDULE_SHARE
+    """Share for the next schedule; all of the time once a share was not enough for any."""
     written: set[object] = field(default_factory=set)
     standing: list[Refinement] = field(default_factory=list)
     durations: dict[Signature, float] = field(default_factory=dict)

@@ -11,7 +11,7 @@ import time
 from collections.abc import Generator
 from dataclasses import dataclass, replace
 
-from up_samp.model import CandidateSchedule, ScheduleReport, ScheduleStatus
+from up_samp.model import CandidateSchedule, Deadline, ScheduleReport, ScheduleStatus
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.refinement import holds
 from up_samp.search.check import Check, check_itinerary
@@ -102,9 +102,8 @@ def get_schedule(context: Context, *, optimal: bool) -> ScheduleReport:
     context.report("schedule", "scheduling")
     last = context.incumbent.schedule if context.incumbent else None
     proving = optimal and not (context.staged and last is None)
-    sliced = proving and context.staged
     report = context.scheduler.solve(
-        context.deadline.within(context.proof_seconds) if sliced else context.deadline,
+        schedule_deadline(context, proving=proving),
         optimal=proving,
         hint=last,
         lower_bound=None if context.heuristic else context.lower_bound,
@@ -113,6 +112,20 @@ def get_schedule(context: Context, *, optimal: bool) -> ScheduleReport:
     if report.bound is not None and not context.heuristic:
         context.lower_bound = max(context.lower_bound, report.bound)
     return report
+
+
+def schedule_deadline(context: Context, *, proving: bool) -> Deadline:
+    """Return by when the scheduler has to answer.
+
+    Another's scheduler would have to begin anew after a limit; ours goes on from what it knows.
+    """
+    if not context.staged:
+        return context.deadline
+    if proving:
+        return context.deadline.within(context.proof_seconds)
+    if context.incumbent is None:
+        return context.deadline.within(context.schedule_share * context.deadline.remaining())
+    return context.deadline
 
 
 def is_better(context: Context, schedule: CandidateSchedule) -> bool:
@@ -216,9 +229,12 @@ def conclude_without_schedule(context: Context, report: ScheduleReport) -> Searc
     if context.deadline.expired() or context.is_optimal:
         return conclude(context)
     if report.status in (ScheduleStatus.OUT_OF_TIME, ScheduleStatus.FOUND):
-        if context.incumbent is None or not context.staged:
+        if not context.staged or (context.incumbent is None and context.schedule_share >= 1):
             return conclude(context)
-        context.proof_seconds *= 2
+        if context.incumbent is None:
+            context.schedule_share = 1.0
+        else:
+            context.proof_seconds *= 2
         return None
     proven = report.status is ScheduleStatus.INFEASIBLE
     if context.heuristic and context.history.restarts < context.params.max_restarts:
