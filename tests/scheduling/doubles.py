@@ -90,6 +90,30 @@ class Wrong(Double):
         )
 
 
+class InSequence(Double):
+    """Uses all of its time for one activity after the other, and calls that satisficing."""
+
+    def _solve(self, problem, heuristic=None, timeout=None, output_stream=None):
+        time.sleep(timeout)
+        assignment, now = {}, 0
+        for activity in problem.activities:
+            assignment[activity.start] = now
+            now += activity.duration.lower.constant_value()
+            assignment[activity.end] = now
+        plan = Schedule(list(problem.activities), assignment)
+        return PlanGenerationResult(
+            PlanGenerationResultStatus.SOLVED_SATISFICING, plan, engine_name=self.name
+        )
+
+
+class Optimist(InSequence):
+    """Promises optimal plans."""
+
+    @staticmethod
+    def satisfies(optimality_guarantee):
+        return True
+
+
 class Planless(Double):
     """Claims success without a plan (UP does not notice)."""
 

@@ -7,11 +7,15 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import pytest
+from unified_planning.engines import PlanGenerationResultStatus
 
+from up_samp.engines.plain import schedule_plainly
 from up_samp.model import Deadline, ProblemError, ScheduleStatus, UnsupportedError
 from up_samp.scheduling import is_compatible, open_scheduler
+from up_samp.search import Parameters
 from up_samp.validation import validate_schedule
 
 from . import doubles
@@ -158,3 +162,23 @@ def test_an_expired_deadline_starts_nothing():
     with open_scheduler(doubles.Sleeper, two_after_each_other()) as scheduler:
         report = scheduler.solve(Deadline.after(0.0))
     assert report.status is ScheduleStatus.OUT_OF_TIME
+
+
+@pytest.mark.parametrize(
+    ("engine", "status"),
+    [
+        (doubles.InSequence, PlanGenerationResultStatus.SOLVED_SATISFICING),
+        (doubles.Optimist, PlanGenerationResultStatus.TIMEOUT),
+    ],
+)
+def test_the_best_plan_at_the_deadline_is_a_timeout_where_optima_are_promised(engine, status):
+    wrapping = SimpleNamespace(
+        _engine_class=engine,
+        engine_params={},
+        params=Parameters(),
+        name="wrapping",
+        satisfies=engine.satisfies,
+    )
+    result = schedule_plainly(wrapping, two_after_each_other(), Deadline.after(4.0), True)
+    assert result.status is status
+    assert result.metrics["makespan"] == "7"

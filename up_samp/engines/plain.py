@@ -10,6 +10,7 @@ from unified_planning.engines import (
     PlanGenerationResult,
     PlanGenerationResultStatus,
 )
+from unified_planning.engines.mixins.oneshot_planner import OptimalityGuarantee
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.plans import Schedule
 
@@ -64,6 +65,9 @@ def _to_result(engine: Any, problem: Any, report: ScheduleReport) -> PlanGenerat
             message, plan = f"invalid schedule: {violations[0]}", None
     if status is PlanGenerationResultStatus.SOLVED_OPTIMALLY and not problem.quality_metrics:
         status = PlanGenerationResultStatus.SOLVED_SATISFICING
+    promised = problem.quality_metrics and engine.satisfies(OptimalityGuarantee.SOLVED_OPTIMALLY)
+    if status is PlanGenerationResultStatus.SOLVED_SATISFICING and promised and report.late:
+        status = PlanGenerationResultStatus.TIMEOUT  # with the best plan until then
     metrics = {"seconds_scheduler": f"{report.seconds:.3f}", "preset": engine.params.preset}
     if report.bound is not None:
         metrics["lower_bound"] = str(report.bound)

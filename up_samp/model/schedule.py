@@ -40,13 +40,16 @@ class ScheduleStatus(enum.Enum):
 
 @dataclass(frozen=True)
 class ScheduleReport:
-    """A scheduler's answer. ``bound`` is a proven lower bound on the makespan if there is one."""
+    """A scheduler's answer. ``bound`` is a proven lower bound on the makespan if there is one.
+    ``late`` says of a schedule that it is the best at the deadline, and the search was not over.
+    """
 
     status: ScheduleStatus
     schedule: CandidateSchedule | None = None
     bound: int | None = None
     message: str = ""
     seconds: float = 0.0
+    late: bool = False
 
 
 @dataclass(frozen=True)

@@ -202,6 +202,8 @@ class EngineScheduler:
         late = task.until is not None and time.monotonic() > task.until
         if report.status is ScheduleStatus.NOT_FOUND and late:  # cpse calls a timeout so
             return replace(report, status=ScheduleStatus.OUT_OF_TIME)
+        if report.status is ScheduleStatus.FOUND and (late or answer.status == "TIMEOUT"):
+            return replace(report, late=True)  # aries-opt calls it satisficing
         return report
 
     def _tasks(self, runner: Any, compiled: Compiled, deadline: Deadline) -> Iterator[Task]:

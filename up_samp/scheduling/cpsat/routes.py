@@ -5,8 +5,10 @@ need (work at places), all one at a time.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Collection, Iterator
+import itertools
+from collections.abc import Collection
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from up_samp.scheduling.cpsat.statevars import Key, Read, StateVar
@@ -56,6 +58,10 @@ class Route:
     hops: dict[tuple[int, int], list[Move]] = field(default_factory=dict)
     travel: dict[tuple[int, int], int] = field(default_factory=dict)
     _via: dict[tuple[int, int], int] = field(default_factory=dict)
+    _leaving: dict[int, list[tuple[int, list[Move]]]] = field(default_factory=dict)
+    _ways: dict[tuple[int, frozenset[int]], tuple[int, list[Move]] | None] = field(
+        default_factory=dict
+    )
 
     @property
     def step(self) -> int:
@@ -75,6 +81,8 @@ class Route:
             self.travel[a, a] = 0
         for (a, b), moves in self.hops.items():
             self.travel[a, b] = min(m.least for m in moves) + self.step
+            choices = sorted(moves, key=lambda m: (m.least, m.name))
+            self._leaving.setdefault(a, []).append((b, choices))
         for via in order:
             for a in order:
                 first = self.travel.get((a, via), INFINITE)
@@ -120,26 +128,35 @@ class Route:
         """Return the shortest travel time and moves to one of ``targets``, without the moves
         named in ``banned`` (Dijkstra); ``None`` if there is no way.
         """
-        heap: list[tuple[int, int, list[Move]]] = [(0, here, [])]
+        key = (here, targets)
+        if key not in self._ways:
+            self._ways[key] = self._shortest(here, targets, ())
+        found = self._ways[key]
+        if found is None or not any(move.name in banned for move in found[1]):
+            return found
+        return self._shortest(here, targets, banned)
+
+    def _shortest(
+        self, here: int, targets: frozenset[int], banned: Collection[str]
+    ) -> tuple[int, list[Move]] | None:
+        leaving, step = self._leaving, self.step
+        ties = itertools.count()
+        heap: list[tuple[int, int, int, list[Move]]] = [(0, here, next(ties), [])]
         done = set()
         while heap:
-            distance, place, moves = heapq.heappop(heap)
+            distance, place, _, moves = heapq.heappop(heap)
             if place in targets:
                 return distance, moves
             if place in done:
                 continue
             done.add(place)
-            for to, move in self._leaving(place, banned):
+            for to, choices in leaving.get(place, ()):
                 if to not in done:
-                    heapq.heappush(heap, (distance + move.least + self.step, to, [*moves, move]))
+                    move = next((m for m in choices if m.name not in banned), None)
+                    if move is not None:
+                        cost = distance + move.least + step
+                        heapq.heappush(heap, (cost, to, next(ties), [*moves, move]))
         return None
-
-    def _leaving(self, place: int, banned: Collection[str]) -> Iterator[tuple[int, Move]]:
-        for (origin, to), moves in self.hops.items():
-            if origin == place:
-                free = [m for m in moves if m.name not in banned]
-                if free:
-                    yield to, min(free, key=lambda m: (m.least, m.name))
 
 
 @dataclass(frozen=True)
@@ -151,7 +168,11 @@ class UnitPlace:
 
     def places_of(self, route: Key) -> frozenset[int]:
         """Return the places of a route that it holds."""
-        return dict(self.places).get(route, frozenset())
+        return self._by_route.get(route, frozenset())
+
+    @cached_property
+    def _by_route(self) -> dict[Key, frozenset[int]]:
+        return dict(self.places)
 
 
 def find_routes(model: ScheduleModel) -> list[Route]:

@@ -41,7 +41,8 @@ _LADDER_SIZE = 20_000
 """Constraints up to which the ladder is tried: it must not cost large models their time."""
 _COLLAPSED_EFFORT = 20.0
 _CONTENT_EFFORT = 1.0
-_ROUNDS_PER_TASK = 20
+_CONTENT_COLLAPSED_EFFORT = 0.4
+_ROUNDS_PER_TASK = 60
 """Rounds of annealing over tours before CP-SAT is asked."""
 _SLACKS = (1.0, 1.1, 1.3, 1.7)
 
@@ -96,8 +97,11 @@ class Search:
             self._climb()
         if self._over():
             return
+        content = bool(routes) and not self.wants_optimum
         if self.best is None:
             self._first(base)
+        elif content:
+            return  # what the collapsed problem does not better, the whole one does not soon
         if not self._over():
             self._finish()
 
@@ -135,8 +139,8 @@ class Search:
         """Solve the collapsed problem and make what is found a schedule of the whole, the first
         one at once and the best one in the end; return the collapsed makespan.
 
-        With a schedule of the whole in hand, only better ones are looked for: where there is none,
-        that schedule is an optimal one.
+        A schedule of the whole in hand is one of the collapsed problem, for its search to start
+        from; where there is no better one, it is an optimal one.
         """
         inner = Search(
             collapsed.model,
@@ -150,15 +154,10 @@ class Search:
         inner.collapsed = True
         inner.left = self.left
         inner._known.update(collapsed.hints(self._known))
-        inner.effort = _COLLAPSED_EFFORT if self.wants_optimum else _CONTENT_EFFORT
+        inner.effort = _COLLAPSED_EFFORT if self.wants_optimum else _CONTENT_COLLAPSED_EFFORT
         if self.best is not None:
-            inner._improve(
-                self.value - 1, _THOROUGH if self.wants_optimum else _RELAXED, inner.effort
-            )
-            if inner.infeasible:
-                self.bound = self.value
-                self._met()
-                return self.value
+            options = _THOROUGH if self.wants_optimum else _RELAXED
+            inner._improve(self.value, options, inner.effort)
         else:
             inner._first(0)
             if inner.best is not None:

@@ -127,4 +127,5 @@ class CpsatSession:
         self._last = search.best
         proven = search.proven and wants_optimum and model.horizon.certain
         status = ScheduleStatus.OPTIMAL if proven else ScheduleStatus.FOUND
-        return ScheduleReport(status, search.best, bound, seconds=seconds)
+        late = not proven and search.deadline.expired()
+        return ScheduleReport(status, search.best, bound, seconds=seconds, late=late)

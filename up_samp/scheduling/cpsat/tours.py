@@ -282,8 +282,8 @@ def improve(work: Work, rounds: int, seed: int, over: Callable[[], bool]) -> Tou
     best = current = _greedy(work, rng)
     if best is None or current is None:
         return None
-    heat = 0.05 * best.cost
-    cooling = (0.02) ** (1 / max(1, rounds))
+    heat = 0.08 * best.cost
+    cooling = 0.05 ** (1 / max(1, rounds))
     for _ in range(rounds):
         if over():
             break
