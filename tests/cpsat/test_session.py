@@ -243,3 +243,14 @@ def disjunctive_shop(jobs, machines):
             last = a
     problem.add_quality_metric(MinimizeMakespan())
     return problem
+
+
+def test_time_that_runs_out_while_the_model_is_built_is_told_and_can_be_made_good():
+    problem = travels(places=5, visits=8)
+    session = CpsatSession(problem)
+    report = session.solve(Deadline.after(0.001))
+    assert report.status is ScheduleStatus.OUT_OF_TIME
+    assert report.seconds < 1
+    again = session.solve(Deadline.after(60))
+    assert again.status is ScheduleStatus.OPTIMAL
+    assert again.schedule is not None

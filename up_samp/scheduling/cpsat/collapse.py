@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from up_samp.model import Deadline
 from up_samp.scheduling.cpsat.alternatives import merge_forms
 from up_samp.scheduling.cpsat.legs import Arc, Leg, Legs, entry_form
 from up_samp.scheduling.cpsat.model import ScheduleModel
@@ -33,15 +34,20 @@ from up_samp.scheduling.cpsat.terms import ActivityVars
 
 
 class Collapsed:
-    """The collapsed model of a problem, for the routes of its full model."""
+    """The collapsed model of a problem, for the routes of its full model.
 
-    def __init__(self, full: ScheduleModel, parts: Additions, routes: list[Route]) -> None:
+    :raises OutOfTimeError: when ``deadline`` comes before it is built.
+    """
+
+    def __init__(
+        self, full: ScheduleModel, parts: Additions, routes: list[Route], deadline: Deadline
+    ) -> None:
         self.routes = routes
         self.full = full
         removed = {move.name for route in routes for move in route.moves}
         self.model = ScheduleModel(full.problem)
         self.model.limit_at_least = full.limit
-        self.model.build(without(parts, removed))
+        self.model.build(without(parts, removed), deadline)
         self.units = find_unit_places(full, routes)
         self._legs = Legs(self.model.store, self.model.limit, self.units)
         self._forms: list[Form] = []

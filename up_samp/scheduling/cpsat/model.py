@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable, Iterator
 from fractions import Fraction
-from typing import Any
+from typing import Any, TypeVar
 
 from unified_planning.model import FNode
 from unified_planning.model.scheduling import Activity, SchedulingProblem
 from unified_planning.model.timing import DurationInterval
 
-from up_samp.model import CandidateSchedule, UnsupportedError
+from up_samp.model import CandidateSchedule, Deadline, UnsupportedError
 from up_samp.scheduling.cpsat.alternatives import Group, find_groups, merge_forms
 from up_samp.scheduling.cpsat.horizon import Horizon
 from up_samp.scheduling.cpsat.metrics import objective_of
@@ -23,6 +24,12 @@ from up_samp.scheduling.cpsat.terms import ActivityVars, Terms, World, int_bound
 from up_samp.scheduling.cpsat.timeline import Timeline
 
 _PLACEHOLDER = 10**7
+
+T = TypeVar("T")
+
+
+class OutOfTimeError(Exception):
+    """The time was up while a model was being built."""
 
 
 class ScheduleModel:
@@ -48,10 +55,15 @@ class ScheduleModel:
         self.stated: list[Form] = []
         """What was stated at first, but for disjunctions of pairs."""
         self._leaders: dict[str, str] = {}
+        self._deadline = Deadline.never()
 
     # -- building ------------------------------------------------------------------------------
-    def build(self, parts: Additions) -> None:
-        """Build the model from everything there is."""
+    def build(self, parts: Additions, deadline: Deadline | None = None) -> None:
+        """Build the model from everything there is.
+
+        :raises OutOfTimeError: when ``deadline`` comes before that; the model is of no use then.
+        """
+        self._deadline = deadline or Deadline.never()
         world, store = self.world, self.store
         for code, obj in enumerate(self.problem.all_objects):
             world.objects[obj.name] = code
@@ -60,7 +72,7 @@ class ScheduleModel:
         self.states = States(world, self.problem, constant(0))
         groups = find_groups(parts)
         self._leaders = {name: g.names[0] for g in groups for name in g.names}
-        for activity in parts.activities:
+        for activity in self._in_time(parts.activities):
             self._activity(activity)
         self.exact = self._alternatives(groups)
         self._parameters(parts)
@@ -69,9 +81,9 @@ class ScheduleModel:
         for activity in parts.activities:
             self._link_times(activity)
         self.states.dynamic = {e.fluent.fluent().name for _, e, _ in parts.effects}
-        for timing, effect, owner in parts.effects:
+        for timing, effect, owner in self._in_time(parts.effects):
             self.states.add_effect(timing, effect, self._vars(owner))
-        for span, condition, owner in parts.conditions:
+        for span, condition, owner in self._in_time(parts.conditions):
             self.states.add_condition(span, condition, self._vars(owner))
         rest = self.disjunctions.take(forms, list(world.activities.values()))
         rest = self.stated = merge_forms(rest, self.exact)
@@ -79,11 +91,19 @@ class ScheduleModel:
         self.disjunctions.emit_loads(store, Lin(((world.makespan, 1),)))
         self.objective = objective_of(self.problem, self.states, self._exact_makespan)
         self._timelines()
-        for form in rest:
+        for form in self._in_time(rest):
             store.enforce(form)
         if world.makespan_used:
             self._exact_makespan()
         self._make_decisions()
+        self._deadline = Deadline.never()
+
+    def _in_time(self, parts: Iterable[T]) -> Iterator[T]:
+        """Yield parts of the problem until the time is up."""
+        for part in parts:
+            if self._deadline.expired():
+                raise OutOfTimeError
+            yield part
 
     def grow(self, parts: Additions) -> None:
         """Add what was appended (no effects, no new objects; see :meth:`can_grow`)."""
@@ -277,7 +297,7 @@ class ScheduleModel:
             self.store.rebound(var, 0, self.limit)
 
     def _timelines(self) -> None:
-        for key, state in self.states.vars.items():
+        for key, state in self._in_time(self.states.vars.items()):
             if key[0] not in self.states.dynamic:
                 continue
             timeline = self.timelines.get(key)

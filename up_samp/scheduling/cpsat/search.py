@@ -14,7 +14,7 @@ from up_samp.model import CandidateSchedule, Deadline
 from up_samp.scheduling.cpsat.collapse import Collapsed
 from up_samp.scheduling.cpsat.dispatch import Work, find_work
 from up_samp.scheduling.cpsat.expand import expand
-from up_samp.scheduling.cpsat.model import ScheduleModel
+from up_samp.scheduling.cpsat.model import OutOfTimeError, ScheduleModel
 from up_samp.scheduling.cpsat.problem import Additions
 from up_samp.scheduling.cpsat.routes import Route, find_routes
 from up_samp.scheduling.cpsat.solving import Answer, Run, run
@@ -133,7 +133,11 @@ class Search:
                 self._realize(tour.schedule)
         if self._met() or self._over():
             return self.value
-        return self._through(Collapsed(self.model, parts(), routes), work)
+        try:
+            collapsed = Collapsed(self.model, parts(), routes, self.deadline)
+        except OutOfTimeError:
+            return self.value
+        return self._through(collapsed, work)
 
     def _through(self, collapsed: Collapsed, work: Work | None) -> int:
         """Solve the collapsed problem and make what is found a schedule of the whole, the first

@@ -8,7 +8,7 @@ import threading
 from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.model import CandidateSchedule, Deadline, ScheduleReport, ScheduleStatus
-from up_samp.scheduling.cpsat.model import ScheduleModel
+from up_samp.scheduling.cpsat.model import OutOfTimeError, ScheduleModel
 from up_samp.scheduling.cpsat.problem import Watcher
 from up_samp.scheduling.cpsat.search import Progress, Search
 from up_samp.scheduling.cpsat.solving import Run
@@ -66,7 +66,7 @@ class CpsatSession:
     ) -> ScheduleReport:
         """Solve the problem as it is now.
 
-        :param deadline: kept to within a fraction of a second, once the model is built.
+        :param deadline: kept to within a fraction of a second or so, also while the model is built.
         :param optimal: search to the proven optimum of the metric; otherwise return a first good
             schedule. Without a metric there is no optimum, and a good schedule is returned.
         :param hint: a schedule to start from (default: the last one).
@@ -74,7 +74,11 @@ class CpsatSession:
         :param on_solution: told of each better schedule.
         """
         started = deadline.elapsed()
-        model = self._update()
+        try:
+            model = self._update(deadline)
+        except OutOfTimeError:
+            seconds = deadline.elapsed() - started
+            return ScheduleReport(ScheduleStatus.OUT_OF_TIME, seconds=seconds)
         self.bound = max(self.bound, lower_bound or 0)
         wants_optimum = optimal and bool(self.problem.quality_metrics)
         search = Search(
@@ -97,7 +101,7 @@ class CpsatSession:
         self._interrupted.set()
 
     # -- stages --------------------------------------------------------------------------------
-    def _update(self) -> ScheduleModel:
+    def _update(self, deadline: Deadline) -> ScheduleModel:
         parts = self._watcher.look()
         if self._model is not None and not self._model.only_tightened(parts):
             self.bound = 0
@@ -107,7 +111,7 @@ class CpsatSession:
         self.rebuilds += 1
         model = ScheduleModel(self.problem)
         self._model = None
-        model.build(Watcher(self.problem).look())
+        model.build(Watcher(self.problem).look(), deadline)
         self._model = model
         return model
 
