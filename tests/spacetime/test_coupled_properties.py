@@ -14,8 +14,9 @@ from up_samp.motion.service import MotionService
 from up_samp.motion.spacetime import coordinate
 from up_samp.motion.spacetime.coupled import couple
 from up_samp.motion.spacetime.priorities import Group, Node, _search, alone
-from up_samp.motion.spacetime.runs import run_of, workspace_of
-from up_samp.motion.spacetime.tuning import natural_timing
+from up_samp.motion.spacetime.runs import run_of
+from up_samp.motion.spacetime.timings import natural_timing
+from up_samp.motion.spacetime.workspace import workspace_of
 from up_samp.validation.collisions import Shape, hits_body, hits_map
 from up_samp.validation.kinematics import motion_violations
 from up_samp.validation.limits import Limits
