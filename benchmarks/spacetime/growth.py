@@ -32,8 +32,7 @@ from up_samp.model import (
     TimedMotion,
 )
 from up_samp.motion.service import MotionService
-from up_samp.motion.spacetime import coordinate
-from up_samp.motion.spacetime import runs as runs_module
+from up_samp.motion.spacetime import coordinate, workspace
 
 CAR = Body(
     ((-1.0, -0.5), (1.0, -0.5), (1.0, 0.5), (-1.0, 0.5)),
@@ -102,7 +101,7 @@ def timed(service: MotionService, query: GroupQuery) -> dict[str, object]:
     """Coordinate three times, first with nothing but the numba cache; seconds are processor time,
     so that they can be read on a busy machine (everything runs in one thread).
     """
-    runs_module._workspaces.clear()
+    workspace._workspaces.clear()
     seconds = []
     for _ in range(3):
         began = time.process_time()

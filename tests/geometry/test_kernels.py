@@ -7,7 +7,7 @@ import pytest
 import shapely
 from shapely import affinity
 
-from up_samp.geometry import OccupancyGrid, Scene, shape_of
+from up_samp.geometry import OccupancyGrid, Scene, shape_of, sweeps
 from up_samp.geometry import kernels as k
 from up_samp.model import Body, Kinematics, MotionModel, Placed, ProblemError
 
@@ -105,7 +105,7 @@ def test_edges_against_the_map(name):
     for x, y, th in random_poses(rng, grid, 250):
         kappa = float(rng.choice([0.0, 1.0, -1.0, 0.3]))
         length = float(rng.uniform(-3, 3))
-        free = k.arc_free(scene.data, no_polys, shape, x, y, th, kappa, length)
+        free = sweeps.arc_free(scene.data, no_polys, shape, x, y, th, kappa, length)
         poses = [k.advance(x, y, th, kappa, length * i / 60) for i in range(61)]
         nearest = min(area.distance(placed(footprint, pose)) for pose in poses)
         seen[free] += 1
@@ -114,7 +114,7 @@ def test_edges_against_the_map(name):
         else:  # the least slack of 0.02, mitred, and the spacing of the oracle's own samples
             assert nearest <= (margin + shape.slack[2]) * 1.083 + 0.05
         arcs = np.array([[kappa, length / 2], [kappa, length / 2]])
-        whole = k.path_free(scene.data, no_polys, shape, np.array([x, y, th]), arcs)
+        whole = sweeps.path_free(scene.data, no_polys, shape, np.array([x, y, th]), arcs)
         assert (whole < 0) == free or nearest <= (margin + shape.slack[2]) * 1.083 + 0.05
     assert min(seen.values()) > 25
 
@@ -165,12 +165,12 @@ def test_resting_objects(name):
             kappa, length = float(rng.choice([0.0, 1.0])), float(rng.uniform(-3, 3))
             swept = [k.advance(x, y, th, kappa, length * i / 40) for i in range(41)]
             nearest = min(area.distance(placed(FOOTPRINTS[name], pose)) for pose in swept)
-            if k.arc_free(scene.data, polys, shape, x, y, th, kappa, length):
+            if sweeps.arc_free(scene.data, polys, shape, x, y, th, kappa, length):
                 assert nearest >= 0.05 - TOLERANCE
             else:
                 assert nearest <= 0.05 + 0.01 + 0.1
             rows = np.array(swept)
-            bound = k.samples_distance(polys, shape, rows, 1e-3)
+            bound = sweeps.samples_distance(polys, shape, rows, 1e-3)
             assert bound <= nearest + 1e-9
             if bound > 0:
                 assert bound >= nearest - 0.08  # the oracle looks every 7.5 cm only
@@ -184,10 +184,10 @@ def test_samples_are_swept():
     across = np.array([[-1.0, 0, 0], [1.0, 0, 0]])
     beside = np.array([[-1.0, 2.2, 0], [1.0, 2.2, 0]])
     shape, polys = shape_of(dot).data, scene.polys((wall,))
-    assert k.samples_free(scene.data, polys, shape, across, 1e-4) == 0
-    assert k.samples_free(scene.data, polys, shape, beside, 1e-4) == -1
-    assert k.samples_distance(polys, shape, across, 1e-3) <= 0
-    assert k.samples_distance(polys, shape, beside, 1e-3) == pytest.approx(0.1, abs=2e-3)
+    assert sweeps.samples_free(scene.data, polys, shape, across, 1e-4) == 0
+    assert sweeps.samples_free(scene.data, polys, shape, beside, 1e-4) == -1
+    assert sweeps.samples_distance(polys, shape, across, 1e-3) <= 0
+    assert sweeps.samples_distance(polys, shape, beside, 1e-3) == pytest.approx(0.1, abs=2e-3)
 
 
 def test_clearance_field_is_a_bound_for_whole_cells():
@@ -267,7 +267,7 @@ def test_many_edges_against_the_map(name):
         no_polys = scene.polys()
         for x, y, th in random_poses(rng, grid, 500):
             kappa, length = float(rng.uniform(-1, 1)), float(rng.uniform(-3, 3))
-            if k.arc_free(scene.data, no_polys, shape, x, y, th, kappa, length):
+            if sweeps.arc_free(scene.data, no_polys, shape, x, y, th, kappa, length):
                 free += 1
                 poses = [k.advance(x, y, th, kappa, length * i / 200) for i in range(201)]
                 nearest = min(area.distance(placed(footprint, pose)) for pose in poses)

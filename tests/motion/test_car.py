@@ -20,6 +20,7 @@ from up_samp.geometry import Scene
 from up_samp.model import Body, Deadline, Kinematics, MotionModel, Outcome, PathQuery, Placed
 from up_samp.motion import MotionCache, MotionService
 from up_samp.motion.car import CarPlanner, CarSettings
+from up_samp.motion.planners import LegQuery
 
 
 @pytest.fixture(scope="module")
@@ -230,7 +231,7 @@ def test_a_search_that_comes_no_nearer_gives_up():
     grid = box_map(44, 16, [(20, 0, 24, 5), (20, 6.3, 22, 16), (22, 0, 23, 8), (23.3, 0, 24, 8)])
     planner = CarPlanner(Scene(grid), 0, CarSettings((0.35,), slice=2000, stuck=2))
     start, goal = (3.0, 3.0, 0.0), (41.0, 13.0, 0.0)
-    leg = planner.leg(ROBOT, start, goal, (), Deadline.never())
+    leg = planner.leg(LegQuery(ROBOT, start, goal), Deadline.never())
     assert leg.trajectory is None
     assert "fixed effort" in leg.reason or "finest" in leg.reason
     assert leg.effort < 60_000

@@ -17,8 +17,9 @@ from up_samp.model import (
 from up_samp.motion.service import MotionService
 from up_samp.motion.spacetime import coordinate, earliest_arrival
 from up_samp.motion.spacetime.coupled import couple
-from up_samp.motion.spacetime.runs import rest_run, run_of, workspace_of
-from up_samp.motion.spacetime.tuning import natural_timing
+from up_samp.motion.spacetime.runs import run_of
+from up_samp.motion.spacetime.timings import natural_timing
+from up_samp.motion.spacetime.workspace import rest_run, workspace_of
 
 UP = math.pi / 2
 CORRIDOR = (1, 1, 39, 3)  # one robot wide

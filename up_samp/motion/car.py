@@ -9,13 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.geometry import Scene, Shape
-from up_samp.geometry import kernels as k
+from up_samp.geometry import Scene, Shape, sweeps
 from up_samp.model import Body, Configuration, Deadline, Placed
 from up_samp.motion import hybrid
 from up_samp.motion.arcs import merged, path_time, reversed_arcs
 from up_samp.motion.fields import Fields, least_value
-from up_samp.motion.planners import Leg
+from up_samp.motion.planners import Leg, LegQuery
 from up_samp.motion.reeds_shepp import fastest
 from up_samp.motion.smoothing import improve, settle
 from up_samp.motion.space import pose_space, widest_shape
@@ -75,30 +74,18 @@ class CarPlanner:
         self._trees: dict[tuple[int, int], hybrid.Tree] = {}
         self._lock = threading.Lock()
 
-    def leg(
-        self,
-        body: Body,
-        start: Configuration,
-        goal: Configuration,
-        obstacles: tuple[Placed, ...],
-        deadline: Deadline,
-    ) -> Leg:
+    def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a fast motion between two poses among resting obstacles."""
         with self._lock:
-            arcs, reason, expansions = self.path(body, start, goal, obstacles, deadline)
+            arcs, reason, expansions = self.path(query, deadline)
         if arcs is None:
             return Leg(None, reason, expansions)
-        return Leg(trajectory_of((start, goal), (arcs,), body.kinematics), reason, expansions)
+        ends = query.start, query.goal
+        return Leg(trajectory_of(ends, (arcs,), query.body.kinematics), reason, expansions)
 
-    def path(
-        self,
-        body: Body,
-        start: Configuration,
-        goal: Configuration,
-        obstacles: tuple[Placed, ...],
-        deadline: Deadline,
-    ) -> tuple[FloatArray | None, str, int]:
+    def path(self, query: LegQuery, deadline: Deadline) -> tuple[FloatArray | None, str, int]:
         """Return arcs (n, 2) or None, what happened, and the number of expansions."""
+        body, start, goal, obstacles = query.body, query.start, query.goal, query.obstacles
         shape = widest_shape(self.scene, body, (start, goal), obstacles)
         if shape is None:
             return None, "the start or the goal touches the map or an obstacle", 0
@@ -144,7 +131,7 @@ class CarPlanner:
         _, arcs = fastest(start, goal, *limits)
         polys = self.scene.polys(obstacles)
         origin = np.array(start[:3], dtype=np.float64)
-        free = k.path_free(self.scene.data, polys, shape.data, origin, arcs) < 0
+        free = sweeps.path_free(self.scene.data, polys, shape.data, origin, arcs) < 0
         return arcs if free else None
 
     def _search(

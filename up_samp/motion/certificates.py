@@ -316,22 +316,38 @@ class Certifier:
 
     def _build(self, radius: float, placed: Sequence[Placed]) -> Regions:
         free, owners = self._cells(radius, placed)
-        labels, count = ndimage.label(free & (owners == 0), structure=EIGHT)
-        labels = labels.astype(np.int32)
+        labels = np.empty(free.shape, dtype=np.int32)
+        count = ndimage.label(free & (owners == 0), structure=EIGHT, output=labels)
         sets: dict[int, int] = {}
-        zone = free & (owners != 0)
-        for value in np.unique(owners[zone]):
-            part, n = ndimage.label(zone & (owners == value), structure=EIGHT)
-            labels[part > 0] = part[part > 0] + count
+        # what lies in obstacles is few cells: look at no others
+        near = _box(owners)
+        zone = free[near] & (owners[near] != 0)
+        for value in np.unique(owners[near][zone]):
+            part, n = ndimage.label(zone & (owners[near] == value), structure=EIGHT)
+            labels[near][part > 0] = part[part > 0] + count
             sets.update((count + i, int(value)) for i in range(1, n + 1))
             count += n
-        return Regions(labels, sets, _links(labels, zone))
+        rows, cols = np.nonzero(zone)
+        return Regions(labels, sets, _links(labels, rows + near[0].start, cols + near[1].start))
 
 
-def _links(labels: IntArray, zone: BoolArray) -> dict[int, frozenset[int]]:
-    """Return which regions touch (8-connected); only cells in ``zone`` can join two regions."""
+def _box(owners: npt.NDArray[np.int64]) -> tuple[slice, slice]:
+    """Return the smallest part of the grid that holds all cells that are not 0."""
+    rows = np.flatnonzero(owners.any(axis=1))
+    if len(rows) == 0:
+        return slice(0, 0), slice(0, 0)
+    band = slice(int(rows[0]), int(rows[-1]) + 1)
+    cols = np.flatnonzero(owners[band].any(axis=0))
+    return band, slice(int(cols[0]), int(cols[-1]) + 1)
+
+
+def _links(
+    labels: IntArray, rows: npt.NDArray[np.intp], cols: npt.NDArray[np.intp]
+) -> dict[int, frozenset[int]]:
+    """Return which regions touch (8-connected); only the cells at ``rows`` and ``cols`` can join
+    two regions.
+    """
     links: dict[int, set[int]] = {}
-    rows, cols = np.nonzero(zone)
     for dr in (-1, 0, 1):
         for dc in (-1, 0, 1):
             r, c = rows + dr, cols + dc

@@ -36,7 +36,7 @@ from up_samp.motion.ompl_common import (
     solve,
 )
 from up_samp.motion.ompl_planar import OmplSettings, PlanarWorld
-from up_samp.motion.planners import Leg
+from up_samp.motion.planners import LegQuery
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -173,24 +173,17 @@ def _search(
 
 
 def control_leg(
-    scene: Scene,
-    body: Body,
-    start: Configuration,
-    goal: Configuration,
-    obstacles: tuple[Placed, ...],
-    deadline: Deadline,
-    *,
-    planner: str = "RRT",
-    seed: int = 0,
+    scene: Scene, query: LegQuery, deadline: Deadline, *, planner: str = "RRT", seed: int = 0
 ) -> OmplLeg:
-    """Return a motion under the body's control law from ``start`` exactly to ``goal``.
+    """Return a motion under the body's control law from the start exactly to the goal.
 
     Deterministic for ``seed`` unless the deadline cuts in.
     """
+    body, start, goal = query.body, query.start, query.goal
     if body.kinematics.model is not MotionModel.CONTROL:
         raise ProblemError(f"no control model: {body.kinematics.model.value}")
     name = canonical(planner, control=True)
-    world = ControlWorld(scene, body, (start, goal), obstacles, seed)
+    world = ControlWorld(scene, body, (start, goal), query.obstacles, seed)
     if not world.fit_margin():
         reason = "the start or the goal touches the map or an obstacle"
         return OmplLeg(None, reason, world.blockers())
@@ -278,26 +271,3 @@ def _exact(
     poses = found.poses.copy()
     poses[-1] = (goal[0], goal[1], poses[-1, 2] - off[2])
     return Trajectory(found.times.copy(), poses) if world.clear(poses) else None
-
-
-class ControlPlanner:
-    """OMPL's control RRT with exact ends, behind the protocol of all motion planners."""
-
-    name = "control"
-    reversible = False
-
-    def __init__(self, scene: Scene, seed: int = 0) -> None:
-        self.scene = scene
-        self.seed = seed
-
-    def leg(
-        self,
-        body: Body,
-        start: Configuration,
-        goal: Configuration,
-        obstacles: tuple[Placed, ...],
-        deadline: Deadline,
-    ) -> Leg:
-        """Return a motion under the body's own law, from ``start`` exactly to ``goal``."""
-        found = control_leg(self.scene, body, start, goal, obstacles, deadline, seed=self.seed)
-        return Leg(found.trajectory, found.reason, found.checks)

@@ -18,12 +18,10 @@ from up_samp.geometry.kernels import (
     PolyData,
     ShapeData,
     advance,
-    between,
     map_clearance,
     poly_distance,
-    sweep_travel,
-    travel_ratio,
 )
+from up_samp.geometry.sweeps import between, sweep_travel, travel_ratio
 from up_samp.motion.reeds_shepp import connect
 
 FloatArray = npt.NDArray[np.float64]

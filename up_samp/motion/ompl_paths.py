@@ -16,20 +16,18 @@ import numpy.typing as npt
 
 from up_samp.geometry import Scene
 from up_samp.model import (
-    Body,
     Configuration,
     Deadline,
     MotionModel,
     Outcome,
     PathQuery,
     PathReport,
-    Placed,
     ProblemError,
     UnsupportedError,
 )
 from up_samp.motion.ompl_common import ONE_TREE, OmplLeg, canonical, known_planners
 from up_samp.motion.ompl_planar import OmplSettings, PlanarWorld, search
-from up_samp.motion.planners import Leg
+from up_samp.motion.planners import Leg, LegQuery
 from up_samp.motion.trajectories import at_rest, joined
 
 PLANNERS = known_planners()
@@ -45,48 +43,47 @@ _LEGS = {
 
 
 def ompl_leg(
-    scene: Scene,
-    body: Body,
-    start: Configuration,
-    goal: Configuration,
-    obstacles: tuple[Placed, ...],
-    deadline: Deadline,
-    *,
-    planner: str,
-    seed: int,
+    scene: Scene, query: LegQuery, deadline: Deadline, *, planner: str, seed: int
 ) -> OmplLeg:
-    """Return a motion from rest at ``start`` to rest at ``goal`` by OMPL's ``planner``."""
-    module, function = _LEGS[body.kinematics.model]
+    """Return a motion from rest to rest by OMPL's ``planner``."""
+    module, function = _LEGS[query.body.kinematics.model]
     leg = getattr(importlib.import_module(f"up_samp.motion.{module}"), function)
-    found: OmplLeg = leg(scene, body, start, goal, obstacles, deadline, planner=planner, seed=seed)
+    found: OmplLeg = leg(scene, query, deadline, planner=planner, seed=seed)
     return found
 
 
 class OmplPlanner:
-    """One of OMPL's planners behind the protocol of all motion planners."""
+    """One of OMPL's planners behind the protocol of all motion planners.
 
-    def __init__(self, name: str, scene: Scene, seed: int = 0) -> None:
+    Unless the caller knows better, its legs are not ``reversible``: a control law may not run
+    backwards.
+    """
+
+    def __init__(self, name: str, scene: Scene, seed: int = 0, *, reversible: bool = False) -> None:
         try:
             self.name = canonical(name)
         except ProblemError:
             self.name = canonical(name, control=True)
         self.scene = scene
         self.seed = seed
-        self.reversible = False  # a control law may not run backwards
+        self.reversible = reversible
 
-    def leg(
-        self,
-        body: Body,
-        start: Configuration,
-        goal: Configuration,
-        obstacles: tuple[Placed, ...],
-        deadline: Deadline,
-    ) -> Leg:
-        """Return a motion from rest at ``start`` to rest at ``goal``, exactly."""
-        found = ompl_leg(
-            self.scene, body, start, goal, obstacles, deadline, planner=self.name, seed=self.seed
-        )
+    def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
+        """Return a motion from rest to rest, exactly from the start to the goal."""
+        found = ompl_leg(self.scene, query, deadline, planner=self.name, seed=self.seed)
         return Leg(found.trajectory, found.reason, found.checks)
+
+
+def flyer_planner(scene: Scene, seed: int = 0) -> OmplPlanner:
+    """Return the planner of free flyers: RRTConnect (see :mod:`up_samp.motion.se3`)."""
+    return OmplPlanner("RRTConnect", scene, seed, reversible=True)
+
+
+def control_planner(scene: Scene, seed: int = 0) -> OmplPlanner:
+    """Return the planner of bodies with a law of their own: RRT, and exact ends (see
+    :mod:`up_samp.motion.ompl_control`).
+    """
+    return OmplPlanner("RRT", scene, seed)
 
 
 def plan_with_ompl(
@@ -105,9 +102,8 @@ def plan_with_ompl(
     for start, goal in itertools.pairwise(query.poses):
         if tuple(start) == tuple(goal):
             continue
-        leg = ompl_leg(
-            scene, query.body, start, goal, query.obstacles, deadline, planner=name, seed=seed
-        )
+        part = LegQuery(query.body, start, goal, query.obstacles)
+        leg = ompl_leg(scene, part, deadline, planner=name, seed=seed)
         if leg.trajectory is None:
             return PathReport(
                 Outcome.OUT_OF_TIME,

@@ -42,6 +42,7 @@ from up_samp.motion.ompl_common import (
 )
 from up_samp.motion.planar import PlanarPlanner
 from up_samp.motion.planar_search import shortened
+from up_samp.motion.planners import LegQuery
 from up_samp.motion.reeds_shepp import shortest
 from up_samp.motion.smoothing import improve, settle
 from up_samp.motion.space import MARGIN_SHARES, search_box
@@ -287,18 +288,17 @@ def _glide(
 
 def planar_leg(
     scene: Scene,
-    body: Body,
-    start: Configuration,
-    goal: Configuration,
-    obstacles: tuple[Placed, ...],
+    query: LegQuery,
     deadline: Deadline,
     *,
     planner: str,
     seed: int,
     settings: OmplSettings | None = None,
 ) -> OmplLeg:
-    """Return a motion from rest at ``start`` to rest at ``goal`` by one of OMPL's planners."""
-    world = PlanarWorld(scene, body, (start, goal), obstacles, settings or OmplSettings())
+    """Return a motion from rest to rest by one of OMPL's planners."""
+    start, goal = query.start, query.goal
+    settings = settings or OmplSettings()
+    world = PlanarWorld(scene, query.body, (start, goal), query.obstacles, settings)
     if not world.fit_margin():
         reason = "the start or the goal touches the map or an obstacle"
         return OmplLeg(None, reason, world.blockers())

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.geometry import Scene, Shape
-from up_samp.geometry import kernels as k
+from up_samp.geometry import Scene, Shape, sweeps
 from up_samp.model import Body, Configuration, Deadline, Placed, Trajectory
 from up_samp.motion import hybrid
 from up_samp.motion.blending import (
@@ -25,7 +24,7 @@ from up_samp.motion.blending import (
 )
 from up_samp.motion.fields import Fields
 from up_samp.motion.planar_search import expand_planar, shortened, straight_free
-from up_samp.motion.planners import Leg
+from up_samp.motion.planners import Leg, LegQuery
 from up_samp.motion.space import pose_space, widest_shape
 from up_samp.motion.trajectories import at_rest
 
@@ -64,15 +63,9 @@ class PlanarPlanner:
         self.fields = Fields(scene)
         self._lock = threading.Lock()
 
-    def leg(
-        self,
-        body: Body,
-        start: Configuration,
-        goal: Configuration,
-        obstacles: tuple[Placed, ...],
-        deadline: Deadline,
-    ) -> Leg:
+    def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a fast motion between two poses among resting obstacles."""
+        body, start, goal, obstacles = query.body, query.start, query.goal, query.obstacles
         with self._lock:
             shape = widest_shape(self.scene, body, (start, goal), obstacles)
             if shape is None:
@@ -224,7 +217,7 @@ class PlanarPlanner:
             turns = round((nodes[-1, 2] - goal[2]) / (2 * math.pi))
             rows = motion.poses.copy()
             rows[-1] = (goal[0], goal[1], goal[2] + turns * 2 * math.pi)
-            hit = k.samples_free(data, polys, shape.data, rows, least)
+            hit = sweeps.samples_free(data, polys, shape.data, rows, least)
             if hit < 0:
                 return Trajectory(motion.times.copy(), rows)
             near = {owners[hit], owners[min(hit + 1, len(owners) - 1)]}

@@ -25,6 +25,16 @@ from up_samp.model import (
 
 
 @dataclass(frozen=True)
+class LegQuery:
+    """Move ``body`` from rest at ``start`` to rest at ``goal`` while the ``obstacles`` rest."""
+
+    body: Body
+    start: Configuration
+    goal: Configuration
+    obstacles: tuple[Placed, ...] = ()
+
+
+@dataclass(frozen=True)
 class Leg:
     """A planner's answer: the motion (from time 0) or None with the ``reason``. None is no proof.
 
@@ -42,15 +52,8 @@ class MotionPlanner(Protocol):
     name: str
     reversible: bool
 
-    def leg(
-        self,
-        body: Body,
-        start: Configuration,
-        goal: Configuration,
-        obstacles: tuple[Placed, ...],
-        deadline: Deadline,
-    ) -> Leg:
-        """Return a motion from rest at ``start`` to rest at ``goal``, exactly."""
+    def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
+        """Return a motion from rest to rest, exactly from the start to the goal."""
 
 
 Factory = Callable[[Scene, int], MotionPlanner]
@@ -58,8 +61,8 @@ Factory = Callable[[Scene, int], MotionPlanner]
 PLANNERS: dict[str, str | Factory] = {
     "car": "up_samp.motion.car:CarPlanner",
     "planar": "up_samp.motion.planar:PlanarPlanner",
-    "se3": "up_samp.motion.se3:FlyerPlanner",
-    "control": "up_samp.motion.ompl_control:ControlPlanner",
+    "se3": "up_samp.motion.ompl_paths:flyer_planner",
+    "control": "up_samp.motion.ompl_paths:control_planner",
 }
 """Planners by name: ``module:factory`` (imported when needed) or a factory(scene, seed). Beside
 these, OMPL's planners are known by their own names (see :mod:`up_samp.motion.ompl_paths`).

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from up_samp.geometry import OccupancyGrid
 from up_samp.model import Body, Configuration, Deadline, Outcome, PathQuery, Placed, Trajectory
+from up_samp.motion.planners import LegQuery
 
 if TYPE_CHECKING:
     from up_samp.motion.service import MotionService
@@ -88,5 +89,5 @@ def _store(
         return 0
     name, (times, poses) = found
     trajectory = Trajectory(times, poses)  # type: ignore[arg-type]
-    service.remember(name, *pair, obstacles, trajectory)
+    service.remember(name, LegQuery(*pair, obstacles), trajectory)
     return 1

@@ -46,7 +46,7 @@ from up_samp.motion.ompl_common import (
     set_seed,
     solve,
 )
-from up_samp.motion.planners import Leg
+from up_samp.motion.planners import LegQuery
 from up_samp.motion.straight import leg_profile, timed_chain, turn_between
 
 FloatArray = npt.NDArray[np.float64]
@@ -209,22 +209,15 @@ def _state(si: Any, pose: Configuration) -> Any:
 
 
 def flyer_leg(
-    scene: Scene,
-    body: Body,
-    start: Configuration,
-    goal: Configuration,
-    obstacles: tuple[Placed, ...],
-    deadline: Deadline,
-    *,
-    planner: str = "RRTConnect",
-    seed: int = 0,
+    scene: Scene, query: LegQuery, deadline: Deadline, *, planner: str = "RRTConnect", seed: int = 0
 ) -> OmplLeg:
-    """Return a free flyer's motion from rest at ``start`` to rest at ``goal``.
+    """Return a free flyer's motion from rest at the start to rest at the goal.
 
     Straight pieces with rest at each corner; ``v_max``, ``a_max`` and ``omega_max`` hold.
     Deterministic for ``seed`` unless the deadline cuts in.
     """
-    world = FlyerWorld(scene, body, (start, goal), obstacles)
+    body, start, goal = query.body, query.start, query.goal
+    world = FlyerWorld(scene, body, (start, goal), query.obstacles)
     if not world.fit_margin() or any(world.swallowed(p) for p in (start, goal)):
         reason = "the start or the goal touches the map or an obstacle"
         return OmplLeg(None, reason, frozenset(world.met - {""}))
@@ -291,26 +284,3 @@ def _apart(a: FloatArray, b: FloatArray) -> bool:
 def _seconds(nodes: FloatArray, world: FlyerWorld) -> float:
     limits = world.body.kinematics
     return sum(leg_profile(a, b, limits)[0] for a, b in itertools.pairwise(nodes))
-
-
-class FlyerPlanner:
-    """RRTConnect for free flyers, behind the protocol of all motion planners."""
-
-    name = "se3"
-    reversible = True
-
-    def __init__(self, scene: Scene, seed: int = 0) -> None:
-        self.scene = scene
-        self.seed = seed
-
-    def leg(
-        self,
-        body: Body,
-        start: Configuration,
-        goal: Configuration,
-        obstacles: tuple[Placed, ...],
-        deadline: Deadline,
-    ) -> Leg:
-        """Return a motion from rest at ``start`` to rest at ``goal``, exactly."""
-        found = flyer_leg(self.scene, body, start, goal, obstacles, deadline, seed=self.seed)
-        return Leg(found.trajectory, found.reason, found.checks)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
-from up_samp.geometry import OccupancyGrid, Scene
+from up_samp.geometry import OccupancyGrid, Scene, sweeps
 from up_samp.geometry import kernels as k
 from up_samp.geometry.shapes import shape_of
 from up_samp.model import (
@@ -28,6 +29,7 @@ from up_samp.motion.certificates import Certifier
 from up_samp.motion.planners import (
     SECOND_OPINION_SECONDS,
     Leg,
+    LegQuery,
     MotionPlanner,
     make_planner,
     planner_names,
@@ -84,7 +86,8 @@ class MotionService:
         for start, goal in zip(query.poses, query.poses[1:], strict=False):
             if tuple(start) == tuple(goal):
                 continue
-            report = self._leg(names, query.body, start, goal, query.obstacles, deadline)
+            leg = LegQuery(query.body, start, goal, query.obstacles)
+            report = self._leg(names, leg, deadline)
             if report.trajectory is None:
                 return _timed(report, began)
             parts.append(report.trajectory)
@@ -92,20 +95,12 @@ class MotionService:
         found = PathReport(Outcome.FOUND, joined(parts), planner=used)
         return _timed(found, began)
 
-    def _leg(
-        self,
-        names: Sequence[str],
-        body: Body,
-        start: Configuration,
-        goal: Configuration,
-        obstacles: tuple[Placed, ...],
-        deadline: Deadline,
-    ) -> PathReport:
+    def _leg(self, names: Sequence[str], query: LegQuery, deadline: Deadline) -> PathReport:
         """Return a leg from the cache or from the first planner that finds one."""
         reasons = []
         for name in names:
             planner = self._planner(name)
-            known = self._known(planner, name, body, start, goal, obstacles)
+            known = self._known(planner, name, query)
             if known is not None:
                 self.cache.hits += 1
                 return PathReport(Outcome.FOUND, known, planner=name)
@@ -115,7 +110,7 @@ class MotionService:
             limit = FIRST_SHARE * deadline.remaining() if len(names) > 1 else None
             if name != names[0]:
                 limit = SECOND_OPINION_SECONDS
-            report = self._lazily(name, body, start, goal, obstacles, deadline.within(limit))
+            report = self._lazily(name, query, deadline.within(limit))
             if report.outcome is not Outcome.OUT_OF_TIME:
                 return report
             reasons.append(f"{name}: {report.reason}")
@@ -123,35 +118,29 @@ class MotionService:
                 break
         return PathReport(
             Outcome.OUT_OF_TIME,
-            blockers=self._in_the_way(body, start, goal, obstacles, deadline),
+            blockers=self._in_the_way(query),
             reason="; ".join(reasons),
             planner=names[0],
         )
 
-    def _lazily(
-        self,
-        name: str,
-        body: Body,
-        start: Configuration,
-        goal: Configuration,
-        obstacles: tuple[Placed, ...],
-        deadline: Deadline,
-    ) -> PathReport:
+    def _lazily(self, name: str, query: LegQuery, deadline: Deadline) -> PathReport:
         """Plan among the obstacles that prove to matter only (so that more queries share a leg)."""
         planner = self._planner(name)
+        body, obstacles = query.body, query.obstacles
         chosen: tuple[Placed, ...] = () if body.kinematics.model in PLANAR else obstacles
         for attempt in range(LAZY_ROUNDS + 1):
             if attempt == LAZY_ROUNDS:
                 chosen = obstacles
-            trajectory = self._known(planner, name, body, start, goal, chosen)
+            part = replace(query, obstacles=chosen)
+            trajectory = self._known(planner, name, part)
             if trajectory is None:
-                leg = self._ask(name, body, start, goal, chosen, deadline)
+                leg = self._ask(name, part, deadline)
                 if isinstance(leg, PathReport):
                     return leg
                 if leg.trajectory is None:
                     return PathReport(Outcome.OUT_OF_TIME, reason=leg.reason, planner=name)
                 trajectory = leg.trajectory
-                self.remember(name, body, start, goal, chosen, trajectory)
+                self.remember(name, part, trajectory)
             if chosen == obstacles:
                 break
             hit = [
@@ -160,62 +149,42 @@ class MotionService:
             if not hit:
                 break
             chosen = tuple(p for p in obstacles if p in chosen or p in hit)
-            proof = self.certificate(body, (start, goal), chosen)
+            proof = self.certificate(body, (query.start, query.goal), chosen)
             if proof is not None:
                 return proof
         return PathReport(Outcome.FOUND, trajectory, planner=name)
 
-    def _ask(
-        self,
-        name: str,
-        body: Body,
-        start: Configuration,
-        goal: Configuration,
-        obstacles: tuple[Placed, ...],
-        deadline: Deadline,
-    ) -> Leg | PathReport:
+    def _ask(self, name: str, query: LegQuery, deadline: Deadline) -> Leg | PathReport:
         """Ask a planner; where it finds nothing at once, look for a stronger proof in between."""
         planner = self._planner(name)
         if name not in ("car", "planar") or self.grid is None:
-            return planner.leg(body, start, goal, obstacles, deadline)
-        leg = planner.leg(body, start, goal, obstacles, deadline.within(QUICK_SECONDS))
+            return planner.leg(query, deadline)
+        leg = planner.leg(query, deadline.within(QUICK_SECONDS))
         if leg.trajectory is not None or deadline.expired():
             return leg
         limit = deadline.within(PROOF_SECONDS)
-        proof = self.certifier.prove_by_slices(body, start, goal, obstacles, limit)
+        ends = query.start, query.goal
+        proof = self.certifier.prove_by_slices(query.body, *ends, query.obstacles, limit)
         if proof is not None:
             return proof
-        return planner.leg(body, start, goal, obstacles, deadline)
+        return planner.leg(query, deadline)
 
     def _scope(self, name: str) -> tuple[object, ...]:
         return (self.scene.digest, name, self.scene.margin, self.seed)
 
-    def remember(
-        self,
-        name: str,
-        body: Body,
-        start: Configuration,
-        goal: Configuration,
-        obstacles: tuple[Placed, ...],
-        trajectory: Trajectory,
-    ) -> None:
-        """Put a leg that ``name`` planned among ``obstacles`` into the cache."""
+    def remember(self, name: str, query: LegQuery, trajectory: Trajectory) -> None:
+        """Put a leg that ``name`` planned into the cache."""
         planner = self._planner(name)
-        key, swap = MotionCache.key(self._scope(name), body, start, goal, planner.reversible)
+        what = query.body, query.start, query.goal
+        key, swap = MotionCache.key(self._scope(name), *what, planner.reversible)
         stored = reversed_trajectory(trajectory) if swap else trajectory
-        self.cache.put(key, Entry(obstacle_key(obstacles), stored, name))
+        self.cache.put(key, Entry(obstacle_key(query.obstacles), stored, name))
 
-    def _known(
-        self,
-        planner: MotionPlanner,
-        name: str,
-        body: Body,
-        start: Configuration,
-        goal: Configuration,
-        obstacles: tuple[Placed, ...],
-    ) -> Trajectory | None:
+    def _known(self, planner: MotionPlanner, name: str, query: LegQuery) -> Trajectory | None:
         """Return a remembered leg that was planned among a part of the obstacles and clears all."""
-        key, swap = MotionCache.key(self._scope(name), body, start, goal, planner.reversible)
+        body, obstacles = query.body, query.obstacles
+        what = body, query.start, query.goal
+        key, swap = MotionCache.key(self._scope(name), *what, planner.reversible)
         here = obstacle_key(obstacles)
         for entry in self.cache.get(key):
             if not entry.among <= here:
@@ -230,21 +199,16 @@ class MotionService:
     def _clears(self, trajectory: Trajectory, body: Body, placed: Placed) -> bool:
         return self.parking_clears(trajectory, body, placed, self.scene.margin)
 
-    def _in_the_way(
-        self,
-        body: Body,
-        start: Configuration,
-        goal: Configuration,
-        obstacles: tuple[Placed, ...],
-        deadline: Deadline,
-    ) -> frozenset[str]:
+    def _in_the_way(self, query: LegQuery) -> frozenset[str]:
         """Return the obstacles that the way on the empty map would hit (all, if that is
         unknown).
         """
+        body, obstacles = query.body, query.obstacles
         if body.kinematics.model not in PLANAR or not obstacles:
             return frozenset(p.name for p in obstacles)
+        alone = replace(query, obstacles=())
         for name in planner_names(self.planner, body):
-            free = self._known(self._planner(name), name, body, start, goal, ())
+            free = self._known(self._planner(name), name, alone)
             if free is not None:
                 hit = [p.name for p in obstacles if not self._clears(free, body, p)]
                 return frozenset(hit)
@@ -316,7 +280,7 @@ class MotionService:
         polys = self.scene.polys((placed,))
         nothing = k.open_plane()
         poses = trajectory.poses.copy()  # numba compiles anew for arrays that cannot be written
-        return bool(k.samples_free(nothing, polys, shape, poses, 1e-4) < 0)
+        return bool(sweeps.samples_free(nothing, polys, shape, poses, 1e-4) < 0)
 
     def parking_clearance(self, trajectory: Trajectory, body: Body, placed: Placed) -> float:
         """Return the smallest distance (m) of a motion to a resting object, at most 1 mm too small;
@@ -324,7 +288,7 @@ class MotionService:
         """
         shape = shape_of(body).data
         polys = self.scene.polys((placed,))
-        return float(k.samples_distance(polys, shape, trajectory.poses.copy(), 1e-3))
+        return float(sweeps.samples_distance(polys, shape, trajectory.poses.copy(), 1e-3))
 
     def precompute(
         self,

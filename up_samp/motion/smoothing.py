@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry.compiled import inner, kernel
-from up_samp.geometry.kernels import GridData, PolyData, ShapeData, advance, arc_free
+from up_samp.geometry.kernels import GridData, PolyData, ShapeData, advance
+from up_samp.geometry.sweeps import arc_free
 from up_samp.motion.arcs import ends_of, merged, nodes_of, path_time
 from up_samp.motion.reeds_shepp import TINY, connect, run_time
 

@@ -43,6 +43,7 @@ def warm_up(model: MotionModel) -> float:
     log.warning("compiling motion kernels (once)")
     from up_samp.motion.car import CarPlanner
     from up_samp.motion.certificates import Certifier
+    from up_samp.motion.planners import LegQuery
 
     cells: BoolArray = np.zeros((40, 60), dtype=np.bool_)
     cells[:25, 28:32] = True
@@ -53,7 +54,7 @@ def warm_up(model: MotionModel) -> float:
     start, goal = (3.0, 2.0, 0.0), (9.0, 2.0, math.pi / 2)
     parked = (Placed("parked", body, (3.0, 6.5, 0.0)),)
     Certifier(scene).prove(body, (start, goal), parked)
-    CarPlanner(scene).leg(body, start, goal, parked, Deadline.never())
+    CarPlanner(scene).leg(LegQuery(body, start, goal, parked), Deadline.never())
     seconds = time.monotonic() - began
     log.info("compiled motion kernels in %.1f s", seconds)
     return seconds

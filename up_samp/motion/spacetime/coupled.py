@@ -33,10 +33,11 @@ from up_samp.model import (
     TimedMotion,
     Trajectory,
 )
+from up_samp.motion.spacetime.fitting import Window, fit, parked_all_the_time
 from up_samp.motion.spacetime.paths import Path, path_of
-from up_samp.motion.spacetime.runs import Run, Workspace, rest_run, run_of
-from up_samp.motion.spacetime.single import Window, fit, parked_all_the_time
-from up_samp.motion.spacetime.tuning import Timing
+from up_samp.motion.spacetime.runs import Run, run_of
+from up_samp.motion.spacetime.timings import Timing
+from up_samp.motion.spacetime.workspace import Workspace, rest_run
 
 MOST_ROBOTS = 3
 """Robots that are coupled at most."""

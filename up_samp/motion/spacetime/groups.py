@@ -12,17 +12,11 @@ import time
 from collections.abc import Sequence
 
 from up_samp.model import Deadline, GroupQuery, GroupReport, Outcome, UnsupportedError
-from up_samp.motion.spacetime.flights import coordinate_flights, has_flyers
+from up_samp.motion.spacetime.airspace import coordinate_flights, has_flyers
 from up_samp.motion.spacetime.priorities import Group, Node, alone, climb, window_of
-from up_samp.motion.spacetime.runs import (
-    PathPlanner,
-    Run,
-    Workspace,
-    fixed_run,
-    rest_run,
-    workspace_of,
-)
+from up_samp.motion.spacetime.runs import Run, fixed_run
 from up_samp.motion.spacetime.single import Attempt, failed, sample_one
+from up_samp.motion.spacetime.workspace import PathPlanner, Workspace, rest_run, workspace_of
 
 METHODS = ("ladder", "st-rrt*")
 
@@ -41,7 +35,7 @@ def coordinate(
     ``method``: "ladder" (see above), or "st-rrt*" as in the paper: one robot after the other by
     ST-RRT* among those before it, without other priorities. Deterministic for a ``seed`` as long
     as the ``deadline`` does not cut it short. Free flyers (SE3) go one after the other, see
-    :mod:`up_samp.motion.spacetime.flights`.
+    :mod:`up_samp.motion.spacetime.airspace`.
     """
     if method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, not {method!r}")

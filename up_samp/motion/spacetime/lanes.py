@@ -7,7 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.geometry import kernels as k
+from up_samp.geometry import sweeps
 from up_samp.geometry.scene import Scene
 from up_samp.model import MotionModel
 from up_samp.motion.arcs import merged
@@ -55,7 +55,7 @@ def shifted_lane(scene: Scene, path: Path, first: float, last: float, offset: fl
     whole = merged(np.concatenate(arcs))
     start, goal = path.poses[0], path.poses[-1]
     shape = scene.shape(path.body).data
-    if k.path_free(scene.data, scene.polys(()), shape, start, whole) >= 0:
+    if sweeps.path_free(scene.data, scene.polys(()), shape, start, whole) >= 0:
         return None
     if settle(start, goal, whole) > 1e-7:
         return None

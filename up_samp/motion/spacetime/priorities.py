@@ -17,8 +17,10 @@ from functools import cached_property
 
 from up_samp.model import Deadline, TimedMotion
 from up_samp.motion.spacetime.coupled import couple
-from up_samp.motion.spacetime.runs import Run, Workspace
-from up_samp.motion.spacetime.single import ON_TIME, Attempt, Window, plan_one
+from up_samp.motion.spacetime.fitting import ON_TIME, Window
+from up_samp.motion.spacetime.runs import Run
+from up_samp.motion.spacetime.single import Attempt, plan_one
+from up_samp.motion.spacetime.workspace import Workspace
 
 Pair = tuple[str, str]
 

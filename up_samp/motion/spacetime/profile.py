@@ -6,16 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from up_samp.model import Deadline, PathReport, Rest, TimedMotion
+from up_samp.motion.spacetime.fitting import parked_all_the_time
 from up_samp.motion.spacetime.intervals import offset_intervals
 from up_samp.motion.spacetime.paths import FloatArray, Path
-from up_samp.motion.spacetime.runs import (
-    PathPlanner,
-    Workspace,
-    pair_flags,
-    rest_run,
-    workspace_of,
-)
-from up_samp.motion.spacetime.single import parked_all_the_time
+from up_samp.motion.spacetime.runs import pair_flags
+from up_samp.motion.spacetime.workspace import PathPlanner, Workspace, rest_run, workspace_of
 
 Interval = tuple[float, float]
 

@@ -17,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry.compiled import inner, kernel
-from up_samp.geometry.kernels import GridData, PolyData, ShapeData, advance, arc_free
+from up_samp.geometry.kernels import GridData, PolyData, ShapeData, advance
+from up_samp.geometry.sweeps import arc_free
 from up_samp.motion.heap import pop, push
 from up_samp.motion.hybrid import Field, field_value
 from up_samp.motion.reeds_shepp import connect

@@ -18,7 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry.compiled import inner, kernel
-from up_samp.geometry.kernels import GridData, PolyData, ShapeData, advance, arc_free
+from up_samp.geometry.kernels import GridData, PolyData, ShapeData, advance
+from up_samp.geometry.sweeps import arc_free
 from up_samp.motion.reeds_shepp import connect
 from up_samp.motion.spacetime.drives import PIECES, Drive, clash, sample
 from up_samp.motion.spacetime.movers import GUARD, VISITS, Me, Movers, visits

@@ -1,0 +1,173 @@
+"""Compiled checks of whole motions: no collision slips through between two looks at a pose.
+
+The clearance at one pose bounds how far the body may go before the next look (conservative
+advancement; Mirtich 1996). Lengths in m, angles in rad.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.geometry.compiled import kernel
+from up_samp.geometry.kernels import (
+    FAR,
+    GridData,
+    PolyData,
+    ShapeData,
+    advance,
+    clearance,
+    poly_distance,
+)
+
+
+@kernel
+def travel_ratio(shape: ShapeData, kappa: float) -> float:
+    """Return how far the footprint's fastest point moves per metre of the reference point."""
+    best = 1.0
+    for i in range(shape.verts.shape[1]):
+        for k in range(shape.counts[0, i]):
+            x, y = shape.verts[0, i, k, 0], shape.verts[0, i, k, 1]
+            best = max(best, (1.0 - kappa * y) ** 2 + (kappa * x) ** 2)
+    return math.sqrt(best)
+
+
+@kernel
+def arc_free(
+    grid: GridData,
+    polys: PolyData,
+    shape: ShapeData,
+    x: float,
+    y: float,
+    th: float,
+    kappa: float,
+    s: float,
+) -> bool:
+    """Return whether driving ``s`` m along curvature ``kappa`` keeps the margin *all the way*.
+
+    Refuses motions that come closer than the margin plus the shape's smallest slack, too.
+    """
+    ratio = travel_ratio(shape, kappa)
+    least = 0.1 * shape.slack[2]
+    total, done = abs(s), 0.0
+    sign = 1.0 if s >= 0.0 else -1.0
+    while True:
+        px, py, pth = advance(x, y, th, kappa, sign * done)
+        c = clearance(grid, polys, shape, px, py, pth)
+        if c < least:
+            return False
+        done += c / ratio
+        if done >= total:
+            return True
+
+
+@kernel
+def path_free(
+    grid: GridData,
+    polys: PolyData,
+    shape: ShapeData,
+    start: npt.NDArray[np.float64],
+    arcs: npt.NDArray[np.float64],
+) -> int:
+    """Return the index of the first of the ``arcs`` (n, 2: curvature, signed length), driven one
+    after the other from ``start``, that does not keep the margin; -1 if all do.
+    """
+    x, y, th = start[0], start[1], start[2]
+    for i in range(arcs.shape[0]):
+        if not arc_free(grid, polys, shape, x, y, th, arcs[i, 0], arcs[i, 1]):
+            return i
+        x, y, th = advance(x, y, th, arcs[i, 0], arcs[i, 1])
+    return -1
+
+
+@kernel
+def between(poses: npt.NDArray[np.float64], i: int, share: float) -> tuple[float, float, float]:
+    """Return the pose ``share`` of the way from sample ``i`` to the next under a constant twist."""
+    turn = poses[i + 1, 2] - poses[i, 2]
+    dx, dy = poses[i + 1, 0] - poses[i, 0], poses[i + 1, 1] - poses[i, 1]
+    if abs(turn) < 1e-9:
+        return poses[i, 0] + share * dx, poses[i, 1] + share * dy, poses[i, 2] + share * turn
+    cot = math.cos(0.5 * turn) / math.sin(0.5 * turn)
+    cx, cy = poses[i, 0] + 0.5 * (dx - dy * cot), poses[i, 1] + 0.5 * (dy + dx * cot)
+    c, s = math.cos(share * turn), math.sin(share * turn)
+    rx, ry = poses[i, 0] - cx, poses[i, 1] - cy
+    return cx + c * rx - s * ry, cy + s * rx + c * ry, poses[i, 2] + share * turn
+
+
+@kernel
+def sweep_travel(poses: npt.NDArray[np.float64], i: int, radius: float) -> float:
+    """Return a bound (m) on the travel of any point within ``radius`` from sample i to the next."""
+    turn = abs(poses[i + 1, 2] - poses[i, 2])
+    dx, dy = poses[i + 1, 0] - poses[i, 0], poses[i + 1, 1] - poses[i, 1]
+    chord = math.sqrt(dx * dx + dy * dy)
+    half = 0.5 * turn
+    arc = chord if half < 1e-6 else chord * half / max(abs(math.sin(half)), 1e-9)
+    return arc + turn * radius
+
+
+@kernel
+def samples_free(
+    grid: GridData,
+    polys: PolyData,
+    shape: ShapeData,
+    poses: npt.NDArray[np.float64],
+    least: float,
+) -> int:
+    """Return the index of the first sample after which the swept motion through ``poses`` (n, 3),
+    with a constant twist between samples, does not keep the margin; -1 if it keeps it all the way.
+
+    Clearance beyond the margin below ``least`` (> 0, m) counts as none.
+    """
+    credit = 0.0  # how far the fastest point may still travel unseen
+    n = poses.shape[0]
+    if n == 1:
+        c = clearance(grid, polys, shape, poses[0, 0], poses[0, 1], poses[0, 2])
+        return -1 if c >= 0.0 else 0
+    for i in range(n - 1):
+        travel = sweep_travel(poses, i, shape.numbers[0])
+        if travel <= credit:
+            credit -= travel
+            continue
+        share = 0.0 if travel <= 0.0 else credit / travel
+        while True:
+            x, y, th = between(poses, i, share)
+            credit = clearance(grid, polys, shape, x, y, th)
+            if credit < least:
+                return i
+            rest = (1.0 - share) * travel
+            if credit >= rest:
+                credit -= rest
+                break
+            share += credit / travel
+    return -1
+
+
+@kernel
+def samples_distance(
+    polys: PolyData, shape: ShapeData, poses: npt.NDArray[np.float64], step: float
+) -> float:
+    """Return a lower bound (m) on the distance between the bare footprint, swept through ``poses``,
+    and the obstacles; below the true value by at most ``step``. Overlap gives a value <= 0.
+    """
+    best = FAR
+    radius = shape.numbers[0]
+    credit = -1.0
+    for i in range(poses.shape[0]):
+        travel = sweep_travel(poses, i, radius) if i + 1 < poses.shape[0] else 0.0
+        pieces = max(1, math.ceil(travel / step))
+        for k in range(pieces):
+            credit -= travel / pieces
+            if credit > 0.0:  # cannot have come closer than what is known
+                continue
+            share = k / pieces
+            x, y, th = poses[i, 0], poses[i, 1], poses[i, 2]
+            if k > 0:
+                x, y, th = between(poses, i, share)
+            d, _ = poly_distance(polys, shape, x, y, th, best + step + 1.0)
+            if d <= 0.0:
+                return d
+            best = min(best, d - step)
+            credit = d - best - step
+    return best
