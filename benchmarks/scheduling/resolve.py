@@ -33,27 +33,40 @@ def tighten(problem: Any, schedule: Any, number: int) -> None:
         problem.add_constraint(apart, scope=[activity.present, other.present])
 
 
+class Clock:
+    """Adds up seconds by the wall's clock and of all threads' computing."""
+
+    def __init__(self) -> None:
+        self.wall = self.cpu = 0.0
+
+    def __enter__(self) -> None:
+        self._started = time.perf_counter(), time.process_time()
+
+    def __exit__(self, *_: object) -> None:
+        self.wall += time.perf_counter() - self._started[0]
+        self.cpu += time.process_time() - self._started[1]
+
+
 def run(problem: Any, rounds: int, seconds: float, workers: int) -> dict[str, Any]:
     """Return total times and whether warm and cold agree in every round."""
     session = CpsatSession(problem, workers=workers)
     report = session.solve(Deadline.after(seconds))
-    warm = cold = 0.0
+    warm, cold = Clock(), Clock()
     agree = True
     for number in range(rounds):
         tighten(problem, report.schedule, number)
-        started = time.perf_counter()
-        report = session.solve(Deadline.after(seconds))
-        middle = time.perf_counter()
-        fresh = CpsatSession(problem, workers=workers).solve(Deadline.after(seconds))
-        cold += time.perf_counter() - middle
-        warm += middle - started
+        with warm:
+            report = session.solve(Deadline.after(seconds))
+        with cold:
+            fresh = CpsatSession(problem, workers=workers).solve(Deadline.after(seconds))
         agree &= (report.status, report.bound) == (fresh.status, fresh.bound)
     return {
         "problem": problem.name,
         "rounds": rounds,
-        "warm_seconds": round(warm, 2),
-        "cold_seconds": round(cold, 2),
-        "ratio": round(cold / warm, 2),
+        "warm_seconds": round(warm.wall, 2),
+        "cold_seconds": round(cold.wall, 2),
+        "ratio": round(cold.wall / warm.wall, 2),
+        "cpu_ratio": round(cold.cpu / warm.cpu, 2),
         "agree": agree,
         "rebuilds": session.rebuilds - 1,
         "last": [report.status.value, report.bound],

@@ -56,6 +56,8 @@ class ScheduleModel:
         """What was stated at first, but for disjunctions of pairs."""
         self._leaders: dict[str, str] = {}
         self._deadline = Deadline.never()
+        self._is_exact = False
+        """Whether the makespan variable is the latest end, not only at least that."""
 
     # -- building ------------------------------------------------------------------------------
     def build(self, parts: Additions, deadline: Deadline | None = None) -> None:
@@ -120,6 +122,8 @@ class ScheduleModel:
         for span, condition, owner in parts.conditions:
             self.states.add_condition(span, condition, self._vars(owner))
         self._timelines()
+        if self.world.makespan_used:
+            self._exact_makespan()  # perhaps what was appended is the first to mention it
         self._make_decisions()
 
     def _make_decisions(self) -> None:
@@ -317,6 +321,9 @@ class ScheduleModel:
 
     def _exact_makespan(self) -> None:
         """Make the makespan variable equal to the latest end, where constraints mention it."""
+        if self._is_exact:
+            return
+        self._is_exact = True
         store, makespan = self.store, Lin(((self.world.makespan, 1),))
         attained = [store.literal(makespan.le(constant(0)))]
         for made in self.world.activities.values():

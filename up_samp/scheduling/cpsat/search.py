@@ -37,6 +37,10 @@ _LADDER: tuple[tuple[dict[str, Any], float], ...] = (
     ({"num_workers": 1, "linearization_level": 1}, 0.4),
     ({"num_workers": 1, "linearization_level": 0}, 2.0),
 )
+_SWIFT: dict[str, Any] = {**_QUICK, "num_workers": 1, "max_presolve_iterations": 1}
+"""For the whole problem with a schedule near the bound in hand: what presolve and a relaxation cost
+is more than such a proof mostly takes."""
+_SWIFT_EFFORT = 0.3
 _LADDER_SIZE = 20_000
 """Constraints up to which the ladder is tried: it must not cost large models their time."""
 _COLLAPSED_EFFORT = 20.0
@@ -88,7 +92,7 @@ class Search:
         if guess is not None and guess.times and self.minimizes_makespan:
             # the same activities again, if they still fit, are mostly near the optimum
             self._realize(guess)
-            if self._met() or self._over():
+            if self._met() or self._over() or self._swiftly():
                 return
         base = guess.makespan if guess is not None else 0
         routes = find_routes(self.model) if self.minimizes_makespan else []
@@ -113,12 +117,15 @@ class Search:
     # -- stages --------------------------------------------------------------------------------
     def _climb(self) -> None:
         """Solve a small problem without routes by one thread, with more and more effort."""
-        if len(self.model.store.model.proto.constraints) > _LADDER_SIZE:
+        if not self._small():
             return
         for options, effort in _LADDER if self.wants_optimum else _LADDER[:1]:
             self._improve(self._cap(), options, effort)
             if self._met() or self._over():
                 return
+
+    def _small(self) -> bool:
+        return len(self.model.store.model.proto.constraints) <= _LADDER_SIZE
 
     def _collapse(self, parts: Callable[[], Additions], routes: list[Route]) -> int:
         """Solve the collapsed problem, if there is one; return the makespan to expect."""
@@ -243,9 +250,18 @@ class Search:
         """Improve the schedule until it is proven optimal, or good enough."""
         if self._met():
             return
+        if not self.collapsed and self._swiftly():
+            return
         effort = self.effort if self.wants_optimum or self.effort else _CONTENT_EFFORT
         options = _THOROUGH if self.wants_optimum else _RELAXED
         self._improve(self._cap(), options, effort)
+
+    def _swiftly(self) -> bool:
+        """Try a quick proof from the schedule in hand; return whether all is done."""
+        known = self.best is not None and self.minimizes_makespan and self.wants_optimum
+        if known and self._small():
+            self._improve(self._cap(), _SWIFT, _SWIFT_EFFORT)
+        return self._met() or self._over()
 
     def _cap(self) -> int:
         """Return by when schedules that are not worse than the best one end."""
