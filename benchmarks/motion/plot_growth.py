@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 MAP_LINES = (
-    ("setup_ms", "distances of the map, once"),
-    ("certificate_ms", "proof of reachability, first"),
+    ("setup_ms", "clearances of the map, once"),
+    ("certificate_ms", "first proof on a map"),
     ("bound_ms", "lower bound"),
     ("plan_ms", "one car query"),
 )

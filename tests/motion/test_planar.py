@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from oracle import RECTANGLE, box_map, ends_exactly, smallest_clearance
 
+from up_samp.geometry import Scene
 from up_samp.model import Body, Deadline, Kinematics, MotionModel, Outcome, PathQuery, Placed
-from up_samp.motion import MotionService
+from up_samp.motion import LegQuery, MotionService
+from up_samp.motion.planar import PlanarPlanner, PlanarSettings
 
 KIN = Kinematics(MotionModel.SE2, v_max=1.5, a_max=0.8, omega_max=0.7)
 SLIDER = Body(RECTANGLE, KIN)
@@ -95,3 +97,15 @@ def test_random_places():
         if all(service.scene.pose_free(SLIDER, e, (), 0.05) for e in ends):
             check(service, SLIDER, tuple(ends))
             found += 1
+
+
+def test_corners_pushed_outwards_save_time():
+    scene = Scene(box_map(30, 20, [(10, 0, 11, 12), (19, 8, 20, 20)]))
+    query = LegQuery(SLIDER, (4.0, 4.0, 0.0), (26.0, 16.0, 0.0))
+    hugging, pushed = (
+        PlanarPlanner(scene, 0, settings).leg(query, Deadline.never()).trajectory
+        for settings in (PlanarSettings(shifts=()), PlanarSettings())
+    )
+    assert pushed.duration < 0.99 * hugging.duration
+    assert faults(pushed, KIN) == []
+    assert smallest_clearance(pushed, SLIDER, scene.grid, ()) > 0

@@ -352,11 +352,11 @@ def _links(
         for dc in (-1, 0, 1):
             r, c = rows + dr, cols + dc
             ok = (r >= 0) & (c >= 0) & (r < labels.shape[0]) & (c < labels.shape[1])
-            pairs = np.stack([labels[rows[ok], cols[ok]], labels[r[ok], c[ok]]], axis=1)
-            for a, b in np.unique(pairs, axis=0).tolist():
-                if a != b and b != 0:
-                    links.setdefault(a, set()).add(b)
-                    links.setdefault(b, set()).add(a)
+            mine, theirs = labels[rows[ok], cols[ok]], labels[r[ok], c[ok]]
+            differ = (mine != theirs) & (theirs != 0)
+            for a, b in set(zip(mine[differ].tolist(), theirs[differ].tolist(), strict=True)):
+                links.setdefault(a, set()).add(b)
+                links.setdefault(b, set()).add(a)
     return {label: frozenset(others) for label, others in links.items()}
 
 

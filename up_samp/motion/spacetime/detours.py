@@ -13,7 +13,7 @@ from up_samp.model import (
     Placed,
     TimedMotion,
 )
-from up_samp.motion.spacetime.fitting import ON_TIME, WORTH, Window, fit
+from up_samp.motion.spacetime.fitting import ON_TIME, Window, fit
 from up_samp.motion.spacetime.intervals import (
     shared_stretch,
 )
@@ -67,13 +67,11 @@ def with_lanes(
             break
         options = []
         for lane in _lanes(workspace, motion, window, path, met[0][0]):
-            again = met_at_full_speed(workspace, motion, window, lane, others)
-            if again and again[0][2] <= met[0][2] + WORTH:
-                continue  # it passes nobody
             best = fit(workspace, motion, window, lane, others, best)
             if is_good(best, motion):
                 return best
             # go on from the lane that gets furthest at full speed
+            again = met_at_full_speed(workspace, motion, window, lane, others)
             options.append((-again[0][2] if again else -math.inf, lane.number, lane))
         if not options:
             break
