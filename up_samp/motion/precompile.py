@@ -5,6 +5,7 @@ numba keeps what it compiled on disk, so this happens once per machine and versi
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import math
 import subprocess
@@ -12,8 +13,9 @@ import sys
 import time
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
+import llvmlite.binding
+import numba
 import numpy as np
 
 from up_samp.geometry import OccupancyGrid, Scene
@@ -143,27 +145,54 @@ def chains_for(models: Iterable[MotionModel]) -> list[tuple[str, ...]]:
 
 
 def missing(parts: Iterable[str]) -> tuple[str, ...]:
-    """Return which of the parts have not been compiled on this machine."""
-    from up_samp.motion import hybrid, planar_search
-    from up_samp.motion.spacetime import strrt, tuning
-
-    # the last kernel that each part compiles
-    marks = {
-        "paths": hybrid.expand,
-        "groups": tuning.backtrack,
-        "search": strrt.grow,
-        "planar": planar_search.expand_planar,
-    }
-    return tuple(part for part in parts if not _on_disk(marks[part]))
+    """Return which of the parts have not been compiled, as the code is now."""
+    folder = _cache_folder()
+    if folder is None:  # numba is switched off
+        return ()
+    state = _state_of_code()
+    return tuple(part for part in parts if not _has_mark(folder / f"{part}.compiled", state))
 
 
-def _on_disk(kernel: Any) -> bool:
-    stats = getattr(kernel, "stats", None)
-    if stats is None:  # numba is switched off
-        return True
-    name = kernel.py_func.__qualname__
-    module = kernel.py_func.__module__.rsplit(".", 1)[-1]
-    return any(Path(stats.cache_path).glob(f"{module}.{name}-*.nbi"))
+def _has_mark(mark: Path, state: str) -> bool:
+    try:
+        return mark.read_text(encoding="utf-8") == state
+    except OSError:
+        return False
+
+
+def _cache_folder() -> Path | None:
+    """Return where numba keeps the kernels on disk."""
+    from up_samp.motion import hybrid
+
+    stats = getattr(hybrid.expand, "stats", None)
+    return None if stats is None else Path(stats.cache_path)
+
+
+def _sources() -> list[Path]:
+    package = Path(__file__).parents[1]
+    return sorted([*(package / "geometry").rglob("*.py"), *(package / "motion").rglob("*.py")])
+
+
+def _state_of_code() -> str:
+    """Return what decides whether numba can use the kernels on disk: their sources (it compares
+    times and sizes), the processor, and the versions.
+    """
+    sources = [(f, f.stat()) for f in _sources() if b"njit" in f.read_bytes()]
+    lines = [
+        *(f"{f.name} {s.st_mtime_ns} {s.st_size}" for f, s in sources),
+        f"numba {numba.__version__}, python {sys.version}, {llvmlite.binding.get_host_cpu_name()}",
+    ]
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()
+
+
+def compile_part(part: str) -> None:
+    """Compile a part and leave a mark that says so."""
+    state = _state_of_code()
+    PARTS[part]()
+    folder = _cache_folder()
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / f"{part}.compiled").write_text(state, encoding="utf-8")
 
 
 def precompile(models: Iterable[MotionModel] = (MotionModel.REEDSSHEPP,)) -> float:
@@ -198,4 +227,4 @@ def precompile(models: Iterable[MotionModel] = (MotionModel.REEDSSHEPP,)) -> flo
 
 if __name__ == "__main__":
     for part in sys.argv[1:]:
-        PARTS[part]()
+        compile_part(part)
