@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import IO, Any
 
 from unified_planning.engines import (
@@ -18,12 +18,12 @@ from unified_planning.engines import (
 from unified_planning.engines.mixins import AnytimePlannerMixin, OneshotPlannerMixin
 from unified_planning.engines.mixins.anytime_planner import AnytimeGuarantee
 from unified_planning.engines.mixins.oneshot_planner import OptimalityGuarantee
-from unified_planning.exceptions import UPUsageError
 from unified_planning.model import ProblemKind
 from unified_planning.model.problem_kind_versioning import LATEST_PROBLEM_KIND_VERSION
 from unified_planning.model.scheduling import SchedulingProblem
-from unified_planning.plans import Plan, Schedule
+from unified_planning.plans import Schedule
 
+from up_samp.engines.direct import DirectFace
 from up_samp.model import (
     CandidateSchedule,
     Deadline,
@@ -103,7 +103,7 @@ CREDITS = Credits(
 )
 
 
-class CpsatEngine(Engine, OneshotPlannerMixin, AnytimePlannerMixin):
+class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
     """``OneshotPlanner(name="cpsat")`` and ``AnytimePlanner(name="cpsat")``.
 
     :param seed: of the search; with ``workers=1`` the same seed gives the same plan.
@@ -152,52 +152,8 @@ class CpsatEngine(Engine, OneshotPlannerMixin, AnytimePlannerMixin):
         return CREDITS
 
     # ------------------------------------------------------------------ solving
-    def solve(
-        self,
-        problem: Any,
-        heuristic: Callable[[Any], float | None] | None = None,
-        timeout: float | None = None,
-        output_stream: IO[str] | None = None,
-        warm_start_plan: Plan | None = None,
-        **kwargs: Any,
-    ) -> PlanGenerationResult:
-        """Solve as every UP engine does, but for plain scheduling problems without computing the
-        kind: that takes as long as solving a small one, and seconds for large ones. Reading the
-        problem refuses by name what is not supported.
-        """
-        if type(problem) is not SchedulingProblem:
-            return super().solve(  # type: ignore[no-any-return]
-                problem, heuristic, timeout, output_stream, warm_start_plan, **kwargs
-            )
-        self._check_metric(problem)
-        return self._solve_with_params(
-            problem, heuristic, timeout, output_stream, warm_start_plan, **kwargs
-        )
-
-    def get_solutions(
-        self,
-        problem: Any,
-        timeout: float | None = None,
-        output_stream: IO[str] | None = None,
-        warm_start_plan: Plan | None = None,
-        **kwargs: Any,
-    ) -> Iterator[PlanGenerationResult]:
-        """Yield better and better plans (see :meth:`solve` for the kind)."""
-        if type(problem) is not SchedulingProblem:
-            yield from super().get_solutions(
-                problem, timeout, output_stream, warm_start_plan, **kwargs
-            )
-            return
-        self._check_metric(problem)
-        yield from self._get_solutions_with_params(
-            problem, timeout, output_stream, warm_start_plan, **kwargs
-        )
-
-    def _check_metric(self, problem: Any) -> None:
-        if self.optimality_metric_required and not problem.quality_metrics:
-            raise UPUsageError(
-                "The problem has no quality metrics but the engine is required to be optimal!"
-            )
+    def _is_direct(self, problem: Any) -> bool:
+        return type(problem) is SchedulingProblem
 
     def _solve(
         self,
@@ -206,7 +162,7 @@ class CpsatEngine(Engine, OneshotPlannerMixin, AnytimePlannerMixin):
         timeout: float | None = None,
         output_stream: IO[str] | None = None,
     ) -> PlanGenerationResult:
-        return self._solve_with_params(problem, heuristic, timeout, output_stream)
+        return self._solve_directly(problem, heuristic, timeout, output_stream, None)
 
     def _solve_with_params(
         self,
@@ -216,6 +172,16 @@ class CpsatEngine(Engine, OneshotPlannerMixin, AnytimePlannerMixin):
         output_stream: IO[str] | None = None,
         warm_start_plan: Any = None,
         **kwargs: Any,
+    ) -> PlanGenerationResult:
+        return self._solve_directly(problem, heuristic, timeout, output_stream, warm_start_plan)
+
+    def _solve_directly(
+        self,
+        problem: Any,
+        heuristic: Any,
+        timeout: float | None,
+        output_stream: IO[str] | None,
+        warm_start_plan: Any,
     ) -> PlanGenerationResult:
         deadline = Deadline.after(timeout)
         try:
@@ -230,7 +196,7 @@ class CpsatEngine(Engine, OneshotPlannerMixin, AnytimePlannerMixin):
     def _get_solutions(
         self, problem: Any, timeout: float | None = None, output_stream: IO[str] | None = None
     ) -> Iterator[PlanGenerationResult]:
-        return self._get_solutions_with_params(problem, timeout, output_stream)
+        return self._improve_directly(problem, timeout, output_stream, None)
 
     def _get_solutions_with_params(
         self,
@@ -239,6 +205,15 @@ class CpsatEngine(Engine, OneshotPlannerMixin, AnytimePlannerMixin):
         output_stream: IO[str] | None = None,
         warm_start_plan: Any = None,
         **kwargs: Any,
+    ) -> Iterator[PlanGenerationResult]:
+        return self._improve_directly(problem, timeout, output_stream, warm_start_plan)
+
+    def _improve_directly(
+        self,
+        problem: Any,
+        timeout: float | None,
+        output_stream: IO[str] | None,
+        warm_start_plan: Any,
     ) -> Iterator[PlanGenerationResult]:
         deadline = Deadline.after(timeout)
         try:

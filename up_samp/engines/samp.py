@@ -17,11 +17,11 @@ from unified_planning.engines import (
 )
 from unified_planning.engines.mixins.anytime_planner import AnytimeGuarantee, AnytimePlannerMixin
 from unified_planning.engines.mixins.oneshot_planner import OneshotPlannerMixin, OptimalityGuarantee
-from unified_planning.exceptions import UPUsageError
 from unified_planning.model import ProblemKind
 from unified_planning.model.motion import MovableObject, SchedulingMotionProblem
 from unified_planning.plans import Plan, Schedule
 
+from up_samp.engines.direct import DirectFace
 from up_samp.engines.kinds import engine_kind, samp_kind
 from up_samp.engines.plain import schedule_plainly
 from up_samp.model import Deadline, EngineError, MotionModel
@@ -63,7 +63,7 @@ class SampResult(PlanGenerationResult):  # type: ignore[misc]
     history: History
 
 
-class SampRefine(MetaEngine, OneshotPlannerMixin, AnytimePlannerMixin):  # type: ignore[misc]
+class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixin):  # type: ignore[misc]
     """Schedules with the wrapped engine and refines with motion planning.
 
     Parameters that are fields of :class:`up_samp.search.Parameters` are ours; all others go to
@@ -112,49 +112,27 @@ class SampRefine(MetaEngine, OneshotPlannerMixin, AnytimePlannerMixin):  # type:
         return anytime_guarantee is AnytimeGuarantee.INCREASING_QUALITY
 
     # ------------------------------------------------------------------ solving
-    def solve(
+    def _is_direct(self, problem: Any) -> bool:
+        return isinstance(problem, SchedulingMotionProblem)
+
+    def _solve_directly(
         self,
         problem: Any,
-        heuristic: Callable[[Any], float | None] | None = None,
-        timeout: float | None = None,
-        output_stream: IO[str] | None = None,
-        warm_start_plan: Plan | None = None,
-        **kwargs: Any,
+        heuristic: Callable[[Any], float | None] | None,
+        timeout: float | None,
+        output_stream: IO[str] | None,
+        warm_start_plan: Plan | None,
     ) -> PlanGenerationResult:
-        """Solve as every UP engine does; for problems with motions, without computing the kind.
-
-        That takes seconds for large problems, outside the time limit; what is not supported is
-        refused by name when the problem is read and compiled.
-        """
-        if not isinstance(problem, SchedulingMotionProblem):
-            return super().solve(
-                problem, heuristic, timeout, output_stream, warm_start_plan, **kwargs
-            )
-        self._check_metric(problem)
         return self._solve(problem, heuristic, timeout, output_stream)
 
-    def get_solutions(
+    def _improve_directly(
         self,
         problem: Any,
-        timeout: float | None = None,
-        output_stream: IO[str] | None = None,
-        warm_start_plan: Plan | None = None,
-        **kwargs: Any,
+        timeout: float | None,
+        output_stream: IO[str] | None,
+        warm_start_plan: Plan | None,
     ) -> Iterator[PlanGenerationResult]:
-        """Yield better and better plans (see :meth:`solve` for the kind)."""
-        if not isinstance(problem, SchedulingMotionProblem):
-            yield from super().get_solutions(
-                problem, timeout, output_stream, warm_start_plan, **kwargs
-            )
-            return
-        self._check_metric(problem)
-        yield from self._get_solutions(problem, timeout, output_stream)
-
-    def _check_metric(self, problem: Any) -> None:
-        if self.optimality_metric_required and not problem.quality_metrics:
-            raise UPUsageError(
-                "The problem has no quality metrics but the engine is required to be optimal!"
-            )
+        return self._get_solutions(problem, timeout, output_stream)
 
     def _solve(
         self,

@@ -1,0 +1,85 @@
+"""The UP face of engines that read a problem without computing its kind first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import IO, Any
+
+from unified_planning.engines import PlanGenerationResult
+from unified_planning.exceptions import UPUsageError
+from unified_planning.plans import Plan
+
+
+class DirectFace:
+    """``solve`` and ``get_solutions`` as every UP engine has them, but for its own problems
+    without computing the kind: that takes as long as solving a small problem, and seconds for large
+    ones, outside the time limit. Reading the problem refuses by name what is not supported.
+
+    To be named before UP's mixins, which do the rest.
+    """
+
+    optimality_metric_required: bool
+
+    def solve(
+        self,
+        problem: Any,
+        heuristic: Callable[[Any], float | None] | None = None,
+        timeout: float | None = None,
+        output_stream: IO[str] | None = None,
+        warm_start_plan: Plan | None = None,
+        **kwargs: Any,
+    ) -> PlanGenerationResult:
+        """Solve as every UP engine does (``timeout`` in s)."""
+        if not self._is_direct(problem):
+            return super().solve(  # type: ignore[misc,no-any-return]
+                problem, heuristic, timeout, output_stream, warm_start_plan, **kwargs
+            )
+        self._check_metric(problem)
+        return self._solve_directly(problem, heuristic, timeout, output_stream, warm_start_plan)
+
+    def get_solutions(
+        self,
+        problem: Any,
+        timeout: float | None = None,
+        output_stream: IO[str] | None = None,
+        warm_start_plan: Plan | None = None,
+        **kwargs: Any,
+    ) -> Iterator[PlanGenerationResult]:
+        """Yield better and better plans."""
+        if not self._is_direct(problem):
+            yield from super().get_solutions(  # type: ignore[misc]
+                problem, timeout, output_stream, warm_start_plan, **kwargs
+            )
+            return
+        self._check_metric(problem)
+        yield from self._improve_directly(problem, timeout, output_stream, warm_start_plan)
+
+    def _check_metric(self, problem: Any) -> None:
+        if self.optimality_metric_required and not problem.quality_metrics:
+            raise UPUsageError(
+                "The problem has no quality metrics but the engine is required to be optimal!"
+            )
+
+    # -- what an engine says -------------------------------------------------------------------
+    def _is_direct(self, problem: Any) -> bool:
+        """Return whether this is a problem of the engine's own sort."""
+        raise NotImplementedError
+
+    def _solve_directly(
+        self,
+        problem: Any,
+        heuristic: Callable[[Any], float | None] | None,
+        timeout: float | None,
+        output_stream: IO[str] | None,
+        warm_start_plan: Plan | None,
+    ) -> PlanGenerationResult:
+        raise NotImplementedError
+
+    def _improve_directly(
+        self,
+        problem: Any,
+        timeout: float | None,
+        output_stream: IO[str] | None,
+        warm_start_plan: Plan | None,
+    ) -> Iterator[PlanGenerationResult]:
+        raise NotImplementedError
