@@ -156,7 +156,8 @@ def _until_end(span: TimeInterval, owner: Activity, length: int) -> bool:
         offset = length + upper.delay
     if not 0 <= length - offset <= 1:
         return False
-    return span.lower == upper or span.lower == Timing(0, owner.start)
+    # from the start on there may be no instant at all, and then nothing is needed
+    return span.lower == upper or (span.lower == Timing(0, owner.start) and offset >= 0)
 
 
 # -- what is said of every member --------------------------------------------------------------

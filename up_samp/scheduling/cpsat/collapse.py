@@ -73,8 +73,9 @@ class Collapsed:
             arcs = self._arcs(route, stops, j)
             for arc in arcs:
                 circuit.append((arc.i, j, store.raw(arc.literal)))
-                load.append((arc.literal, arc.lead + arc.distance))
-                soonest = arc.since.shift(arc.lead + arc.distance)
+                late = route.step - arc.rest if arc.distance else 0
+                load.append((arc.literal, arc.lead + arc.distance - late))
+                soonest = arc.since.shift(arc.lead + arc.distance - late)
                 self._legs.when(soonest.le(stop.start), arc.literal)
                 if arc.hop is not None:
                     hops.setdefault(arc.hop, []).append(arc.literal)
@@ -105,10 +106,15 @@ class Collapsed:
             if i != j and not self._never_after(other, stop)
         ]
         arcs = []
+        rest = route.rest(stop.name)
         for i, since, lead, origins in before:
             for distance, last, hop in self._ways(route, origins, places):
                 literal = self.model.store.boolean()
-                arcs.append(Arc(i, literal, since, lead, distance, last, hop))
+                around = route.around(*hop) if hop is not None and route.still else None
+                stays = distance == 0 and len(origins) == len(places) == 1
+                arcs.append(
+                    Arc(i, literal, since, lead, distance, last, rest, hop, around, stays)
+                )
         return arcs
 
     def _never_after(self, one: ActivityVars, other: ActivityVars) -> bool:
@@ -165,11 +171,12 @@ class Collapsed:
         """State what a stop needs before anybody can come to it."""
         if route.initial in places or len(places) != 1:
             return
+        late = route.step - route.rest(stop.name)
         for entry in route.entries.get(next(iter(places)), ()):
-            self._supported(entry, stop, leg, arcs)
+            self._supported(entry, entry.lead - late, stop, leg, arcs)
 
     def _supported(
-        self, entry: Entry, stop: ActivityVars, leg: Leg | None, arcs: list[Arc]
+        self, entry: Entry, lead: int, stop: ActivityVars, leg: Leg | None, arcs: list[Arc]
     ) -> None:
         store = self.model.store
         state = self.model.states.vars.get(entry.state)
@@ -179,7 +186,7 @@ class Collapsed:
         times = {w.time._replace(needs=()) for w in able}
         if len(times) == 1:
             time = times.pop()
-            self._forms.append(entry_form(stop, time, entry.lead))
+            self._forms.append(entry_form(stop, time, lead))
             self._forms.append(disjunction([~stop.present, *(w.active for w in able)]))
             if leg is not None:
                 self._legs.open_before(leg, arcs, entry, time)
@@ -188,7 +195,7 @@ class Collapsed:
         for write in able:
             literal = store.boolean()
             store.clause([~literal, write.active])
-            self._legs.when(write.time.shift(entry.lead).le(stop.start), literal)
+            self._legs.when(write.time.shift(lead).le(stop.start), literal)
             ways.append(literal)
         store.clause([*ways, ~stop.present])
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from up_samp.scheduling.cpsat.store import Cmp, Form, Store
-from up_samp.scheduling.cpsat.terms import ActivityVars
+from up_samp.scheduling.cpsat.terms import UNBOUNDED, ActivityVars
 
 
 def comparisons(form: Form) -> Iterator[Cmp]:
@@ -44,6 +44,16 @@ class Horizon:
         if not fixed:
             self._into.setdefault(activity.end.terms[0][0], max(0, activity.least))
         self.total += activity.least if fixed else 0
+
+    def timepoint(self, var: int) -> None:
+        """Count a timepoint that is one of the activities' (the makespan)."""
+        self._into.setdefault(var, 0)
+
+    def lasting(self, activity: ActivityVars, longest: int) -> None:
+        """Count an activity that may have to be as long as ``longest``."""
+        self.certain &= longest < UNBOUNDED
+        if longest < UNBOUNDED:
+            self.total += longest
 
     def beside(self, delay: int) -> None:
         """Count an effect or a condition with a delay (gaps of 1 + delay may be needed)."""

@@ -19,7 +19,8 @@ class Arc:
     or more, where ``lead`` is the rest between the activity before and the first move.
 
     ``hop`` is the move's (from, to) on a direct way. ``last`` is the least duration of the last
-    move (0: there is none).
+    move (0: there is none), ``rest`` the time from its end to the stop. ``around`` are (distance,
+    last) of ways round about whose last move is quicker. ``stays``: nobody need have moved.
     """
 
     i: int
@@ -28,7 +29,10 @@ class Arc:
     lead: int
     distance: int
     last: int
+    rest: int
     hop: tuple[int, int] | None = None
+    around: tuple[int, int] | None = None
+    stays: bool = False
 
 
 @dataclass
@@ -51,12 +55,12 @@ class Legs:
         self.limit = limit
         self.units = units
         self.legs: dict[tuple[int, frozenset[Key]], Leg] = {}
-        self._since: dict[tuple[UnitPlace, int], tuple[Lin, Lin, list[Literal]]] = {}
+        self._since: dict[tuple[UnitPlace, int, int], tuple[Lin, Lin, list[Literal]]] = {}
 
-    def when(self, form: Form, literal: Literal) -> None:
-        """Demand a comparison whatever it needs: ``literal`` says that those are present."""
+    def when(self, form: Form, *literals: Literal) -> None:
+        """Demand a comparison whatever it needs: ``literals`` say that those are present."""
         bare = form._replace(needs=()) if form.__class__ is not int else form
-        self.store.enforce(bare, (literal,))
+        self.store.enforce(bare, literals)
 
     def add(self, route: Route, stop: ActivityVars, arcs: list[Arc]) -> Leg | None:
         """State when the last move to a stop happens."""
@@ -68,12 +72,20 @@ class Legs:
         if leg is None:
             begin, end = (Lin(((store.integer(0, self.limit), 1),)) for _ in range(2))
             leg = self.legs[key] = Leg(begin, end, route.still)
+        roundabout = store.boolean()
         for arc in arcs:
             if arc.last:
                 leg.travels.append(arc.literal)
                 self.when(arc.since.shift(arc.lead).le(leg.begin), arc.literal)
-                self.when(leg.begin.shift(arc.last).le(leg.end), arc.literal)
-                self.when(leg.end.shift(route.step).le(stop.start), arc.literal)
+                self.when(leg.end.shift(arc.rest).le(stop.start), arc.literal)
+                if arc.around is None:
+                    self.when(leg.begin.shift(arc.last).le(leg.end), arc.literal)
+                    continue
+                distance, last = arc.around
+                soonest = arc.since.shift(arc.lead + distance - route.step + arc.rest)
+                self.when(leg.begin.shift(arc.last).le(leg.end), arc.literal, ~roundabout)
+                self.when(leg.begin.shift(last).le(leg.end), arc.literal)
+                self.when(soonest.le(stop.start), arc.literal, roundabout)
         return leg
 
     def open_before(self, leg: Leg, arcs: list[Arc], entry: Entry, time: Lin) -> None:
@@ -117,25 +129,24 @@ class Legs:
         for unit in self.units:
             if not places <= unit.places_of(route.key):
                 continue
-            key = (unit, stop.start.terms[0][0])
+            key = (unit, stop.start.terms[0][0], route.gap)
             if key not in self._since:
                 begin = Lin(((store.integer(0, self.limit), 1),))
                 self._since[key] = (begin, stop.end.shift(route.gap)._replace(needs=()), [])
             since, _, present = self._since[key]
             present.append(stop.present)
             for arc in arcs:
-                if arc.distance == 0 and arc.i:
-                    self.when(since.le(arc.since.shift(arc.lead)), arc.literal)
-                elif arc.distance:
-                    self.when(since.shift(route.step).le(stop.start), arc.literal)
-                else:
-                    self.when(since.le(constant(0)), arc.literal)
+                if arc.distance:
+                    self.when(since.shift(arc.rest).le(stop.start), arc.literal)
+                elif arc.stays:
+                    before = arc.since.shift(arc.lead) if arc.i else constant(0)
+                    self.when(since.le(before), arc.literal)
 
     def hold(self, exact: dict[Literal, tuple[Literal, ...]]) -> None:
         """State that stays at a place for one do not overlap."""
         store = self.store
         intervals: dict[UnitPlace, list[object]] = {}
-        for (unit, _), (since, until, present) in self._since.items():
+        for (unit, _, _), (since, until, present) in self._since.items():
             size = store.integer(0, self.limit)
             times = (store.expression(since), store.var(size), store.expression(until))
             sure = any(set(exact.get(p, (p,))) <= set(present) and p in exact for p in present)

@@ -71,6 +71,7 @@ class ScheduleModel:
             world.objects[obj.name] = code
             world.object_types.append(obj.type)
         world.makespan = store.integer(0, _PLACEHOLDER)
+        self.horizon.timepoint(world.makespan)
         self.states = States(world, self.problem, constant(0))
         groups = find_groups(parts)
         self._leaders = {name: g.names[0] for g in groups for name in g.names}
@@ -79,10 +80,11 @@ class ScheduleModel:
         self.exact = self._alternatives(groups)
         self._parameters(parts)
         forms = self._forms(parts, first=True)
+        # durations may read fluents, so which of these change has to be known before
+        self.states.dynamic = {e.fluent.fluent().name for _, e, _ in parts.effects}
         self._set_horizon(parts, forms)
         for activity in parts.activities:
-            self._link_times(activity)
-        self.states.dynamic = {e.fluent.fluent().name for _, e, _ in parts.effects}
+            self._link_times(activity, vague=activity.name in parts.vague)
         for timing, effect, owner in self._in_time(parts.effects):
             self.states.add_effect(timing, effect, self._vars(owner))
         for span, condition, owner in self._in_time(parts.conditions):
@@ -95,7 +97,7 @@ class ScheduleModel:
         self._timelines()
         for form in self._in_time(rest):
             store.enforce(form)
-        if world.makespan_used:
+        if world.makespan_used and parts.whole:
             self._exact_makespan()
         self._make_decisions()
         self._deadline = Deadline.never()
@@ -139,9 +141,11 @@ class ScheduleModel:
         """Return whether every schedule of the problem was one before (bounds stay valid).
 
         New effects may support conditions, new objects widen domains, longer durations may end
-        what shorter ones may not.
+        what shorter ones may not, and new activities move the global end for what speaks of it.
         """
         if parts.rewritten or parts.effects or parts.new_objects:
+            return False
+        if parts.activities and (self.states.final is not None or self.world.makespan_used):
             return False
         return all(self._narrower(a) for a in parts.durations)
 
@@ -149,7 +153,7 @@ class ScheduleModel:
         """Return whether the additions fit into the model as it is."""
         if not self.only_tightened(parts):
             return False
-        if parts.activities and (self.states.final is not None or self.world.makespan_used):
+        if any(None in _constant_bounds(a.duration) for a in parts.activities):
             return False
         horizon = self.horizon
         before = horizon.bound()
@@ -200,13 +204,13 @@ class ScheduleModel:
                 exact.update({a.present: tuple(m.present for m in members) for a in members})
         return exact
 
-    def _link_times(self, activity: Activity) -> None:
+    def _link_times(self, activity: Activity, *, vague: bool = False) -> None:
         store = self.store
         made = self.world.activities[activity.name]
         if made.size.terms:
             total = made.start.plus(made.size).plus(made.end, -1)
             store.enforce(compare(total._replace(needs=()), "=="), (made.present,))
-            if None in _constant_bounds(activity.duration):
+            if None in _constant_bounds(activity.duration) and not vague:
                 self._duration_terms(activity, made)
         store.enforce(made.end.le(Lin(((self.world.makespan, 1),))))
 
@@ -285,6 +289,9 @@ class ScheduleModel:
     def _set_horizon(self, parts: Additions, forms: list[Form]) -> None:
         horizon = self.horizon
         horizon.forms(forms)
+        for activity in parts.activities:
+            if None in _constant_bounds(activity.duration) and activity.name not in parts.vague:
+                horizon.lasting(self._vars(activity), self._longest_least(activity))
         horizon.total += len(self.world.activities) * max(
             self.disjunctions.gaps.values(), default=0
         )
@@ -299,6 +306,15 @@ class ScheduleModel:
         self.states.far = constant(self.limit + max(delays, default=0) + 2)
         for var in self.time_variables():
             self.store.rebound(var, 0, self.limit)
+
+    def _longest_least(self, activity: Activity) -> int:
+        """Return how long an activity may have to last, whatever its parameters and fluents."""
+
+        def read(node: FNode) -> Lin:
+            return Lin(((self.store.integer(*int_bounds(node.fluent().type)), 1),))
+
+        lower = Terms(self.world, read, self._vars(activity)).linear(activity.duration.lower)
+        return max(0, self.store.range(lower)[1] + 1)
 
     def _timelines(self) -> None:
         for key, state in self._in_time(self.states.vars.items()):

@@ -23,6 +23,10 @@ class Additions:
     new_objects: bool = False
     rewritten: bool = False
     """Something was taken back or exchanged, not only appended."""
+    whole: bool = True
+    """Whether nothing was left out (see :func:`~up_samp.scheduling.cpsat.reduce.without`)."""
+    vague: frozenset[str] = frozenset()
+    """Activities of whose durations nothing is known but their constant bounds."""
 
 
 class Watcher:

@@ -5,26 +5,29 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from unified_planning.model import FNode
+from unified_planning.model import Effect, FNode, TimeInterval, Timing
 from unified_planning.model.operators import OperatorKind as Op
+from unified_planning.model.scheduling import Activity
+from unified_planning.model.timing import TimepointKind
 
 from up_samp.scheduling.cpsat.problem import Additions
 
+TimedEffect = tuple[Timing, Effect, Activity | None]
+
 
 def without(parts: Additions, removed: set[str]) -> Additions:
-    """Return ``parts`` without the activities in ``removed`` and whatever speaks of them."""
-    broken, broken_names = _broken(parts, removed)
-    memo: dict[FNode, bool] = {}
+    """Return ``parts`` without the activities in ``removed`` and whatever speaks of them.
 
-    def clean(node: FNode) -> bool:
-        known = memo.get(node)
-        if known is None:
-            known = _clean(node, removed, broken, broken_names, clean)
-            memo[node] = known
-        return known
-
-    kept = Additions()
+    Every schedule of the whole, but for these activities, is one of what is left.
+    """
+    clean, effects = _lasting(parts, removed)
+    kept = Additions(whole=False)
     kept.activities = [a for a in parts.activities if a.name not in removed]
+    kept.vague = frozenset(
+        a.name
+        for a in kept.activities
+        if not (clean(a.duration.lower) and clean(a.duration.upper))
+    )
     kept.variables = parts.variables
     kept.parameters = [p for p in parts.parameters if p[0].name not in removed]
     kept.constraints = [
@@ -36,17 +39,63 @@ def without(parts: Additions, removed: set[str]) -> Additions:
         if _keeps(c[2], removed)
         and clean(c[1])
         and _timings_clean((c[0].lower, c[0].upper), removed)
+        and not _before_end(c[0])
     ]
-    kept.effects = [
-        e
-        for e in parts.effects
-        if _keeps(e[2], removed)
-        and clean(e[1].fluent)
-        and clean(e[1].value)
-        and clean(e[1].condition)
-        and _timings_clean((e[0],), removed)
-    ]
+    kept.effects = effects
     return kept
+
+
+def _lasting(
+    parts: Additions, removed: set[str]
+) -> tuple[Callable[[FNode], bool], list[TimedEffect]]:
+    """Return what tells whether an expression means the same without ``removed``, and the effects
+    that are left.
+
+    Where one effect on a fluent goes, all do, with all that reads it, and so on.
+    """
+    nodes, names = set[FNode](), set[str]()
+    while True:
+        clean = _cleaner(removed, set(nodes), set(names))
+        kept = [
+            (timing, effect, owner)
+            for timing, effect, owner in parts.effects
+            if _keeps(owner, removed)
+            and clean(effect.fluent)
+            and clean(effect.value)
+            and clean(effect.condition)
+            and _timings_clean((timing,), removed)
+        ]
+        known = len(nodes) + len(names)
+        left = {id(effect) for _, effect, _ in kept}
+        for _, effect, _ in parts.effects:
+            if id(effect) in left:
+                continue
+            if all(a.is_constant() for a in effect.fluent.args):
+                nodes.add(effect.fluent)
+            else:
+                names.add(effect.fluent.fluent().name)
+        if len(nodes) + len(names) == known:
+            return clean, kept
+
+
+def _before_end(span: TimeInterval) -> bool:
+    """Return whether a span begins before the global end by a time counted from it: nobody knows
+    when that is without what was taken out.
+    """
+    lower, upper = (t.timepoint.kind is TimepointKind.GLOBAL_END for t in (span.lower, span.upper))
+    return lower and not (upper and span.lower.delay >= 0)
+
+
+def _cleaner(removed: set[str], nodes: set[FNode], names: set[str]) -> Callable[[FNode], bool]:
+    memo: dict[FNode, bool] = {}
+
+    def clean(node: FNode) -> bool:
+        known = memo.get(node)
+        if known is None:
+            known = memo[node] = _clean(node, removed, nodes, names, clean)
+        return known
+
+    return clean
 
 
 def _keeps(owner: Any, removed: set[str]) -> bool:
@@ -55,18 +104,6 @@ def _keeps(owner: Any, removed: set[str]) -> bool:
 
 def _timings_clean(timings: tuple[Any, ...], removed: set[str]) -> bool:
     return all(t.timepoint.container not in removed for t in timings)
-
-
-def _broken(parts: Additions, removed: set[str]) -> tuple[set[FNode], set[str]]:
-    """Return the ground fluents, and the names of fluents, that removed activities change."""
-    nodes, names = set(), set()
-    for _, effect, owner in parts.effects:
-        if owner is not None and owner.name in removed:
-            if all(a.is_constant() for a in effect.fluent.args):
-                nodes.add(effect.fluent)
-            else:
-                names.add(effect.fluent.fluent().name)
-    return nodes, names
 
 
 def _clean(

@@ -52,6 +52,8 @@ class Route:
     final: frozenset[int] | None
     moves: list[Move]
     stops: list[tuple[str, frozenset[int]]]
+    late: frozenset[str] = frozenset()
+    """Stops that need their place only after their start: a move may end when they begin."""
     entries: dict[int, list[Entry]] = field(default_factory=dict)
     still: frozenset[Key] = frozenset()
     """State variables that nobody may change in the midst of any move."""
@@ -67,6 +69,10 @@ class Route:
     def step(self) -> int:
         """Time from the end of a move to what may come next (its effect has to be seen)."""
         return max(1, self.gap)
+
+    def rest(self, stop: str) -> int:
+        """Return the time from the end of a move to a stop."""
+        return self.gap if stop in self.late else self.step
 
     def measure(self) -> None:
         """Compute the shortest travel times between places (Floyd and Warshall)."""
@@ -111,6 +117,19 @@ class Route:
     def last_least(self, places: frozenset[int]) -> int:
         """Return the least duration of a move into one of ``places``."""
         return min((m.least for m in self.moves if m.to in places), default=0)
+
+    def around(self, a: int, b: int) -> tuple[int, int] | None:
+        """Return (travel time, duration of the last move) that ways from ``a`` to ``b`` at least
+        take whose last move is quicker than the direct one; ``None`` if there are none.
+        """
+        direct = self.least(a, b)
+        found = [
+            (self.travel.get((a, via), INFINITE) + self.least(via, b) + self.step, self.least(via, b))
+            for via, to in self.hops
+            if to == b and via != a and self.least(via, b) < direct
+        ]
+        distance = min((d for d, _ in found), default=INFINITE)
+        return None if distance >= INFINITE else (distance, min(last for _, last in found))
 
     def loop(self, place: int) -> int:
         """Return the least travel time of a way out of a place and back."""
@@ -212,10 +231,10 @@ def _route(
         )
         for link in timeline.linked.values()
     ]
-    stops = _stops(model, state, members - {o for o in owners if o is not None})
+    stops, late = _stops(model, state, members - {o for o in owners if o is not None})
     if not stops:
         return None
-    route = Route(state.key, gap, state.initial, _final(model, state), moves, stops)
+    route = Route(state.key, gap, state.initial, _final(model, state), moves, stops, late)
     _find_entries(model, route, timeline)
     route.still = _find_still(model, timeline)
     return route
@@ -231,14 +250,19 @@ def _plain(model: ScheduleModel, link: Link) -> bool:
 
 def _stops(
     model: ScheduleModel, state: StateVar, members: set[int]
-) -> list[tuple[str, frozenset[int]]]:
+) -> tuple[list[tuple[str, frozenset[int]]], frozenset[str]]:
+    """Return the stops with their places, and which of them need these only after their start."""
     places: dict[int, frozenset[int]] = {}
+    early = set()
     for read in state.reads:
         if read.owner in members and read.allowed is not None:
             activity = model.states.activity(read.owner)
             if read.active == activity.present and _inside(model, activity, read):
                 places[read.owner] = places.get(read.owner, read.allowed) & read.allowed
-    return [(model.states.activity(i).name, p) for i, p in sorted(places.items())]
+                if model.states.difference(read.lo, activity.start) == (0, 0):
+                    early.add(read.owner)
+    late = frozenset(model.states.activity(i).name for i in places.keys() - early)
+    return [(model.states.activity(i).name, p) for i, p in sorted(places.items())], late
 
 
 def _inside(model: ScheduleModel, activity: ActivityVars, read: Read) -> bool:
@@ -267,8 +291,9 @@ def _find_entries(model: ScheduleModel, route: Route, timeline: Timeline) -> Non
         for read in other.reads:
             if read.owner is not None and read.allowed is not None and not read.guard_only:
                 activity = model.states.activity(read.owner)
-                if read.active == activity.present:
-                    lead = model.states.difference(activity.end, read.lo)[0] + 1 + route.step
+                before = model.states.difference(activity.end, read.lo)[0]
+                if read.active == activity.present and before >= 0:
+                    lead = before + 1 + route.step
                     needs.setdefault(read.owner, {})[other.key, read.allowed] = lead
     for place, activities in into.items():
         common = None
@@ -292,6 +317,8 @@ def _find_still(model: ScheduleModel, timeline: Timeline) -> frozenset[Key]:
     for state in model.states.vars.values():
         if state is timeline.state or not state.writes or state.numeric:
             continue
+        if any(write.owner is None for write in state.writes):
+            continue  # nothing is kept apart from what the problem itself changes
         keepers = {
             read.owner
             for read in state.reads
@@ -337,7 +364,9 @@ def find_unit_places(model: ScheduleModel, routes: list[Route]) -> list[UnitPlac
                 break
             places.append((route.key, inside))
         else:
-            found.append(UnitPlace(key, tuple(places)))
+            here = sum(route.initial in inside for route, (_, inside) in zip(routes, places))
+            if here + (state.initial or 0) <= 1:  # who is there has it
+                found.append(UnitPlace(key, tuple(places)))
     return found
 
 

@@ -103,7 +103,7 @@ class CpsatSession:
     # -- stages --------------------------------------------------------------------------------
     def _update(self, deadline: Deadline) -> ScheduleModel:
         parts = self._watcher.look()
-        if self._model is not None and not self._model.only_tightened(parts):
+        if self._model is None or not self._model.only_tightened(parts):
             self.bound = 0
         if self._model is not None and self._model.can_grow(parts):
             self._model.grow(parts)

@@ -211,11 +211,12 @@ class States:
         until then may as well last for ever, which needs no variable.
         """
         ends, exact = [], []
-        both = all(self._is_end(t) for t in (span.lower, span.upper))
-        for timing, step in (
+        bounds = (
             (span.lower, 1 if span.is_left_open() else 0),
             (span.upper, -1 if span.is_right_open() else 0),
-        ):
+        )
+        both = all(self._is_end(t) and t.delay + step >= 0 for t, step in bounds)
+        for timing, step in bounds:
             if not self._is_end(timing):
                 ends.append(terms.time(timing).shift(step))
                 exact.append(ends[-1])
