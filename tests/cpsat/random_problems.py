@@ -63,6 +63,8 @@ class Maker:
         if "base" in self.features:
             self.base()
         self.metric()
+        if self.chance(0.3):
+            self.beside()
         return self.p
 
     # -- vocabulary ------------------------------------------------------------------------------
@@ -130,6 +132,9 @@ class Maker:
                     a.set_duration_bounds(parameter, self.em.Plus(parameter, 1))
 
     # -- constraints -----------------------------------------------------------------------------
+    def timepoint_exp(self):
+        return self.em.TimingExp(Timing(0, self.timepoint()))
+
     def timepoint(self):
         a = self.r.choice(self.activities)
         return self.r.choice([a.start, a.end])
@@ -301,6 +306,24 @@ class Maker:
             self.p.add_increase_effect(GlobalStartTiming(3), self.resources[0], 1)
         if self.bools and self.chance(0.1):
             self.p.add_effect(GlobalStartTiming(2), self.bools[0], em.TRUE())
+
+    def beside(self) -> None:
+        """Add what hangs on the global end, or a duration on a fluent."""
+        r, em = self.r, self.em
+        kind = r.choice(["least", "gap", "before", "duration"])
+        end = em.TimingExp(GlobalEndTiming())
+        if kind == "least":
+            self.p.add_constraint(em.GE(end, r.randint(1, HORIZON)))
+        elif kind == "gap":
+            self.p.add_constraint(em.LE(em.Plus(self.timepoint_exp(), 1), end))
+        elif kind == "before":
+            condition = self.condition(None)
+            if condition is not None:
+                early = GlobalEndTiming() - r.randint(1, 3)
+                late = r.choice([early, GlobalEndTiming()])
+                self.p.add_condition(ClosedTimeInterval(early, late), condition)
+        elif self.numbers:
+            r.choice(self.activities).set_duration_bounds(self.numbers[0], self.numbers[0])
 
     def metric(self) -> None:
         roll = self.r.random()

@@ -173,6 +173,10 @@ class _Judge:
                 high = self.value(activity.duration.upper, choice, activity, read)
                 if not _lasts(activity.duration, span[1] - span[0], low, high):
                     return None
+                bounds = [activity.duration.lower, activity.duration.upper]
+                keys = self.read_keys(bounds, choice, activity)
+                if any(self.disturbed(k, span[0], span[0], activity, log) for k in keys):
+                    return None
         for interval, condition, owner in self.conditions:
             if not self.holds(interval, condition, owner, choice, log, states, last):
                 return None

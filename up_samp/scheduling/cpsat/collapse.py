@@ -112,9 +112,7 @@ class Collapsed:
                 literal = self.model.store.boolean()
                 around = route.around(*hop) if hop is not None and route.still else None
                 stays = distance == 0 and len(origins) == len(places) == 1
-                arcs.append(
-                    Arc(i, literal, since, lead, distance, last, rest, hop, around, stays)
-                )
+                arcs.append(Arc(i, literal, since, lead, distance, last, rest, hop, around, stays))
         return arcs
 
     def _never_after(self, one: ActivityVars, other: ActivityVars) -> bool:

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from up_samp.scheduling.cpsat.store import Cmp, Form, Store
-from up_samp.scheduling.cpsat.terms import UNBOUNDED, ActivityVars
+from unified_planning.model import FNode
+
+from up_samp.scheduling.cpsat.store import Cmp, Form, Lin, Store
+from up_samp.scheduling.cpsat.terms import UNBOUNDED, ActivityVars, Terms, World, int_bounds
 
 
 def comparisons(form: Form) -> Iterator[Cmp]:
@@ -49,11 +51,17 @@ class Horizon:
         """Count a timepoint that is one of the activities' (the makespan)."""
         self._into.setdefault(var, 0)
 
-    def lasting(self, activity: ActivityVars, longest: int) -> None:
-        """Count an activity that may have to be as long as ``longest``."""
-        self.certain &= longest < UNBOUNDED
-        if longest < UNBOUNDED:
-            self.total += longest
+    def lasting(self, least: FNode, world: World) -> None:
+        """Count an activity that lasts ``least``, by what its parameters and fluents may be."""
+
+        def read(node: FNode) -> Lin:
+            return Lin(((self.store.integer(*int_bounds(node.fluent().type)), 1),))
+
+        longest = self.store.range(Terms(world, read).linear(least))[1] + 1
+        if longest >= UNBOUNDED:
+            self.certain = False
+        else:
+            self.total += max(0, longest)
 
     def beside(self, delay: int) -> None:
         """Count an effect or a condition with a delay (gaps of 1 + delay may be needed)."""

@@ -291,7 +291,7 @@ class ScheduleModel:
         horizon.forms(forms)
         for activity in parts.activities:
             if None in _constant_bounds(activity.duration) and activity.name not in parts.vague:
-                horizon.lasting(self._vars(activity), self._longest_least(activity))
+                horizon.lasting(activity.duration.lower, self.world)
         horizon.total += len(self.world.activities) * max(
             self.disjunctions.gaps.values(), default=0
         )
@@ -306,15 +306,6 @@ class ScheduleModel:
         self.states.far = constant(self.limit + max(delays, default=0) + 2)
         for var in self.time_variables():
             self.store.rebound(var, 0, self.limit)
-
-    def _longest_least(self, activity: Activity) -> int:
-        """Return how long an activity may have to last, whatever its parameters and fluents."""
-
-        def read(node: FNode) -> Lin:
-            return Lin(((self.store.integer(*int_bounds(node.fluent().type)), 1),))
-
-        lower = Terms(self.world, read, self._vars(activity)).linear(activity.duration.lower)
-        return max(0, self.store.range(lower)[1] + 1)
 
     def _timelines(self) -> None:
         for key, state in self._in_time(self.states.vars.items()):

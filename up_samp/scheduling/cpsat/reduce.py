@@ -24,9 +24,7 @@ def without(parts: Additions, removed: set[str]) -> Additions:
     kept = Additions(whole=False)
     kept.activities = [a for a in parts.activities if a.name not in removed]
     kept.vague = frozenset(
-        a.name
-        for a in kept.activities
-        if not (clean(a.duration.lower) and clean(a.duration.upper))
+        a.name for a in kept.activities if not (clean(a.duration.lower) and clean(a.duration.upper))
     )
     kept.variables = parts.variables
     kept.parameters = [p for p in parts.parameters if p[0].name not in removed]

@@ -124,7 +124,10 @@ class Route:
         """
         direct = self.least(a, b)
         found = [
-            (self.travel.get((a, via), INFINITE) + self.least(via, b) + self.step, self.least(via, b))
+            (
+                self.travel.get((a, via), INFINITE) + self.least(via, b) + self.step,
+                self.least(via, b),
+            )
             for via, to in self.hops
             if to == b and via != a and self.least(via, b) < direct
         ]
@@ -364,7 +367,9 @@ def find_unit_places(model: ScheduleModel, routes: list[Route]) -> list[UnitPlac
                 break
             places.append((route.key, inside))
         else:
-            here = sum(route.initial in inside for route, (_, inside) in zip(routes, places))
+            here = sum(
+                route.initial in inside for route, (_, inside) in zip(routes, places, strict=True)
+            )
             if here + (state.initial or 0) <= 1:  # who is there has it
                 found.append(UnitPlace(key, tuple(places)))
     return found

@@ -282,7 +282,7 @@ def improve(work: Work, rounds: int, seed: int, over: Callable[[], bool]) -> Tou
     best = current = _greedy(work, rng)
     if best is None or current is None:
         return None
-    heat = 0.08 * best.cost
+    heat = 0.08 * max(1.0, best.cost)
     cooling = 0.05 ** (1 / max(1, rounds))
     for _ in range(rounds):
         if over():

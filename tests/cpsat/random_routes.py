@@ -1,0 +1,310 @@
+"""Small random problems with routes and unusual side constraints, by seed.
+
+Travellers move between places and stop there, one thing at a time, as in the benchmark families;
+beside that shape moves may have side effects, conditions of their own, variable or no durations,
+dates, orders with other activities; doors change by themselves; places are for one.
+"""
+
+from __future__ import annotations
+
+import itertools
+import random
+
+from unified_planning.model import (
+    ClosedTimeInterval,
+    GlobalEndTiming,
+    GlobalStartTiming,
+    LeftOpenTimeInterval,
+    OpenTimeInterval,
+    TimePointInterval,
+    Timing,
+)
+from unified_planning.model.scheduling import SchedulingProblem
+from unified_planning.shortcuts import (
+    GE,
+    LE,
+    LT,
+    BoolType,
+    Equals,
+    Fluent,
+    Implies,
+    IntType,
+    MinimizeMakespan,
+    Not,
+    Or,
+    UserType,
+)
+
+
+def whole(a):
+    return ClosedTimeInterval(Timing(0, a.start), Timing(0, a.end))
+
+
+def inside(a):
+    return OpenTimeInterval(Timing(0, a.start), Timing(0, a.end))
+
+
+def behind(a):
+    return LeftOpenTimeInterval(Timing(0, a.start), Timing(0, a.end))
+
+
+def begin(a):
+    return TimePointInterval(Timing(0, a.start))
+
+
+def finish(a):
+    return TimePointInterval(Timing(0, a.end))
+
+
+def late(a):
+    return ClosedTimeInterval(Timing(-1, a.end), Timing(0, a.end))
+
+
+def after(a):
+    return TimePointInterval(Timing(2, a.end))
+
+
+SPANS = [whole, whole, whole, inside, behind, begin, finish]
+
+
+class RandomRoutes:
+    """Draws one problem."""
+
+    def __init__(self, seed: int) -> None:
+        self.r = r = random.Random(seed)
+        self.p = SchedulingProblem(f"routes{seed}")
+        self.spot, self.leaf = UserType("spot"), UserType("leaf")
+        self.spots = [
+            self.p.add_object(f"s{i}", self.spot) for i in range(r.choice([2, 2, 3, 3, 4]))
+        ]
+        self.shut, self.ajar, self.open = (
+            self.p.add_object(n, self.leaf) for n in ("shut", "ajar", "open")
+        )
+        self.door = self.p.add_fluent("door", self.leaf, default_initial_value=self.shut)
+        self.flag = self.p.add_fluent("flag", BoolType(), default_initial_value=False)
+        self.level = self.p.add_fluent("level", IntType(0, 4), default_initial_value=2)
+        lit = Fluent("lit", BoolType(), x=self.spot)
+        self.lit = self.p.add_fluent(lit, default_initial_value=False)
+        self.travellers = range(r.choice([1, 1, 2]))
+        self.at, self.moves, self.stops = [], [], []
+        self.busy = [[] for _ in self.travellers]
+        self.inner = r.choice(self.spots)
+        for t in self.travellers:
+            start = r.choice(self.spots[:2])
+            self.at.append(self.p.add_fluent(f"at{t}", self.spot, default_initial_value=start))
+        still, guarded = self.chance(0.5), self.chance(0.5)
+        for t in self.travellers:
+            self._graph(t, still, guarded)
+        self._tasks()
+        self._doors()
+        for extra in (self._side_effects, self._dates, self._orders, self._unit, self._ends):
+            if self.chance(0.3):
+                extra()
+        if self.chance(0.2):
+            self._by_state()
+        for t in self.travellers:
+            self._one_at_a_time(self.busy[t])
+        self.p.add_quality_metric(MinimizeMakespan())
+
+    def chance(self, probability):
+        return self.r.random() < probability
+
+    # -- moves ---------------------------------------------------------------------------------
+    def _graph(self, t, still, guarded):
+        r = self.r
+        pairs = list(itertools.permutations(self.spots, 2))
+        pairs = r.sample(pairs, min(len(pairs), r.choice([4, 5, 6])))
+        for a, b in pairs:
+            for copy in range(r.choice([1, 1, 1, 1, 2])):
+                self._move(t, f"m{t}_{a.name}_{b.name}_{copy}", a, b, still, guarded)
+
+    def _move(self, t, name, a, b, still, guarded):
+        r = self.r
+        m = self.p.add_activity(name, r.choice([0, 1, 2, 3, 3, 4, 6]), optional=self.chance(0.97))
+        if self.chance(0.1):
+            low = r.choice([0, 1, 3])
+            m.set_duration_bounds(low, low + r.choice([2, 5]))
+        at = self.at[t]
+        origin = Equals(at(), a)
+        if self.chance(0.1):
+            origin = Or(origin, Equals(at(), r.choice([s for s in self.spots if s is not b])))
+        m.add_condition(r.choice([whole, whole, begin])(m), origin)
+        m.add_effect(m.end, at(), b)
+        if still and self.chance(0.95):
+            m.add_condition(inside(m), Equals(self.door(), self.door()))
+        if guarded and b is self.inner and self.chance(0.95):
+            m.add_condition(r.choice([late, late, whole, after])(m), self._opened())
+        self.moves.append((t, m, a, b))
+        self.busy[t].append(m)
+
+    def _opened(self):
+        return self.r.choice([Not(Equals(self.door(), self.shut)), Equals(self.door(), self.open)])
+
+    # -- stops ---------------------------------------------------------------------------------
+    def _stop(self, name, t, length, places, span, optional):
+        a = self.p.add_activity(name, length, optional=optional)
+        at = self.at[t]
+        options = [Equals(at(), place) for place in places]
+        a.add_condition(span(a), options[0] if len(options) == 1 else Or(options))
+        self.stops.append(a)
+        self.busy[t].append(a)
+        return a
+
+    def _tasks(self):
+        r, ways = self.r, []
+        for n in range(r.choice([1, 2, 2])):
+            places = r.sample(self.spots, 2 if self.chance(0.2) else 1)
+            length, span = r.choice([0, 1, 2, 2, 4]), r.choice(SPANS)
+            if self.chance(0.1):
+                # wanted by nobody, or only if something else is there
+                a = self._stop(f"t{n}", r.choice(self.travellers), length, places, span, True)
+                if self.chance(0.5):
+                    self.p.add_constraint(Implies(r.choice(self.moves)[1].present, a.present))
+                continue
+            if self.chance(0.3):
+                t = r.choice(self.travellers)
+                ways.append([self._stop(f"t{n}", t, length, places, span, False)])
+                continue
+            ways.append(
+                [self._stop(f"t{n}_{t}", t, length, places, span, True) for t in self.travellers]
+            )
+            self._exactly_one(ways[-1])
+        for some, others in itertools.combinations(ways, 2):
+            if self.chance(0.3):
+                for a, b in itertools.product(some, others):
+                    self.p.add_constraint(r.choice([LT, LE])(a.end, b.start), present(a, b))
+
+    def _exactly_one(self, activities):
+        self.p.add_constraint(Or([a.present for a in activities]))
+        for a, b in itertools.combinations(activities, 2):
+            self.p.add_constraint(Or(Not(a.present), Not(b.present)))
+
+    def _one_at_a_time(self, activities):
+        before = self.r.choice([LT, LT, LE])
+        for a, b in itertools.combinations(activities, 2):
+            apart = Or(before(a.end, b.start), before(b.end, a.start))
+            self.p.add_constraint(apart, present(a, b))
+
+    def _doors(self):
+        """Let stops, activities beside the routes, or the problem itself change the door."""
+        r = self.r
+        for n in range(r.choice([0, 1, 1, 2])):
+            kind = r.choice(["stop", "free", "base"])
+            value = r.choice([self.ajar, self.open, self.open, self.shut])
+            if kind == "base":
+                self.p.add_effect(GlobalStartTiming(5 * n + r.randint(1, 5)), self.door(), value)
+                continue
+            if kind == "free":
+                a = self.p.add_activity(f"door{n}", r.choice([1, 3, 5]), optional=self.chance(0.5))
+            else:
+                t = r.choice(self.travellers)
+                place = [r.choice(self.spots)]
+                a = self._stop(f"door{n}", t, r.choice([1, 2]), place, r.choice(SPANS), True)
+            if self.chance(0.7):
+                a.add_condition(begin(a), Equals(self.door(), self.shut))
+            a.add_effect(a.end, self.door(), value)
+
+    # -- what is beside the shape ----------------------------------------------------------------
+    def _side_effects(self):
+        r = self.r
+        for _, m, a, b in r.sample(self.moves, min(3, len(self.moves))):
+            kind = r.choice(["flag", "level", "lit", "door", "both"])
+            if kind == "flag":
+                m.add_effect(r.choice([m.start, m.end]), self.flag(), True)
+            elif kind == "level":
+                m.add_decrease_effect(r.choice([m.start, m.end]), self.level(), r.choice([1, 2]))
+            elif kind == "lit":
+                m.add_effect(m.end, self.lit(a), True)
+            elif kind == "door":
+                m.add_effect(m.start, self.door(), self.open)
+            elif len(self.at) > 1 and m.effects and b is not a:
+                other = self.at[1] if m.name.startswith("m0") else self.at[0]
+                m.add_condition(begin(m), Equals(other(), a))
+                m.add_effect(m.end, other(), b)
+        for s in self.stops:
+            kind = r.choice(["none", "none", "flag", "level", "lit", "sets"])
+            if kind == "flag":
+                s.add_condition(begin(s), r.choice([self.flag(), Not(self.flag())]))
+            elif kind == "level":
+                s.add_condition(begin(s), LE(self.level(), r.choice([0, 1])))
+            elif kind == "lit":
+                s.add_condition(begin(s), self.lit(r.choice(self.spots)))
+            elif kind == "sets":
+                s.add_effect(s.end, self.lit(r.choice(self.spots)), True)
+
+    def _by_state(self):
+        """Let effects and durations of stops hang on where a traveller is."""
+        r = self.r
+        if self.stops and self.chance(0.5):
+            s = r.choice(self.stops)
+            here = Equals(r.choice(self.at)(), r.choice(self.spots))
+            s.add_effect(Timing(0, s.start), self.flag(), True, here)
+            r.choice(self.stops).add_condition(finish(s), self.flag())
+        elif self.stops:
+            s, (_, m, _, _) = r.choice(self.stops), r.choice(self.moves)
+            s.set_duration_bounds(self.level(), self.level())
+            m.add_decrease_effect(m.end, self.level(), 1)
+
+    def _dates(self):
+        r = self.r
+        for _, m, _, _ in r.sample(self.moves, min(2, len(self.moves))):
+            if self.chance(0.6):
+                m.add_release_date(r.randint(1, 9))
+            else:
+                m.add_deadline(r.randint(4, 12))
+
+    def _orders(self):
+        r, p = self.r, self.p
+        for _ in range(r.choice([1, 2])):
+            _, m, _, _ = r.choice(self.moves)
+            s = r.choice([*self.stops, r.choice(self.moves)[1]])
+            if s is m:
+                continue
+            kind = r.choice(["before", "apart", "together", "wanted", "window"])
+            if kind == "before":
+                p.add_constraint(LT(m.end, s.start), present(m, s))
+            elif kind == "apart":
+                p.add_constraint(Or(LT(m.end + 3, s.start), LT(s.end, m.start)), present(m, s))
+            elif kind == "together" and m.optional and s.optional:
+                p.add_constraint(Implies(s.present, m.present))
+            elif kind == "wanted" and m.optional:
+                p.add_constraint(m.present)
+            elif kind == "window":
+                p.add_constraint(LE(s.start, m.end + 2), present(m, s))
+
+    def _unit(self):
+        r = self.r
+        places = r.sample(self.spots, r.choice([1, 1, 2]))
+        free = self.p.add_fluent("free", IntType(0, 1), default_initial_value=r.choice([0, 1, 1]))
+        for _, m, a, b in self.moves:
+            if b in places:
+                m.add_decrease_effect(m.end, free(), 1)
+            if a in places:
+                m.add_increase_effect(m.start, free(), 1)
+
+    def _ends(self):
+        r, p = self.r, self.p
+        at = r.choice(self.at)
+        home = Equals(at(), r.choice(self.spots))
+        kind = r.choice(["home", "home", "then", "long", "within", "late"])
+        if kind == "home":
+            p.add_condition(TimePointInterval(GlobalEndTiming()), home)
+        elif kind == "then":
+            p.add_condition(TimePointInterval(GlobalEndTiming() - r.choice([1, 3])), home)
+        elif kind == "long":
+            p.add_constraint(GE(GlobalEndTiming(), r.choice([9, 15])))
+        elif kind == "within":
+            p.add_condition(TimePointInterval(GlobalEndTiming()), home)
+            p.add_constraint(LE(GlobalEndTiming(), 60))
+        elif self.stops:
+            s = r.choice(self.stops)
+            p.add_constraint(LE(s.end + r.choice([2, 5]), GlobalEndTiming()), present(s))
+
+
+def present(*activities):
+    return [a.present for a in activities if a.optional]
+
+
+def random_routes(seed: int) -> SchedulingProblem:
+    """Return the problem of a seed."""
+    return RandomRoutes(seed).p

@@ -1,0 +1,45 @@
+"""Routes with unusual side constraints: taking them out changes no answer.
+
+Each random problem is solved with everything that is recognised in it, and constraint by
+constraint with nothing recognised; the collapsed problem's optimum must be a lower bound.
+"""
+
+import pytest
+
+from cpsat.random_routes import random_routes
+from cpsat.truth import answer, collapsed_optimum, nothing_recognised
+
+FEW = 30
+MANY = 1500
+
+
+def disagreement(seed):
+    """Return (what differs on the problem of ``seed``, whether it has routes)."""
+    problem = random_routes(seed)
+    with nothing_recognised():
+        truth = answer(problem)
+    found = answer(problem)
+    if truth is None or found is None:
+        return None, False
+    if found != truth:
+        return f"{found}, but in truth {truth}", True
+    bound = collapsed_optimum(problem)
+    wrong = bound is not None and truth[1] is not None and not 0 <= bound <= truth[1]
+    return (f"bound {bound} above {truth[1]}" if wrong else None), bound is not None
+
+
+def check(seeds):
+    found = {seed: disagreement(seed) for seed in seeds}
+    assert not {seed: wrong for seed, (wrong, _) in found.items() if wrong}
+    assert sum(routes for _, routes in found.values()) > len(seeds) // 3
+
+
+def test_routes_with_side_constraints():
+    check(range(FEW))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("block", range(10))
+def test_many_routes_with_side_constraints(block):
+    size = MANY // 10
+    check(range(10_000 + block * size, 10_000 + (block + 1) * size))

@@ -1,0 +1,66 @@
+"""Answers of cpsat with and without what it recognises, and the optimum of a collapsed problem."""
+
+import contextlib
+import threading
+from unittest import mock
+
+from ortools.sat.python import cp_model
+
+from up_samp.model import Deadline, ScheduleStatus
+from up_samp.scheduling.cpsat import CpsatSession, model, pairs, search, timeline
+from up_samp.scheduling.cpsat.collapse import Collapsed
+from up_samp.scheduling.cpsat.model import ScheduleModel
+from up_samp.scheduling.cpsat.problem import Watcher
+from up_samp.scheduling.cpsat.routes import find_routes
+from up_samp.scheduling.cpsat.search import Search
+from up_samp.scheduling.cpsat.solving import Run
+from up_samp.upio.plan import build_schedule
+from up_samp.validation import validate_schedule
+
+EFFORT = 1.0
+"""Of CP-SAT, in its deterministic time."""
+
+
+@contextlib.contextmanager
+def nothing_recognised():
+    """Let cpsat see neither routes nor alternatives nor circuits nor cliques."""
+    with contextlib.ExitStack() as stack:
+        for owner, name, plain in (
+            (search, "find_routes", lambda _: []),
+            (model, "find_groups", lambda _: []),
+            (timeline.Timeline, "_wants_circuit", lambda _: False),
+            (pairs.Disjunctions, "add_written", lambda *_: False),
+            (pairs, "_pair", lambda *_: None),
+        ):
+            stack.enter_context(mock.patch.object(owner, name, plain))
+        yield
+
+
+def answer(problem):
+    """Return (status, makespan), ``None`` where it would take long to prove it."""
+    report = CpsatSession(problem, workers=1, effort=EFFORT).solve(Deadline.after(60))
+    if report.status in (ScheduleStatus.FOUND, ScheduleStatus.OUT_OF_TIME):
+        return None
+    if report.schedule is None:
+        return report.status, None
+    judged = validate_schedule(problem, build_schedule(problem, report.schedule))
+    assert not judged.violations, judged.violations
+    assert report.status is ScheduleStatus.OPTIMAL
+    assert report.bound in (report.schedule.makespan, None)
+    return report.status, report.schedule.makespan
+
+
+def collapsed_optimum(problem):
+    """Return the collapsed problem's optimum (-1: it has no schedule; None: there is none)."""
+    full = ScheduleModel(problem)
+    full.build(Watcher(problem).look())
+    routes = find_routes(full)
+    if not routes:
+        return None
+    collapsed = Collapsed(full, Watcher(problem).look(), routes, Deadline.never())
+    Search(collapsed.model, Run(0, 1), Deadline.never(), 0, True, None, threading.Event())
+    solver = cp_model.CpSolver()
+    solver.parameters.num_workers = 1
+    status = solver.solve(collapsed.model.store.model)
+    assert status in (cp_model.OPTIMAL, cp_model.INFEASIBLE)
+    return round(solver.objective_value) if status == cp_model.OPTIMAL else -1
