@@ -15,14 +15,15 @@ from up_samp.model import Body, Configuration, Kinematics, MotionModel, Placed
 from up_samp.motion.certificates import Certifier, Regions
 
 FloatArray = npt.NDArray[np.float64]
-LegBound = Callable[[Configuration, Configuration], float]
+LegLength = Callable[[Configuration, Configuration], float]
 
 
 class AfterOpening:
     """Admissible times from the instant an obstacle leaves to a motion's end, for one scene.
 
     While the obstacle rests, the body's inner disc stays in the region where it started. So when
-    the way opens it is still as far from the goal as that region is (straight line, top speed).
+    the way opens it is still as far from the goal as that region is (straight line, top speed of
+    the reference point, which the disc's centre may outrun in turns).
     """
 
     def __init__(self, certifier: Certifier) -> None:
@@ -30,11 +31,11 @@ class AfterOpening:
         self._distances: dict[tuple[int, int], tuple[Regions, FloatArray]] = {}
 
     def seconds(
-        self, body: Body, poses: Sequence[Configuration], placed: Placed, leg_bound: LegBound
+        self, body: Body, poses: Sequence[Configuration], placed: Placed, leg_length: LegLength
     ) -> float:
         """Return the bound (s) for driving through ``poses``; 0 where nothing can be said.
 
-        ``leg_bound(a, b)`` bounds the duration of each leg after the one that is closed.
+        ``leg_length(a, b)`` bounds the way (m) of each leg after the one that is closed.
         """
         # nothing is known of how fast a body under its own equations of motion can be
         if self._certifier.scene.grid is None or body.kinematics.model is MotionModel.CONTROL:
@@ -44,9 +45,9 @@ class AfterOpening:
         for index in range(len(poses) - 1):
             start, goal = labels[index], labels[index + 1]
             if start and goal and not regions.reaches(start, goal, 0):
-                rest = sum(leg_bound(a, b) for a, b in itertools.pairwise(poses[index + 1 :]))
+                rest = sum(leg_length(a, b) for a, b in itertools.pairwise(poses[index + 1 :]))
                 distance = self._distance(regions, body, start, poses[index + 1])
-                return _roll_out(distance, body.kinematics) + rest
+                return _roll_out(_driven(distance, body) + rest, body.kinematics)
         return 0.0
 
     def _distance(self, regions: Regions, body: Body, start: int, goal: Configuration) -> float:
@@ -65,6 +66,21 @@ class AfterOpening:
         cells = float(self._distances[key][1][row, col])
         # both points may lie anywhere in their cells
         return max(0.0, (cells - math.sqrt(2.0)) * grid.resolution)
+
+
+def _driven(distance: float, body: Body) -> float:
+    """Return how far (m) the reference point goes at least while the inner disc's centre covers
+    ``distance`` m.
+
+    The two keep their distance from each other, so the one goes that far less at most, twice; a
+    car's turns are no tighter than its turning radius.
+    """
+    x, y, _ = shape_of(body).inner
+    least = distance - 2.0 * math.hypot(x, y)
+    if body.kinematics.model is MotionModel.REEDSSHEPP:
+        radius = body.kinematics.turning_radius
+        least = max(least, distance / math.hypot(1.0 + abs(y) / radius, x / radius))
+    return max(0.0, least)
 
 
 def _roll_out(distance: float, limits: Kinematics) -> float:

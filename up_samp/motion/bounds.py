@@ -7,6 +7,7 @@ Reeds-Shepp curve; no speed profile from rest to rest beats the trapezoid over t
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import OrderedDict
 from collections.abc import Sequence
@@ -35,27 +36,40 @@ class Bounds:
         goal: Configuration,
         obstacles: Sequence[Placed] = (),
     ) -> float:
-        """Return seconds that no motion from rest at ``start`` to rest at ``goal`` can beat.
+        """Return seconds that no motion from rest at ``start`` to rest at ``goal`` can beat."""
+        return self.through(body, (start, goal), obstacles)
+
+    def through(
+        self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed] = ()
+    ) -> float:
+        """Return seconds that no motion through ``poses`` can beat; it rests at the first and at
+        the last one, but need not stop at those between.
 
         0 for bodies with their own equations of motion (nothing is known about their speed).
         """
         kin = body.kinematics
         if kin.model is MotionModel.CONTROL:
             return 0.0
-        spin = 0.0
-        if kin.model is MotionModel.SE3:
-            length = math.dist(start[:3], goal[:3])
-            dot = abs(sum(a * b for a, b in zip(start[3:], goal[3:], strict=True)))
-            norm = math.hypot(*start[3:]) * math.hypot(*goal[3:])
-            spin = 2 * math.acos(min(1.0, dot / norm)) / kin.omega_max
-        else:
-            length = self.length(body, start, goal, obstacles)
-            turn = abs(math.remainder(goal[2] - start[2], 2 * math.pi))
-            if kin.model is MotionModel.SE2:
-                spin = turn / kin.omega_max
-            else:
-                length = max(length, shortest(start, goal, kin.turning_radius)[0])
+        legs = list(itertools.pairwise(poses))
+        length = sum(self.way(body, a, b, obstacles) for a, b in legs)
+        spin = sum(_turn(kin.model, a, b) for a, b in legs) / kin.omega_max
         return max(run_time(length, kin.v_max, kin.a_max), spin) * (1 - 1e-9)
+
+    def way(
+        self,
+        body: Body,
+        start: Configuration,
+        goal: Configuration,
+        obstacles: Sequence[Placed] = (),
+    ) -> float:
+        """Return metres that no way of a body's reference point between two poses can beat."""
+        kin = body.kinematics
+        if kin.model is MotionModel.SE3:
+            return math.dist(start[:3], goal[:3])
+        length = self.length(body, start, goal, obstacles)
+        if kin.model is MotionModel.REEDSSHEPP:
+            length = max(length, shortest(start, goal, kin.turning_radius)[0])
+        return length
 
     def length(
         self,
@@ -92,3 +106,16 @@ class Bounds:
             if len(self._known) > self._size:
                 self._known.popitem(last=False)
         return self._known[key]
+
+
+def _turn(model: MotionModel, start: Configuration, goal: Configuration) -> float:
+    """Return radians that a body which may turn on the spot turns at least (a car's turns are in
+    the length of its way).
+    """
+    if model is MotionModel.SE3:
+        dot = abs(sum(a * b for a, b in zip(start[3:], goal[3:], strict=True)))
+        norm = math.hypot(*start[3:]) * math.hypot(*goal[3:])
+        return 2 * math.acos(min(1.0, dot / norm))
+    if model is MotionModel.SE2:
+        return abs(math.remainder(goal[2] - start[2], 2 * math.pi))
+    return 0.0

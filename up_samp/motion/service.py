@@ -229,6 +229,10 @@ class MotionService:
         """Return seconds that no motion between the two poses can beat."""
         return self.bounds.duration(body, start, goal, tuple(obstacles))
 
+    def lower_bound_through(self, body: Body, poses: Sequence[Configuration]) -> float:
+        """Return seconds that no motion through ``poses`` can beat, stopping there or not."""
+        return self.bounds.through(body, poses)
+
     def certificate(
         self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]
     ) -> PathReport | None:

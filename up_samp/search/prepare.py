@@ -96,9 +96,9 @@ def state_bounds(context: Context) -> list[Refinement]:
 
 
 def admissible_duration(context: Context, signature: Signature) -> float:
-    """Return an admissible duration (s) of a motion: the sum over its legs."""
+    """Return an admissible duration (s) of a motion."""
     body, poses = signature
-    return sum(context.service.lower_bound(body, a, b) for a, b in itertools.pairwise(poses))
+    return context.service.lower_bound_through(body, poses)
 
 
 def state_durations(context: Context) -> list[Refinement]:
@@ -253,7 +253,7 @@ def opened(
 def _tail_units(context: Context, signature: Signature, placed: Placed) -> int:
     """Return how long a motion at least takes after the obstacle has gone (whole units, down)."""
     body, poses = signature
-    seconds = context.after.seconds(body, poses, placed, partial(context.service.lower_bound, body))
+    seconds = context.after.seconds(body, poses, placed, partial(context.service.bounds.way, body))
     return math.floor(seconds / context.snapshot.seconds_per_unit)
 
 
