@@ -97,7 +97,8 @@ class RandomRoutes:
             self._graph(t, still, guarded)
         self._tasks()
         self._doors()
-        for extra in (self._side_effects, self._dates, self._orders, self._unit, self._ends):
+        extras = (self._side_effects, self._dates, self._orders, self._unit, self._ends, self._meet)
+        for extra in extras:
             if self.chance(0.3):
                 extra()
         if self.chance(0.2):
@@ -173,6 +174,17 @@ class RandomRoutes:
             if self.chance(0.3):
                 for a, b in itertools.product(some, others):
                     self.p.add_constraint(r.choice([LT, LE])(a.end, b.start), present(a, b))
+
+    def _meet(self):
+        """Let two travellers do something together, at the same place or at two."""
+        r = self.r
+        if len(self.travellers) < 2:
+            return
+        a = self._stop(
+            "meet", 0, r.choice([0, 1, 3]), [r.choice(self.spots)], r.choice(SPANS), False
+        )
+        a.add_condition(r.choice(SPANS)(a), Equals(self.at[1](), r.choice(self.spots)))
+        self.busy[1].append(a)
 
     def _exactly_one(self, activities):
         self.p.add_constraint(Or([a.present for a in activities]))

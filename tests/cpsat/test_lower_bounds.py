@@ -221,6 +221,22 @@ def comes_later_from_one_of_two_places():
     return trip.done(), 15
 
 
+def two_travellers_meet():
+    """One comes early on a long way, the other late on a short one; a door keeps still."""
+    trip = Trip("ABC", starts="AA")
+    door = trip.flag()
+    for who, length in enumerate((10, 3)):
+        for m in trip.moves(("A", "B", length), ("B", "A", length), who=who):
+            m.add_condition(inside(m), Or(door(), Not(door())))
+    opens = trip.problem.add_activity("opens", 1, optional=True)
+    opens.add_effect(opens.end, door(), True)
+    trip.stop("first", "A", 20, who=1)
+    meet = trip.stop("meet", "B", 1)
+    meet.add_condition(whole(meet), trip.here("B", 1))
+    trip.busy[1].append(meet)
+    return trip.done(), 26
+
+
 def the_way_home_and_the_global_end():
     trip = Trip()
     trip.moves(("A", "B", 5), ("B", "A", 5))
@@ -257,6 +273,7 @@ def well_before_the_global_end():
         quicker_last_move_on_a_way_round_about,
         free_place_with_somebody_in_it,
         comes_later_from_one_of_two_places,
+        two_travellers_meet,
         the_way_home_and_the_global_end,
         well_before_the_global_end,
     ],

@@ -17,7 +17,7 @@ from up_samp.scheduling.cpsat.solving import Run
 from up_samp.upio.plan import build_schedule
 from up_samp.validation import validate_schedule
 
-EFFORT = 1.0
+EFFORT = 0.3
 """Of CP-SAT, in its deterministic time."""
 
 

@@ -49,7 +49,7 @@ class Collapsed:
         self.model.limit_at_least = full.limit
         self.model.build(without(parts, removed), deadline)
         self.units = find_unit_places(full, routes)
-        self._legs = Legs(self.model.store, self.model.limit, self.units)
+        self._legs = Legs(self.model.store, self.model.limit, self.units, routes)
         self._forms: list[Form] = []
         self._order = Order(self.model.stated)
         for route in routes:

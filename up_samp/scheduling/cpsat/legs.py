@@ -1,10 +1,12 @@
 """What the last move to a stop needs, in the collapsed problem: doors that hold still, places.
 
-Alternatives have the same times, so they share one leg and one stay.
+Alternatives have the same times, so they share one leg and one stay. Travellers who meet come each
+in their own time.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 
 from up_samp.scheduling.cpsat.routes import Entry, Route, UnitPlace
@@ -50,12 +52,18 @@ class Leg:
 class Legs:
     """All legs of a collapsed problem, and who holds which place for one."""
 
-    def __init__(self, store: Store, limit: int, units: list[UnitPlace]) -> None:
+    def __init__(
+        self, store: Store, limit: int, units: list[UnitPlace], routes: list[Route]
+    ) -> None:
         self.store = store
+        counts = Counter(name for route in routes for name, _ in route.stops)
+        self._meetings = {name for name, count in counts.items() if count > 1}
         self.limit = limit
         self.units = units
-        self.legs: dict[tuple[int, frozenset[Key]], Leg] = {}
-        self._since: dict[tuple[UnitPlace, int, int], tuple[Lin, Lin, list[Literal]]] = {}
+        self.legs: dict[tuple[int, frozenset[Key], Key | None], Leg] = {}
+        self._since: dict[
+            tuple[UnitPlace, int, int, Key | None], tuple[Lin, Lin, list[Literal]]
+        ] = {}
 
     def when(self, form: Form, *literals: Literal) -> None:
         """Demand a comparison whatever it needs: ``literals`` say that those are present."""
@@ -67,7 +75,7 @@ class Legs:
         if not route.still or not any(arc.last for arc in arcs):
             return None
         store = self.store
-        key = (stop.start.terms[0][0], route.still)
+        key = (stop.start.terms[0][0], route.still, self._who(route, stop))
         leg = self.legs.get(key)
         if leg is None:
             begin, end = (Lin(((store.integer(0, self.limit), 1),)) for _ in range(2))
@@ -87,6 +95,10 @@ class Legs:
                 self.when(leg.begin.shift(last).le(leg.end), arc.literal)
                 self.when(soonest.le(stop.start), arc.literal, roundabout)
         return leg
+
+    def _who(self, route: Route, stop: ActivityVars) -> Key | None:
+        """Return who comes to a stop, if it is not just one of its alternative travellers."""
+        return route.key if stop.name in self._meetings else None
 
     def open_before(self, leg: Leg, arcs: list[Arc], entry: Entry, time: Lin) -> None:
         """State that what a move needs changed, at ``time``, before it: not in its midst."""
@@ -108,7 +120,7 @@ class Legs:
                 events.setdefault(write.time._replace(needs=()), []).append(write.active)
             for time, active in events.items():
                 happens = store.any_of(active)
-                for (start, still), leg in self.legs.items():
+                for (start, still, _), leg in self.legs.items():
                     own = any(v == start for v, _ in time.terms)
                     if key in still and not own and not (key in leg.opened and len(events) == 1):
                         self._apart(leg, time, happens)
@@ -129,7 +141,7 @@ class Legs:
         for unit in self.units:
             if not places <= unit.places_of(route.key):
                 continue
-            key = (unit, stop.start.terms[0][0], route.gap)
+            key = (unit, stop.start.terms[0][0], route.gap, self._who(route, stop))
             if key not in self._since:
                 begin = Lin(((store.integer(0, self.limit), 1),))
                 self._since[key] = (begin, stop.end.shift(route.gap)._replace(needs=()), [])
@@ -146,7 +158,7 @@ class Legs:
         """State that stays at a place for one do not overlap."""
         store = self.store
         intervals: dict[UnitPlace, list[object]] = {}
-        for (unit, _, _), (since, until, present) in self._since.items():
+        for (unit, *_), (since, until, present) in self._since.items():
             size = store.integer(0, self.limit)
             times = (store.expression(since), store.var(size), store.expression(until))
             sure = any(set(exact.get(p, (p,))) <= set(present) and p in exact for p in present)
