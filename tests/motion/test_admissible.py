@@ -9,6 +9,7 @@ from oracle import ROBOT, box_map
 from up_samp.geometry import Scene
 from up_samp.geometry.shapes import shape_of
 from up_samp.model import Body, Kinematics, MotionModel, Placed
+from up_samp.motion import MotionService
 from up_samp.motion.after import AfterOpening, _driven
 from up_samp.motion.bounds import Bounds
 from up_samp.motion.certificates import Certifier
@@ -66,3 +67,14 @@ def test_after_a_door_the_waypoints_beyond_cost_their_way_only():
     far = after.seconds(body, poses, placed, way)
     assert 4.0 < near < run_time(10.7, 2.0, 1.0)  # it may roll when the door goes
     assert far == pytest.approx(near + 10.0 / 2.0)
+
+
+def test_what_the_validator_takes_for_rounding_is_no_proof():
+    service = MotionService(box_map(20, 10, []))
+    body = Body(((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)), ROBOT.kinematics)
+    placed = Placed("o", body, (8.0, 5.0, 0.0))
+    for depth, blocked in ((0.0, False), (8e-7, False), (3e-6, True)):
+        goal = (7.0 + depth, 5.0, 0.0)
+        proof = service.certificate(body, ((5.0, 5.0, 0.0), goal), (placed,))
+        assert (proof is not None) == blocked
+        assert (service.pose_blockers(body, goal, (placed,))[1] == {"o"}) == blocked

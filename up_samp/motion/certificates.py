@@ -35,8 +35,8 @@ BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int32]
 
 EIGHT = np.ones((3, 3), dtype=np.int8)
-TOUCH = 1e-7
-"""Overlaps shallower than this (m) are no proof."""
+TOUCH = 1e-6
+"""Overlaps shallower than this (m) are no proof: to the validator they are rounding."""
 MOST_ALTERNATIVES = 16
 
 

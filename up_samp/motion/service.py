@@ -25,7 +25,7 @@ from up_samp.model import (
 )
 from up_samp.motion.bounds import Bounds
 from up_samp.motion.cache import Entry, MotionCache, obstacle_key
-from up_samp.motion.certificates import Certifier
+from up_samp.motion.certificates import TOUCH, Certifier
 from up_samp.motion.planners import (
     SECOND_OPINION_SECONDS,
     Leg,
@@ -274,7 +274,7 @@ class MotionService:
             from up_samp.geometry.meshes import bodies_meet
 
             return bodies_meet(body_a, pose_a, body_b, pose_b)
-        return self.scene.distance(body_a, pose_a, body_b, pose_b) < -1e-7
+        return self.scene.distance(body_a, pose_a, body_b, pose_b) < -TOUCH
 
     def parking_clears(
         self, trajectory: Trajectory, body: Body, placed: Placed, clearance: float = 0.0
