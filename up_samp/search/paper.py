@@ -121,15 +121,32 @@ def group_cut(failure: Failure) -> Refinement:
             layer=Layer.GROUP,
             strength=Strength.HEURISTIC,
         )
+    changers = _changers(context, places)
+    meanwhile = {c for c in changers if _overlaps(failure, c)}
     return rules.paper_temporal(
         group,
-        _rivals(context),
+        sorted({*_rivals(context), *changers - meanwhile}),
         failure.arrivals(group),
         places,
         "the group needs more time",
         layer=Layer.GROUP,
-        strength=failure.strength,
+        # what changes in the midst of the group might as well change earlier
+        strength=Strength.HEURISTIC if meanwhile else failure.strength,
     )
+
+
+def _changers(context: Context, places: Mapping[str, str]) -> set[str]:
+    """Return the activities that change the configurations of ``places`` in an instant."""
+    return {c.activity for c in context.snapshot.changes if c.object in places}
+
+
+def _overlaps(failure: Failure, activity: str) -> bool:
+    """Return whether an activity of the candidate is neither before nor after the whole group."""
+    times = failure.itinerary.schedule.times.get(activity)
+    if times is None:
+        return False
+    first, last = min(m.start for m in failure.group), max(m.end for m in failure.group)
+    return times[0] <= last and times[1] >= first
 
 
 def _movers(context: Context, places: Mapping[str, str]) -> list[str]:

@@ -1,0 +1,45 @@
+"""The paper's temporal cut gives way to a door that opens while the group drives."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from up_samp.model import ScheduledMotion
+from up_samp.model.refinement import Overlap, Strength
+from up_samp.search import paper
+
+
+def failure(opening):
+    """A late motion at 0 to 10 and a door at 'shut', that 'opens' opens at a time (or not)."""
+    times = {"drive": (0, 10)} | ({} if opening is None else {"opens": opening})
+    poses = ((0.0, 0.0, 0.0), (9.0, 0.0, 0.0))
+    motion = ScheduledMotion("drive", 0, "r", ("a", "b"), poses, 0, 10)
+    snapshot = SimpleNamespace(
+        moved=lambda: {"r", "door"},
+        tasks=[SimpleNamespace(activity="drive", object="r")],
+        changes=[SimpleNamespace(activity="opens", object="door")],
+    )
+    return SimpleNamespace(
+        context=SimpleNamespace(snapshot=snapshot),
+        group=(motion,),
+        found=True,
+        itinerary=SimpleNamespace(
+            place_at=lambda *_: "shut", schedule=SimpleNamespace(times=times)
+        ),
+        arrivals=lambda _: {"drive": 15},
+        strength=Strength.RELATIVE,
+    )
+
+
+@pytest.mark.parametrize(
+    ("opening", "strength", "rivals"),
+    [
+        (None, Strength.RELATIVE, {"opens"}),
+        ((12, 14), Strength.RELATIVE, {"opens"}),
+        ((4, 6), Strength.HEURISTIC, set()),
+    ],
+)
+def test_a_door_that_may_open_meanwhile(opening, strength, rivals):
+    cut = paper.group_cut(failure(opening))
+    assert cut.strength is strength
+    assert {x.rival for x in cut.statement.literals if isinstance(x, Overlap)} == rivals
