@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator
-from fractions import Fraction
 from typing import Any, TypeVar
 
 from unified_planning.model import FNode
 from unified_planning.model.scheduling import Activity, SchedulingProblem
-from unified_planning.model.timing import DurationInterval
 
-from up_samp.model import CandidateSchedule, Deadline, UnsupportedError
+from up_samp.model import Deadline, UnsupportedError
 from up_samp.scheduling.cpsat.alternatives import Group, find_groups, merge_forms
+from up_samp.scheduling.cpsat.durations import constant_bounds, constants, least
 from up_samp.scheduling.cpsat.horizon import Horizon
 from up_samp.scheduling.cpsat.metrics import objective_of
 from up_samp.scheduling.cpsat.numbers import NumericTimeline
@@ -153,17 +152,17 @@ class ScheduleModel:
         """Return whether the additions fit into the model as it is."""
         if not self.only_tightened(parts):
             return False
-        if any(None in _constant_bounds(a.duration) for a in parts.activities):
+        if any(None in constant_bounds(a.duration) for a in parts.activities):
             return False
         horizon = self.horizon
         before = horizon.bound()
         for activity in parts.activities:
-            horizon.total += 2 * (4 + _least(activity.duration))
+            horizon.total += 2 * (4 + least(activity.duration))
         for span, _, _ in parts.conditions:
             horizon.beside(int(abs(span.lower.delay) + abs(span.upper.delay)))
         for activity in parts.durations:
-            horizon.total += _least(activity.duration)
-        horizon.total += sum(_constants(c) for c, _, _ in parts.constraints)
+            horizon.total += least(activity.duration)
+        horizon.total += sum(constants(c) for c, _, _ in parts.constraints)
         return horizon.bound() <= max(self.limit, before)
 
     # -- parts ---------------------------------------------------------------------------------
@@ -177,7 +176,7 @@ class ScheduleModel:
         leader = self.world.activities.get(self._leaders.get(activity.name, ""))
         times = ((store.integer(0, limit), 1),) if leader is None else leader.start.terms
         start = Lin(times, 0, needs)
-        lower, upper = _constant_bounds(activity.duration)
+        lower, upper = constant_bounds(activity.duration)
         if lower is not None and lower == upper:
             end, size = start.shift(lower), constant(lower)
         else:
@@ -210,7 +209,7 @@ class ScheduleModel:
         if made.size.terms:
             total = made.start.plus(made.size).plus(made.end, -1)
             store.enforce(compare(total._replace(needs=()), "=="), (made.present,))
-            if None in _constant_bounds(activity.duration) and not vague:
+            if None in constant_bounds(activity.duration) and not vague:
                 self._duration_terms(activity, made)
         store.enforce(made.end.le(Lin(((self.world.makespan, 1),))))
 
@@ -225,14 +224,14 @@ class ScheduleModel:
         self.store.enforce(made.size.le(high), (made.present,))
 
     def _narrower(self, activity: Activity) -> bool:
-        lower, upper = _constant_bounds(activity.duration)
+        lower, upper = constant_bounds(activity.duration)
         made = self.world.activities[activity.name]
         if lower is None or upper is None or made.most is None:
             return False
         return lower >= made.least and upper <= made.most
 
     def _narrow(self, activity: Activity) -> None:
-        lower, upper = _constant_bounds(activity.duration)
+        lower, upper = constant_bounds(activity.duration)
         made = self.world.activities[activity.name]
         when = (made.present,)
         self.store.enforce(made.start.shift(lower or 0).le(made.end), when)
@@ -290,7 +289,7 @@ class ScheduleModel:
         horizon = self.horizon
         horizon.forms(forms)
         for activity in parts.activities:
-            if None in _constant_bounds(activity.duration) and activity.name not in parts.vague:
+            if None in constant_bounds(activity.duration) and activity.name not in parts.vague:
                 horizon.lasting(activity.duration.lower, self.world)
         horizon.total += len(self.world.activities) * max(
             self.disjunctions.gaps.values(), default=0
@@ -360,76 +359,3 @@ class ScheduleModel:
         for made in self.world.activities.values():
             times += [v for lin in (made.start, made.end) for v, _ in lin.terms]
         return sorted(set(times))
-
-    # -- solutions -----------------------------------------------------------------------------
-    def schedule(self, value: Any) -> CandidateSchedule:
-        """Return the schedule in a solution; ``value(var)`` gives each variable's value."""
-
-        def worth(lin: Lin) -> int:
-            return lin.const + sum(c * value(v) for v, c in lin.terms)
-
-        times = {
-            a.name: (worth(a.start), worth(a.end))
-            for a in self.world.activities.values()
-            if value(a.present)
-        }
-        names = {code: name for name, code in self.world.objects.items()}
-        parameters: dict[str, bool | int | str] = {}
-        for name, (var, tpe, owner) in self.parameters.items():
-            if owner is not None and owner not in times:
-                continue
-            number = value(var)
-            if tpe.is_bool_type():
-                parameters[name] = bool(number)
-            else:
-                parameters[name] = names[number] if tpe.is_user_type() else number
-        return CandidateSchedule(times, parameters)
-
-    def hint_values(self, schedule: CandidateSchedule) -> dict[int, int]:
-        """Return variable -> value as ``schedule`` has it (only the main decisions)."""
-        values = {self.world.makespan: schedule.makespan}
-        for made in self.world.activities.values():
-            times = schedule.times.get(made.name)
-            if made.present != TRUE:
-                values[made.present] = int(times is not None)
-            if times is not None:
-                values[made.start.terms[0][0]] = times[0]
-                if made.size.terms:
-                    values[made.end.terms[0][0]] = times[1]
-                    values[made.size.terms[0][0]] = times[1] - times[0]
-        for name, (var, tpe, _) in self.parameters.items():
-            if name in schedule.parameters:
-                value = schedule.parameters[name]
-                code = self.world.objects[str(value)] if tpe.is_user_type() else int(value)
-                values[var] = code
-        return values
-
-
-def _constant_bounds(duration: DurationInterval) -> tuple[int | None, int | None]:
-    """Return the least and greatest integer duration, ``None`` where it is not constant."""
-    lower = upper = None
-    if duration.lower.is_constant():
-        value = Fraction(duration.lower.constant_value())
-        lower = -(-value.numerator // value.denominator)
-        if duration.is_left_open() and lower == value:
-            lower += 1
-        lower = max(0, lower)
-    if duration.upper.is_constant():
-        value = Fraction(duration.upper.constant_value())
-        upper = value.numerator // value.denominator
-        if duration.is_right_open() and upper == value:
-            upper -= 1
-    return lower, upper
-
-
-def _least(duration: DurationInterval) -> int:
-    return _constant_bounds(duration)[0] or 0
-
-
-def _constants(node: FNode) -> int:
-    """Return the sum of the magnitudes of the constants in ``node``."""
-    if node.is_int_constant():
-        return abs(int(node.constant_value()))
-    if node.is_timing_exp():
-        return int(abs(node.timing().delay)) + 1
-    return sum(_constants(a) for a in node.args)

@@ -17,6 +17,7 @@ from up_samp.scheduling.cpsat.expand import expand
 from up_samp.scheduling.cpsat.model import OutOfTimeError, ScheduleModel
 from up_samp.scheduling.cpsat.problem import Additions
 from up_samp.scheduling.cpsat.routes import Route, find_routes
+from up_samp.scheduling.cpsat.solutions import hint_values, schedule_of
 from up_samp.scheduling.cpsat.solving import Answer, Run, run
 from up_samp.scheduling.cpsat.store import TRUE, Lin
 from up_samp.scheduling.cpsat.tours import decode, improve, sequence_of
@@ -88,7 +89,7 @@ class Search:
         from (it may break what was added since).
         """
         if guess is not None:
-            self._known.update(self.model.hint_values(guess))
+            self._known.update(hint_values(self.model, guess))
         if guess is not None and guess.times and self.minimizes_makespan:
             # the same activities again, if they still fit, are mostly near the optimum
             self._realize(guess)
@@ -193,7 +194,7 @@ class Search:
 
         Who is present is taken over; times may shift, for what the collapsed problem left out.
         """
-        hints = self.model.hint_values(guess)
+        hints = hint_values(self.model, guess)
         self._known.update(hints)
         presences = {abs(a.present) for a in self.model.world.activities.values()} - {TRUE}
         for slack in _SLACKS:
@@ -327,7 +328,7 @@ class Search:
         return answer
 
     def _take(self, values: list[int]) -> None:
-        schedule = self.model.schedule(_lookup(self.model, values))
+        schedule = schedule_of(self.model, _lookup(self.model, values))
         value = schedule.makespan
         if self.collapsed:
             value = values[self.model.store.position(self.model.world.makespan)]

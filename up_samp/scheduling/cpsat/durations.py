@@ -1,0 +1,39 @@
+"""Durations and constants as integers (schedule units)."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+from unified_planning.model import FNode
+from unified_planning.model.timing import DurationInterval
+
+
+def constant_bounds(duration: DurationInterval) -> tuple[int | None, int | None]:
+    """Return the least and greatest integer duration, ``None`` where it is not constant."""
+    lower = upper = None
+    if duration.lower.is_constant():
+        value = Fraction(duration.lower.constant_value())
+        lower = -(-value.numerator // value.denominator)
+        if duration.is_left_open() and lower == value:
+            lower += 1
+        lower = max(0, lower)
+    if duration.upper.is_constant():
+        value = Fraction(duration.upper.constant_value())
+        upper = value.numerator // value.denominator
+        if duration.is_right_open() and upper == value:
+            upper -= 1
+    return lower, upper
+
+
+def least(duration: DurationInterval) -> int:
+    """Return the least integer duration (0 where it is not constant)."""
+    return constant_bounds(duration)[0] or 0
+
+
+def constants(node: FNode) -> int:
+    """Return the sum of the magnitudes of the constants in ``node``."""
+    if node.is_int_constant():
+        return abs(int(node.constant_value()))
+    if node.is_timing_exp():
+        return int(abs(node.timing().delay)) + 1
+    return sum(constants(a) for a in node.args)
