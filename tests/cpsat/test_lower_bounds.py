@@ -7,7 +7,6 @@ from unified_planning.model import (
     ClosedTimeInterval,
     GlobalEndTiming,
     GlobalStartTiming,
-    OpenTimeInterval,
     TimePointInterval,
     Timing,
 )
@@ -27,25 +26,10 @@ from unified_planning.shortcuts import (
     UserType,
 )
 
+from cpsat.random_routes import begin, finish, inside, whole
 from cpsat.truth import answer, collapsed_optimum, nothing_recognised
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
-
-
-def whole(a):
-    return ClosedTimeInterval(Timing(0, a.start), Timing(0, a.end))
-
-
-def inside(a):
-    return OpenTimeInterval(Timing(0, a.start), Timing(0, a.end))
-
-
-def begin(a):
-    return TimePointInterval(Timing(0, a.start))
-
-
-def finish(a):
-    return TimePointInterval(Timing(0, a.end))
 
 
 class Trip:

@@ -69,3 +69,12 @@ def test_a_failure_does_not_lose_the_plan_found_before_it(tmp_path, monkeypatch)
     assert result.status is Status.SOLVED_SATISFICING
     assert result.plan is not None
     assert "made up by the test" in result.log_messages[0].message
+
+
+def test_what_is_ignored_is_said(tmp_path):
+    problem = blocked(tmp_path)
+    with OneshotPlanner(name="samp-refine[cpsat]") as planner:
+        first = planner.solve(problem, timeout=60)
+        with pytest.warns(UserWarning, match="ignores the warm start plan"):
+            again = planner.solve(problem, timeout=60, warm_start_plan=first.plan)
+    assert again.metrics["makespan"] == first.metrics["makespan"]

@@ -123,6 +123,7 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         output_stream: IO[str] | None,
         warm_start_plan: Plan | None,
     ) -> PlanGenerationResult:
+        self._ignore(warm_start_plan)
         return self._solve(problem, heuristic, timeout, output_stream)
 
     def _improve_directly(
@@ -132,7 +133,12 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         output_stream: IO[str] | None,
         warm_start_plan: Plan | None,
     ) -> Iterator[PlanGenerationResult]:
+        self._ignore(warm_start_plan)
         return self._get_solutions(problem, timeout, output_stream)
+
+    def _ignore(self, warm_start_plan: Plan | None) -> None:
+        if warm_start_plan is not None:
+            warnings.warn(f"{self.name} ignores the warm start plan", stacklevel=4)
 
     def _solve(
         self,

@@ -24,6 +24,8 @@ from up_samp.model import Body, Configuration, MotionModel, ProblemError, Unsupp
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
+_TOUCH = 1e-7
+"""Distance (m) of surfaces that counts as contact."""
 _BOX = np.array(
     [
         (0, 2, 1), (0, 3, 2), (4, 5, 6), (4, 6, 7), (0, 1, 5), (0, 5, 4),
@@ -237,16 +239,14 @@ def nested(a: Mesh, pose_a: Sequence[float], b: Mesh, pose_b: Sequence[float]) -
     return False
 
 
-def bodies_meet(
-    body_a: Body, pose_a: Configuration, body_b: Body, pose_b: Configuration, touch: float = 1e-7
-) -> bool:
-    """Return whether two resting bodies, one of them in space at least, are closer than ``touch``
-    (m) or one inside the other.
+def bodies_meet(body_a: Body, pose_a: Configuration, body_b: Body, pose_b: Configuration) -> bool:
+    """Return whether two resting bodies, one of them in space at least, touch, or lie one inside
+    the other.
     """
     heights = [p[2] for p in (pose_a, pose_b) if len(p) == 7]
     low, high = _tall((body_a, body_b), heights)
     (a, at_a), (b, at_b) = mesh_of(body_a, pose_a, low, high), mesh_of(body_b, pose_b, low, high)
-    if surface_distance(a, transform(at_a), b, transform(at_b)) < touch:
+    if surface_distance(a, transform(at_a), b, transform(at_b)) < _TOUCH:
         return True
     return nested(a, at_a, b, at_b)
 
@@ -265,7 +265,7 @@ def meets_walls(grid: OccupancyGrid, body: Body, pose: Configuration) -> bool:
     if walls is None:
         return False
     rest = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-    if surface_distance(mesh, transform(at), walls, transform(rest)) < 1e-7:
+    if surface_distance(mesh, transform(at), walls, transform(rest)) < _TOUCH:
         return True
     return nested(mesh, at, walls, rest)
 

@@ -10,20 +10,12 @@ import itertools
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry.meshes import Mesh, mesh_of, nested, surface_distance, transform
-from up_samp.model import (
-    Body,
-    Configuration,
-    Trajectory,
-)
-
-if TYPE_CHECKING:
-    pass
+from up_samp.model import Body, Configuration, Trajectory
 
 FloatArray = npt.NDArray[np.float64]
 

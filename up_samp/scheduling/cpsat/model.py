@@ -330,14 +330,8 @@ class ScheduleModel:
         if self._is_exact:
             return
         self._is_exact = True
-        store, makespan = self.store, Lin(((self.world.makespan, 1),))
-        attained = [store.literal(makespan.le(constant(0)))]
-        for made in self.world.activities.values():
-            literal = store.boolean()
-            store.clause([~literal, made.present])
-            store.enforce(makespan.le(made.end), (literal,))
-            attained.append(literal)
-        store.clause(attained)
+        ends = [(made.present, made.end) for made in self.world.activities.values()]
+        self.store.attain(Lin(((self.world.makespan, 1),)), [(TRUE, constant(0)), *ends])
 
     def capped(self, makespan: int) -> Any:
         """Return a copy of the CP-SAT model in which everything ends by ``makespan``.

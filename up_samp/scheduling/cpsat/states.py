@@ -234,18 +234,13 @@ class States:
     def _final_instant(self) -> Lin:
         """Return 1 + the latest of all ends of present activities and times of effects."""
         if self.final is None:
-            store = self.store
-            self.final = final = Lin(((store.integer(1, self.far.const), 1),))
-            latest = [(TRUE, constant(0)), *self.happenings]
-            latest += [(a.present, a.end._replace(needs=())) for a in self.activities]
-            attained = []
+            self.final = final = Lin(((self.store.integer(1, self.far.const), 1),))
+            latest = [(TRUE, constant(1))]
+            latest += [(active, time.shift(1)) for active, time in self.happenings]
+            latest += [(a.present, a.end._replace(needs=()).shift(1)) for a in self.activities]
             for active, time in latest:
-                literal = store.boolean()
-                attained.append(literal)
-                store.clause([~literal, active])
-                store.enforce(final.le(time.shift(1)), (literal,))
-                store.enforce(time.shift(1).le(final), (active,))
-            store.clause(attained)
+                self.store.enforce(time.le(final), (active,))
+            self.store.attain(final, latest)
         return self.final
 
     def difference(self, a: Lin, b: Lin) -> tuple[int, int]:

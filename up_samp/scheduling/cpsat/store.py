@@ -242,6 +242,16 @@ class Store:
         if TRUE not in some:
             self.model.add_bool_or([self.raw(x) for x in some if x != FALSE])
 
+    def attain(self, value: Lin, times: Iterable[tuple[Literal, Lin]]) -> None:
+        """``value`` is at most one of the ``times`` whose literals are true."""
+        attained = []
+        for active, time in times:
+            literal = self.boolean()
+            attained.append(literal)
+            self.clause([~literal, active])
+            self.enforce(value.le(time), (literal,))
+        self.clause(attained)
+
     def at_most_one(self, literals: Sequence[Literal]) -> None:
         """At most one of ``literals`` is true."""
         if len(literals) > 1:
