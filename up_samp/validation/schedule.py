@@ -174,7 +174,7 @@ def _constraints(problem: Any, timeline: Timeline) -> Iterator[Violation]:
         if owner is not None and owner not in timeline.decisions.times:
             continue
         for constraint, scope in chronicle.scoped_constraints:
-            reader = Reader(timeline.decisions, static, owner)
+            reader = Reader(timeline.decisions, static, owner, hasty=True)
             if all(reader.value(s) is True for s in scope) and reader.value(constraint) is False:
                 under = f" (scope {list(scope)})" if scope else ""
                 by = f" of {owner}" if owner else ""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
@@ -66,7 +66,8 @@ class Decisions:
 @dataclass
 class Reader:
     """Evaluates expressions. ``fluent`` gives the value of a ground fluent (at the instant that
-    the caller has in mind); ``reads`` collects the ground fluents that were looked at.
+    the caller has in mind); ``reads`` collects the ground fluents that were looked at. ``hasty``
+    readers leave out what cannot change a disjunction or conjunction, and do not collect all.
     """
 
     decisions: Decisions
@@ -74,6 +75,7 @@ class Reader:
     owner: str | None = None
     bindings: Mapping[str, Value] = field(default_factory=dict)
     reads: set[Key] = field(default_factory=set)
+    hasty: bool = False
 
     def value(self, node: Any) -> Value:
         """Return the value of a UP expression."""
@@ -94,6 +96,8 @@ class Reader:
             return self._fluent(node)
         if kind in (Op.EXISTS, Op.FORALL):
             return self._quantifier(node)
+        if kind in (Op.OR, Op.AND) and self.hasty:
+            return self._hastily(node.args, kind == Op.OR)
         if kind in _OPERATORS:
             return _OPERATORS[kind]([self.value(a) for a in node.args])
         raise UnsupportedError(f"the validator does not know the operator {kind.name} in '{node}'")
@@ -110,11 +114,27 @@ class Reader:
         self.reads.add(key)
         return self.fluent(key)
 
+    def _hastily(self, nodes: Sequence[Any], decides: bool) -> Value:
+        """Return the value of a disjunction (``decides``: true) or conjunction (false)."""
+        result: Value = not decides
+        for node in nodes:
+            value = self.value(node)
+            if value is decides:
+                return decides
+            if value is MISSING:
+                result = MISSING
+        return result
+
     def _quantifier(self, node: Any) -> Value:
         values = []
         for bindings in combinations(node.variables(), self.decisions.objects):
             inner = Reader(
-                self.decisions, self.fluent, self.owner, {**self.bindings, **bindings}, self.reads
+                self.decisions,
+                self.fluent,
+                self.owner,
+                {**self.bindings, **bindings},
+                self.reads,
+                self.hasty,
             )
             values.append(inner.value(node.args[0]))
         return _any(values) if node.node_type == Op.EXISTS else _all(values)
@@ -122,6 +142,8 @@ class Reader:
 
 def plain(number: Any) -> Value:
     """Return an integral ``Fraction`` as ``int``, anything else unchanged."""
+    if number.__class__ is int:  # the most common, and asking for Fraction is slow
+        return number
     if isinstance(number, Fraction) and number.denominator == 1:
         return int(number)
     return number

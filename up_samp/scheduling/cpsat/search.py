@@ -30,18 +30,38 @@ _DIVE = {**_QUICK, "search_branching": cp_model.FIXED_SEARCH, "num_workers": 1}
 _RELAXED = {**_LIGHT, "linearization_level": 1}
 # no interleave_search: with several workers it aborts the process ("heuristics.fixed_search")
 _THOROUGH: dict[str, Any] = {}
-# One thread without a linear relaxation proves most small shops before several have begun to share
-# what they know (ft10 in a tenth of the time); where loads decide, a relaxation does. Each rung is
-# (options, effort); what it finds is the next one's hint.
-_LADDER: tuple[tuple[dict[str, Any], float], ...] = (
+_SPRINT: dict[str, Any] = {
+    **_QUICK,
+    "num_workers": 1,
+    "cp_model_presolve": False,
+    "use_objective_lb_search": True,
+}
+"""For small problems, where presolve costs more than the search."""
+_SPRINT_EFFORT = 0.005
+_SPRINT_SIZE = 2_000
+"""Constraints up to which a sprint is tried."""
+_TEAM: dict[str, Any] = {
+    "subsolvers": ("no_lp", "default_lp"),
+    "num_full_subsolvers": 2,
+    "use_dynamic_precedence_in_disjunctive": True,
+}
+"""Two full searches that share what they learn: one without a linear relaxation, which proves most
+shops, and one with it, which decides where loads do. CP-SAT's own choice for two workers is one
+full search and local search beside it (ft10 in twenty times the time)."""
+# Each rung is (options, effort); what it finds is the next one's hint.
+_ALONE: tuple[tuple[dict[str, Any], float], ...] = (
     ({"num_workers": 1, "linearization_level": 0}, 0.1),
     ({"num_workers": 1, "linearization_level": 1}, 0.4),
     ({"num_workers": 1, "linearization_level": 0}, 2.0),
 )
+_TEAM_EFFORT = 4.0
 _SWIFT: dict[str, Any] = {**_QUICK, "num_workers": 1, "max_presolve_iterations": 1}
 """For the whole problem with a schedule near the bound in hand: what presolve and a relaxation cost
 is more than such a proof mostly takes."""
 _SWIFT_EFFORT = 0.3
+_DASH = {**_SPRINT, "use_sat_inprocessing": False}
+"""The same with a schedule near the bound in hand: half of so short a proof is inprocessing."""
+_DASH_EFFORT = 0.02
 _LADDER_SIZE = 20_000
 """Constraints up to which the ladder is tried: it must not cost large models their time."""
 _COLLAPSED_EFFORT = 20.0
@@ -49,6 +69,8 @@ _CONTENT_EFFORT = 1.0
 _CONTENT_COLLAPSED_EFFORT = 0.4
 _ROUNDS_PER_TASK = 60
 """Rounds of annealing over tours before CP-SAT is asked."""
+_FEW_TASKS = 8
+"""Up to so many the collapsed problem is solved sooner than tours are annealed."""
 _SLACKS = (1.0, 1.1, 1.3, 1.7)
 
 
@@ -117,13 +139,26 @@ class Search:
 
     # -- stages --------------------------------------------------------------------------------
     def _climb(self) -> None:
-        """Solve a small problem without routes by one thread, with more and more effort."""
-        if not self._small():
+        """Solve a small problem without routes, with more and more effort."""
+        if not self._small() or self._sprint(self._cap()):
             return
-        for options, effort in _LADDER if self.wants_optimum else _LADDER[:1]:
+        if self.wants_optimum and self.settings.workers > 1:
+            # a poor schedule as a hint leads both searches astray
+            self._improve(self.model.limit, _TEAM, _TEAM_EFFORT, hinted=False)
+            return
+        for options, effort in _ALONE if self.wants_optimum else _ALONE[:1]:
             self._improve(self._cap(), options, effort)
             if self._met() or self._over():
                 return
+
+    def _sprint(self, cap: int) -> bool:
+        """Try what solves the smallest problems at once; return whether all is done."""
+        if self._tiny():
+            self._improve(cap, _SPRINT, _SPRINT_EFFORT)
+        return self._met() or self._over()
+
+    def _tiny(self) -> bool:
+        return len(self.model.store.model.proto.constraints) <= _SPRINT_SIZE
 
     def _small(self) -> bool:
         return len(self.model.store.model.proto.constraints) <= _LADDER_SIZE
@@ -134,7 +169,8 @@ class Search:
             return 0
         work = find_work(self.model, routes)
         if work is not None and self.best is None:
-            rounds = _ROUNDS_PER_TASK * len(work.tasks)
+            few = len(work.tasks) <= _FEW_TASKS
+            rounds = 0 if few else _ROUNDS_PER_TASK * len(work.tasks)
             deadline = self.deadline.within(0.2 * self.deadline.remaining())
             tour = improve(work, rounds, self.settings.seed, deadline.expired)
             if tour is not None:
@@ -169,7 +205,8 @@ class Search:
         inner.effort = _COLLAPSED_EFFORT if self.wants_optimum else _CONTENT_COLLAPSED_EFFORT
         if self.best is not None:
             options = _THOROUGH if self.wants_optimum else _RELAXED
-            inner._improve(self.value, options, inner.effort)
+            if not inner._sprint(self.value):
+                inner._improve(self.value, options, inner.effort)
         else:
             inner._first(0)
             if inner.best is not None:
@@ -206,7 +243,11 @@ class Search:
                 position = self.model.store.position(var)
                 model.add(model.get_int_var_from_proto_index(position) == hints[var])
             self._set_hints(model)
-            answer = self._run(model, _QUICK, 1.0, first=True)
+            answer = None
+            if self._tiny():
+                answer = self._run(model, _SPRINT, _SPRINT_EFFORT, first=True)
+            if answer is None or answer.status == cp_model.UNKNOWN:
+                answer = self._run(model, _QUICK, 1.0, first=True)
             if answer.values is not None or self._over():
                 return answer.values is not None
         return False
@@ -261,7 +302,10 @@ class Search:
         """Try a quick proof from the schedule in hand; return whether all is done."""
         known = self.best is not None and self.minimizes_makespan and self.wants_optimum
         if known and self._small():
-            self._improve(self._cap(), _SWIFT, _SWIFT_EFFORT)
+            if self._tiny():
+                self._improve(self._cap(), _DASH, _DASH_EFFORT)
+            if not self._met() and not self._over():
+                self._improve(self._cap(), _SWIFT, _SWIFT_EFFORT)
         return self._met() or self._over()
 
     def _cap(self) -> int:
@@ -269,14 +313,17 @@ class Search:
         known = self.minimizes_makespan and self.best is not None
         return self.value if known else self.model.limit
 
-    def _improve(self, cap: int, options: dict[str, Any], effort: float | None) -> None:
+    def _improve(
+        self, cap: int, options: dict[str, Any], effort: float | None, *, hinted: bool = True
+    ) -> None:
         """Search between the bound and ``cap``, and learn from the answer."""
         store = self.model.store
         model = self.model.capped(cap)
         if self.minimizes_makespan and self.bound:
             makespan = model.get_int_var_from_proto_index(store.position(self.model.world.makespan))
             model.add(makespan >= self.bound)
-        self._set_hints(model)
+        if hinted:
+            self._set_hints(model)
         answer = self._run(model, options, effort, first=False)
         if answer.status == cp_model.INFEASIBLE and self.best is None:
             self.infeasible = True

@@ -79,7 +79,10 @@ def run(
     parameters.num_workers = settings.workers
     parameters.catch_sigint_signal = False
     for name, value in (options or {}).items():
-        setattr(parameters, name, value)
+        if isinstance(value, tuple):
+            getattr(parameters, name).extend(value)
+        else:
+            setattr(parameters, name, value)
     remaining = deadline.remaining()
     if math.isfinite(remaining):
         parameters.max_time_in_seconds = max(0.0, remaining)

@@ -22,6 +22,8 @@ Step = tuple[int, int]
 """(task, number of its way; -1: whichever is done first)."""
 
 _DEEP = 12
+_GREEDY = (4, 20)
+"""Greedy sequences that are tried, without annealing and before it."""
 
 
 class DeadEnd(Exception):  # noqa: N818
@@ -279,7 +281,7 @@ def sequence_of(work: Work, schedule: CandidateSchedule) -> list[Step]:
 def improve(work: Work, rounds: int, seed: int, over: Callable[[], bool]) -> Tour | None:
     """Return the best tour found by simulated annealing over sequences, from a few greedy ones."""
     rng = random.Random(seed)
-    best = current = _greedy(work, rng)
+    best = current = _greedy(work, rng, _GREEDY[rounds > 0])
     if best is None or current is None:
         return None
     heat = 0.08 * max(1.0, best.cost)
@@ -298,13 +300,13 @@ def improve(work: Work, rounds: int, seed: int, over: Callable[[], bool]) -> Tou
     return best
 
 
-def _greedy(work: Work, rng: random.Random) -> Tour | None:
+def _greedy(work: Work, rng: random.Random, attempts: int) -> Tour | None:
     wanted = [i for i, task in enumerate(work.tasks) if task.wanted]
     if not wanted:
         return None
     tails = _tails(work)
     found = []
-    for attempt in range(20):
+    for attempt in range(attempts):
         noise = {i: rng.random() * attempt for i in wanted}
         order = sorted(wanted, key=lambda i: (-tails[i] - noise[i] * work.tasks[i].length, i))
         tour = decode(work, [(i, -1) for i in order])
