@@ -11,6 +11,7 @@ from typing import Any
 from ortools.sat.python import cp_model
 
 from up_samp.model import CandidateSchedule, Deadline
+from up_samp.scheduling.cpsat import efforts
 from up_samp.scheduling.cpsat.collapse import Collapsed
 from up_samp.scheduling.cpsat.dispatch import Work, find_work
 from up_samp.scheduling.cpsat.expand import expand
@@ -24,49 +25,6 @@ from up_samp.scheduling.cpsat.tours import decode, improve, sequence_of
 
 Progress = Callable[[CandidateSchedule, "int | None"], None]
 
-_LIGHT = {"cp_model_probing_level": 0, "symmetry_level": 0}
-_QUICK: dict[str, Any] = {**_LIGHT, "linearization_level": 0}
-_DIVE = {**_QUICK, "search_branching": cp_model.FIXED_SEARCH, "num_workers": 1}
-_RELAXED = {**_LIGHT, "linearization_level": 1}
-# no interleave_search: with several workers it aborts the process ("heuristics.fixed_search")
-_THOROUGH: dict[str, Any] = {}
-_SPRINT: dict[str, Any] = {
-    **_QUICK,
-    "num_workers": 1,
-    "cp_model_presolve": False,
-    "use_objective_lb_search": True,
-}
-"""For small problems, where presolve costs more than the search."""
-_SPRINT_EFFORT = 0.005
-_SPRINT_SIZE = 2_000
-"""Constraints up to which a sprint is tried."""
-_TEAM: dict[str, Any] = {
-    "subsolvers": ("no_lp", "default_lp"),
-    "num_full_subsolvers": 2,
-    "use_dynamic_precedence_in_disjunctive": True,
-}
-"""Two full searches that share what they learn: one without a linear relaxation, which proves most
-shops, and one with it, which decides where loads do. CP-SAT's own choice for two workers is one
-full search and local search beside it (ft10 in twenty times the time)."""
-# Each rung is (options, effort); what it finds is the next one's hint.
-_ALONE: tuple[tuple[dict[str, Any], float], ...] = (
-    ({"num_workers": 1, "linearization_level": 0}, 0.1),
-    ({"num_workers": 1, "linearization_level": 1}, 0.4),
-    ({"num_workers": 1, "linearization_level": 0}, 2.0),
-)
-_TEAM_EFFORT = 4.0
-_SWIFT: dict[str, Any] = {**_QUICK, "num_workers": 1, "max_presolve_iterations": 1}
-"""For the whole problem with a schedule near the bound in hand: what presolve and a relaxation cost
-is more than such a proof mostly takes."""
-_SWIFT_EFFORT = 0.3
-_DASH = {**_SPRINT, "use_sat_inprocessing": False}
-"""The same with a schedule near the bound in hand: half of so short a proof is inprocessing."""
-_DASH_EFFORT = 0.02
-_LADDER_SIZE = 20_000
-"""Constraints up to which the ladder is tried: it must not cost large models their time."""
-_COLLAPSED_EFFORT = 20.0
-_CONTENT_EFFORT = 1.0
-_CONTENT_COLLAPSED_EFFORT = 0.4
 _ROUNDS_PER_TASK = 60
 """Rounds of annealing over tours before CP-SAT is asked."""
 _FEW_TASKS = 8
@@ -144,9 +102,9 @@ class Search:
             return
         if self.wants_optimum and self.settings.workers > 1:
             # a poor schedule as a hint leads both searches astray
-            self._improve(self.model.limit, _TEAM, _TEAM_EFFORT, hinted=False)
+            self._improve(self.model.limit, efforts.TEAM, efforts.TEAM_EFFORT, hinted=False)
             return
-        for options, effort in _ALONE if self.wants_optimum else _ALONE[:1]:
+        for options, effort in efforts.ALONE if self.wants_optimum else efforts.ALONE[:1]:
             self._improve(self._cap(), options, effort)
             if self._met() or self._over():
                 return
@@ -154,14 +112,14 @@ class Search:
     def _sprint(self, cap: int) -> bool:
         """Try what solves the smallest problems at once; return whether all is done."""
         if self._tiny():
-            self._improve(cap, _SPRINT, _SPRINT_EFFORT)
+            self._improve(cap, efforts.SPRINT, efforts.SPRINT_EFFORT)
         return self._met() or self._over()
 
     def _tiny(self) -> bool:
-        return len(self.model.store.model.proto.constraints) <= _SPRINT_SIZE
+        return len(self.model.store.model.proto.constraints) <= efforts.SPRINT_SIZE
 
     def _small(self) -> bool:
-        return len(self.model.store.model.proto.constraints) <= _LADDER_SIZE
+        return len(self.model.store.model.proto.constraints) <= efforts.LADDER_SIZE
 
     def _collapse(self, parts: Callable[[], Additions], routes: list[Route]) -> int:
         """Solve the collapsed problem, if there is one; return the makespan to expect."""
@@ -202,9 +160,11 @@ class Search:
         inner.collapsed = True
         inner.left = self.left
         inner._known.update(collapsed.hints(self._known))
-        inner.effort = _COLLAPSED_EFFORT if self.wants_optimum else _CONTENT_COLLAPSED_EFFORT
+        inner.effort = (
+            efforts.COLLAPSED_EFFORT if self.wants_optimum else efforts.CONTENT_COLLAPSED_EFFORT
+        )
         if self.best is not None:
-            options = _THOROUGH if self.wants_optimum else _RELAXED
+            options = efforts.THOROUGH if self.wants_optimum else efforts.RELAXED
             if not inner._sprint(self.value):
                 inner._improve(self.value, options, inner.effort)
         else:
@@ -245,9 +205,9 @@ class Search:
             self._set_hints(model)
             answer = None
             if self._tiny():
-                answer = self._run(model, _SPRINT, _SPRINT_EFFORT, first=True)
+                answer = self._run(model, efforts.SPRINT, efforts.SPRINT_EFFORT, first=True)
             if answer is None or answer.status == cp_model.UNKNOWN:
-                answer = self._run(model, _QUICK, 1.0, first=True)
+                answer = self._run(model, efforts.QUICK, 1.0, first=True)
             if answer.values is not None or self._over():
                 return answer.values is not None
         return False
@@ -259,7 +219,7 @@ class Search:
         limit = self.model.limit
         model = self.model.capped(max(limit // 8, 4 * base))
         self._set_hints(model)
-        if self._run(model, _DIVE, 0.5, first=True).values is not None or self._over():
+        if self._run(model, efforts.DIVE, 0.5, first=True).values is not None or self._over():
             return
         base = max(base, self.bound)
         cap = int(1.1 * base) + 5 if base else max(20, limit // 64)
@@ -268,8 +228,12 @@ class Search:
             last = cap >= limit
             model = self.model.capped(min(cap, limit))
             self._set_hints(model)
-            for options, share in ((_RELAXED, 2.0), (_QUICK, 1.0), (_DIVE, 1.0)):
-                unlimited = last and options is _DIVE
+            for options, share in (
+                (efforts.RELAXED, 2.0),
+                (efforts.QUICK, 1.0),
+                (efforts.DIVE, 1.0),
+            ):
+                unlimited = last and options is efforts.DIVE
                 budget = None if unlimited else share * effort
                 answer = self._run(model, options, budget, first=True)
                 if answer.status == cp_model.INFEASIBLE:
@@ -294,8 +258,8 @@ class Search:
             return
         if not self.collapsed and self._swiftly():
             return
-        effort = self.effort if self.wants_optimum or self.effort else _CONTENT_EFFORT
-        options = _THOROUGH if self.wants_optimum else _RELAXED
+        effort = self.effort if self.wants_optimum or self.effort else efforts.CONTENT_EFFORT
+        options = efforts.THOROUGH if self.wants_optimum else efforts.RELAXED
         self._improve(self._cap(), options, effort)
 
     def _swiftly(self) -> bool:
@@ -303,9 +267,9 @@ class Search:
         known = self.best is not None and self.minimizes_makespan and self.wants_optimum
         if known and self._small():
             if self._tiny():
-                self._improve(self._cap(), _DASH, _DASH_EFFORT)
+                self._improve(self._cap(), efforts.DASH, efforts.DASH_EFFORT)
             if not self._met() and not self._over():
-                self._improve(self._cap(), _SWIFT, _SWIFT_EFFORT)
+                self._improve(self._cap(), efforts.SWIFT, efforts.SWIFT_EFFORT)
         return self._met() or self._over()
 
     def _cap(self) -> int:
