@@ -12,11 +12,11 @@ from up_samp.validation.metrics import evaluate_metric
 from up_samp.validation.schedule import judge_schedule
 
 
-def disagreement(seed: int) -> str | None:
+def disagreement(seed: int, workers: int = 1) -> str | None:
     """Return what differs on the problem of ``seed`` (``None``: nothing)."""
     problem = random_problem(seed)
     best = brute_force(problem, HORIZON)
-    report = CpsatSession(problem, seed=seed, workers=1).solve(Deadline.after(60))
+    report = CpsatSession(problem, seed=seed, workers=workers).solve(Deadline.after(60))
     if best is None:
         if report.status is ScheduleStatus.INFEASIBLE:
             return None

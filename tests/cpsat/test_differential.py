@@ -1,6 +1,7 @@
 import pytest
 
 from cpsat.differential import disagreement, grown_disagreement
+from up_samp.scheduling.cpsat import efforts
 
 FEW = 200
 MANY = 3000
@@ -10,6 +11,12 @@ MANY = 3000
 def test_agrees_with_brute_force(block):
     size = FEW // 5
     found = {s: disagreement(s) for s in range(block * size, (block + 1) * size)}
+    assert not {s: d for s, d in found.items() if d is not None}
+
+
+def test_two_searches_side_by_side_agree_with_brute_force(monkeypatch):
+    monkeypatch.setattr(efforts, "SPRINT_SIZE", 0)  # problems this small would be solved by it
+    found = {s: disagreement(s, workers=2) for s in range(200, 260)}
     assert not {s: d for s, d in found.items() if d is not None}
 
 
@@ -24,6 +31,13 @@ def test_growing_a_problem_gives_what_a_fresh_one_gives():
 def test_agrees_with_brute_force_on_many(block):
     size = MANY // 10
     found = {s: disagreement(s) for s in range(10_000 + block * size, 10_000 + (block + 1) * size)}
+    assert not {s: d for s, d in found.items() if d is not None}
+
+
+@pytest.mark.long
+def test_two_searches_side_by_side_agree_with_brute_force_on_many(monkeypatch):
+    monkeypatch.setattr(efforts, "SPRINT_SIZE", 0)
+    found = {s: disagreement(s, workers=2) for s in range(20_000, 21_000)}
     assert not {s: d for s, d in found.items() if d is not None}
 
 
