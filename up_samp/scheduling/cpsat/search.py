@@ -28,7 +28,7 @@ Progress = Callable[[CandidateSchedule, "int | None"], None]
 _ROUNDS_PER_TASK = 60
 """Rounds of annealing over tours before CP-SAT is asked."""
 _FEW_TASKS = 8
-"""Up to so many the collapsed problem is solved sooner than tours are annealed."""
+"""Up to so many the collapsed problem is solved to its optimum sooner than tours are annealed."""
 _SLACKS = (1.0, 1.1, 1.3, 1.7)
 
 
@@ -127,7 +127,7 @@ class Search:
             return 0
         work = find_work(self.model, routes)
         if work is not None and self.best is None:
-            few = len(work.tasks) <= _FEW_TASKS
+            few = self.wants_optimum and len(work.tasks) <= _FEW_TASKS
             rounds = 0 if few else _ROUNDS_PER_TASK * len(work.tasks)
             deadline = self.deadline.within(0.2 * self.deadline.remaining())
             tour = improve(work, rounds, self.settings.seed, deadline.expired)
