@@ -83,7 +83,9 @@ def test_warm_start():
 def test_ctrl_c_is_passed_on():
     script = textwrap.dedent(
         """
-        import random
+        import random, signal
+        # where the tests run in the background, they and their children ignore Ctrl-C
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         from unified_planning.shortcuts import *
         from unified_planning.model.scheduling import SchedulingProblem
         import up_samp

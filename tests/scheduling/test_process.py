@@ -73,6 +73,8 @@ def test_an_engine_that_overruns_is_ended_with_all_its_processes(tmp_path):
 def test_nothing_is_left_when_the_caller_is_killed(tmp_path, how):
     note = tmp_path / "note"
     script = (
+        # where the tests run in the background, they and their children ignore Ctrl-C
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "from scheduling import doubles, problems\n"
         "from up_samp.scheduling import open_scheduler\n"
         "from up_samp.model import Deadline\n"
