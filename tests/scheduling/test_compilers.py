@@ -272,3 +272,31 @@ def test_names_travel_back():
     box = next(o for o, t in compiled.problem.objects.items() if t != "T0")
     back = compiled.map_back(CandidateSchedule({short: (1, 3)}, {parameter: box}))
     assert back == CandidateSchedule({"park": (1, 3)}, {"park.where": "box"})
+
+
+def test_a_duration_that_effects_change_is_refused_by_name():
+    effect = Effect(start("b"), "assign", ("flu", "level"), integer(3), owner="b")
+    lasting = Activity("a", False, ("flu", "level"), ("flu", "level"))
+    problem = of(
+        lasting,
+        activity("b"),
+        effects=(effect,),
+        fluents={"level": Fluent(("int", 0, 3), (), integer(1))},
+    )
+    with pytest.raises(UnsupportedError, match="duration of a reads the fluent level"):
+        compile_ground(problem)
+
+
+def test_nothing_is_asked_of_an_activity_that_cannot_be_there():
+    # the plan's end is that of the last one present: "a.end < horizon" speaks of b, too
+    ends_before = ("lt", end("a"), ("time", "horizon", None, 0))
+    absent = ("not", ("pres", "b"))
+    problem = of(
+        activity("a"),
+        activity("b", optional=True),
+        activity("c"),
+        constraints=(ends_before, absent),
+    )
+    compiled = compile_settled(compile_differences(problem).problem)
+    assert [a.name for a in compiled.problem.activities] == ["a", "c"]
+    assert texts(compiled) == ["le(a.end + 1, c.end)"]

@@ -6,8 +6,10 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
+from up_samp.model import UnsupportedError
 from up_samp.scheduling.compilers.plain import (
     FALSE,
     TRUE,
@@ -34,6 +36,9 @@ from up_samp.scheduling.compilers.values import evaluate
 def compile_ground(problem: PlainProblem) -> Compiled:
     """Return the problem over ground fluents where all arguments are constants, without fluents
     that never change.
+
+    Raises:
+        UnsupportedError: a duration that reads a fluent which effects change.
     """
     fluents = _fluent_expressions(problem)
     open_names = {e[1] for e in fluents if any(a[0] not in ("obj", "int", "bool") for a in e[2:])}
@@ -55,7 +60,15 @@ def compile_ground(problem: PlainProblem) -> Compiled:
             replaced[fluent] = ("flu", name)
             declared = problem.fluents[fluent[1]]
             ground[name] = Fluent(declared.type, (), problem.initial_value(fluent))
-    return Compiled(_Rewriter(replaced).problem(problem, ground, open_names))
+    compiled = _Rewriter(replaced).problem(problem, ground, open_names)
+    for activity in compiled.activities:
+        for expression in itertools.chain(*map(subexpressions, (activity.lower, activity.upper))):
+            if expression[0] == "flu":
+                name = show(expression)
+                raise UnsupportedError(
+                    f"the duration of {activity.name} reads the fluent {name}, which effects change"
+                )
+    return Compiled(compiled)
 
 
 def _fluent_expressions(problem: PlainProblem) -> list[Expr]:

@@ -122,6 +122,9 @@ class _Simplifier:
             done = self._memo[expression] = self._simplify(expression)
         return done
 
+    def _is_gone(self, activity: str | None) -> bool:
+        return self.settled.get(("pres", activity)) is False
+
     def _simplify(self, e: Expr) -> Expr:
         operator = e[0]
         if operator in ("pres", "par"):
@@ -130,6 +133,9 @@ class _Simplifier:
             return e
         if operator in ("and", "or"):
             return (conjunction if operator == "and" else disjunction)([self(x) for x in e[1:]])
+        if operator == "le" and any(x[0] == "time" and self._is_gone(x[2]) for x in e[1:]):
+            # where such a comparison is not guarded by the absence, it counts with presence only
+            return FALSE
         if operator == "flu":
             return (*e[:2], *(self(x) for x in e[2:]))
         operands = [self(x) for x in e[1:]]
