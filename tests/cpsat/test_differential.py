@@ -15,7 +15,7 @@ def test_agrees_with_brute_force(block):
 
 
 def test_two_searches_side_by_side_agree_with_brute_force(monkeypatch):
-    monkeypatch.setattr(efforts, "SPRINT_SIZE", 0)  # problems this small would be solved by it
+    monkeypatch.setattr(efforts, "TINY", 0)  # problems this small would be solved by it
     found = {s: disagreement(s, workers=2) for s in range(200, 260)}
     assert not {s: d for s, d in found.items() if d is not None}
 
@@ -36,7 +36,7 @@ def test_agrees_with_brute_force_on_many(block):
 
 @pytest.mark.long
 def test_two_searches_side_by_side_agree_with_brute_force_on_many(monkeypatch):
-    monkeypatch.setattr(efforts, "SPRINT_SIZE", 0)
+    monkeypatch.setattr(efforts, "TINY", 0)
     found = {s: disagreement(s, workers=2) for s in range(20_000, 21_000)}
     assert not {s: d for s, d in found.items() if d is not None}
 

@@ -4,6 +4,7 @@ import itertools
 import random
 
 import pytest
+from cpsat.random_routes import whole
 from unified_planning.model import ClosedTimeInterval, OpenTimeInterval, TimePointInterval, Timing
 from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.shortcuts import (
@@ -28,10 +29,6 @@ from up_samp.scheduling.cpsat.tours import improve
 from up_samp.upio import read_problem, relax
 from up_samp.upio.plan import build_schedule
 from up_samp.validation import validate_schedule
-
-
-def whole(a):
-    return ClosedTimeInterval(Timing(0, a.start), Timing(0, a.end))
 
 
 class RandomShop:

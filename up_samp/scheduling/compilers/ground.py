@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import replace
 
 from up_samp.model import UnsupportedError
@@ -62,13 +61,17 @@ def compile_ground(problem: PlainProblem) -> Compiled:
             ground[name] = Fluent(declared.type, (), problem.initial_value(fluent))
     compiled = _Rewriter(replaced).problem(problem, ground, open_names)
     for activity in compiled.activities:
-        for expression in itertools.chain(*map(subexpressions, (activity.lower, activity.upper))):
-            if expression[0] == "flu":
-                name = show(expression)
-                raise UnsupportedError(
-                    f"the duration of {activity.name} reads the fluent {name}, which effects change"
-                )
+        _refuse_changing(activity)
     return Compiled(compiled)
+
+
+def _refuse_changing(activity: Activity) -> None:
+    """Raise ``UnsupportedError`` if the duration reads a fluent (those left are changed)."""
+    for bound in (activity.lower, activity.upper):
+        for expression in subexpressions(bound):
+            if expression[0] == "flu":
+                what = f"the duration of {activity.name} reads the fluent {show(expression)}"
+                raise UnsupportedError(f"{what}, which effects change")
 
 
 def _fluent_expressions(problem: PlainProblem) -> list[Expr]:

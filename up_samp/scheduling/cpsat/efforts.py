@@ -24,7 +24,7 @@ SPRINT: dict[str, Any] = {
 }
 """For small problems, where presolve costs more than the search."""
 SPRINT_EFFORT = 0.005
-SPRINT_SIZE = 2_000
+TINY = 2_000
 """Constraints up to which a sprint is tried."""
 
 TEAM: dict[str, Any] = {
@@ -33,7 +33,7 @@ TEAM: dict[str, Any] = {
 }
 """Two full searches that share what they learn: one without a linear relaxation, which proves most
 shops, and one with it, which decides where loads do. CP-SAT's own choice for two workers is one
-full search and local search beside it (ft10 in ten times the time)."""
+full search and local search beside it, which does not prove ft10 in 20 s."""
 TEAM_EFFORT = 4.0
 ALONE: tuple[tuple[dict[str, Any], float], ...] = (
     ({"num_workers": 1, "linearization_level": 0}, 0.1),
@@ -51,8 +51,9 @@ DASH = {**SPRINT, "use_sat_inprocessing": False}
 """The same with a schedule near the bound in hand: half of so short a proof is inprocessing."""
 DASH_EFFORT = 0.02
 
-LADDER_SIZE = 20_000
-"""Constraints up to which these are tried: they must not cost large models their time."""
+SMALL = 20_000
+"""Constraints up to which a team, one thread alone, and swift proofs are tried: they must not cost
+large models their time."""
 COLLAPSED_EFFORT = 20.0
 """For the collapsed problem ..."""
 CONTENT_EFFORT = 1.0

@@ -98,7 +98,7 @@ class Search:
     # -- stages --------------------------------------------------------------------------------
     def _climb(self) -> None:
         """Solve a small problem without routes, with more and more effort."""
-        if not self._small() or self._sprint(self._cap()):
+        if self._size() > efforts.SMALL or self._sprint(self._cap()):
             return
         if self.wants_optimum and self.settings.workers > 1:
             # a poor schedule as a hint leads both searches astray
@@ -111,15 +111,12 @@ class Search:
 
     def _sprint(self, cap: int) -> bool:
         """Try what solves the smallest problems at once; return whether all is done."""
-        if self._tiny():
+        if self._size() <= efforts.TINY:
             self._improve(cap, efforts.SPRINT, efforts.SPRINT_EFFORT)
         return self._met() or self._over()
 
-    def _tiny(self) -> bool:
-        return len(self.model.store.model.proto.constraints) <= efforts.SPRINT_SIZE
-
-    def _small(self) -> bool:
-        return len(self.model.store.model.proto.constraints) <= efforts.LADDER_SIZE
+    def _size(self) -> int:
+        return len(self.model.store.model.proto.constraints)
 
     def _collapse(self, parts: Callable[[], Additions], routes: list[Route]) -> int:
         """Solve the collapsed problem, if there is one; return the makespan to expect."""
@@ -204,7 +201,7 @@ class Search:
                 model.add(model.get_int_var_from_proto_index(position) == hints[var])
             self._set_hints(model)
             answer = None
-            if self._tiny():
+            if self._size() <= efforts.TINY:
                 answer = self._run(model, efforts.SPRINT, efforts.SPRINT_EFFORT, first=True)
             if answer is None or answer.status == cp_model.UNKNOWN:
                 answer = self._run(model, efforts.QUICK, 1.0, first=True)
@@ -265,8 +262,8 @@ class Search:
     def _swiftly(self) -> bool:
         """Try a quick proof from the schedule in hand; return whether all is done."""
         known = self.best is not None and self.minimizes_makespan and self.wants_optimum
-        if known and self._small():
-            if self._tiny():
+        if known and self._size() <= efforts.SMALL:
+            if self._size() <= efforts.TINY:
                 self._improve(self._cap(), efforts.DASH, efforts.DASH_EFFORT)
             if not self._met() and not self._over():
                 self._improve(self._cap(), efforts.SWIFT, efforts.SWIFT_EFFORT)

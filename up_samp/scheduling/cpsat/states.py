@@ -17,12 +17,7 @@ from unified_planning.model import Effect, FNode, TimeInterval, Timing
 from unified_planning.model.timing import TimepointKind
 
 from up_samp.model import UnsupportedError
-from up_samp.scheduling.cpsat.nodes import (
-    conjuncts,
-    equals_object,
-    fluents_in,
-    has_decisions,
-)
+from up_samp.scheduling.cpsat.nodes import conjuncts, equals_object, fluents_in, has_decisions
 from up_samp.scheduling.cpsat.statevars import Key, Read, StateVar, Write
 from up_samp.scheduling.cpsat.store import (
     FALSE,
