@@ -26,7 +26,7 @@ from up_samp.geometry import kernels as k
 from up_samp.geometry.compiled import kernel
 from up_samp.model import Body, Deadline, Kinematics, MotionModel, Outcome, PathQuery, Placed
 from up_samp.motion import MotionService
-from up_samp.motion.reeds_shepp import run_time
+from up_samp.motion.curves.reeds_shepp import run_time
 
 KIN = Kinematics(MotionModel.REEDSSHEPP, turning_radius=1.0, v_max=2.0, a_max=0.5)
 ROBOT = Body(((-1.0, -0.5), (1.0, -0.5), (1.0, 0.5), (-1.0, 0.5)), KIN)

@@ -21,9 +21,9 @@ import up_samp
 
 STEPS = {
     "import up_samp": "import up_samp",
-    "compile for cars": "from up_samp.motion.precompile import precompile as p; p()",
+    "compile for cars": "from up_samp.motion.compile import precompile as p; p()",
     "compile for omnidirectional bodies, too": (
-        "from up_samp.motion.precompile import precompile as p; "
+        "from up_samp.motion.compile import precompile as p; "
         "from up_samp.model import MotionModel as m; p((m.REEDSSHEPP, m.SE2))"
     ),
     "first car query": (

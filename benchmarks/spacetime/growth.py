@@ -31,8 +31,8 @@ from up_samp.model import (
     Rest,
     TimedMotion,
 )
+from up_samp.motion.fleet import coordinate, workspace
 from up_samp.motion.service import MotionService
-from up_samp.motion.spacetime import coordinate, workspace
 
 CAR = Body(
     ((-1.0, -0.5), (1.0, -0.5), (1.0, 0.5), (-1.0, 0.5)),

@@ -1,7 +1,7 @@
 import pytest
 
 from cpsat.differential import disagreement, grown_disagreement
-from up_samp.scheduling.cpsat import efforts
+from up_samp.scheduling.cpsat.solve import options as efforts
 
 FEW = 200
 MANY = 3000

@@ -19,7 +19,7 @@ from unified_planning.shortcuts import (
 
 from up_samp.model import Deadline, ScheduleStatus, UnsupportedError
 from up_samp.scheduling.cpsat import CpsatSession
-from up_samp.scheduling.cpsat.routes import find_routes
+from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.upio.plan import build_schedule
 from up_samp.validation import validate_schedule
 

@@ -7,13 +7,15 @@ from unittest import mock
 from ortools.sat.python import cp_model
 
 from up_samp.model import Deadline, ScheduleStatus
-from up_samp.scheduling.cpsat import CpsatSession, model, pairs, search, timeline
-from up_samp.scheduling.cpsat.collapse import Collapsed
+from up_samp.scheduling.cpsat import CpsatSession, model
+from up_samp.scheduling.cpsat.encode import pairs, timeline
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.problem import Watcher
-from up_samp.scheduling.cpsat.routes import find_routes
-from up_samp.scheduling.cpsat.search import Search
-from up_samp.scheduling.cpsat.solving import Run
+from up_samp.scheduling.cpsat.routing.detection import find_routes
+from up_samp.scheduling.cpsat.routing.relaxation import Collapsed
+from up_samp.scheduling.cpsat.solve import strategy as search
+from up_samp.scheduling.cpsat.solve.runner import Run
+from up_samp.scheduling.cpsat.solve.strategy import Search
 from up_samp.upio.plan import build_schedule
 from up_samp.validation import validate_schedule
 

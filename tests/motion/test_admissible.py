@@ -10,10 +10,10 @@ from up_samp.geometry import Scene
 from up_samp.geometry.shapes import shape_of
 from up_samp.model import Body, Kinematics, MotionModel, Placed
 from up_samp.motion import MotionService
-from up_samp.motion.after import AfterOpening, _driven
-from up_samp.motion.bounds import Bounds
-from up_samp.motion.certificates import Certifier
-from up_samp.motion.reeds_shepp import run_time
+from up_samp.motion.curves.reeds_shepp import run_time
+from up_samp.motion.proofs.after_opening import AfterOpening, _driven
+from up_samp.motion.proofs.bounds import Bounds
+from up_samp.motion.proofs.certificates import Certifier
 
 FLAT = {"turning_radius": 1.0, "v_max": 2.0, "a_max": 1.0, "omega_max": 1.0}
 

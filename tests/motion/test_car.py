@@ -19,8 +19,9 @@ from oracle import (
 from up_samp.geometry import Scene
 from up_samp.model import Body, Deadline, Kinematics, MotionModel, Outcome, PathQuery, Placed
 from up_samp.motion import MotionCache, MotionService
-from up_samp.motion.car import CarPlanner, CarSettings
-from up_samp.motion.planners import LegQuery
+from up_samp.motion.batch import precompute
+from up_samp.motion.planners.car import CarPlanner, CarSettings
+from up_samp.motion.protocol import LegQuery
 
 
 @pytest.fixture(scope="module")
@@ -208,7 +209,7 @@ def test_precompute():
     service = MotionService(grid)
     poses = [(3.0, 2.0, 0.0), (17.0, 8.0, 1.0), (17.0, 2.0, 0.0)]
     pairs = [(ROBOT, a, b) for a in poses for b in poses]
-    assert service.precompute(pairs) == 3
+    assert precompute(service, pairs) == 3
     hits = service.cache.hits
     service.plan(PathQuery(ROBOT, (poses[2], poses[0])), Deadline.after(60))
     assert service.cache.hits == hits + 1
@@ -220,7 +221,7 @@ def test_precompute_in_processes():
     poses = [(3.0, 2.0, 0.0), (17.0, 8.0, 1.0), (17.0, 2.0, 0.0)]
     pairs = [(ROBOT, a, b) for a in poses for b in poses]
     alone, pooled = MotionService(grid), MotionService(grid)
-    assert alone.precompute(pairs) == pooled.precompute(pairs, processes=2) == 3
+    assert precompute(alone, pairs) == precompute(pooled, pairs, processes=2) == 3
     query = PathQuery(ROBOT, (poses[0], poses[1]))
     one, two = (s.plan(query, Deadline.after(60)).trajectory for s in (alone, pooled))
     assert np.array_equal(one.poses, two.poses)

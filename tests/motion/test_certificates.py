@@ -8,9 +8,9 @@ from scipy import ndimage
 from up_samp.geometry import OccupancyGrid, Scene
 from up_samp.model import Body, Kinematics, MotionModel, Outcome, Placed
 from up_samp.motion import MotionService
-from up_samp.motion.bounds import Bounds
-from up_samp.motion.certificates import Certifier
-from up_samp.motion.visibility import Visibility
+from up_samp.motion.guides.visibility import Visibility
+from up_samp.motion.proofs.bounds import Bounds
+from up_samp.motion.proofs.certificates import Certifier
 
 START = (25.0, 59.0, math.pi / 2)
 

@@ -7,7 +7,7 @@ from oracle import RECTANGLE, box_map, ends_exactly, smallest_clearance
 from up_samp.geometry import Scene
 from up_samp.model import Body, Deadline, Kinematics, MotionModel, Outcome, PathQuery, Placed
 from up_samp.motion import LegQuery, MotionService
-from up_samp.motion.planar import PlanarPlanner, PlanarSettings
+from up_samp.motion.planners.omni import PlanarPlanner, PlanarSettings
 
 KIN = Kinematics(MotionModel.SE2, v_max=1.5, a_max=0.8, omega_max=0.7)
 SLIDER = Body(RECTANGLE, KIN)

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from up_samp.model import MotionModel
-from up_samp.motion import precompile as module
+from up_samp.motion import compile as module
 
 
 @pytest.fixture

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from up_samp.geometry.kernels import advance
-from up_samp.motion.arcs import merged, nodes_of, path_time, reversed_arcs
-from up_samp.motion.reeds_shepp import fastest, run_time, shortest
+from up_samp.motion.curves.arcs import merged, nodes_of, path_time, reversed_arcs
+from up_samp.motion.curves.reeds_shepp import fastest, run_time, shortest
 
 
 def end_of(start, arcs):

@@ -5,7 +5,7 @@ from oracle import CAR, RECTANGLE, ROBOT, box_map
 
 from up_samp.model import Body, Deadline, Kinematics, MotionModel, Outcome, PathQuery, Placed
 from up_samp.motion import MotionService
-from up_samp.motion.slices import discs_inside, separated
+from up_samp.motion.proofs.heading_slices import discs_inside, separated
 
 SLIDER = Body(RECTANGLE, Kinematics(MotionModel.SE2))
 

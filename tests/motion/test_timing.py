@@ -5,9 +5,14 @@ import pytest
 from oracle import CAR, car_faults, ends_exactly
 
 from up_samp.model import Kinematics, MotionModel
-from up_samp.motion.arcs import nodes_of
-from up_samp.motion.timing import distance_of_time, relaxed, time_of_distance, trajectory_of
-from up_samp.motion.trajectories import joined, reversed_trajectory
+from up_samp.motion.curves.arcs import nodes_of
+from up_samp.motion.curves.trajectories import joined, reversed_trajectory
+from up_samp.motion.curves.trapezoid import (
+    distance_of_time,
+    relaxed,
+    time_of_distance,
+    trajectory_of,
+)
 
 
 def random_path(rng):

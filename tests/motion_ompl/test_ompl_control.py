@@ -20,8 +20,8 @@ from up_samp.model import (
     ProblemError,
     UnsupportedError,
 )
-from up_samp.motion.control_law import Piece, Roller, Shot
-from up_samp.motion.ompl_paths import plan_with_ompl
+from up_samp.motion.planners.control_law import Piece, Roller, Shot
+from up_samp.motion.planners.ompl import plan_with_ompl
 from up_samp.validation.kinematics import motion_violations
 from up_samp.validation.limits import Limits
 

@@ -7,8 +7,8 @@ import ompl_oracle as oracle
 import pytest
 from ompl_oracle import CAR, CRATE, DOOR, OMNI
 
-from up_samp.motion.ompl_planar import OmplSettings, PlanarWorld
-from up_samp.motion.reeds_shepp import shortest
+from up_samp.motion.curves.reeds_shepp import shortest
+from up_samp.motion.planners.ompl_planar import OmplSettings, PlanarWorld
 
 SCENE = oracle.hall_scene()
 ITEMS = (CRATE, DOOR)

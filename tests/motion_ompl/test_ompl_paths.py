@@ -18,7 +18,7 @@ from up_samp.model import (
     ProblemError,
     UnsupportedError,
 )
-from up_samp.motion.ompl_paths import PLANNERS, explore, plan_with_ompl, second_opinion
+from up_samp.motion.planners.ompl import PLANNERS, explore, plan_with_ompl, second_opinion
 
 BODIES = pytest.mark.parametrize("body", [CAR, OMNI], ids=["car", "omni"])
 EACH = pytest.mark.parametrize("planner", PLANNERS)

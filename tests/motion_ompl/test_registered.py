@@ -16,7 +16,7 @@ from up_samp.model import (
     ProblemError,
     UnsupportedError,
 )
-from up_samp.motion.planners import planner_names
+from up_samp.motion.registry import planner_names
 from up_samp.motion.service import MotionService
 
 GRID = oracle.hall()

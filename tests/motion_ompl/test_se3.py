@@ -23,7 +23,7 @@ from up_samp.model import (  # noqa: E402
     UnsupportedError,
     interpolate,
 )
-from up_samp.motion.ompl_paths import plan_with_ompl  # noqa: E402
+from up_samp.motion.planners.ompl import plan_with_ompl  # noqa: E402
 
 LIMITS = Kinematics(MotionModel.SE3, v_max=1.5, a_max=0.8, omega_max=0.7)
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)

@@ -20,12 +20,13 @@ from unified_planning.shortcuts import (
 from scheduling.test_alternatives import exactly_one
 from up_samp.benchmarks import job_shop
 from up_samp.model import Deadline, ScheduleStatus
-from up_samp.scheduling.cpsat import CpsatSession, search
-from up_samp.scheduling.cpsat.dispatch import find_work
+from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.problem import Watcher
-from up_samp.scheduling.cpsat.routes import find_routes, find_unit_places
-from up_samp.scheduling.cpsat.tours import improve
+from up_samp.scheduling.cpsat.routing.detection import find_routes, find_unit_places
+from up_samp.scheduling.cpsat.routing.dispatch import find_work
+from up_samp.scheduling.cpsat.routing.list_scheduling import improve
+from up_samp.scheduling.cpsat.solve import strategy as search
 from up_samp.upio import read_problem, relax
 from up_samp.upio.plan import build_schedule
 from up_samp.validation import validate_schedule

@@ -1,7 +1,7 @@
 import pytest
 
 from up_samp.model import MotionModel
-from up_samp.motion.precompile import precompile
+from up_samp.motion.compile import precompile
 
 
 @pytest.fixture(scope="session", autouse=True)

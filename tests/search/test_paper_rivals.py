@@ -6,7 +6,7 @@ import pytest
 
 from up_samp.model import ScheduledMotion
 from up_samp.model.refinement import Overlap, Strength
-from up_samp.search import paper
+from up_samp.search.cuts import paper
 
 
 def failure(opening):

@@ -10,13 +10,13 @@ from spacetime_oracle import CAR, motion, room
 
 from up_samp.geometry import load_map, write_map
 from up_samp.model import Deadline, GroupQuery, Outcome
+from up_samp.motion.fleet import coordinate
+from up_samp.motion.fleet.coupled import couple
+from up_samp.motion.fleet.priority_search import Group, Node, _search, alone
+from up_samp.motion.fleet.timed_path import run_of
+from up_samp.motion.fleet.timings import natural_timing
+from up_samp.motion.fleet.workspace import workspace_of
 from up_samp.motion.service import MotionService
-from up_samp.motion.spacetime import coordinate
-from up_samp.motion.spacetime.coupled import couple
-from up_samp.motion.spacetime.priorities import Group, Node, _search, alone
-from up_samp.motion.spacetime.runs import run_of
-from up_samp.motion.spacetime.timings import natural_timing
-from up_samp.motion.spacetime.workspace import workspace_of
 from up_samp.validation.collisions import Shape, hits_body, hits_map
 from up_samp.validation.kinematics import motion_violations
 from up_samp.validation.limits import Limits

@@ -14,12 +14,12 @@ from up_samp.model import (
     Rest,
     TimedMotion,
 )
+from up_samp.motion.fleet import coordinate, earliest_arrival
+from up_samp.motion.fleet.coupled import couple
+from up_samp.motion.fleet.timed_path import run_of
+from up_samp.motion.fleet.timings import natural_timing
+from up_samp.motion.fleet.workspace import rest_run, workspace_of
 from up_samp.motion.service import MotionService
-from up_samp.motion.spacetime import coordinate, earliest_arrival
-from up_samp.motion.spacetime.coupled import couple
-from up_samp.motion.spacetime.runs import run_of
-from up_samp.motion.spacetime.timings import natural_timing
-from up_samp.motion.spacetime.workspace import rest_run, workspace_of
 
 UP = math.pi / 2
 CORRIDOR = (1, 1, 39, 3)  # one robot wide

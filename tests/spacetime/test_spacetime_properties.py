@@ -20,10 +20,10 @@ from up_samp.model import (
     Rest,
     TimedMotion,
 )
+from up_samp.motion.fleet import coordinate, offset_profile
+from up_samp.motion.fleet.conflicts import conflict_runs
+from up_samp.motion.fleet.paths import path_of
 from up_samp.motion.service import MotionService
-from up_samp.motion.spacetime import coordinate, offset_profile
-from up_samp.motion.spacetime.paths import path_of
-from up_samp.motion.spacetime.sweep import conflict_runs
 
 ELL = Body(
     ((-0.8, -0.4), (0.8, -0.4), (0.8, 0.1), (0.0, 0.1), (0.0, 0.6), (-0.8, 0.6)),

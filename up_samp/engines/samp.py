@@ -26,7 +26,7 @@ from up_samp.engines.kinds import engine_kind, samp_kind
 from up_samp.engines.plain import schedule_plainly
 from up_samp.model import Deadline, EngineError, MotionModel
 from up_samp.model.refinement import Layer
-from up_samp.motion.precompile import precompile
+from up_samp.motion.compile import precompile
 from up_samp.scheduling import is_compatible
 from up_samp.search.context import Context, Incumbent
 from up_samp.search.history import History, ProgressEvent

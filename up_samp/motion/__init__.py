@@ -1,7 +1,8 @@
 """Motions: planners, bounds, proofs of impossibility, timing and a cache behind one service."""
 
 from up_samp.motion.cache import MotionCache
-from up_samp.motion.planners import Leg, LegQuery, MotionPlanner, register_planner
+from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
+from up_samp.motion.registry import register_planner
 from up_samp.motion.service import MotionService
 
 __all__ = ["Leg", "LegQuery", "MotionCache", "MotionPlanner", "MotionService", "register_planner"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from up_samp.geometry import OccupancyGrid, Scene, sweeps
@@ -23,18 +23,12 @@ from up_samp.model import (
     Placed,
     Trajectory,
 )
-from up_samp.motion.bounds import Bounds
 from up_samp.motion.cache import Entry, MotionCache, obstacle_key
-from up_samp.motion.certificates import TOUCH, Certifier
-from up_samp.motion.planners import (
-    SECOND_OPINION_SECONDS,
-    Leg,
-    LegQuery,
-    MotionPlanner,
-    make_planner,
-    planner_names,
-)
-from up_samp.motion.trajectories import at_rest, joined, reversed_trajectory
+from up_samp.motion.curves.trajectories import at_rest, joined, reversed_trajectory
+from up_samp.motion.proofs.bounds import Bounds
+from up_samp.motion.proofs.certificates import TOUCH, Certifier
+from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
+from up_samp.motion.registry import SECOND_OPINION_SECONDS, make_planner, planner_names
 from up_samp.motion.warm import warm_up
 
 log = logging.getLogger(__name__)
@@ -51,7 +45,7 @@ FIRST_SHARE = 0.75
 class MotionService:
     """Plans, bounds and refutes motions on one map (None: the open plane).
 
-    ``planner``: a name of :data:`up_samp.motion.planners.PLANNERS`, or ``"default"``: chosen by
+    ``planner``: a name of :data:`up_samp.motion.registry.PLANNERS`, or ``"default"``: chosen by
     what each body needs. ``margin`` (m): clearance that plans keep from walls and objects; less
     where a start or a goal is closer than that. Same seed, same answers. ``cache`` may be shared.
     """
@@ -294,18 +288,6 @@ class MotionService:
         polys = self.scene.polys((placed,))
         return float(sweeps.samples_distance(polys, shape, trajectory.poses.copy(), 1e-3))
 
-    def precompute(
-        self,
-        pairs: Iterable[tuple[Body, Configuration, Configuration]],
-        processes: int = 1,
-        obstacles: Sequence[Placed] = (),
-        deadline: Deadline | None = None,
-    ) -> int:
-        """Fill the cache with the legs of all ``pairs``; return how many are known then."""
-        from up_samp.motion.precompute import precompute
-
-        return precompute(self, pairs, processes, tuple(obstacles), deadline or Deadline.never())
-
     def coordinate(
         self,
         query: GroupQuery,
@@ -315,9 +297,9 @@ class MotionService:
         seed: int | None = None,
     ) -> GroupReport:
         """Find motions for a group that may meet, by one of the ``METHODS`` of
-        :mod:`up_samp.motion.spacetime` (``seed``: the service's own by default).
+        :mod:`up_samp.motion.fleet` (``seed``: the service's own by default).
         """
-        from up_samp.motion.spacetime import coordinate
+        from up_samp.motion.fleet import coordinate
 
         seed = self.seed if seed is None else seed
         return coordinate(self, query, deadline, seed=seed, method=method)

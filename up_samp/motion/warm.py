@@ -20,13 +20,13 @@ _done: set[str] = set()
 
 def is_cold() -> bool:
     """Return whether the car planner's kernels have not been compiled on this machine yet."""
-    from up_samp.motion import hybrid
+    from up_samp.motion.planners import hybrid_astar as hybrid
 
     stats = getattr(hybrid.expand, "stats", None)
     if stats is None:  # numba is switched off
         return False
     folder = Path(stats.cache_path)
-    return not any(folder.glob("hybrid.expand-*.nbi"))
+    return not any(folder.glob("hybrid_astar.expand-*.nbi"))
 
 
 def warm_up(model: MotionModel) -> float:
@@ -41,9 +41,9 @@ def warm_up(model: MotionModel) -> float:
         return 0.0
     began = time.monotonic()
     log.warning("compiling motion kernels (once)")
-    from up_samp.motion.car import CarPlanner
-    from up_samp.motion.certificates import Certifier
-    from up_samp.motion.planners import LegQuery
+    from up_samp.motion.planners.car import CarPlanner
+    from up_samp.motion.proofs.certificates import Certifier
+    from up_samp.motion.protocol import LegQuery
 
     cells: BoolArray = np.zeros((40, 60), dtype=np.bool_)
     cells[:25, 28:32] = True

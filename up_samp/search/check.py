@@ -15,11 +15,11 @@ from up_samp.model import GroupQuery, GroupReport, Outcome, PathQuery, Scheduled
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.model.snapshot import TermKind
 from up_samp.refinement import rules, timed
-from up_samp.search import groups as group_rules
-from up_samp.search import paper
 from up_samp.search.context import Context
-from up_samp.search.exact import rejects
-from up_samp.search.failure import Failure
+from up_samp.search.cuts import groups as group_rules
+from up_samp.search.cuts import paper
+from up_samp.search.cuts.exact import rejects
+from up_samp.search.cuts.failure import Failure
 from up_samp.search.params import GROUP_PLANNERS
 from up_samp.search.prepare import duration_refinements, fastest_path
 from up_samp.search.world import group_query, groups_of, instant_obstacles, motion_key

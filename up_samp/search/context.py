@@ -18,7 +18,7 @@ from up_samp.model import (
 )
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
-from up_samp.motion.after import AfterOpening
+from up_samp.motion.proofs.after_opening import AfterOpening
 from up_samp.search.history import History, ProgressEvent
 from up_samp.search.params import Parameters
 from up_samp.upio import Itinerary, Relaxation, write_refinement

@@ -14,9 +14,9 @@ from up_samp.model import CandidateSchedule
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.search.check import Check, check_itinerary
 from up_samp.search.context import Context, Incumbent
-from up_samp.search.restrict import restrict
 from up_samp.search.slack import spread
 from up_samp.upio import read_itinerary
+from up_samp.upio.restrict import restrict
 
 MAX_STEPS = 25
 REPAIR_EFFORT = 0.4
@@ -25,7 +25,7 @@ REPAIR_EFFORT = 0.4
 
 def repair(context: Context, schedule: CandidateSchedule, check: Check) -> Incumbent | None:
     """Return a plan with the activities of ``schedule``, or None where this way finds none."""
-    problem = restrict(context, schedule)
+    problem = restrict(context.relaxation, context.snapshot, schedule)
     session = CpsatSession(problem, seed=context.params.seed, workers=1, effort=REPAIR_EFFORT)
     activities = {a.name: a for a in problem.activities}
     current = schedule

@@ -12,7 +12,7 @@ from unified_planning.model.scheduling import SchedulingProblem
 from up_samp.model import CandidateSchedule
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.search.context import Context
-from up_samp.search.restrict import restrict
+from up_samp.upio.restrict import restrict
 
 SLACKS = (1, 3, 6)
 """Units more than scheduled that are worth having; each counts once for each motion."""
@@ -25,7 +25,7 @@ def with_slack(context: Context, schedule: CandidateSchedule) -> CandidateSchedu
     metrics = context.relaxation.problem.quality_metrics
     if not context.params.slack or any(not m.is_minimize_makespan() for m in metrics):
         return schedule
-    return spread(context, restrict(context, schedule), schedule)
+    return spread(context, restrict(context.relaxation, context.snapshot, schedule), schedule)
 
 
 def spread(

@@ -10,17 +10,25 @@ from unified_planning.model import FNode
 from unified_planning.model.scheduling import Activity, SchedulingProblem
 
 from up_samp.model import Deadline, UnsupportedError
-from up_samp.scheduling.cpsat.alternatives import Group, find_groups, merge_forms
-from up_samp.scheduling.cpsat.durations import constant_bounds, constants, least
-from up_samp.scheduling.cpsat.horizon import Horizon
-from up_samp.scheduling.cpsat.metrics import objective_of
-from up_samp.scheduling.cpsat.numbers import NumericTimeline
-from up_samp.scheduling.cpsat.pairs import Disjunctions
+from up_samp.scheduling.cpsat.encode.alternatives import Group, find_groups, merge_forms
+from up_samp.scheduling.cpsat.encode.durations import constant_bounds, constants, least
+from up_samp.scheduling.cpsat.encode.horizon import Horizon
+from up_samp.scheduling.cpsat.encode.metrics import objective_of
+from up_samp.scheduling.cpsat.encode.numbers import NumericTimeline
+from up_samp.scheduling.cpsat.encode.pairs import Disjunctions
+from up_samp.scheduling.cpsat.encode.states import States
+from up_samp.scheduling.cpsat.encode.store import (
+    TRUE,
+    Form,
+    Lin,
+    Store,
+    compare,
+    constant,
+    disjunction,
+)
+from up_samp.scheduling.cpsat.encode.terms import ActivityVars, Terms, World, int_bounds
+from up_samp.scheduling.cpsat.encode.timeline import Timeline
 from up_samp.scheduling.cpsat.problem import Additions
-from up_samp.scheduling.cpsat.states import States
-from up_samp.scheduling.cpsat.store import TRUE, Form, Lin, Store, compare, constant, disjunction
-from up_samp.scheduling.cpsat.terms import ActivityVars, Terms, World, int_bounds
-from up_samp.scheduling.cpsat.timeline import Timeline
 
 _PLACEHOLDER = 10**7
 

@@ -24,7 +24,7 @@ class Additions:
     rewritten: bool = False
     """Something was taken back or exchanged, not only appended."""
     whole: bool = True
-    """Whether nothing was left out (see :func:`~up_samp.scheduling.cpsat.reduce.without`)."""
+    """Whether nothing was left out (see :func:`.routing.reduce.without`)."""
     vague: frozenset[str] = frozenset()
     """Activities of whose durations nothing is known but their constant bounds."""
 

@@ -10,8 +10,8 @@ from unified_planning.model.scheduling import SchedulingProblem
 from up_samp.model import CandidateSchedule, Deadline, ScheduleReport, ScheduleStatus
 from up_samp.scheduling.cpsat.model import OutOfTimeError, ScheduleModel
 from up_samp.scheduling.cpsat.problem import Watcher
-from up_samp.scheduling.cpsat.search import Progress, Search
-from up_samp.scheduling.cpsat.solving import Run
+from up_samp.scheduling.cpsat.solve.runner import Run
+from up_samp.scheduling.cpsat.solve.strategy import Progress, Search
 
 
 class CpsatSession:

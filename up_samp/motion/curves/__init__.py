@@ -1,0 +1,1 @@
+"""Curves and their timing: Reeds-Shepp, arcs, trapezoidal speed, blended corners."""

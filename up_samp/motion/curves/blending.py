@@ -1,0 +1,232 @@
+"""Timing of chains of straight pieces for bodies that move in any direction.
+
+Pieces are joined by parabolic blends at constant acceleration (linear segments with parabolic
+blends; Taylor 1979; Kunz & Stilman, RSS 2012): at a corner the velocity turns from one direction
+into the next at one and the same speed, so that neither speed nor acceleration ever exceeds its
+limit. Between blends the speed is a trapezoid.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.model import Body, Kinematics, Trajectory
+from up_samp.motion.curves.trapezoid import RELAX
+
+FloatArray = npt.NDArray[np.float64]
+
+TINY = 1e-9
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Straight pieces: ``nodes`` (n, 3), lengths (m), unit directions and top speeds (m/s)."""
+
+    nodes: FloatArray
+    lengths: FloatArray
+    directions: FloatArray
+    tops: FloatArray
+    v: float
+    a: float
+    omega: float
+
+    @staticmethod
+    def of(nodes: FloatArray, kinematics: Kinematics) -> Chain:
+        """Return the chain with the limits of ``kinematics``."""
+        slack = 1 - 100 * RELAX  # poses between samples move along arcs, a little longer
+        v, a = kinematics.v_max * slack, kinematics.a_max * slack
+        omega = kinematics.omega_max * slack
+        steps = np.diff(nodes, axis=0)
+        lengths = np.hypot(steps[:, 0], steps[:, 1])
+        safe = np.where(lengths > TINY, lengths, 1.0)
+        turns = np.abs(steps[:, 2])
+        tops = np.minimum(v, omega * lengths / np.where(turns > TINY, turns, TINY))
+        return Chain(nodes, lengths, steps[:, :2] / safe[:, None], tops, v, a, omega)
+
+    def bend(self, i: int) -> float:
+        """Return |u2 - u1| of the directions at inner node ``i``."""
+        return float(np.linalg.norm(self.directions[i] - self.directions[i - 1]))
+
+
+def first_speeds(chain: Chain) -> FloatArray:
+    """Return the largest speeds (m/s) at the nodes for which blends and trapezoids fit."""
+    n = len(chain.nodes)
+    speeds = np.zeros(n)
+    for i in range(1, n - 1):
+        before, after = chain.lengths[i - 1], chain.lengths[i]
+        if min(before, after) < TINY:
+            continue  # a turn on the spot
+        room = 0.45 * min(before, after)
+        bend = chain.bend(i)
+        fits = math.sqrt(2 * chain.a * room / bend) if bend > TINY else math.inf
+        speeds[i] = min(fits, chain.tops[i - 1], chain.tops[i])
+    return settled(chain, speeds)
+
+
+def settled(chain: Chain, speeds: FloatArray) -> FloatArray:
+    """Return the speeds lowered until each piece can change from one to the other."""
+    speeds = speeds.copy()
+    order = [*range(len(chain.lengths)), *reversed(range(len(chain.lengths)))]
+    for _ in range(4):
+        for i in order:
+            low, high = sorted((i, i + 1), key=lambda k: speeds[k])
+            free = chain.lengths[i] - _reach(chain, speeds, i) - _reach(chain, speeds, i + 1)
+            most = math.sqrt(speeds[low] ** 2 + 2 * chain.a * max(free, 0.0))
+            speeds[high] = min(speeds[high], most)
+    return speeds
+
+
+def _reach(chain: Chain, speeds: FloatArray, i: int) -> float:
+    """Return how far (m) from node ``i`` its blend begins and ends."""
+    if i in (0, len(chain.nodes) - 1) or speeds[i] <= 0:
+        return 0.0
+    return float(speeds[i] ** 2 * chain.bend(i) / (2 * chain.a))
+
+
+def _profile(
+    length: float, w0: float, w1: float, top: float, a: float
+) -> tuple[float, float, float, float]:
+    """Return (peak speed, seconds of rise, cruise, fall) over ``length`` m from speed w0 to w1."""
+    peak = min(top, math.sqrt(max(a * length + 0.5 * (w0 * w0 + w1 * w1), 0.0)))
+    peak = max(peak, w0, w1)
+    rise, fall = (peak - w0) / a, (peak - w1) / a
+    driven = 0.5 * (w0 + peak) * rise + 0.5 * (w1 + peak) * fall
+    cruise = max(length - driven, 0.0) / peak if peak > TINY else 0.0
+    return peak, rise, cruise, fall
+
+
+class _Writer:
+    """Collects samples of pieces, each given as a function of the time since its start."""
+
+    def __init__(self, start: FloatArray) -> None:
+        self.times, self.rows = [np.zeros(1)], [start[None, :].copy()]
+        self.now = 0.0
+        self.owners = [0]
+
+    def add(self, seconds: float, poses: FloatArray, grid: FloatArray, owner: int) -> None:
+        self.times.append(self.now + grid)
+        self.rows.append(poses)
+        self.owners.extend([owner] * len(grid))
+        self.now += seconds
+
+
+def _grid(seconds: float) -> FloatArray:
+    count = max(1, math.ceil(seconds / Trajectory.MAX_STEP - 1e-9))
+    return np.linspace(0.0, seconds, count + 1)[1:]
+
+
+def timed(chain: Chain, speeds: FloatArray) -> tuple[Trajectory, list[int]]:
+    """Return the motion from time 0, and for each sample the node whose blend it is in or near."""
+    nodes = chain.nodes
+    writer = _Writer(nodes[0])
+    for i in range(len(chain.lengths)):
+        start, end = nodes[i], nodes[i + 1]
+        length = float(chain.lengths[i])
+        if length < TINY:
+            _spin(writer, start, end, chain.omega, i)
+            continue
+        first, last = _reach(chain, speeds, i), _reach(chain, speeds, i + 1)
+        _straight(writer, chain, i, first, last, speeds)
+        if speeds[i + 1] > 0 and last > TINY:
+            _blend(writer, chain, i + 1, last, float(speeds[i + 1]))
+    times, rows = np.concatenate(writer.times), np.concatenate(writer.rows)
+    keep = np.concatenate([[True], np.diff(times) > 1e-7])
+    if not keep[-1]:  # the last sample is the goal: drop the one before it instead
+        keep[-1] = True
+        keep[np.nonzero(keep[:-1])[0][-1]] = len(np.nonzero(keep[:-1])[0]) < 2
+    rows[-1] = nodes[-1]
+    owners = [owner for owner, kept in zip(writer.owners, keep, strict=True) if kept]
+    return Trajectory(times[keep], rows[keep]), owners
+
+
+def _spin(writer: _Writer, start: FloatArray, end: FloatArray, omega: float, owner: int) -> None:
+    turn = end[2] - start[2]
+    seconds = abs(float(turn)) / omega
+    if seconds > TINY:
+        grid = _grid(seconds)
+        writer.add(seconds, start + np.outer(grid / seconds, end - start), grid, owner)
+
+
+def _straight(
+    writer: _Writer, chain: Chain, i: int, first: float, last: float, speeds: FloatArray
+) -> None:
+    start, step = chain.nodes[i], chain.nodes[i + 1] - chain.nodes[i]
+    length = float(chain.lengths[i])
+    w0, w1 = float(speeds[i]), float(speeds[i + 1])
+    free = max(length - first - last, 0.0)
+    peak, rise, cruise, fall = _profile(free, w0, w1, float(chain.tops[i]), chain.a)
+    done = 0.0
+    for seconds, begin, slope in ((rise, w0, chain.a), (cruise, peak, 0.0), (fall, peak, -chain.a)):
+        if seconds <= 1e-9:
+            continue
+        grid = _grid(seconds)
+        driven = done + begin * grid + 0.5 * slope * grid * grid
+        share = np.minimum((first + driven) / length, 1.0)
+        owner = i if done < free / 2 else i + 1
+        writer.add(seconds, start + np.outer(share, step), grid, owner)
+        done = float(driven[-1])
+
+
+def _blend(writer: _Writer, chain: Chain, i: int, reach: float, speed: float) -> None:
+    """Turn from piece i - 1 into piece i by a parabola from ``reach`` m before node i to after."""
+    seconds = 2 * reach / speed
+    before = chain.nodes[i] - chain.nodes[i - 1]
+    after = chain.nodes[i + 1] - chain.nodes[i]
+    v0 = before / chain.lengths[i - 1] * speed
+    v1 = after / chain.lengths[i] * speed
+    start = chain.nodes[i] - v0 * (seconds / 2)
+    grid = _grid(seconds)
+    poses = start + np.outer(grid, v0) + np.outer(grid * grid / (2 * seconds), v1 - v0)
+    writer.add(seconds, poses, grid, i)
+
+
+def pieces(nodes: FloatArray) -> FloatArray:
+    """Return the nodes without those that do not move on from the one before."""
+    keep = [nodes[0]]
+    for a, b in itertools.pairwise(nodes):
+        if np.abs(b - a).max() > TINY:
+            keep.append(b)
+    return np.array(keep)
+
+
+def moved_corner(nodes: FloatArray, i: int, shift: float, cut: float) -> FloatArray | None:
+    """Return the nodes with inner node ``i`` pushed outwards by ``shift`` m, and replaced by two
+    ``cut`` m from it along its pieces (None: it is no corner).
+    """
+    before, after = nodes[i] - nodes[i - 1], nodes[i + 1] - nodes[i]
+    sizes = np.hypot(*before[:2]), np.hypot(*after[:2])
+    if min(sizes) < TINY:
+        return None
+    u, w = before / sizes[0], after / sizes[1]
+    inside = w[:2] - u[:2]
+    bend = float(np.hypot(*inside))
+    if bend < 1e-3:
+        return None
+    out = np.append(-shift * inside / bend, 0.0)
+    if cut <= 0.0:
+        return np.concatenate([nodes[:i], [nodes[i] + out], nodes[i + 1 :]])
+    reach = min(cut, 0.4 * sizes[0]), min(cut, 0.4 * sizes[1])
+    pair = [nodes[i] - reach[0] * u + out, nodes[i] + reach[1] * w + out]
+    return np.concatenate([nodes[:i], pair, nodes[i + 1 :]])
+
+
+def chain_time(nodes: FloatArray, body: Body) -> float:
+    """Return about how long (s) the blended motion along ``nodes`` takes where nothing is near."""
+    chain = Chain.of(nodes, body.kinematics)
+    speeds = first_speeds(chain)
+    total = 0.0
+    for i, length in enumerate(chain.lengths):
+        if length < TINY:
+            total += abs(float(nodes[i + 1, 2] - nodes[i, 2])) / chain.omega
+            continue
+        first, last = _reach(chain, speeds, i), _reach(chain, speeds, i + 1)
+        free = max(float(length) - first - last, 0.0)
+        ends = float(speeds[i]), float(speeds[i + 1])
+        total += sum(_profile(free, *ends, float(chain.tops[i]), chain.a)[1:])
+        total += 2 * last / ends[1] if ends[1] > 0 else 0.0
+    return total

@@ -1,0 +1,131 @@
+"""Rest-to-rest timing of paths: trapezoidal speed on each run, rest at each cusp."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.geometry.compiled import kernel
+from up_samp.geometry.kernels import advance
+from up_samp.model import Configuration, Kinematics, Trajectory
+from up_samp.motion.curves.reeds_shepp import run_time
+
+FloatArray = npt.NDArray[np.float64]
+
+RELAX = 1e-6
+"""Relative slack kept from every kinematic limit, so that rounding never exceeds it."""
+
+SHORTEST = 1e-6
+"""Arcs shorter than this (m) are no samples of their own."""
+
+
+def relaxed(kinematics: Kinematics) -> tuple[float, float, float]:
+    """Return (turning radius, v_max, a_max) with a little slack kept from the limits."""
+    return (
+        kinematics.turning_radius * (1 + RELAX),
+        kinematics.v_max * (1 - RELAX),
+        kinematics.a_max * (1 - RELAX),
+    )
+
+
+def time_of_distance(s: FloatArray, length: float, v: float, a: float) -> FloatArray:
+    """Return when a rest-to-rest trapezoid over ``length`` m has driven ``s`` m (sorted)."""
+    total = run_time(length, v, a)
+    ramp = min(v / a, 0.5 * total)
+    on_ramp = 0.5 * a * ramp * ramp
+    top = a * ramp
+    rise = np.sqrt(2.0 * np.minimum(s, on_ramp) / a)
+    rest = np.clip(length - s, 0.0, None)
+    fall = total - np.sqrt(2.0 * np.minimum(rest, on_ramp) / a)
+    cruise = ramp + (s - on_ramp) / top
+    return np.where(s <= on_ramp, rise, np.where(rest <= on_ramp, fall, cruise))
+
+
+def distance_of_time(t: FloatArray, length: float, v: float, a: float) -> FloatArray:
+    """Return the distance (m) driven at times ``t`` (s) by a rest-to-rest trapezoid."""
+    total = run_time(length, v, a)
+    ramp = min(v / a, 0.5 * total)
+    on_ramp, top = 0.5 * a * ramp * ramp, a * ramp
+    left = np.clip(total - t, 0.0, None)
+    return np.where(
+        t <= ramp,
+        0.5 * a * t * t,
+        np.where(left <= ramp, length - 0.5 * a * left * left, on_ramp + top * (t - ramp)),
+    )
+
+
+def runs_of(arcs: FloatArray) -> list[FloatArray]:
+    """Split a path at its cusps."""
+    arcs = arcs[np.abs(arcs[:, 1]) > SHORTEST]
+    if len(arcs) == 0:
+        return []
+    cusps = np.nonzero(np.diff(np.sign(arcs[:, 1])))[0] + 1
+    return np.split(arcs, cusps)
+
+
+def _run_samples(arcs: FloatArray, v: float, a: float) -> tuple[FloatArray, FloatArray]:
+    """Return sample times and driven distances of one run, without its start.
+
+    Every arc's end is a sample, and samples are at most ``Trajectory.MAX_STEP`` s apart.
+    """
+    ends = np.cumsum(np.abs(arcs[:, 1]))
+    length = float(ends[-1])
+    knots = np.concatenate([[0.0], time_of_distance(ends, length, v, a)])
+    counts = np.ceil(np.diff(knots) / Trajectory.MAX_STEP - 1e-9).astype(np.int64)
+    counts = np.maximum(1, counts)
+    last = np.cumsum(counts) - 1
+    which = np.repeat(np.arange(len(ends)), counts)
+    share = (np.arange(len(which)) - last[which] + counts[which]) / counts[which]
+    times = knots[which] + share * np.diff(knots)[which]
+    where = distance_of_time(times, length, v, a)
+    times[last], where[last] = knots[1:], ends
+    return times, where
+
+
+def trajectory_of(
+    poses: Sequence[Configuration], legs: Sequence[FloatArray], kinematics: Kinematics
+) -> Trajectory:
+    """Return the timed motion along ``legs`` (arcs between successive ``poses``), from time 0.
+
+    The car rests at each pose. It starts and passes exactly at the poses (theta modulo 2 pi, but
+    continuous).
+    """
+    _, v, a = relaxed(kinematics)
+    times = [np.zeros(1)]
+    rows = [np.array([poses[0][:3]], dtype=np.float64)]
+    now = 0.0
+    for target, arcs in zip(poses[1:], legs, strict=True):
+        for run in runs_of(arcs):
+            t, s = _run_samples(run, v, a)
+            times.append(now + t)
+            ends = np.cumsum(np.abs(run[:, 1]))
+            rows.append(poses_on(rows[-1][-1], np.ascontiguousarray(run), ends, s))
+            now = float(times[-1][-1])
+        end = rows[-1][-1]
+        turns = round((float(end[2]) - target[2]) / (2 * math.pi))
+        end[:] = (target[0], target[1], target[2] + turns * 2 * math.pi)
+    return Trajectory(np.concatenate(times), np.concatenate(rows))
+
+
+@kernel
+def poses_on(start: FloatArray, arcs: FloatArray, ends: FloatArray, s: FloatArray) -> FloatArray:
+    """Return the poses (n, 3) at driven distances ``s`` (sorted, m) along one run from ``start``.
+
+    ``ends``: distance driven at the end of each arc.
+    """
+    out = np.empty((s.shape[0], 3))
+    x, y, th = start[0], start[1], start[2]
+    k, begin = 0, 0.0
+    for i in range(s.shape[0]):
+        while s[i] > ends[k] and k + 1 < ends.shape[0]:
+            x, y, th = advance(x, y, th, arcs[k, 0], arcs[k, 1])
+            begin = ends[k]
+            k += 1
+        part = s[i] - begin
+        if arcs[k, 1] < 0.0:
+            part = -part
+        out[i, 0], out[i, 1], out[i, 2] = advance(x, y, th, arcs[k, 0], part)
+    return out

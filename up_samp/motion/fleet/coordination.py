@@ -1,0 +1,166 @@
+"""Several robots at once: a ladder of efforts, and a report of what really conflicts.
+
+Everybody is first planned alone; orders of priority are tried with more and more effort
+(:mod:`up_samp.motion.fleet.priority_search`), and a few robots for which no order works are moved
+together. A group that fails or is late is shrunk to the few motions that really conflict.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Sequence
+
+from up_samp.model import Deadline, GroupQuery, GroupReport, Outcome, UnsupportedError
+from up_samp.motion.fleet.flyers import coordinate_flights, has_flyers
+from up_samp.motion.fleet.one_robot import Attempt, failed, sample_one
+from up_samp.motion.fleet.priority_search import Group, Node, alone, climb, window_of
+from up_samp.motion.fleet.timed_path import Run, fixed_run
+from up_samp.motion.fleet.workspace import PathPlanner, Workspace, rest_run, workspace_of
+
+METHODS = ("ladder", "st-rrt*")
+
+
+def coordinate(
+    service: PathPlanner,
+    query: GroupQuery,
+    deadline: Deadline,
+    *,
+    seed: int = 0,
+    method: str = "ladder",
+) -> GroupReport:
+    """Find trajectories for all motions of ``query`` that keep clear of each other, of what rests
+    and of what is already decided; late if there is no other way found.
+
+    ``method``: "ladder" (see above), or "st-rrt*" as in the paper: one robot after the other by
+    ST-RRT* among those before it, without other priorities. Deterministic for a ``seed`` as long
+    as the ``deadline`` does not cut it short. Free flyers (SE3) go one after the other, see
+    :mod:`up_samp.motion.fleet.flyers`.
+    """
+    if method not in METHODS:
+        raise ValueError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
+    if has_flyers(query.motions, query.rests, query.fixed):
+        if method != "ladder":
+            raise UnsupportedError(f"the method '{method}' is for planar bodies; one here is SE3")
+        return coordinate_flights(service, query, deadline)
+    began = time.monotonic()
+    group = _group_of(workspace_of(service), query, deadline)
+    if method == "st-rrt*":
+        return _one_by_one(group, seed, began)
+    root, attempt, name = alone(group)
+    if root is None:
+        return _hopeless(name, attempt, time.monotonic() - began)
+    climb(group, root)
+    conflict = _shrunk(group, root, query) if _is_bad(group) else frozenset()
+    return _report(group, conflict, time.monotonic() - began)
+
+
+def _one_by_one(group: Group, seed: int, began: float) -> GroupReport:
+    """Plan one motion after the other by ST-RRT*, each among those before it."""
+    runs: dict[str, Run] = {}
+    for name in group.order:
+        motion, window = group.motions[name], window_of(group, name, runs)
+        others = [*group.world, *runs.values()]
+        attempt = sample_one(group.workspace, motion, window, others, group.deadline, seed)
+        group.met |= attempt.met
+        if attempt.run is None:
+            return GroupReport(
+                Outcome.OUT_OF_TIME,
+                conflict=frozenset({*runs, name}),
+                blockers=_resting(group),
+                reason=f"{name}: ST-RRT* found no way among those before it",
+                seconds=time.monotonic() - began,
+            )
+        runs[name] = attempt.run
+    group.best = Node(runs)
+    conflict = frozenset(runs) if _is_bad(group) else frozenset()
+    return _report(group, conflict, time.monotonic() - began)
+
+
+def _is_bad(group: Group) -> bool:
+    return group.best is None or group.lateness(group.best.runs) > 0.0
+
+
+def _shrunk(group: Group, root: Node, query: GroupQuery) -> frozenset[str]:
+    """Return few motions that cannot meet their windows even without the others.
+
+    One that is late alone; or else a pair; or else what is left when every motion that does not
+    matter is dropped. Each set is checked again with the others gone (cheap rungs only).
+    """
+    late = [n for n in group.order if group.is_late(root.runs[n])]
+    if late:
+        return frozenset(late[:1])
+    bad = group.best.runs if group.best else {}
+    suspects = {n for n in bad if group.is_late(bad[n])} or set(group.stuck)
+    suspects |= {n for pair in root.meetings for n in pair if suspects & set(pair)}
+    names = [n for n in group.order if n in (suspects or set(group.motions))]
+    for pair in itertools.combinations(names, 2):
+        if _fails(group, root, pair):
+            return frozenset(pair)
+    for name in list(names):
+        rest = [n for n in names if n != name]
+        if len(rest) > 1 and _fails(group, root, rest):
+            names = rest
+    return frozenset(names)
+
+
+def _fails(group: Group, root: Node, names: Sequence[str]) -> bool:
+    """Return whether these motions alone are found not to meet their windows."""
+    if group.deadline.expired():
+        return False
+    chosen = {n: group.motions[n] for n in group.motions if n in names}
+    meetings = {pair: at for pair, at in root.meetings.items() if set(pair) <= set(names)}
+    if not meetings:
+        return False
+    part = Group(group.workspace, chosen, group.world, group.deadline)
+    runs = {n: root.runs[n] for n in chosen}
+    climb(part, Node(runs, frozenset(), meetings), top=2)
+    return _is_bad(part) and not group.deadline.expired()
+
+
+def _group_of(workspace: Workspace, query: GroupQuery, deadline: Deadline) -> Group:
+    world = [rest_run(workspace, rest) for rest in query.rests]
+    world += [fixed_run(motion) for motion in query.fixed]
+    motions = {motion.name: motion for motion in query.motions}
+    if len(motions) != len(query.motions):
+        raise ValueError("two motions of a group have the same name")
+    return Group(workspace, motions, world, deadline)
+
+
+def _hopeless(name: str, attempt: Attempt, seconds: float) -> GroupReport:
+    report = attempt.report
+    reason = report.reason if report else "no safe timing or detour found"
+    return GroupReport(
+        failed(attempt),
+        conflict=frozenset({name}),
+        blockers=report.blockers if report else attempt.met,
+        reason=f"{name}: {reason}",
+        seconds=seconds,
+    )
+
+
+def _report(group: Group, conflict: frozenset[str], seconds: float) -> GroupReport:
+    if group.best is None:
+        return GroupReport(
+            Outcome.OUT_OF_TIME,
+            conflict=conflict,
+            blockers=_resting(group),
+            reason="no order of the robots was found in which all can drive",
+            seconds=seconds,
+        )
+    runs = group.best.runs
+    late = {name: runs[name].arrival for name in sorted(runs) if group.is_late(runs[name])}
+    return GroupReport(
+        Outcome.FOUND,
+        {name: runs[name].timing.trajectory for name in sorted(runs)},
+        late,
+        conflict,
+        _resting(group) if late else frozenset(),
+        f"late: {', '.join(late)}" if late else "",
+        seconds,
+    )
+
+
+def _resting(group: Group) -> frozenset[str]:
+    """Return the resting objects that were met."""
+    return frozenset(o.object for o in group.world if o.path.cells == 0 and o.object in group.met)

@@ -1,0 +1,276 @@
+"""The last rung for a few robots: all of them moved together, one drive at a time.
+
+Where every order of priorities fails, somebody has to step aside twice, or two have to wait for a
+third. This searches the joint states of up to three robots, each at its start, at its goal or
+parked aside, for a cheap sequence of single drives among the parked others: best first, with
+drives planned only when they are about to be used (lazy, in the sense of Cohen, Phillips &
+Likhachev 2015). It is pebble motion (Kornhauser, Miller & Spirakis 1984) over sampled places. The
+sequence is then timed drive by drive, each as early as the ones before it allow, so that drives
+overlap where they can. Deterministic; a bounded number of drives is planned; finding nothing
+proves nothing.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+import random
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from up_samp.geometry import kernels as k
+from up_samp.geometry.scene import Scene
+from up_samp.model import (
+    Body,
+    Configuration,
+    Deadline,
+    MotionModel,
+    Placed,
+    Rest,
+    TimedMotion,
+    Trajectory,
+)
+from up_samp.motion.fleet.paths import Path, path_of
+from up_samp.motion.fleet.timed_path import Run, run_of
+from up_samp.motion.fleet.timings import Timing
+from up_samp.motion.fleet.waiting import Window, fit, parked_all_the_time
+from up_samp.motion.fleet.workspace import Workspace, rest_run
+
+MOST_ROBOTS = 3
+"""Robots that are coupled at most."""
+ASIDE = 4
+"""Places aside for each robot."""
+SAMPLES = 4_000
+"""Poses drawn to find places aside."""
+DRIVES = 200
+"""Drives planned at most."""
+GREED = 2.0
+"""Weight of what is left to drive: the first good sequence is as good as the best, nearly."""
+
+State = tuple[int, ...]
+
+
+@dataclass
+class Coupling:
+    """Up to three robots that are moved together, with the places that each may stand at."""
+
+    workspace: Workspace
+    motions: Sequence[TimedMotion]
+    world: Sequence[Run]
+    deadline: Deadline
+    places: list[list[Configuration]] = field(default_factory=list)
+    planned: int = 0
+
+    def bound(self, robot: int, here: int, there: int) -> float:
+        """Return seconds that a drive takes at least."""
+        p, q = self.places[robot][here], self.places[robot][there]
+        return math.dist(p[:2], q[:2]) / self.motions[robot].body.kinematics.v_max
+
+    def drive(self, robot: int, state: State, there: int) -> Path | None:
+        """Return a path for one robot while the others stay where they are, if one is found."""
+        self.planned += 1
+        motion = self.motions[robot]
+        parked = [
+            Placed(other.object, other.body, self.places[i][state[i]])
+            for i, other in enumerate(self.motions)
+            if i != robot and (motion.avoid is None or other.object in motion.avoid)
+        ]
+        poses = (self.places[robot][state[robot]], self.places[robot][there])
+        static = parked_all_the_time(motion, self.world)
+        return self.workspace.detour(motion.body, poses, [*static, *parked], self.deadline)
+
+
+def couple(
+    workspace: Workspace,
+    motions: Sequence[TimedMotion],
+    alone: Mapping[str, Run],
+    world: Sequence[Run],
+    deadline: Deadline,
+    seed: int = 0,
+) -> dict[str, Run] | None:
+    """Return runs of a few ``motions`` that keep clear of each other and of the ``world``, or None
+    if none are found or they are not of the kind that this can couple.
+
+    ``alone`` are the runs of the motions without each other. The robots must be cars with two
+    poses each, of different names, and all there from before the first release on.
+    """
+    if workspace.scene is None or not _can_couple(motions):
+        return None
+    coupling = Coupling(workspace, motions, world, deadline)
+    for robot, motion in enumerate(motions):
+        others = [alone[m.name].path for m in motions if m is not motion]
+        aside = _aside(coupling, workspace.scene, motion, others, random.Random(7 * seed + robot))
+        coupling.places.append([*motion.poses, *aside])
+    sequence = _sequence(coupling)
+    if sequence is None:
+        return None
+    legs = _timed(coupling, sequence)
+    if legs is None or _collide(coupling, legs):
+        return None
+    joined = zip(motions, legs, strict=True)
+    return {motion.name: _one_run(motion, drives) for motion, drives in joined}
+
+
+def _can_couple(motions: Sequence[TimedMotion]) -> bool:
+    first = min(m.release for m in motions)
+    return (
+        1 < len(motions) <= MOST_ROBOTS
+        and len({m.object for m in motions}) == len(motions)
+        and all(m.body.kinematics.model is MotionModel.REEDSSHEPP for m in motions)
+        and all(len(m.poses) == 2 and m.poses[0] != m.poses[1] for m in motions)
+        and all(m.present_from <= first for m in motions)
+    )
+
+
+def _collide(coupling: Coupling, legs: Sequence[Sequence[Run]]) -> bool:
+    """Return whether any two robots' drives, or a drive and the world, meet."""
+    meeting = coupling.workspace.meeting
+    pairs = [pair for a, b in itertools.combinations(legs, 2) for pair in itertools.product(a, b)]
+    pairs += [(run, other) for runs in legs for run in runs for other in coupling.world]
+    return any(meeting(a, b)[0] < math.inf for a, b in pairs)
+
+
+def _aside(
+    coupling: Coupling,
+    scene: Scene,
+    motion: TimedMotion,
+    others: Sequence[Path],
+    rng: random.Random,
+) -> list[Configuration]:
+    """Return free places off the paths of the others (of as many as possible), the nearest to the
+    robot's own start first, no two of them close together.
+    """
+    body, start = motion.body, motion.poses[0]
+    shape = scene.shape(body).data
+    polys = scene.polys(parked_all_the_time(motion, coupling.world))
+    points = np.concatenate([path.poses[:, :2] for path in others])
+    reach = 4 * body.kinematics.turning_radius + 2 * shape.numbers[0]
+    found = []
+    for _ in range(SAMPLES):
+        # where it can matter: near a path that somebody has to be let pass on
+        x, y = (float(v) + rng.uniform(-reach, reach) for v in points[rng.randrange(len(points))])
+        th = rng.uniform(-math.pi, math.pi)
+        if k.pose_free(scene.data, polys, shape, x, y, th):
+            found.append((math.dist((x, y), start[:2]), (x, y, th)))
+    found.sort()
+    chosen: list[tuple[int, float, Configuration]] = []
+    apart = 2 * float(shape.numbers[0])
+    for away, pose in found:
+        blocked = _blocked(coupling.workspace, body, pose, others)
+        near = [c for c in chosen if math.dist(c[2][:2], pose[:2]) < apart and c[0] <= blocked]
+        if blocked < len(others) and not near:
+            chosen.append((blocked, away, pose))
+        if sum(blocked == 0 for blocked, _, _ in chosen) >= ASIDE:
+            break
+    chosen.sort()
+    return [pose for _, _, pose in chosen[:ASIDE]]
+
+
+def _blocked(workspace: Workspace, body: Body, pose: Configuration, others: Sequence[Path]) -> int:
+    """Return how many of the paths a body at a pose blocks."""
+    rest = rest_run(workspace, Rest("", body, pose)).path
+    return sum(len(workspace.conflicts(path, rest)) > 0 for path in others)
+
+
+def _sequence(coupling: Coupling) -> list[tuple[int, Path]] | None:
+    """Return a cheap sequence of drives (robot, path) from all starts to all goals."""
+    count = len(coupling.motions)
+    start, goal = (0,) * count, (1,) * count
+
+    def to_go(state: State) -> float:
+        return GREED * sum(coupling.bound(i, at, 1) for i, at in enumerate(state))
+
+    ticket = itertools.count()
+    # (estimate, ticket, cost before the last drive, state before it, robot, place, drives so far)
+    queue: list[tuple[float, int, float, State, int, int, tuple[tuple[int, Path], ...]]]
+    queue = [(to_go(start), next(ticket), 0.0, start, -1, -1, ())]
+    settled: set[State] = set()
+    known: dict[tuple[State, int, int], Path | None] = {}
+    while queue and not coupling.deadline.expired():
+        _, _, cost, state, robot, there, drives = heapq.heappop(queue)
+        if robot >= 0:
+            after = (*state[:robot], there, *state[robot + 1 :])
+            if after in settled:
+                continue
+            key = (state, robot, there)
+            if key not in known:
+                if coupling.planned >= DRIVES:
+                    return None
+                known[key] = coupling.drive(robot, state, there)
+                path = known[key]
+                if path is not None:
+                    # its turn comes again with what the drive really takes
+                    real = cost + path.natural.duration
+                    again = (real + to_go(after), next(ticket), cost, state, robot, there, drives)
+                    heapq.heappush(queue, again)
+                continue
+            path = known[key]
+            if path is None:
+                continue
+            cost, state, drives = cost + path.natural.duration, after, (*drives, (robot, path))
+        if state in settled:
+            continue
+        settled.add(state)
+        if state == goal:
+            return list(drives)
+        for i, at in enumerate(state):
+            for place in range(len(coupling.places[i])):
+                after = (*state[:i], place, *state[i + 1 :])
+                if place != at and after not in settled:
+                    least = cost + coupling.bound(i, at, place) + to_go(after)
+                    heapq.heappush(queue, (least, next(ticket), cost, state, i, place, drives))
+    return None
+
+
+def _timed(coupling: Coupling, sequence: Sequence[tuple[int, Path]]) -> list[list[Run]] | None:
+    """Return the drives of each robot, every one as early as those before it in the sequence
+    allow.
+    """
+    workspace, motions = coupling.workspace, coupling.motions
+    legs: list[list[Run]] = [
+        [replace(rest_run(workspace, Rest(m.object, m.body, m.poses[0])), avoid=m.avoid)]
+        for m in motions
+    ]
+    for robot, path in sequence:
+        motion, last = motions[robot], legs[robot][-1]
+        drives = len(legs[robot]) > 1
+        since = last.arrival if drives else motion.present_from
+        window = Window(since, max(motion.release, last.arrival) if drives else motion.release)
+        final = path.poses[-1][:2].tolist() == list(motion.poses[1][:2])
+        leg = replace(
+            motion,
+            poses=(_pose(path, 0), _pose(path, -1)),
+            release=window.release,
+            present_until=motion.present_until if final else math.inf,
+        )
+        others = [o for i, runs in enumerate(legs) if i != robot for o in runs]
+        run = fit(workspace, leg, window, path, [*coupling.world, *others])
+        if run is None:
+            return None
+        # from then on the robot is where this drive leaves it
+        legs[robot][-1] = replace(last, until=min(last.until, since if drives else run.since))
+        legs[robot].append(run)
+    return [runs[1:] for runs in legs]
+
+
+def _pose(path: Path, index: int) -> Configuration:
+    return tuple(float(x) for x in path.poses[index])
+
+
+def _one_run(motion: TimedMotion, legs: Sequence[Run]) -> Run:
+    """Return the drives of one robot as one run, with rests in between."""
+    times, poses = [legs[0].timing.trajectory.times], [legs[0].timing.trajectory.poses]
+    for leg in legs[1:]:
+        t, rows = leg.timing.trajectory.times, leg.timing.trajectory.poses.copy()
+        rows[:, 2] += 2 * math.pi * round((poses[-1][-1, 2] - rows[0, 2]) / (2 * math.pi))
+        # without a wait the last pose is already there
+        skip = 1 if t[0] <= times[-1][-1] + 1e-9 else 0
+        times.append(t[skip:])
+        poses.append(rows[skip:])
+    whole = Trajectory(np.concatenate(times), np.concatenate(poses))
+    stops = [_pose(leg.path, -1) for leg in legs]
+    path = path_of(whole, motion.body, (motion.poses[0], *stops))
+    return run_of(motion, path, Timing(whole, path.natural_s), legs[0].since)

@@ -1,0 +1,153 @@
+"""Other paths for one robot: in a lane beside the best one, or around whom it would meet."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.model import (
+    Deadline,
+    Placed,
+    TimedMotion,
+)
+from up_samp.motion.fleet.cell_times import (
+    shared_stretch,
+)
+from up_samp.motion.fleet.lanes import lane_offsets
+from up_samp.motion.fleet.paths import Path
+from up_samp.motion.fleet.timed_path import Run, run_of
+from up_samp.motion.fleet.timings import natural_timing
+from up_samp.motion.fleet.waiting import ON_TIME, Window, fit
+from up_samp.motion.fleet.workspace import Workspace
+
+FloatArray = npt.NDArray[np.float64]
+
+ROUNDS = 4
+"""Other paths tried for one motion."""
+
+
+GHOST_STEP = 0.8
+"""Distance (m) between the copies of a mover that a detour keeps clear of."""
+
+
+def is_good(run: Run | None, motion: TimedMotion) -> bool:
+    """Return whether a run arrives in time."""
+    return run is not None and run.arrival <= motion.due + ON_TIME
+
+
+def met_at_full_speed(
+    workspace: Workspace, motion: TimedMotion, window: Window, path: Path, others: Sequence[Run]
+) -> list[tuple[Run, int, float]]:
+    """Return the runs it meets when it drives ``path`` at once, with their cell and when."""
+    run = run_of(motion, path, natural_timing(path, window.release), window.since)
+    found = []
+    for other in others:
+        at, _, cell = workspace.meeting(run, other)
+        if at < math.inf:
+            found.append((at, other.object, cell, other))
+    found.sort(key=lambda item: item[:3])
+    return [(other, cell, at) for at, _, cell, other in found]
+
+
+def with_lanes(
+    workspace: Workspace,
+    motion: TimedMotion,
+    window: Window,
+    path: Path,
+    best: Run | None,
+    others: Sequence[Run],
+) -> Run | None:
+    """Return the best of ``best`` and of paths that change lanes where ``path`` meets somebody."""
+    for _ in range(ROUNDS):
+        met = met_at_full_speed(workspace, motion, window, path, others)
+        if not met or len(motion.poses) != 2:
+            break
+        options = []
+        for lane in _lanes(workspace, motion, window, path, met[0][0]):
+            best = fit(workspace, motion, window, lane, others, best)
+            if is_good(best, motion):
+                return best
+            # go on from the lane that gets furthest at full speed
+            again = met_at_full_speed(workspace, motion, window, lane, others)
+            options.append((-again[0][2] if again else -math.inf, lane.number, lane))
+        if not options:
+            break
+        path = min(options, key=lambda option: option[:2])[2]
+    return best
+
+
+def _lanes(
+    workspace: Workspace, motion: TimedMotion, window: Window, path: Path, other: Run
+) -> Iterator[Path]:
+    """Yield versions of ``path`` that pass ``other`` sideways where it would be met."""
+    run = run_of(motion, path, natural_timing(path, window.release), window.since)
+    at, _, _ = workspace.meeting(run, other)
+    runs = workspace.conflicts(path, other.path)
+    first, last = shared_stretch(runs, run.held, other.held, at)
+    if workspace.scene is None or first < 1 or last > path.cells:
+        return
+    for offset in lane_offsets(path, other.path):
+        lane = workspace.lane(path, float(path.edges[first - 1]), float(path.edges[last]), offset)
+        if lane is not None:
+            yield lane
+
+
+def with_detours(
+    workspace: Workspace,
+    motion: TimedMotion,
+    window: Window,
+    path: Path,
+    best: Run | None,
+    others: Sequence[Run],
+    static: Sequence[Placed],
+    deadline: Deadline,
+) -> Run | None:
+    """Return the best of ``best`` and of paths around whatever the last path met at full speed."""
+    around = list(static)
+    for _ in range(ROUNDS):
+        met = met_at_full_speed(workspace, motion, window, path, others)
+        ghosts = _ghosts(workspace, motion, path, met[:2])
+        if not ghosts or deadline.expired():
+            break
+        around += ghosts
+        other_path = workspace.detour(motion.body, motion.poses, around, deadline)
+        if other_path is None:
+            break
+        path = other_path
+        best = fit(workspace, motion, window, path, others, best)
+        if is_good(best, motion):
+            break
+    return best
+
+
+def _ghosts(
+    workspace: Workspace, motion: TimedMotion, path: Path, met: Sequence[tuple[Run, int, float]]
+) -> list[Placed]:
+    """Return copies of the runs that were met, where their path conflicts with ``path``.
+
+    Copies over the first and the last pose of the motion are left out: it has to be there.
+    """
+    ghosts: list[Placed] = []
+    for other, cell, _ in met:
+        runs = workspace.conflicts(path, other.path)
+        hits = np.unique(np.concatenate([np.arange(a, b + 1) for _, a, b in runs]))
+        table = other.path.table
+        reach = other.path.hull.radius + path.hull.radius
+        centre = table[cell, 1, :2]
+        last = np.full(2, math.inf)
+        for j in hits:
+            row = table[j, 1]
+            near = float(np.hypot(*(row[:2] - centre))) <= 4 * reach
+            if not near or float(np.hypot(*(row[:2] - last))) < GHOST_STEP * other.path.hull.radius:
+                continue
+            pose = (float(row[0]), float(row[1]), math.atan2(row[3], row[2]))
+            rest = workspace.resting(other.path.body, pose)
+            blocked = workspace.conflicts(path, rest)[:, 0]
+            if 0 in blocked or path.cells + 1 in blocked:
+                continue
+            last = row[:2]
+            ghosts.append(Placed(f"{other.object}~{j}", other.path.body, pose))
+    return ghosts

@@ -1,0 +1,178 @@
+"""One robot among movers: a ladder from the best path at full speed to new ways round.
+
+1. the best path among what rests there all the time, begun as soon as its planner's own timing
+   meets nothing; 2. its speed tuned; 3. other paths, in a lane beside it, around parked robots and
+   the places where it would meet the movers, each tuned; 4. a safe-interval search over the plane;
+   5. ST-RRT*.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.model import (
+    Deadline,
+    FixedMotion,
+    MotionModel,
+    Outcome,
+    PathReport,
+    Placed,
+    Rest,
+    TimedMotion,
+    UnsupportedError,
+)
+from up_samp.motion.fleet.detours import is_good, met_at_full_speed, with_detours, with_lanes
+from up_samp.motion.fleet.flyers import earliest_flight, has_flyers
+from up_samp.motion.fleet.paths import Path
+from up_samp.motion.fleet.timed_path import Run, fixed_run
+from up_samp.motion.fleet.waiting import Window, fit, parked_all_the_time
+from up_samp.motion.fleet.workspace import PathPlanner, Workspace, rest_run, workspace_of
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """What came of planning one motion: a ``run``, or none and the ``report`` that says why."""
+
+    run: Run | None
+    report: PathReport | None = None
+    met: frozenset[str] = field(default_factory=frozenset)
+    """Objects in the way of the best path at full speed."""
+
+
+def plan_one(
+    workspace: Workspace,
+    motion: TimedMotion,
+    window: Window,
+    others: Sequence[Run],
+    deadline: Deadline,
+    effort: int = 0,
+) -> Attempt:
+    """Return a safe run of ``motion`` among ``others``: the first one found that is on time, or
+    else the earliest. ``effort`` 0 tunes and changes lanes, 1 plans detours, 2 searches space-time.
+    """
+    static = parked_all_the_time(motion, others)
+    first = workspace.path(motion.body, motion.poses, static, deadline)
+    if not isinstance(first, Path):
+        # perhaps something leaves later: what is there now need not be there for ever
+        static = [p for p in static if _lasts(p, others)]
+        second = workspace.path(motion.body, motion.poses, static, deadline)
+        if not isinstance(second, Path):
+            return Attempt(None, second, second.blockers or first.blockers)
+        first = second
+    best = fit(workspace, motion, window, first, others)
+    if is_good(best, motion):
+        return Attempt(best)
+    met = met_at_full_speed(workspace, motion, window, first, others)
+    best = with_lanes(workspace, motion, window, first, best, others)
+    if effort > 0 and not is_good(best, motion):
+        best = with_detours(workspace, motion, window, first, best, others, static, deadline)
+    if effort > 1 and not is_good(best, motion) and workspace.roundabout and not deadline.expired():
+        paths, dry = workspace.roundabout.paths(
+            motion, window.release, static, others, _goal_free(workspace, motion, others), deadline
+        )
+        if not paths and not dry and not deadline.expired():
+            paths = _sampled(workspace, motion, window, static, others, deadline)
+        for path in paths:
+            best = fit(workspace, motion, window, path, others, best)
+    return Attempt(best, None, frozenset(o.object for o, _, _ in met))
+
+
+def _sampled(
+    workspace: Workspace,
+    motion: TimedMotion,
+    window: Window,
+    static: Sequence[Placed],
+    others: Sequence[Run],
+    deadline: Deadline,
+    seed: int = 0,
+) -> list[Path]:
+    """Return ways that ST-RRT* finds."""
+    if workspace.roundabout is None:
+        return []
+    free = _goal_free(workspace, motion, others)
+    return workspace.roundabout.sampled(
+        motion, window.release, static, others, free, deadline, seed
+    )
+
+
+def sample_one(
+    workspace: Workspace,
+    motion: TimedMotion,
+    window: Window,
+    others: Sequence[Run],
+    deadline: Deadline,
+    seed: int = 0,
+) -> Attempt:
+    """Return a safe run of a car's ``motion`` by ST-RRT* alone, its speed tuned afterwards."""
+    if motion.body.kinematics.model is not MotionModel.REEDSSHEPP or len(motion.poses) != 2:
+        raise UnsupportedError(
+            f"ST-RRT* plans cars from one pose to another; '{motion.name}' is something else"
+        )
+    best: Run | None = None
+    static = parked_all_the_time(motion, others)
+    for path in _sampled(workspace, motion, window, static, others, deadline, seed):
+        best = fit(workspace, motion, window, path, others, best)
+    return Attempt(best, None, frozenset(placed.name for placed in static))
+
+
+def _goal_free(workspace: Workspace, motion: TimedMotion, others: Sequence[Run]) -> float:
+    """Return when (s) the last of ``others`` has left the last pose, so far as it stays there."""
+    rest = workspace.resting(motion.body, motion.poses[-1])
+    rows = workspace.forbidden(rest, motion.object, motion.avoid, others)
+    rows = rows[(rows[:, 0] == 1) & (rows[:, 1] < motion.present_until)]
+    return float(np.max(rows[:, 2], initial=-math.inf))
+
+
+def _lasts(placed: Placed, others: Iterable[Run]) -> bool:
+    return any(
+        o.object == placed.name and o.path.cells == 0 and o.until == math.inf for o in others
+    )
+
+
+def earliest_arrival(
+    service: PathPlanner,
+    motion: TimedMotion,
+    rests: Sequence[Rest] = (),
+    fixed: Sequence[FixedMotion] = (),
+    deadline: Deadline | None = None,
+) -> PathReport:
+    """Return the earliest found arrival of one motion among movers and things that come and go.
+
+    The trajectory is in plan time and may end after the motion's due. ``IMPOSSIBLE`` is a proof
+    by what rests there for good; anything else without a trajectory is ``OUT_OF_TIME``.
+    """
+    began = time.monotonic()
+    if has_flyers((motion,), rests, fixed):
+        return earliest_flight(service, motion, rests, fixed, deadline or Deadline.never())
+    workspace = workspace_of(service)
+    others = [rest_run(workspace, rest) for rest in rests] + [fixed_run(f) for f in fixed]
+    window = Window(motion.present_from, motion.release)
+    limit = deadline or Deadline.never()
+    attempt = plan_one(workspace, motion, window, others, limit, effort=2)
+    seconds = time.monotonic() - began
+    if attempt.run is not None:
+        found = attempt.run.timing.trajectory
+        return PathReport(Outcome.FOUND, found, planner="space-time", seconds=seconds)
+    report = attempt.report
+    return PathReport(
+        failed(attempt),
+        blockers=attempt.met,
+        alternatives=report.alternatives if report else (),
+        reason=report.reason if report else "no safe timing or detour found",
+        planner="space-time",
+        seconds=seconds,
+    )
+
+
+def failed(attempt: Attempt) -> Outcome:
+    """Return what a failed attempt is worth: a proof only if the path planner has one."""
+    report = attempt.report
+    return report.outcome if report is not None else Outcome.OUT_OF_TIME

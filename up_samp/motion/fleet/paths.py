@@ -1,0 +1,333 @@
+"""Fixed paths, cut into short cells: the geometry that speed tuning and conflict checks share.
+
+A path keeps the shape of a planner's trajectory and forgets its timing. Its parameter ``s`` (m) is
+driven length for cars; for omnidirectional bodies it is the larger of the length and the turn
+scaled by ``v_max / omega_max``, so that ``|ds/dt| <= v_max`` bounds speed and turn rate at once.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.geometry.shapes import shape_of
+from up_samp.model import Body, Configuration, MotionModel, Trajectory
+from up_samp.motion.fleet.cell_times import occupancy
+from up_samp.motion.fleet.conflicts import DEPTH, sweep_table
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+Ring = tuple[tuple[float, float], ...]
+
+TINY = 1e-7
+"""Steps shorter than this (m) carry no shape of their own."""
+
+KINK = 1e-6
+"""Change of the direction of the twist that ends a stretch of constant curvature."""
+
+CORNER = 0.1
+"""Change of direction from sample to sample (rad) that an omnidirectional body must stop for."""
+
+LEVELS = 20
+"""Speed levels that the tuning aims at (see :mod:`up_samp.motion.fleet.speed`)."""
+
+_numbers = itertools.count()
+
+
+@dataclass(frozen=True, eq=False)
+class Hull:
+    """A planar body's convex parts for the compiled checks: ``verts`` (p, m, 2) padded by repeating
+    the last corner, ``counts`` (p,), circumscribed ``radius`` and inscribed radius ``core`` about
+    the reference point (m).
+    """
+
+    verts: FloatArray
+    counts: IntArray
+    radius: float
+    core: float
+
+
+_hulls: dict[Ring, Hull] = {}
+
+
+def hull_of(body: Body) -> Hull:
+    """Return the (cached) convex parts of a planar body."""
+    key = body.footprint
+    if key not in _hulls:
+        shape = shape_of(body)
+        most = max(len(part) for part in shape.parts)
+        verts = np.zeros((len(shape.parts), most, 2))
+        counts = np.zeros(len(shape.parts), dtype=np.int64)
+        for i, part in enumerate(shape.parts):
+            verts[i, : len(part)] = part
+            verts[i, len(part) :] = part[-1]
+            counts[i] = len(part)
+        _hulls[key] = Hull(verts, counts, float(shape.circumscribed), float(shape.inscribed))
+    return _hulls[key]
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """A body's path. Arrays by sample: ``poses`` (n, 3), ``s`` (n,) from 0 strictly increasing,
+    ``kink`` (n,) whether the curvature changes there, ``stop`` (n,) whether it must rest there.
+
+    Arrays by cell boundary: ``edges`` (m + 1,) values of ``s``, ``halt`` (m + 1,) whether it must
+    rest there. Extended cell 0 is the rest at the start, cells 1..m are the path's, cell m + 1 is
+    the rest at the end. ``tunable`` says whether speeds along it may be chosen freely.
+    """
+
+    body: Body
+    poses: FloatArray
+    s: FloatArray
+    kink: BoolArray
+    stop: BoolArray
+    edges: FloatArray
+    halt: BoolArray
+    tunable: bool
+    natural: Trajectory
+    """The trajectory it came from, shifted to start at time 0."""
+    natural_s: FloatArray
+    """``s`` at each sample of ``natural``."""
+    cleared: set[tuple[Ring, Configuration]] = field(default_factory=set)
+    """Resting bodies (footprint, pose) that the path's planner has proven it keeps clear of."""
+    number: int = field(default_factory=lambda: next(_numbers))
+
+    @property
+    def cells(self) -> int:
+        """Number of cells without the two rests."""
+        return len(self.edges) - 1
+
+    @property
+    def length(self) -> float:
+        """Whole length in ``s`` (m)."""
+        return float(self.s[-1])
+
+    @property
+    def fastest(self) -> float:
+        """A time (s) that no timing of the path beats (a car's natural timing is the fastest)."""
+        kin = self.body.kinematics
+        if kin.model is MotionModel.REEDSSHEPP or not self.tunable:
+            return self.natural.duration
+        return self.length / kin.v_max
+
+    @cached_property
+    def hull(self) -> Hull:
+        """The body's convex parts."""
+        return hull_of(self.body)
+
+    @cached_property
+    def table(self) -> FloatArray:
+        """Swept bounds of all extended cells and their halves (see ``sweep_table``)."""
+        return sweep_table(self.s, self.poses, self.edges, DEPTH)
+
+    @cached_property
+    def natural_held(self) -> FloatArray:
+        """When ``natural`` enters each extended cell (it rests there for ever before and after)."""
+        times = self.natural.times
+        return occupancy(times, self.natural_s, self.edges, -math.inf, math.inf)
+
+    @cached_property
+    def box(self) -> tuple[float, float, float, float]:
+        """Bounding box (x low, y low, x high, y high) of everything the body sweeps (m)."""
+        reach = self.hull.radius + 1e-6
+        low, high = self.poses[:, :2].min(axis=0) - reach, self.poses[:, :2].max(axis=0) + reach
+        # between two samples an arc may leave their box by its sagitta, less than the half step
+        bulge = 0.5 * float(np.max(np.diff(self.s), initial=0.0))
+        return (
+            float(low[0]) - bulge,
+            float(low[1]) - bulge,
+            float(high[0]) + bulge,
+            float(high[1]) + bulge,
+        )
+
+    def poses_at(self, s: FloatArray) -> FloatArray:
+        """Return the poses, shape (k, 3), at the parameters ``s`` (k,), along constant twists."""
+        if len(self.s) == 1:
+            return np.repeat(self.poses, len(s), axis=0)
+        i = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
+        a, b = self.poses[i], self.poses[i + 1]
+        share = np.clip((s - self.s[i]) / (self.s[i + 1] - self.s[i]), 0.0, 1.0)
+        turn = b[:, 2] - a[:, 2]
+        d = b[:, :2] - a[:, :2]
+        # the chord up to `share` is sin(share half) / sin(half) long, turned half of what is left
+        half = 0.5 * turn
+        flat = np.abs(half) < 1e-9
+        safe = np.where(flat, 1.0, half)
+        scale = np.where(flat, share, np.sin(share * safe) / np.sin(safe))
+        angle = np.where(flat, 0.0, (share - 1.0) * half)
+        c, sn = np.cos(angle), np.sin(angle)
+        out = np.empty((len(s), 3))
+        out[:, 0] = a[:, 0] + scale * (c * d[:, 0] - sn * d[:, 1])
+        out[:, 1] = a[:, 1] + scale * (sn * d[:, 0] + c * d[:, 1])
+        out[:, 2] = a[:, 2] + share * turn
+        out[s <= self.s[0]] = self.poses[0]
+        out[s >= self.s[-1]] = self.poses[-1]
+        return out
+
+
+def path_of(trajectory: Trajectory, body: Body, waypoints: Sequence[Configuration] = ()) -> Path:
+    """Cut a planar body's trajectory through ``waypoints`` (rests) into a :class:`Path`."""
+    poses = np.asarray(trajectory.poses, dtype=np.float64)
+    model = body.kinematics.model
+    v_max, omega_max = body.kinematics.v_max, body.kinematics.omega_max
+    turn_metre = hull_of(body).radius
+    if model is MotionModel.SE2:
+        turn_metre = v_max / omega_max
+    elif model is MotionModel.REEDSSHEPP:
+        turn_metre = 0.0
+    twists = _twists(poses)
+    steps = np.hypot(twists[:, 0], twists[:, 1])
+    steps = np.maximum(steps, turn_metre * np.abs(twists[:, 2]))
+    natural_s = np.concatenate([[0.0], np.cumsum(steps)])
+    keep = _kept_samples(natural_s)
+    s, kept = natural_s[keep], poses[keep]
+    kink, stop = _kinks(kept, s, model)
+    tunable = model in (MotionModel.REEDSSHEPP, MotionModel.SE2)
+    if tunable:
+        stop |= _waypoints(trajectory, natural_s, s, waypoints[1:-1])
+    if model is MotionModel.SE2 and _bends_hard(kept, stop, body):
+        # speeds are tuned along a path for speed alone: a blended corner would be taken too fast
+        tunable = False
+    edges, halt = _cells(s, stop, _cell_length(body))
+    return Path(
+        body,
+        kept,
+        s,
+        kink,
+        stop,
+        edges,
+        halt,
+        tunable,
+        trajectory.shifted(-trajectory.start),
+        natural_s,
+    )
+
+
+def timed_cells(path: Path, seconds: float) -> Path:
+    """Return the same path cut into cells that take about ``seconds`` each in its natural timing.
+
+    Cells of equal length take long where it starts and stops; these tell times there better, but
+    speeds cannot be tuned on them.
+    """
+    if path.cells == 0:
+        return path
+    times = path.natural.times
+    count = max(1, math.ceil(float(times[-1]) / seconds))
+    edges = np.interp(np.linspace(0.0, float(times[-1]), count + 1), times, path.natural_s)
+    edges = np.concatenate([edges, path.s[path.stop]])
+    edges = np.unique(np.round(edges / TINY) * TINY)
+    edges[0], edges[-1] = 0.0, path.length
+    halt = np.isin(np.arange(len(edges)), np.searchsorted(edges, path.s[path.stop] - TINY))
+    return replace(path, edges=edges, halt=halt, tunable=False, number=next(_numbers))
+
+
+def resting_path(body: Body, pose: Configuration) -> Path:
+    """Return the path of a body that stays where it is."""
+    trajectory = Trajectory(np.zeros(1), np.array([pose], dtype=np.float64))
+    return path_of(trajectory, body)
+
+
+def _twists(poses: FloatArray) -> FloatArray:
+    """Return the body-frame displacements (dx, dy, dtheta), shape (n - 1, 3), between samples."""
+    d = np.diff(poses, axis=0)
+    half = 0.5 * d[:, 2]
+    # the arc is longer than its chord by half / sin(half), and the chord points half the turn ahead
+    flat = np.abs(half) < 1e-9
+    safe = np.where(flat, 1.0, half)
+    grow = np.where(flat, 1.0, safe / np.sin(safe))
+    heading = poses[:-1, 2] + half
+    c, sn = np.cos(heading), np.sin(heading)
+    dx = grow * (c * d[:, 0] + sn * d[:, 1])
+    dy = grow * (-sn * d[:, 0] + c * d[:, 1])
+    return np.stack([dx, dy, d[:, 2]], axis=1)
+
+
+def _kept_samples(s: FloatArray) -> IntArray:
+    """Return the samples that lie at least ``TINY`` apart, always with the first and the last."""
+    if np.all(np.diff(s) >= TINY):
+        return np.arange(len(s), dtype=np.int64)
+    keep = [0]
+    for i in range(1, len(s)):
+        if s[i] - s[keep[-1]] >= TINY:
+            keep.append(i)
+    if keep[-1] != len(s) - 1 and len(keep) > 1:
+        keep[-1] = len(s) - 1
+    return np.array(keep, dtype=np.int64)
+
+
+def _kinks(poses: FloatArray, s: FloatArray, model: MotionModel) -> tuple[BoolArray, BoolArray]:
+    """Return where the twist's direction jumps, and where the body must therefore rest."""
+    n = len(s)
+    kink, stop = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
+    kink[0] = kink[-1] = stop[0] = stop[-1] = True
+    if n > 2:
+        unit = _twists(poses) / np.diff(s)[:, None]
+        kink[1:-1] = np.abs(np.diff(unit, axis=0)).max(axis=1) > KINK
+        if model is MotionModel.REEDSSHEPP:
+            stop[1:-1] = unit[:-1, 0] * unit[1:, 0] < 0
+        else:
+            # a velocity may not jump: chords of smooth curves turn little from sample to sample
+            chord = np.diff(poses, axis=0) / np.diff(s)[:, None]
+            stop[1:-1] = np.abs(np.diff(chord, axis=0)).max(axis=1) > CORNER
+    return kink, stop
+
+
+def _bends_hard(poses: FloatArray, stop: BoolArray, body: Body) -> bool:
+    """Return whether going round some bend at full speed takes more than the full acceleration."""
+    steps = np.diff(poses[:, :2], axis=0)
+    lengths = np.hypot(steps[:, 0], steps[:, 1])
+    headings = np.arctan2(steps[:, 1], steps[:, 0])
+    turn = np.abs((np.diff(headings) + np.pi) % (2 * np.pi) - np.pi)
+    mean = 0.5 * (lengths[1:] + lengths[:-1])
+    moving = (lengths[1:] > TINY) & (lengths[:-1] > TINY) & ~stop[1:-1]
+    kin = body.kinematics
+    return bool(np.any(turn[moving] * kin.v_max**2 > kin.a_max * mean[moving]))
+
+
+def _waypoints(
+    trajectory: Trajectory, natural_s: FloatArray, s: FloatArray, inner: Sequence[Configuration]
+) -> BoolArray:
+    """Return which samples of the path are rests of the query: ``inner`` waypoints and pauses."""
+    rests = np.zeros(len(s), dtype=np.bool_)
+    still = np.diff(natural_s) < TINY
+    paused = np.flatnonzero(still & (np.diff(trajectory.times) > 0.5 * Trajectory.MAX_STEP))
+    found, after = [natural_s[i] for i in paused], 0
+    for pose in inner:
+        gap = np.abs(trajectory.poses[after:, :2] - np.array(pose[:2])).max(axis=1)
+        turn = trajectory.poses[after:, 2] - pose[2]
+        gap = np.maximum(gap, np.abs(turn - 2 * np.pi * np.round(turn / (2 * np.pi))))
+        hits = np.flatnonzero(gap < 1e-6)
+        after += int(hits[0]) if len(hits) else int(np.argmin(gap))
+        found.append(natural_s[after])
+    for value in found:
+        rests[int(np.argmin(np.abs(s - value)))] = True
+    return rests
+
+
+def _cell_length(body: Body) -> float:
+    """Return the wished length (m) of a cell: short beside the body, about ``LEVELS`` speeds."""
+    k, radius = body.kinematics, hull_of(body).radius
+    return float(np.clip(k.v_max**2 / (2 * k.a_max * LEVELS), 0.1 * radius, 0.2 * radius))
+
+
+def _cells(s: FloatArray, stop: BoolArray, wish: float) -> tuple[FloatArray, BoolArray]:
+    """Cut every stretch between two stops into an even number of equally long cells."""
+    if len(s) == 1:
+        return np.zeros(1), np.ones(1, dtype=np.bool_)
+    marks = s[stop]
+    edges: list[FloatArray] = []
+    halt: list[bool] = []
+    for low, high in itertools.pairwise(marks):
+        count = 2 * max(1, math.ceil((high - low) / wish / 2))
+        edges.append(np.linspace(low, high, count + 1)[:-1])
+        halt += [True] + [False] * (count - 1)
+    edges.append(marks[-1:])
+    return np.concatenate(edges), np.array([*halt, True], dtype=np.bool_)

@@ -1,0 +1,305 @@
+"""Orders of priority: search over who goes before whom, and by how much effort each one is planned.
+
+Priority-based search (Ma et al. 2019): conflicts are resolved one by one, earliest first, by giving
+one of two robots priority and planning the other one again around all that come before it. The
+first branch is prioritised planning by release time and slack; the others are other priorities.
+Lateness orders the branches. Where no order works for a few robots, they are moved together
+(:mod:`up_samp.motion.fleet.coupled`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from up_samp.model import Deadline, TimedMotion
+from up_samp.motion.fleet.coupled import couple
+from up_samp.motion.fleet.one_robot import Attempt, plan_one
+from up_samp.motion.fleet.timed_path import Run
+from up_samp.motion.fleet.waiting import ON_TIME, Window
+from up_samp.motion.fleet.workspace import Workspace
+
+Pair = tuple[str, str]
+
+WORTH = 1.0
+"""Lateness (s) that is not worth a search over the plane: a schedule gives way more cheaply."""
+
+DELAYS = (5.0, 12.0, 30.0)
+"""Seconds that one robot may leave later, so that another can get out of its way first."""
+
+EFFORTS = ((0, 60), (1, 8), (2, 6), (3, 12))
+"""Rungs of the ladder for a group: (effort for one robot, nodes of the priority search)."""
+
+
+COUPLES = 2
+"""Effort before which a few robots are moved together if no order of them has been found."""
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """Runs by motion name, who goes before whom, and which pairs still meet (at what time)."""
+
+    runs: Mapping[str, Run]
+    before: frozenset[Pair] = frozenset()
+    meetings: Mapping[Pair, float] = field(default_factory=dict)
+
+
+@dataclass
+class Group:
+    """A group under search, with the best answers so far."""
+
+    workspace: Workspace
+    motions: dict[str, TimedMotion]
+    world: list[Run]
+    deadline: Deadline
+    effort: int = 0
+    best: Node | None = None
+    least: float = 0.0
+    """Lateness (s) of everybody alone."""
+    stuck: set[str] = field(default_factory=set)
+    """Motions that could not be planned in some branch, with those before them."""
+    met: set[str] = field(default_factory=set)
+    """Objects that were in the way of best paths."""
+
+    @cached_property
+    def order(self) -> list[str]:
+        """The motions by release, then by due (less slack first), then by name."""
+        return sorted(self.motions, key=lambda n: (self.motions[n].release, self.motions[n].due, n))
+
+    @cached_property
+    def previous(self) -> dict[str, str]:
+        """The same object's motion just before each one (where there is one)."""
+        last: dict[str, str] = {}
+        found: dict[str, str] = {}
+        for name in self.order:
+            motion = self.motions[name]
+            if motion.object in last:
+                found[name] = last[motion.object]
+            last[motion.object] = name
+        return found
+
+    def is_late(self, run: Run) -> bool:
+        """Return whether a run arrives after its motion's due."""
+        return run.arrival > self.motions[run.name].due + ON_TIME
+
+    def finished(self) -> bool:
+        """Return whether nobody can be less late, as far as driving alone tells."""
+        return self.best is not None and self.lateness(self.best.runs) <= self.least + ON_TIME
+
+    def lateness(self, runs: Mapping[str, Run]) -> float:
+        """Return the sum of all lateness (s)."""
+        late = (runs[name].arrival - self.motions[name].due for name in sorted(runs))
+        return sum(x for x in late if x > ON_TIME)
+
+    def cost(self, runs: Mapping[str, Run]) -> tuple[float, float]:
+        """Return (lateness, sum of arrivals), less is better."""
+        return self.lateness(runs), sum(runs[name].arrival for name in sorted(runs))
+
+
+def climb(group: Group, root: Node, top: int = len(EFFORTS)) -> None:
+    """Search with more and more effort until nobody is later than alone."""
+    group.least = group.lateness(root.runs)
+    for effort, nodes in EFFORTS[:top]:
+        if effort == COUPLES and group.best is None:
+            _couple(group, root)
+        late = math.inf if group.best is None else group.lateness(group.best.runs) - group.least
+        if (effort > 1 and late <= WORTH) or (effort > 2 and late < math.inf):
+            return
+        group.effort = effort
+        _search(group, root, nodes)
+        if group.finished() or group.deadline.expired():
+            return
+
+
+def _couple(group: Group, root: Node) -> None:
+    """Move those that meet together, where no order of them was found."""
+    runs = dict(root.runs)
+    counts = Counter(motion.object for motion in group.motions.values())
+    for part in _parts(root.meetings):
+        if any(counts[group.motions[n].object] > 1 for n in part):
+            return  # the same object's other motions would have to give way, too
+        motions = [group.motions[n] for n in group.order if n in part]
+        world = [*group.world, *(runs[n] for n in sorted(runs) if n not in part)]
+        found = couple(group.workspace, motions, root.runs, world, group.deadline)
+        if found is None:
+            return
+        runs |= found
+    group.best = Node(runs)
+
+
+def _parts(meetings: Iterable[Pair]) -> list[set[str]]:
+    """Return the sets of motions that hang together by meetings."""
+    parts: list[set[str]] = []
+    for pair in sorted(meetings):
+        joined = set(pair).union(*(part for part in parts if part & set(pair)))
+        parts = [part for part in parts if not part & joined]
+        parts.append(joined)
+    return parts
+
+
+def window_of(group: Group, name: str, runs: Mapping[str, Run]) -> Window:
+    """Return when a motion may happen: not before its object has arrived from the last one."""
+    motion = group.motions[name]
+    previous = group.previous.get(name)
+    if previous is None or previous not in runs:
+        return Window(motion.present_from, motion.release)
+    arrival = runs[previous].arrival
+    since = max(motion.present_from, arrival) if motion.present_from > -math.inf else arrival
+    return Window(min(since, max(motion.release, arrival)), max(motion.release, arrival))
+
+
+def _plan(
+    group: Group, name: str, runs: Mapping[str, Run], first: Iterable[str], delay: float = 0.0
+) -> Attempt:
+    """Plan one motion around the world and the runs of those that go ``first``, ``delay`` s later
+    than it could leave.
+    """
+    others = [*group.world, *(runs[other] for other in sorted(first))]
+    window = window_of(group, name, runs)
+    window = Window(window.since, window.release + delay)
+    motion = group.motions[name]
+    attempt = plan_one(group.workspace, motion, window, others, group.deadline, group.effort)
+    group.met |= attempt.met
+    return attempt
+
+
+def alone(group: Group) -> tuple[Node | None, Attempt, str]:
+    """Plan everybody alone; return the node, or the first motion that is impossible on its own."""
+    runs: dict[str, Run] = {}
+    attempt = Attempt(None)
+    for name in group.order:
+        for effort, _ in EFFORTS:
+            group.effort = effort
+            attempt = _plan(group, name, runs, ())
+            if attempt.run is not None and not group.is_late(attempt.run):
+                break
+        if attempt.run is None:
+            return None, attempt, name
+        runs[name] = attempt.run
+    return Node(runs, frozenset(), _all_meetings(group, runs)), attempt, ""
+
+
+def _all_meetings(group: Group, runs: Mapping[str, Run]) -> dict[Pair, float]:
+    names = sorted(runs)
+    meetings: dict[Pair, float] = {}
+    for i, a in enumerate(names):
+        for b in names[i + 1 :]:
+            at = group.workspace.meeting(runs[a], runs[b])[0]
+            if at < math.inf:
+                meetings[a, b] = at
+    return meetings
+
+
+def _search(group: Group, root: Node, budget: int) -> None:
+    """Search priorities depth first, children by cost; keeps the best node without a meeting."""
+    stack = [root]
+    while stack and budget > 0 and not group.deadline.expired():
+        node = stack.pop()
+        budget -= 1
+        if group.best is not None and group.lateness(node.runs) >= group.lateness(group.best.runs):
+            continue
+        if not node.meetings:
+            group.best = node
+            if group.finished():
+                return
+            continue
+        a, b = min(node.meetings, key=lambda pair: (node.meetings[pair], pair))
+        children = [_child(group, node, a, b), _child(group, node, b, a)]
+        order = {name: i for i, name in enumerate(group.order)}
+        ranked = [
+            (group.lateness(child.runs), order[first], child)
+            for first, child in zip((a, b), children, strict=True)
+            if child is not None
+        ]
+        ranked.sort(key=lambda item: item[:2], reverse=True)
+        stack += [child for _, _, child in ranked]
+
+
+def _child(group: Group, node: Node, first: str, second: str) -> Node | None:
+    """Return the node in which ``first`` goes before ``second``, or nothing if that fails."""
+    before = node.before | {(first, second)}
+    if _ahead(before, first) & {second}:
+        return None
+    runs, meetings = dict(node.runs), dict(node.meetings)
+    queue = [second]
+    while queue:
+        name = queue.pop(0)
+        ahead = _ahead(before, name)
+        attempt = _plan(group, name, runs, ahead)
+        if attempt.run is None and group.effort > 2 and name == second:
+            attempt = _with_delay(group, before, runs, meetings, first, second)
+        if attempt.run is None:
+            group.stuck |= {name, *ahead}
+            return None
+        runs[name] = attempt.run
+        _renew_meetings(group, runs, meetings, name)
+        for other in sorted(_partners(meetings, name)):
+            if other in ahead:
+                # it rests in the way before it may leave: whoever comes first cannot come there
+                group.stuck |= {name, other}
+                return None
+            # somebody of lower rank is in the way now: it has to give way again
+            if name in _ahead(before, other) and other not in queue:
+                queue.append(other)
+        follower = next((n for n, p in group.previous.items() if p == name), None)
+        if follower and runs[follower].timing.trajectory.start < runs[name].arrival:
+            queue.append(follower)
+        if group.deadline.expired():
+            return None
+    return Node(runs, before, meetings)
+
+
+def _with_delay(
+    group: Group,
+    before: frozenset[Pair],
+    runs: dict[str, Run],
+    meetings: dict[Pair, float],
+    first: str,
+    second: str,
+) -> Attempt:
+    """Plan ``second`` around a ``first`` that leaves later, so that it can get out of the way."""
+    attempt = Attempt(None)
+    for delay in DELAYS:
+        yielding = _plan(group, first, runs, _ahead(before, first), delay)
+        if yielding.run is None or group.deadline.expired():
+            continue
+        trial = {**runs, first: yielding.run}
+        attempt = _plan(group, second, trial, _ahead(before, second))
+        if attempt.run is not None:
+            runs[first] = yielding.run
+            _renew_meetings(group, runs, meetings, first)
+            break
+    return attempt
+
+
+def _partners(meetings: Mapping[Pair, float], name: str) -> set[str]:
+    """Return who meets ``name``."""
+    return {a if b == name else b for a, b in meetings if name in (a, b)}
+
+
+def _ahead(before: frozenset[Pair], name: str) -> set[str]:
+    """Return everybody who goes before ``name``, directly or not."""
+    found: set[str] = set()
+    todo = [name]
+    while todo:
+        last = todo.pop()
+        for a, b in before:
+            if b == last and a not in found:
+                found.add(a)
+                todo.append(a)
+    return found
+
+
+def _renew_meetings(
+    group: Group, runs: Mapping[str, Run], meetings: dict[Pair, float], name: str
+) -> None:
+    for other in runs:
+        pair = (name, other) if name < other else (other, name)
+        meetings.pop(pair, None)
+        if other != name:
+            at = group.workspace.meeting(runs[pair[0]], runs[pair[1]])[0]
+            if at < math.inf:
+                meetings[pair] = at

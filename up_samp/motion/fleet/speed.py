@@ -1,0 +1,293 @@
+"""Earliest arrival along a fixed path among moving obstacles, with bounded acceleration.
+
+Path-velocity decomposition (Kant & Zucker 1986) as an exact dynamic programme over a lattice of
+positions and speeds (in the spirit of SIPP-IP, Ali & Yakovlev 2023): vertex ``i`` is the boundary
+between two cells, speed level ``k`` is ``sqrt(2 a k ds)``, so that one cell at full acceleration
+is one level. For every (vertex, level) the *set* of times at which it can be reached is kept as
+intervals; waiting is allowed at level 0. Nothing but the lattice itself is approximated.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.geometry.compiled import kernel
+from up_samp.motion.fleet.cell_times import SAME
+from up_samp.motion.fleet.paths import Path
+from up_samp.motion.fleet.timings import Timing, sampled, speed_of
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+SHARE = 1.0 - 2e-6
+"""Share of the speed and acceleration limits that is used, so that rounding never exceeds them."""
+
+NEAR = 1e-7
+"""Rounding (s) that adds up over the cells of a path."""
+
+MOST = 64
+"""Intervals kept for one (vertex, level); later ones are dropped (sound, maybe later arrivals)."""
+
+
+@kernel
+def _crossing(v0: float, v1: float, a: float, ds: float) -> float:
+    """Return the least time (s) over ``ds`` between two adjacent speed levels."""
+    low, high = min(v0, v1), max(v0, v1)
+    ramp = (high * high - low * low) / (2 * a)
+    return (high - low) / a + max(0.0, ds - ramp) / high
+
+
+@kernel
+def _merge(lo: FloatArray, hi: FloatArray, count: int) -> int:
+    """Sort and merge the first ``count`` intervals in place; return how many remain."""
+    for i in range(1, count):
+        x, y = lo[i], hi[i]
+        k = i
+        while k > 0 and lo[k - 1] > x:
+            lo[k], hi[k] = lo[k - 1], hi[k - 1]
+            k -= 1
+        lo[k], hi[k] = x, y
+    kept = 0
+    for i in range(count):
+        if kept > 0 and lo[i] <= hi[kept - 1] + SAME:
+            hi[kept - 1] = max(hi[kept - 1], hi[i])
+        else:
+            lo[kept], hi[kept] = lo[i], hi[i]
+            kept += 1
+    return min(kept, MOST)
+
+
+@kernel
+def _grown(rows: FloatArray) -> FloatArray:
+    out = np.empty((2 * len(rows), 2))
+    for i in range(len(rows)):
+        out[i, 0], out[i, 1] = rows[i, 0], rows[i, 1]
+    return out
+
+
+@kernel
+def _advance(
+    begin: FloatArray,
+    free: FloatArray,
+    tau: float,
+    horizon: float,
+    lo: FloatArray,
+    hi: FloatArray,
+    count: int,
+) -> int:
+    """Append the times at which a cell that takes ``tau`` s and is ``free`` in these intervals can
+    have been crossed, for crossings that begin in ``begin``; return the new count.
+    """
+    for q in range(len(begin)):
+        for r in range(len(free)):
+            x = max(begin[q, 0], free[r, 0]) + tau
+            y = min(begin[q, 1] + tau, free[r, 1])
+            if x <= y and x <= horizon and count < len(lo):
+                lo[count], hi[count] = x, y
+                count += 1
+    return count
+
+
+@kernel
+def _waits(came: FloatArray, free: FloatArray, lo: FloatArray, hi: FloatArray) -> int:
+    """Extend arrivals to the end of the interval in which the cell behind is free."""
+    count = 0
+    for q in range(len(came)):
+        for r in range(len(free)):
+            if free[r, 0] <= came[q, 0] + SAME and came[q, 0] <= free[r, 1] and count < len(lo):
+                lo[count], hi[count] = came[q, 0], max(came[q, 1], free[r, 1])
+                count += 1
+                break
+    return count
+
+
+@kernel
+def _arrivals(
+    index: IntArray,
+    sets: FloatArray,
+    level: int,
+    a: float,
+    v_max: float,
+    ds: float,
+    free: FloatArray,
+    latest: float,
+    lo: FloatArray,
+    hi: FloatArray,
+) -> int:
+    """Fill ``lo``, ``hi`` with arrivals at ``level`` from the vertex before, whose slots are
+    ``index``; return how many.
+    """
+    count, width = 0, len(index) - 1
+    v1 = speed_of(level, a, ds, v_max)
+    # a level up or down or the same; never from rest to rest
+    for before in range(abs(level - 1), min(level + 1, width - 2) + 1):
+        source = before if before > 0 else width - 1
+        begin = sets[index[source] : index[source + 1]]
+        if len(begin) > 0:
+            tau = _crossing(speed_of(before, a, ds, v_max), v1, a, ds)
+            count = _advance(begin, free, tau, latest, lo, hi, count)
+    return count
+
+
+@kernel
+def reachable(
+    edges: FloatArray,
+    halt: BoolArray,
+    a: float,
+    v_max: float,
+    head: IntArray,
+    safe: FloatArray,
+    release: float,
+    horizon: float,
+) -> tuple[IntArray, FloatArray]:
+    """Return the reachable times: slot ``i * width + k`` of (vertex i, level k) holds the intervals
+    ``sets[index[slot]:index[slot + 1]]``. Each vertex's last slot is level 0 *with* waiting.
+
+    What cannot arrive until ``horizon`` (s) even at top speed from there is left out.
+    """
+    m = len(edges) - 1
+    top = 1
+    for i in range(m):
+        top = max(top, int(np.ceil(v_max * v_max / (2 * a * (edges[i + 1] - edges[i])) - 1e-9)))
+    width = top + 2
+    index = np.zeros((m + 1) * width + 1, dtype=np.int64)
+    sets = np.empty((4096, 2))
+    used = 0
+    for k in range(head[0], head[1]):
+        if safe[k, 0] <= release + SAME and release < safe[k, 1]:
+            sets[0, 0], sets[0, 1] = release, safe[k, 1]
+            used = 1
+    index[width] = used
+    lo, hi = np.empty(8 * MOST), np.empty(8 * MOST)
+    left = 0
+    for i in range(1, m + 1):
+        if left == 0:
+            while not halt[i + left]:
+                left += 1
+        else:
+            left -= 1
+        ds = edges[i] - edges[i - 1]
+        cap = min(left, int(np.ceil(v_max * v_max / (2 * a * ds) - 1e-9)))
+        free = safe[head[i] : head[i + 1]]
+        latest = horizon - (edges[m] - edges[i]) / v_max
+        for k in range(width):
+            count = 0
+            if k == width - 1:
+                came = sets[index[i * width] : index[i * width + 1]]
+                count = _waits(came, free, lo, hi)
+            elif k <= cap:
+                before = index[(i - 1) * width : i * width + 1]
+                count = _arrivals(before, sets, k, a, v_max, ds, free, latest, lo, hi)
+            count = _merge(lo, hi, count)
+            if used + count > len(sets):
+                sets = _grown(sets)
+            for q in range(count):
+                sets[used + q, 0], sets[used + q, 1] = lo[q], hi[q]
+            used += count
+            index[i * width + k + 1] = used
+        if used == index[i * width]:
+            index[(i + 1) * width + 1 :] = used  # nobody comes here in time
+            break
+    return index, sets[:used]
+
+
+@kernel
+def _spans(intervals: FloatArray, begin: float, end: float) -> bool:
+    """Return whether one interval contains [begin, end], but for rounding."""
+    for r in range(len(intervals)):
+        if intervals[r, 0] <= begin + NEAR and end <= intervals[r, 1] + NEAR:
+            return True
+    return False
+
+
+@kernel
+def _came(came: FloatArray, free: FloatArray, t: float) -> float:
+    """Return the latest arrival up to ``t`` from which one can wait until ``t`` (-inf: none)."""
+    low = -np.inf
+    for r in range(len(free)):
+        if free[r, 0] <= t + NEAR and t <= free[r, 1] + NEAR:
+            low = free[r, 0]
+    best = -np.inf
+    for q in range(len(came)):
+        if came[q, 0] <= t + NEAR and came[q, 1] >= low - NEAR:
+            best = max(best, min(came[q, 1], t))
+    return best
+
+
+@kernel
+def backtrack(
+    edges: FloatArray,
+    a: float,
+    v_max: float,
+    head: IntArray,
+    safe: FloatArray,
+    index: IntArray,
+    sets: FloatArray,
+    arrival: float,
+) -> tuple[bool, IntArray, FloatArray, FloatArray]:
+    """Return (found, level, reached, left) per vertex of a timing that arrives at ``arrival``.
+
+    Of several predecessors the fastest is taken, so waits fall as early as they can.
+    """
+    m = len(edges) - 1
+    width = (len(index) - 1) // (m + 1)
+    level = np.zeros(m + 1, dtype=np.int64)
+    reached, left = np.empty(m + 1), np.empty(m + 1)
+    reached[m] = left[m] = arrival
+    t, k = arrival, 0
+    for i in range(m, 0, -1):
+        ds = edges[i] - edges[i - 1]
+        v1 = speed_of(k, a, ds, v_max)
+        free = safe[head[i] : head[i + 1]]
+        found = False
+        for before in range(min(k + 1, width - 2), abs(k - 1) - 1, -1):
+            begin = t - _crossing(speed_of(before, a, ds, v_max), v1, a, ds)
+            source = (i - 1) * width + (before if before > 0 else width - 1)
+            options = sets[index[source] : index[source + 1]]
+            if _spans(free, begin, t) and _spans(options, begin, begin):
+                found = True
+                k, t = before, begin
+                break
+        if not found:
+            return False, level, reached, left
+        level[i - 1] = k
+        reached[i - 1] = left[i - 1] = t
+        if k == 0 and i > 1:
+            source = (i - 1) * width
+            came = sets[index[source] : index[source + 1]]
+            t = _came(came, safe[head[i - 1] : head[i]], t)
+            if t == -np.inf:
+                return False, level, reached, left
+            reached[i - 1] = t
+    return True, level, reached, left
+
+
+def tune(
+    path: Path,
+    head: IntArray,
+    safe: FloatArray,
+    release: float,
+    goal_free: float,
+    horizon: float = math.inf,
+) -> Timing | None:
+    """Return the earliest arrival along ``path`` in the safe intervals of its cells, if any.
+
+    It leaves not before ``release`` and arrives not before ``goal_free`` nor after ``horizon`` (s).
+    """
+    kin = path.body.kinematics
+    a, v_max = kin.a_max * SHARE, kin.v_max * SHARE
+    index, sets = reachable(path.edges, path.halt, a, v_max, head, safe, release, horizon)
+    width = (len(index) - 1) // (path.cells + 1)
+    last = path.cells * width
+    arrivals = sets[index[last] : index[last + 1]]
+    times = [max(float(lo), goal_free) for lo, hi in arrivals if hi >= goal_free]
+    if not times or min(times) > horizon:
+        return None
+    found, level, reached, left = backtrack(
+        path.edges, a, v_max, head, safe, index, sets, min(times)
+    )
+    return sampled(path, level, reached, left, a, v_max) if found else None

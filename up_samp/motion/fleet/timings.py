@@ -1,0 +1,127 @@
+"""Timings of a path: the planner's own, or sampled from speeds and times per cell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.geometry.compiled import kernel
+from up_samp.model import Trajectory
+from up_samp.motion.fleet.cell_times import SAME
+from up_samp.motion.fleet.paths import Path
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+CLOSE = 1e-4
+"""Forced samples nearer than this (s) to a stop, and shorter waits, are left out."""
+
+
+@kernel
+def speed_of(level: int, a: float, ds: float, v_max: float) -> float:
+    """Return the speed (m/s) at a level: one cell of ``ds`` m at full acceleration apart."""
+    return min(v_max, np.sqrt(2 * a * ds * level))
+
+
+@dataclass(frozen=True, eq=False)
+class Timing:
+    """A timing of a path: the trajectory and ``s`` at each of its samples."""
+
+    trajectory: Trajectory
+    s: FloatArray
+
+
+def natural_timing(path: Path, start: float) -> Timing:
+    """Return the planner's own timing, begun at ``start`` (s)."""
+    return Timing(path.natural.shifted(start), path.natural_s)
+
+
+def sampled(
+    path: Path, level: IntArray, reached: FloatArray, left: FloatArray, a: float, v_max: float
+) -> Timing:
+    """Return the trajectory for speed levels and times per vertex (see :func:`backtrack`)."""
+    phases, forced = _phases(path.edges, level, reached, left, a, v_max)
+    t, s, v, acc = phases.T
+    # kinks must be samples: solve s + v dt + acc dt^2 / 2 = kink in the phase that passes it
+    kinks = path.s[path.kink][1:-1]
+    i = np.clip(np.searchsorted(s, kinks, side="right") - 1, 0, len(s) - 1)
+    ahead = np.maximum(kinks - s[i], 0.0)
+    root = v[i] + np.sqrt(np.maximum(v[i] ** 2 + 2 * acc[i] * ahead, 0.0))
+    crossed = t[i] + np.where(root > 0, 2 * ahead / np.where(root > 0, root, 1.0), 0.0)
+    near = np.searchsorted(forced, crossed)
+    close = np.minimum(
+        np.abs(crossed - forced[np.minimum(near, len(forced) - 1)]),
+        np.abs(crossed - forced[np.maximum(near - 1, 0)]),
+    )
+    marks = np.concatenate([forced, crossed[close > CLOSE]])
+    marks.sort()
+    marks = marks[np.concatenate([[True], np.diff(marks) > SAME])]
+    times = _filled(marks)
+    i = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 1)
+    dt = times - t[i]
+    at = np.maximum.accumulate(np.minimum(s[i] + dt * (v[i] + 0.5 * dt * acc[i]), path.length))
+    at[0], at[-1] = 0.0, path.length
+    # a wait is two samples in one place
+    keep = np.ones(len(at), dtype=np.bool_)
+    keep[1:-1] = (at[1:-1] > at[:-2]) | (at[2:] > at[1:-1])
+    times, at = times[keep], at[keep]
+    return Timing(Trajectory(times, path.poses_at(at)), at)
+
+
+@kernel
+def _phases(
+    edges: FloatArray,
+    level: IntArray,
+    reached: FloatArray,
+    left: FloatArray,
+    a: float,
+    v_max: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Return phases of constant acceleration (begin, s, v, acceleration; a wait has speed 0), shape
+    (k, 4), and the times at which it stops or starts.
+    """
+    m = len(edges) - 1
+    rows, forced = np.empty((3 * m, 4)), np.empty(2 * m + 1)
+    now = left[0]
+    forced[0] = now
+    n, stops = 0, 1
+    for i in range(1, m + 1):
+        ds = edges[i] - edges[i - 1]
+        v0, v1 = speed_of(level[i - 1], a, ds, v_max), speed_of(level[i], a, ds, v_max)
+        high = max(v0, v1)
+        ramp, length = abs(v1 - v0) / a, abs(v1 * v1 - v0 * v0) / (2 * a)
+        cruise = max(0.0, ds - length) / high
+        at = edges[i - 1]
+        for part in range(2):
+            # speed up first, slow down last
+            ramps = (part == 0) == (v1 >= v0)
+            lasts = ramp if ramps else cruise
+            if lasts > 0.0:
+                speed = v0 if ramps else high
+                push = (a if v1 >= v0 else -a) if ramps else 0.0
+                rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 3] = now, at, speed, push
+                n += 1
+                now += lasts
+                at += speed * lasts + 0.5 * push * lasts * lasts
+        if level[i] == 0:
+            forced[stops] = now
+            stops += 1
+            if i < m and left[i] - now > CLOSE:
+                rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 3] = now, edges[i], 0.0, 0.0
+                n += 1
+                now = left[i]
+                forced[stops] = now
+                stops += 1
+    return rows[:n], forced[:stops]
+
+
+def _filled(marks: FloatArray) -> FloatArray:
+    """Return ``marks`` with evenly spread times in between, at most ``MAX_STEP`` s apart."""
+    gaps = np.diff(marks)
+    counts = np.maximum(1, np.ceil(gaps / Trajectory.MAX_STEP - SAME).astype(np.int64))
+    which = np.repeat(np.arange(len(gaps)), counts)
+    first = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    share = (np.arange(len(which)) - first[which]) / counts[which]
+    return np.append(marks[which] + share * gaps[which], marks[-1])

@@ -1,0 +1,318 @@
+"""A workspace that remembers paths, and what they have to do with each other."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import OrderedDict
+from collections.abc import Hashable, Iterable
+from functools import cached_property
+from typing import TYPE_CHECKING, Protocol, TypeVar
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.geometry.scene import Scene
+from up_samp.model import (
+    Body,
+    Configuration,
+    Deadline,
+    MotionModel,
+    Outcome,
+    PathQuery,
+    PathReport,
+    Placed,
+    Rest,
+)
+from up_samp.motion.curves.trajectories import at_rest, joined
+from up_samp.motion.fleet.cell_times import (
+    first_meeting,
+    forbidden,
+    stay_far,
+)
+from up_samp.motion.fleet.conflicts import conflict_runs, separation
+from up_samp.motion.fleet.lanes import shifted_lane
+from up_samp.motion.fleet.paths import Hull, Path, path_of, resting_path, timed_cells
+from up_samp.motion.fleet.timed_path import MARGIN, NOBODY, Run, pair_flags, planar, pose_at
+from up_samp.motion.fleet.timings import Timing
+from up_samp.motion.protocol import LegQuery
+
+if TYPE_CHECKING:
+    from up_samp.motion.fleet.sipp import Roundabout
+    from up_samp.motion.planners.car import CarPlanner
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+QUICK = 0.5
+"""Seconds for a detour where there is no planner that stops after fixed work."""
+
+
+CELL_SECONDS = 0.1
+"""Length (s) of the cells that interaction profiles are made of."""
+
+
+CHORD = 0.1
+"""Allowance (m) for positions read along chords instead of arcs."""
+
+
+PATHS = 300
+"""Paths that a workspace remembers."""
+
+
+DIAGRAMS = 20_000
+"""Pairs of paths whose conflicts a workspace remembers."""
+
+
+NOTHING = np.empty((0, 3), dtype=np.int64)
+"""No conflicting cells."""
+
+
+class PathPlanner(Protocol):
+    """What this package needs of a motion service: single paths among resting obstacles."""
+
+    def plan(self, query: PathQuery, deadline: Deadline) -> PathReport:
+        """Return the best path of one body among the query's obstacles."""
+        ...
+
+
+Value = TypeVar("Value")
+
+
+class _Memory(OrderedDict[Hashable, Value]):
+    """A dictionary that forgets what was used longest ago."""
+
+    def __init__(self, most: int) -> None:
+        super().__init__()
+        self.most = most
+
+    def recall(self, key: Hashable) -> Value | None:
+        if key in self:
+            self.move_to_end(key)
+            return self[key]
+        return None
+
+    def keep(self, key: Hashable, value: Value) -> Value:
+        self[key] = value
+        while len(self) > self.most:
+            self.popitem(last=False)
+        return value
+
+
+def _is_cleared(path: Path, rest: Path) -> bool:
+    return rest.cells == 0 and (rest.body.footprint, pose_at(rest, 0)) in path.cleared
+
+
+class Workspace:
+    """Paths and their conflicts, remembered across queries of one motion service."""
+
+    def __init__(self, service: PathPlanner) -> None:
+        self.service = service
+        self._paths: _Memory[Path | PathReport] = _Memory(PATHS)
+        self._drives: _Memory[Path] = _Memory(PATHS)
+        self._lanes: _Memory[Path | None] = _Memory(PATHS)
+        self._timed: _Memory[Path] = _Memory(PATHS)
+        self._rests: _Memory[Path] = _Memory(PATHS)
+        self._conflicts: _Memory[IntArray] = _Memory(DIAGRAMS)
+
+    @cached_property
+    def roundabout(self) -> Roundabout | None:
+        """The search over the plane, if the service has a scene to search in."""
+        from up_samp.motion.fleet.sipp import Roundabout
+
+        return Roundabout(self.scene) if self.scene is not None else None
+
+    def path(
+        self,
+        body: Body,
+        poses: tuple[Configuration, ...],
+        obstacles: Iterable[Placed],
+        deadline: Deadline,
+    ) -> Path | PathReport:
+        """Return the service's best path as a :class:`Path`, or its report if it has none."""
+        planar(body)
+        obstacles = tuple(obstacles)
+        around = frozenset((p.body.footprint, p.pose) for p in obstacles)
+        key = (body, poses, around)
+        known = self._paths.recall(key)
+        if known is not None:
+            return known
+        report = self.service.plan(PathQuery(body, poses, obstacles), deadline)
+        if report.trajectory is None:
+            return report
+        # the same path is often the answer to several questions: conflicts are known by path
+        drive = (body, poses, report.trajectory.poses.tobytes())
+        path = self._drives.recall(drive)
+        path = path or self._drives.keep(drive, path_of(report.trajectory, body, poses))
+        path.cleared.update(around)
+        return self._paths.keep(key, path)
+
+    def detour(
+        self,
+        body: Body,
+        poses: tuple[Configuration, ...],
+        obstacles: Iterable[Placed],
+        deadline: Deadline,
+    ) -> Path | None:
+        """Return a path around ``obstacles`` that is cheap to find, if there is one.
+
+        Unlike :meth:`path` it gives up early, since a detour is only one way of several.
+        """
+        if self._quick is None or body.kinematics.model is not MotionModel.REEDSSHEPP:
+            path = self.path(body, poses, obstacles, deadline.within(QUICK))
+            return path if isinstance(path, Path) else None
+        obstacles = tuple(obstacles)
+        around = frozenset((p.body.footprint, p.pose) for p in obstacles)
+        key = (body, poses, around, "detour")
+        known = self._paths.recall(key)
+        if known is None:
+            parts = [at_rest(poses[0])]
+            for start, goal in itertools.pairwise(poses):
+                leg = self._quick.leg(LegQuery(body, start, goal, obstacles), deadline)
+                if leg.trajectory is None:
+                    known = PathReport(Outcome.OUT_OF_TIME, reason=leg.reason)
+                    break
+                parts.append(leg.trajectory)
+            else:
+                known = path_of(joined(parts), body, poses)
+                known.cleared.update(around)
+            if not deadline.expired():
+                self._paths.keep(key, known)
+        return known if isinstance(known, Path) else None
+
+    @cached_property
+    def _quick(self) -> CarPlanner | None:
+        from up_samp.motion.planners.car import CarPlanner, CarSettings
+
+        settings = CarSettings((0.7,), (8_000,), rounds=400, patience=120, restarts=1)
+        return CarPlanner(self.scene, 0, settings) if self.scene is not None else None
+
+    @cached_property
+    def scene(self) -> Scene | None:
+        """The map that the service plans in, if it tells."""
+        return getattr(self.service, "scene", None)
+
+    def lane(self, path: Path, first: float, last: float, offset: float) -> Path | None:
+        """Return ``path`` moved sideways by ``offset`` m on [first, last] m, if the map allows."""
+        if self.scene is None:
+            return None
+        key = (path.number, first, last, offset)
+        if key not in self._lanes:
+            lane = shifted_lane(self.scene, path, first, last, offset)
+            self._lanes.keep(key, lane)
+        return self._lanes[key]
+
+    def timed(self, path: Path) -> Path:
+        """Return ``path`` in cells of equal time."""
+        return self._timed.recall(path.number) or self._timed.keep(
+            path.number, timed_cells(path, CELL_SECONDS)
+        )
+
+    def resting(self, body: Body, pose: Configuration) -> Path:
+        """Return the path of a body that stays at ``pose``."""
+        planar(body)
+        key = (body.footprint, pose)
+        return self._rests.recall(key) or self._rests.keep(key, resting_path(body, pose))
+
+    def conflicts(self, a: Path, b: Path) -> IntArray:
+        """Return the conflicting cells of two paths as rows (i, j first, j last)."""
+        if _is_cleared(a, b) or _is_cleared(b, a):
+            return NOTHING
+        key = (a.number, b.number)
+        known = self._conflicts.recall(key)
+        if known is not None:
+            return known
+        p, q = a.box, b.box
+        if p[0] > q[2] or q[0] > p[2] or p[1] > q[3] or q[1] > p[3]:
+            return self._conflicts.keep(key, NOTHING)
+        g, h = a.hull, b.hull
+        rows = conflict_runs(
+            a.table,
+            g.verts,
+            g.counts,
+            g.radius,
+            b.table,
+            h.verts,
+            h.counts,
+            h.radius,
+            self._margin(a, b, g, h),
+            g.core + h.core,
+        )
+        return self._conflicts.keep(key, rows)
+
+    @staticmethod
+    def _margin(a: Path, b: Path, g: Hull, h: Hull) -> float:
+        """Return the clearance to keep: less than usual where both may rest closer than that."""
+        margin = MARGIN
+        for p in (a.poses[0], a.poses[-1]):
+            for q in (b.poses[0], b.poses[-1]):
+                gap = separation(p, g.verts, g.counts, q, h.verts, h.counts)
+                if 0.0 < gap < 2 * margin:
+                    margin = 0.5 * gap
+        return margin
+
+    def forbidden(
+        self, path: Path, name: str, avoid: frozenset[str] | None, others: Iterable[Run]
+    ) -> FloatArray:
+        """Return rows (cell, from, until) in which ``others`` keep the object ``name`` from
+        cells of ``path``.
+        """
+        parts: list[FloatArray] = []
+        for other in others:
+            flags = pair_flags(name, avoid, other.object, other.avoid)
+            if other.object == name or flags == 0:
+                continue
+            runs = self.conflicts(path, other.path)
+            if len(runs):
+                out = np.empty((len(runs), 3))
+                used = forbidden(runs, path.cells, other.held, flags, out, 0)
+                parts.append(out[:used])
+        return np.concatenate(parts) if parts else np.empty((0, 3))
+
+    def meeting(self, a: Run, b: Run) -> tuple[float, int, int]:
+        """Return (time, cell of a, cell of b) of the first conflict of two runs (inf: none)."""
+        flags = pair_flags(a.object, a.avoid, b.object, b.avoid)
+        if a.object == b.object or flags == 0:
+            return math.inf, -1, -1
+        if a.held[-1] <= b.held[0] or b.held[-1] <= a.held[0]:
+            return math.inf, -1, -1
+        if (a.path.number, b.path.number) not in self._conflicts and _stay_far(a, b):
+            return math.inf, -1, -1
+        runs = self.conflicts(a.path, b.path)
+        return first_meeting(runs, a.held, b.held, flags)
+
+
+def _stay_far(a: Run, b: Run) -> bool:
+    """Return whether two runs cannot meet, by their distance over time alone."""
+    p, q = a.timing.trajectory, b.timing.trajectory
+    low = max(a.held[0], b.held[0], -1e9)
+    high = min(a.held[-1], b.held[-1], 1e9)
+    reach = a.path.hull.radius + b.path.hull.radius + 2 * MARGIN + CHORD
+    # a slack millisecond step moves less than the chord's allowance
+    speed = max(1e-6, a.speed + b.speed)
+    return bool(stay_far(p.times, p.poses, q.times, q.poses, low, high, reach, speed))
+
+
+_workspaces: WeakKeyDictionary[PathPlanner, Workspace] = WeakKeyDictionary()
+
+
+def workspace_of(service: PathPlanner) -> Workspace:
+    """Return the workspace that belongs to a motion service."""
+    if service not in _workspaces:
+        _workspaces[service] = Workspace(service)
+    return _workspaces[service]
+
+
+def rest_run(workspace: Workspace, rest: Rest) -> Run:
+    """Return a resting object as a run."""
+    path = workspace.resting(rest.body, rest.pose)
+    return Run(
+        rest.name,
+        rest.name,
+        path,
+        Timing(path.natural, path.natural_s),
+        rest.since,
+        rest.until,
+        NOBODY,
+    )

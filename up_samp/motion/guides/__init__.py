@@ -1,0 +1,1 @@
+"""Guides of searches: costs to go, search spaces, visibility, a heap. They prove nothing."""

@@ -1,0 +1,239 @@
+"""Distances to a goal over a coarse grid: they guide searches, they prove nothing."""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.geometry import Scene, Shape
+from up_samp.geometry.compiled import inner, kernel
+from up_samp.geometry.kernels import PolyData
+from up_samp.model import Placed
+from up_samp.motion.guides.visibility import sees
+from up_samp.motion.planners.hybrid_astar import Field
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+MAX_CELLS = 60_000
+
+
+def least_value(field: Field, points: FloatArray) -> float:
+    """Return the least distance (m) of ``points`` (n, 2) to the field's goal; inf without points
+    that the field knows.
+    """
+    rows, cols = field.values.shape
+    f = field.frame
+    d = points - f[:2]
+    col = np.floor((f[2] * d[:, 0] + f[3] * d[:, 1]) / f[5]).astype(np.int64)
+    row = np.floor((f[2] * d[:, 1] - f[3] * d[:, 0]) / f[5]).astype(np.int64)
+    known = (row >= 0) & (col >= 0) & (row < rows) & (col < cols)
+    return float(np.min(field.values[row[known], col[known]], initial=np.inf))
+
+
+@kernel
+def point_to_convex(x: float, y: float, verts: npt.NDArray[np.float64], n: int) -> float:
+    """Return the distance (m) from a point to a convex counter-clockwise polygon (0 inside)."""
+    inside = True
+    best = 1e300
+    j = n - 1
+    for i in range(n):
+        ex, ey = verts[i, 0] - verts[j, 0], verts[i, 1] - verts[j, 1]
+        wx, wy = x - verts[j, 0], y - verts[j, 1]
+        if ex * wy - ey * wx < 0.0:
+            inside = False
+        square = max(ex * ex + ey * ey, 1e-300)
+        t = min(1.0, max(0.0, (wx * ex + wy * ey) / square))
+        dx, dy = wx - t * ex, wy - t * ey
+        best = min(best, dx * dx + dy * dy)
+        j = i
+    return 0.0 if inside else math.sqrt(best)
+
+
+@kernel
+def mark_near(
+    cells: npt.NDArray[np.bool_],
+    frame: npt.NDArray[np.float64],
+    polys: PolyData,
+    reach: float,
+    only: int,
+) -> None:
+    """Set the cells whose centre is closer than ``reach`` (m) to an obstacle (of owner ``only``,
+    or of any if negative). ``frame``: x, y, cos, sin, yaw, cell size.
+    """
+    rows, cols = cells.shape
+    size = frame[5]
+    for k in range(polys.counts.shape[0]):
+        if only >= 0 and polys.owner[k] != only:
+            continue
+        dx, dy = polys.centres[k, 0] - frame[0], polys.centres[k, 1] - frame[1]
+        cx = (frame[2] * dx + frame[3] * dy) / size
+        cy = (frame[2] * dy - frame[3] * dx) / size
+        span = (polys.centres[k, 2] + reach) / size + 1.0
+        for row in range(max(0, math.floor(cy - span)), min(rows, math.ceil(cy + span))):
+            for col in range(max(0, math.floor(cx - span)), min(cols, math.ceil(cx + span))):
+                gx, gy = (col + 0.5) * size, (row + 0.5) * size
+                x = frame[0] + frame[2] * gx - frame[3] * gy
+                y = frame[1] + frame[3] * gx + frame[2] * gy
+                if point_to_convex(x, y, polys.verts[k], polys.counts[k]) < reach:
+                    cells[row, col] = True
+
+
+@inner
+def _settle(
+    dist: npt.NDArray[np.float32],
+    root: npt.NDArray[np.int32],
+    sums: npt.NDArray[np.int32],
+    cell: int,
+) -> None:
+    """Make sure that a cell sees its root; otherwise take the best settled neighbour as its
+    root.
+    """
+    rows, cols = dist.shape
+    r, c = cell // cols, cell % cols
+    rr, rc = root[r, c] // cols, root[r, c] % cols
+    if max(abs(r - rr), abs(c - rc)) <= 1 or sees(sums, c + 0.5, r + 0.5, rc + 0.5, rr + 0.5):
+        return
+    best = np.inf
+    for dr in range(-1, 2):
+        for dc in range(-1, 2):
+            nr, nc = r + dr, c + dc
+            if (dr == 0 and dc == 0) or nr < 0 or nc < 0 or nr >= rows or nc >= cols:
+                continue
+            d = dist[nr, nc] + math.sqrt(float(dr * dr + dc * dc))
+            if root[nr, nc] >= 0 and d < best:
+                best = d
+                root[r, c] = nr * cols + nc
+    dist[r, c] = best
+
+
+@kernel
+def distances(
+    blocked: npt.NDArray[np.bool_], sums: npt.NDArray[np.int32], row: int, col: int
+) -> npt.NDArray[np.float32]:
+    """Return the distance (in cells) of every cell to (row, col), along any angle.
+
+    Lazy Theta* (Nash, Koenig, Tovey, AAAI 2010) without a goal: each cell hangs on the last turning
+    point in sight. ``sums`` (rows, cols + 1): running sums of the blocked cells of each row.
+    """
+    rows, cols = blocked.shape
+    dist = np.full((rows, cols), np.inf, dtype=np.float32)
+    root = np.full((rows, cols), -1, dtype=np.int32)
+    done = np.zeros((rows, cols), dtype=np.bool_)
+    cap = 8 * rows * cols + 8
+    keys = np.empty(cap, dtype=np.float32)
+    heap = np.empty(cap, dtype=np.int32)
+    dist[row, col] = 0.0
+    root[row, col] = row * cols + col
+    keys[0], heap[0] = 0.0, row * cols + col
+    size = 1
+    while size > 0:
+        cell = heap[0]
+        size -= 1
+        key, item = keys[size], heap[size]
+        i = 0
+        while True:
+            child = 2 * i + 1
+            if child >= size:
+                break
+            if child + 1 < size and keys[child + 1] < keys[child]:
+                child += 1
+            if keys[child] >= key:
+                break
+            keys[i], heap[i] = keys[child], heap[child]
+            i = child
+        keys[i], heap[i] = key, item
+        r, c = cell // cols, cell % cols
+        if done[r, c]:
+            continue
+        _settle(dist, root, sums, cell)
+        done[r, c] = True
+        rr, rc = root[r, c] // cols, root[r, c] % cols
+        for dr in range(-1, 2):
+            for dc in range(-1, 2):
+                nr, nc = r + dr, c + dc
+                if nr < 0 or nc < 0 or nr >= rows or nc >= cols or blocked[nr, nc]:
+                    continue
+                away = math.sqrt(float((nr - rr) ** 2 + (nc - rc) ** 2))
+                step = np.float32(dist[rr, rc] + away)
+                if not done[nr, nc] and step < dist[nr, nc]:
+                    dist[nr, nc] = step
+                    root[nr, nc] = root[r, c]
+                    i = size
+                    size += 1
+                    while i > 0 and keys[(i - 1) // 2] > step:
+                        keys[i], heap[i] = keys[(i - 1) // 2], heap[(i - 1) // 2]
+                        i = (i - 1) // 2
+                    keys[i], heap[i] = step, nr * cols + nc
+    return dist
+
+
+def empty_field() -> Field:
+    """Return a field that says nothing."""
+    return Field(np.zeros((0, 0), np.float32), np.array([0.0, 0.0, 1.0, 0.0, 0.0, 1.0]))
+
+
+class Fields:
+    """Goal-distance fields of one scene, cached by goal cell, body size and obstacles."""
+
+    def __init__(self, scene: Scene, size: int = 256) -> None:
+        self.scene = scene
+        self._size = size
+        self._coarse: dict[int, FloatArray] = {}
+        self._fields: OrderedDict[tuple[object, ...], Field] = OrderedDict()
+
+    def toward(self, shape: Shape, goal: Sequence[float], obstacles: tuple[Placed, ...]) -> Field:
+        """Return the distances (m) of the reference point's disc to ``goal``."""
+        if self.scene.grid is None or shape.inscribed <= 0.0:
+            return empty_field()
+        key = (
+            round(shape.inscribed, 6),
+            float(goal[0]),
+            float(goal[1]),
+            frozenset((p.body.footprint, p.pose) for p in obstacles),
+        )
+        if key not in self._fields:
+            self._fields[key] = self._build(shape, goal, obstacles)
+            if len(self._fields) > self._size:
+                self._fields.popitem(last=False)
+        return self._fields[key]
+
+    def _build(self, shape: Shape, goal: Sequence[float], obstacles: tuple[Placed, ...]) -> Field:
+        grid = self.scene.grid
+        assert grid is not None
+        rows, cols = grid.shape
+        factor = max(1, int(0.8 * shape.inscribed / grid.resolution))
+        factor = max(factor, math.ceil(math.sqrt(rows * cols / MAX_CELLS)))
+        frame = self.scene.data.frame.copy()
+        frame[5] *= factor
+        clear = self._coarsened(factor)
+        # a fine cell's value is for its worst point; its best may be a diagonal better
+        blocked = clear + grid.resolution * math.sqrt(2.0) < shape.inscribed
+        reach = max(shape.inscribed - frame[5] * math.sqrt(0.5), 0.02)
+        if obstacles:
+            mark_near(blocked, frame, self.scene.polys(obstacles), reach, -1)
+        dx, dy = goal[0] - frame[0], goal[1] - frame[1]
+        col = math.floor((frame[2] * dx + frame[3] * dy) / frame[5])
+        row = math.floor((frame[2] * dy - frame[3] * dx) / frame[5])
+        if not (0 <= row < blocked.shape[0] and 0 <= col < blocked.shape[1]):
+            return Field(np.full(blocked.shape, np.inf, np.float32), frame)
+        sums = np.zeros((blocked.shape[0], blocked.shape[1] + 1), dtype=np.int32)
+        np.cumsum(blocked, axis=1, out=sums[:, 1:])
+        # a point may lie at the near side of its cell, and so may the goal
+        cells = np.maximum(distances(blocked, sums, row, col) - np.float32(0.7), 0.0)
+        return Field(np.ascontiguousarray(cells * np.float32(frame[5])), frame)
+
+    def _coarsened(self, factor: int) -> FloatArray:
+        """Return the largest clearance (m) within each block of ``factor`` x ``factor`` cells."""
+        if factor not in self._coarse:
+            fine = self.scene.data.clearance
+            rows, cols = (math.ceil(n / factor) for n in fine.shape)
+            padded = np.full((rows * factor, cols * factor), -1.0, dtype=np.float32)
+            padded[: fine.shape[0], : fine.shape[1]] = fine
+            blocks = padded.reshape(rows, factor, cols, factor)
+            self._coarse[factor] = blocks.max(axis=(1, 3)).astype(np.float64)
+        return self._coarse[factor]

@@ -1,0 +1,73 @@
+"""What searches over poses share: the box they search, and how close to things they may go."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.geometry import Scene, Shape
+from up_samp.model import Body, Configuration, Placed
+
+FloatArray = npt.NDArray[np.float64]
+
+MARGIN_SHARES = (1.0, 0.25, 0.06, 0.015, 0.004, 0.001)
+"""Shares of the clearance margin tried where a start or goal is closer to something than that."""
+
+MOST_KEYS = 20_000_000
+
+
+def widest_shape(
+    scene: Scene, body: Body, poses: Sequence[Configuration], obstacles: tuple[Placed, ...]
+) -> Shape | None:
+    """Return the footprint with the largest margin that all ``poses`` can keep (None: they
+    touch).
+    """
+    polys = scene.polys(obstacles)
+    for share in MARGIN_SHARES:
+        shape = scene.shape(body, scene.margin * share)
+        least = 0.1 * shape.data.slack[2]
+        if all(scene.clearance(shape, polys, pose) >= least for pose in poses):
+            return shape
+    return None
+
+
+def search_box(
+    scene: Scene, poses: Sequence[Configuration], obstacles: tuple[Placed, ...], reach: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the corners of the map, or without one of what is known and ``reach`` m around it."""
+    if scene.grid is not None:
+        rows, cols = scene.grid.shape
+        corners = [(r, c) for r in (-0.5, rows - 0.5) for c in (-0.5, cols - 0.5)]
+        points = np.array([scene.grid.point_of(r, c) for r, c in corners])
+        return points.min(axis=0), points.max(axis=0)
+    points = np.array([p[:2] for p in poses])
+    polys = scene.polys(obstacles)
+    if len(polys.counts):
+        centres, radii = polys.centres[:, :2], polys.centres[:, 2:]
+        points = np.concatenate([points, centres - radii, centres + radii])
+    return points.min(axis=0) - reach, points.max(axis=0) + reach
+
+
+def pose_space(
+    scene: Scene,
+    poses: Sequence[Configuration],
+    obstacles: tuple[Placed, ...],
+    reach: float,
+    cell: float,
+    bins: int,
+    guide: tuple[float, float, float],
+) -> FloatArray:
+    """Return the box and the resolution of a search (for ``hybrid_astar.expand``).
+
+    ``guide``: expansions after the first solution, range (m) of Reeds-Shepp times, weight of the
+    distance to go.
+    """
+    low, high = search_box(scene, poses, obstacles, reach)
+    while True:
+        cols, rows = np.ceil((high - low) / cell).astype(int) + 1
+        if cols * rows * bins * 2 <= MOST_KEYS:
+            break
+        cell *= 1.3
+    return np.array([low[0], low[1], cell, cols, rows, bins, guide[0], guide[1], 0.995, guide[2]])

@@ -1,0 +1,234 @@
+"""Car motions (REEDSSHEPP): hybrid A*, then shortening, then timing."""
+
+from __future__ import annotations
+
+import math
+import threading
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.geometry import Scene, Shape, sweeps
+from up_samp.model import Body, Configuration, Deadline, Placed
+from up_samp.motion.curves.arcs import merged, path_time, reversed_arcs
+from up_samp.motion.curves.reeds_shepp import fastest
+from up_samp.motion.curves.trapezoid import relaxed, trajectory_of
+from up_samp.motion.guides.cost_to_go import Fields, least_value
+from up_samp.motion.guides.search_space import pose_space, widest_shape
+from up_samp.motion.planners import hybrid_astar as hybrid
+from up_samp.motion.planners.car_shortcuts import improve, settle
+from up_samp.motion.protocol import Leg, LegQuery
+
+FloatArray = npt.NDArray[np.float64]
+
+
+_DRY = "no path at the finest resolution"
+
+
+_STUCK = "no path at the finest resolution within fixed effort"
+
+
+_NARROW = 300
+"""A search that runs dry within so many expansions was trapped where it began."""
+
+
+@dataclass(frozen=True)
+class CarSettings:
+    """Effort of the car planner.
+
+    ``levels``: length of an arc primitive in turning radii, coarse to fine. ``nodes``: size of each
+    search tree. ``extra``: expansions after the first solution. ``near``: range (turning radii) in
+    which Reeds-Shepp times guide. ``weight``: of the distance to go. ``rounds``, ``patience``: of
+    the shortening. ``slice``: expansions between two looks at the clock; after ``stuck`` of them
+    without coming nearer to the goal one resolution is given up.
+    """
+
+    levels: tuple[float, ...] = (0.7, 0.35, 0.18)
+    nodes: tuple[int, ...] = (60_000, 250_000, 400_000)
+    extra: int = 400
+    near: float = 10.0
+    weight: float = 2.5
+    rounds: int = 1500
+    patience: int = 200
+    restarts: int = 1
+    slice: int = 4000
+    stuck: int = 6
+
+
+class CarPlanner:
+    """Plans legs of car-like bodies in one scene. Deterministic for a seed.
+
+    The search is greedy (``weight``), because a stop that is needed somewhere costs the same all
+    along the way: an exact search would try all these places. The shortening makes up for it.
+    """
+
+    name = "hybrid-astar"
+    reversible = True
+
+    def __init__(self, scene: Scene, seed: int = 0, settings: CarSettings | None = None) -> None:
+        self.scene = scene
+        self.seed = seed
+        self.settings = settings or CarSettings()
+        self.fields = Fields(scene)
+        self._trees: dict[tuple[int, int], hybrid.Tree] = {}
+        self._lock = threading.Lock()
+
+    def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
+        """Return a fast motion between two poses among resting obstacles."""
+        with self._lock:
+            arcs, reason, expansions = self.path(query, deadline)
+        if arcs is None:
+            return Leg(None, reason, expansions)
+        ends = query.start, query.goal
+        return Leg(trajectory_of(ends, (arcs,), query.body.kinematics), reason, expansions)
+
+    def path(self, query: LegQuery, deadline: Deadline) -> tuple[FloatArray | None, str, int]:
+        """Return arcs (n, 2) or None, what happened, and the number of expansions."""
+        body, start, goal, obstacles = query.body, query.start, query.goal, query.obstacles
+        shape = widest_shape(self.scene, body, (start, goal), obstacles)
+        if shape is None:
+            return None, "the start or the goal touches the map or an obstacle", 0
+        radius, v, a = relaxed(body.kinematics)
+        direct = self._direct(shape, start, goal, obstacles, (radius, v, a))
+        if direct is not None:
+            return direct, "", 0
+        best: FloatArray | None = None
+        expansions, dry = 0, False
+        sides = [False, True]  # the search from the goal's side ends in other local optima
+        for level in range(len(self.settings.levels)):
+            for turned in tuple(sides):
+                ends = (goal, start) if turned else (start, goal)
+                arcs, count, dry = self._search(body, shape, *ends, obstacles, level, deadline)
+                expansions += count
+                if arcs is not None:
+                    arcs = self._smooth(shape, *ends, arcs, obstacles, (radius, v, a), deadline)
+                    arcs = reversed_arcs(arcs) if turned else arcs
+                    if best is None or path_time(arcs, v, a) < path_time(best, v, a):
+                        best = arcs
+                elif dry:  # trapped, at this resolution; begin at the narrower end next time
+                    sides = [turned, not turned] if count < _NARROW else [not turned, turned]
+                    break
+                if deadline.expired():
+                    break
+            if best is not None or deadline.expired():
+                break
+        if best is None:
+            if deadline.expired():
+                return None, "out of time", expansions
+            return None, _DRY if dry else _STUCK, expansions
+        return best, "", expansions
+
+    def _direct(
+        self,
+        shape: Shape,
+        start: Configuration,
+        goal: Configuration,
+        obstacles: tuple[Placed, ...],
+        limits: tuple[float, float, float],
+    ) -> FloatArray | None:
+        """Return the fastest unobstructed curve if it happens to be free."""
+        _, arcs = fastest(start, goal, *limits)
+        polys = self.scene.polys(obstacles)
+        origin = np.array(start[:3], dtype=np.float64)
+        free = sweeps.path_free(self.scene.data, polys, shape.data, origin, arcs) < 0
+        return arcs if free else None
+
+    def _search(
+        self,
+        body: Body,
+        shape: Shape,
+        start: Configuration,
+        goal: Configuration,
+        obstacles: tuple[Placed, ...],
+        level: int,
+        deadline: Deadline,
+    ) -> tuple[FloatArray | None, int, bool]:
+        """Run hybrid A* at one resolution; return arcs or None, expansions, whether it ran dry."""
+        radius, v, a = relaxed(body.kinematics)
+        step = self.settings.levels[level] * radius
+        field = self.fields.toward(shape, goal, obstacles)
+        reach = 8 * radius + 2 * shape.circumscribed
+        bins = math.ceil(2 * math.pi / (self.settings.levels[level] / 1.5))
+        guide = (self.settings.extra, self.settings.near * radius, self.settings.weight)
+        space = pose_space(self.scene, (start, goal), obstacles, reach, step / 1.5, bins, guide)
+        keys = int(2 * space[3] * space[4] * space[5])
+        tree = self._tree(self.settings.nodes[level], keys)
+        steps = np.array(
+            [[kappa, s] for kappa in (0.0, 1 / radius, -1 / radius) for s in (step, -step)]
+            + [[0.0, 4 * step], [0.0, -4 * step]]
+        )
+        limits = np.array([radius, v, a, 0.0, 0.0])
+        target = np.array(goal[:3], dtype=np.float64)
+        data, polys = self.scene.data, self.scene.polys(obstacles)
+        hybrid.plant(tree, np.array(start[:3], dtype=np.float64))
+        state, looked, nearest, idle = 0, 0, math.inf, 0
+        while state == 0 and not deadline.expired() and idle < self.settings.stuck:
+            # does the search still come nearer to the goal?
+            new = tree.nodes[looked : tree.counters[0], :2]
+            reached = (
+                least_value(field, new)
+                if len(field.values)
+                else float(np.min(np.hypot(*(new - target[:2]).T), initial=math.inf))
+            )
+            idle = 0 if reached < nearest or tree.counters[3] >= 0 else idle + 1
+            looked, nearest = int(tree.counters[0]), min(nearest, reached)
+            state = hybrid.expand(
+                tree,
+                data,
+                polys,
+                shape.data,
+                field,
+                space,
+                steps,
+                target,
+                limits,
+                self.settings.slice,
+            )
+        found = tree.counters[3] >= 0
+        arcs = merged(hybrid.solution(tree)) if found else None
+        count = int(tree.counters[2])
+        hybrid.clear(tree)
+        return arcs, count, state == 2
+
+    def _tree(self, nodes: int, keys: int) -> hybrid.Tree:
+        if (nodes, keys) not in self._trees:
+            if len(self._trees) >= 4:
+                self._trees.pop(next(iter(self._trees)))
+            self._trees[nodes, keys] = hybrid.new_tree(nodes, keys)
+        return self._trees[nodes, keys]
+
+    def _smooth(
+        self,
+        shape: Shape,
+        start: Configuration,
+        goal: Configuration,
+        arcs: FloatArray,
+        obstacles: tuple[Placed, ...],
+        limits: tuple[float, float, float],
+        deadline: Deadline,
+    ) -> FloatArray:
+        """Return the fastest of a few shortened versions of a path."""
+        origin = np.array(start[:3], dtype=np.float64)
+        target = np.array(goal[:3], dtype=np.float64)
+        data, polys = self.scene.data, self.scene.polys(obstacles)
+        best = arcs
+        for attempt in range(self.settings.restarts):
+            if attempt > 0 and deadline.expired():
+                break
+            scratch = np.array([*limits, 0.0, 0.0])
+            found = improve(
+                data,
+                polys,
+                shape.data,
+                origin,
+                arcs,
+                scratch,
+                self.settings.rounds,
+                self.settings.patience,
+                self.seed + attempt,
+            )
+            better = path_time(found, *limits[1:]) < path_time(best, *limits[1:])
+            if better and settle(origin, target, found) < 1e-7:
+                best = found
+        return best

@@ -1,0 +1,273 @@
+"""Free-form control models by OMPL's control planners, and exact ends by shooting.
+
+A sampling planner only comes near its goal. Here it need not come nearer than a body length: the
+last piece of the way is then solved for exactly (:mod:`.control_law`), and the whole way is
+shortened by shooting between its nodes. Where that fails the answer is "out of time".
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.geometry import Scene
+from up_samp.model import (
+    Body,
+    Configuration,
+    Deadline,
+    MotionModel,
+    Placed,
+    ProblemError,
+    Trajectory,
+)
+from up_samp.motion.planners import ompl_edges as edges
+from up_samp.motion.planners.control_law import Piece, Roller, Shot, miss, shots, total
+from up_samp.motion.planners.ompl_planar import OmplSettings, PlanarWorld
+from up_samp.motion.planners.ompl_solve import (
+    Counter,
+    OmplLeg,
+    box_bounds,
+    canonical,
+    ob,
+    oc,
+    set_seed,
+    solve,
+)
+from up_samp.motion.protocol import LegQuery
+
+FloatArray = npt.NDArray[np.float64]
+
+PIECES = 5
+"""Pieces of a shot."""
+DIRECT = 24
+"""Shots at the goal from the start, before anything is searched."""
+SHORTCUTS = 40
+"""Rounds of shortening."""
+
+
+class ControlWorld(PlanarWorld):
+    """A body with its own law of motion among resting obstacles."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        body: Body,
+        poses: tuple[Configuration, ...],
+        obstacles: tuple[Placed, ...],
+        seed: int,
+    ) -> None:
+        super().__init__(scene, body, poses, obstacles, OmplSettings())
+        law = body.kinematics.control
+        if law is None:
+            raise ProblemError("the motion model CONTROL needs a control model")
+        self.roller = Roller(law)
+        self.speed = self.roller.speed()
+        if not (self.speed > 0 and math.isfinite(self.speed)):
+            raise ProblemError("a control model that never moves cannot drive anywhere")
+        self.rng = np.random.default_rng(seed)
+        size = self.shape.circumscribed
+        self.step = float(np.clip(0.25 * size / self.speed, 0.05, 0.5))
+        self.near = max(0.5, size)
+
+    def clear(self, poses: FloatArray) -> bool:
+        """Return whether the swept motion through ``poses`` (n, 3) keeps the margin."""
+        data, polys = self.scene.data, self.polys
+        return bool(edges.sweep_edge(data, polys, self.shape.data, poses, self.hits))
+
+    def guesses(self, a: Configuration, b: Configuration, count: int) -> list[list[Piece]]:
+        """Return random pieces of about the right total duration."""
+        low, high = self.roller.low, self.roller.high
+        way = math.dist(a[:2], b[:2]) + self.near
+        found = []
+        for _ in range(count):
+            seconds = way / self.speed * float(self.rng.uniform(0.8, 2.5)) / PIECES
+            draws = low + (high - low) * self.rng.random((PIECES, len(low)))
+            found.append([Piece(tuple(u.tolist()), seconds) for u in draws])
+        return found
+
+    def steer(
+        self, a: Configuration, b: Configuration, count: int, deadline: Deadline
+    ) -> list[Piece] | None:
+        """Return the quickest free shot from ``a`` to ``b`` out of ``count`` random guesses."""
+
+        def free(pieces: list[Piece]) -> bool:
+            return self.clear(self.roller.trajectory(a, pieces).poses)
+
+        guesses = self.guesses(a, b, count)
+        longest = 1.5 * max(p.seconds for guess in guesses for p in guess)
+        shot = Shot(self.roller, a, b, PIECES, longest)
+        return shots(shot, guesses, free, deadline.expired)
+
+
+class _Validity(ob.StateValidityChecker):  # type: ignore[misc]
+    """A state is valid if it is inside the box: steps that collide are thrown out of it."""
+
+    def __init__(self, si: Any, low: FloatArray, high: FloatArray) -> None:
+        super().__init__(si)
+        self._low, self._high = low.tolist(), high.tolist()
+
+    def isValid(self, state: Any) -> bool:  # noqa: N802
+        x, y = state.getX(), state.getY()
+        return bool(self._low[0] <= x <= self._high[0] and self._low[1] <= y <= self._high[1])
+
+
+def _search(
+    world: ControlWorld,
+    start: Configuration,
+    goal: Configuration,
+    deadline: Deadline,
+    name: str,
+    seed: int,
+) -> tuple[list[Piece] | None, str]:
+    """Return pieces that lead from the start to somewhere near the goal, by a control planner."""
+    low, high = world.box()
+    roller, counter = world.roller, Counter()
+    space = ob.SE2StateSpace()
+    space.setBounds(box_bounds(low.tolist(), high.tolist()))
+    controls = oc.RealVectorControlSpace(space, len(roller.low))
+    controls.setBounds(box_bounds(roller.low.tolist(), roller.high.tolist()))
+    si = oc.SpaceInformation(space, controls)
+    width = len(roller.low)
+
+    def propagate(state: Any, control: Any, seconds: float, result: Any) -> None:
+        counter.edges += 1
+        origin = (state.getX(), state.getY(), state.getYaw())
+        rows = roller.rows(origin, [control[i] for i in range(width)], seconds)
+        x, y, th = rows[-1].tolist()
+        if not world.clear(rows):
+            x = float(high[0]) + 1e3  # out of the box: invalid
+        result.setX(x)
+        result.setY(y)
+        result.setYaw((th + math.pi) % (2 * math.pi) - math.pi)
+
+    si.setStateValidityChecker(_Validity(si, low, high))
+    wrapped = getattr(oc, "StatePropagatorFn", lambda f: f)(propagate)  # OMPL 1.7 wants it typed
+    si.setStatePropagator(wrapped)
+    si.setPropagationStepSize(world.step)
+    si.setMinMaxControlDuration(1, 12)
+    si.setup()
+    pdef = ob.ProblemDefinition(si)
+    ends = []
+    for pose in (start, goal):
+        state = si.allocState()
+        state.setX(float(pose[0]))
+        state.setY(float(pose[1]))
+        state.setYaw((float(pose[2]) + math.pi) % (2 * math.pi) - math.pi)
+        ends.append(state)
+    pdef.setStartAndGoalStates(*ends, world.near)
+    set_seed(seed)
+    method = getattr(oc, name)(si)
+    method.setProblemDefinition(pdef)
+    method.setup()
+    solved = solve(method, pdef, deadline, counter, polish=1, read=lambda s: s.getX())
+    if solved.states is None:
+        return None, f"OMPL's control planner {name} found no path ({solved.status.lower()})"
+    path = pdef.getSolutionPath()
+    return [
+        Piece(tuple(path.getControl(i)[k] for k in range(width)), float(path.getControlDuration(i)))
+        for i in range(path.getControlCount())
+    ], ""
+
+
+def control_leg(
+    scene: Scene, query: LegQuery, deadline: Deadline, *, planner: str = "RRT", seed: int = 0
+) -> OmplLeg:
+    """Return a motion under the body's control law from the start exactly to the goal.
+
+    Deterministic for ``seed`` unless the deadline cuts in.
+    """
+    body, start, goal = query.body, query.start, query.goal
+    if body.kinematics.model is not MotionModel.CONTROL:
+        raise ProblemError(f"no control model: {body.kinematics.model.value}")
+    name = canonical(planner, control=True)
+    world = ControlWorld(scene, body, (start, goal), query.obstacles, seed)
+    if not world.fit_margin():
+        reason = "the start or the goal touches the map or an obstacle"
+        return OmplLeg(None, reason, world.blockers())
+    direct = world.steer(start, goal, DIRECT, deadline)
+    pieces: list[Piece] | None = direct
+    reason, attempt = "out of time", 0
+    while pieces is None and not deadline.expired():
+        rough, reason = _search(world, start, goal, deadline, name, seed + attempt)
+        attempt += 1
+        if rough is not None:
+            reason = "the last stretch to the goal could not be driven exactly"
+            pieces = _arrive(world, start, goal, rough, deadline)
+    if pieces is None:
+        return OmplLeg(None, reason, world.blockers(), attempt)
+    if direct is None:
+        pieces = _shortened(world, start, goal, pieces, deadline)
+    trajectory = _exact(world, start, goal, pieces)
+    reason = "" if trajectory is not None else "the motion found does not end at the goal"
+    return OmplLeg(trajectory, reason, world.blockers(), attempt)
+
+
+def _nodes(world: ControlWorld, start: Configuration, pieces: list[Piece]) -> list[Configuration]:
+    """Return the states between pieces, from the start to the end."""
+    nodes = [start]
+    for piece in pieces:
+        end = world.roller.rows(nodes[-1], piece.controls, piece.seconds)[-1]
+        nodes.append(tuple(end.tolist()))
+    return nodes
+
+
+def _arrive(
+    world: ControlWorld,
+    start: Configuration,
+    goal: Configuration,
+    pieces: list[Piece],
+    deadline: Deadline,
+) -> list[Piece] | None:
+    """Return the pieces with an end that leads exactly to the goal, from one of the last nodes."""
+    nodes = _nodes(world, start, pieces)
+    for back in (2, 1, 4, 0, 7, 11):
+        i = len(pieces) - back
+        if i < 0 or deadline.expired():
+            continue
+        end = world.steer(nodes[i], goal, 12, deadline)
+        if end is not None:
+            return pieces[:i] + end
+    return None
+
+
+def _shortened(
+    world: ControlWorld,
+    start: Configuration,
+    goal: Configuration,
+    pieces: list[Piece],
+    deadline: Deadline,
+) -> list[Piece]:
+    """Return a way that is not slower, by shots between random nodes of it."""
+    for attempt in range(SHORTCUTS):
+        nodes = [*_nodes(world, start, pieces)[:-1], goal]
+        if len(nodes) < 3 or deadline.expired():
+            break
+        i, j = sorted(world.rng.choice(len(nodes), 2, replace=False).tolist())
+        if attempt % 4 == 0:
+            i, j = (0, j) if attempt % 8 == 0 else (i, len(nodes) - 1)
+        old = total(pieces[i:j])
+        if j - i < 2 or old < math.dist(nodes[i][:2], nodes[j][:2]) / world.speed * 1.02:
+            continue
+        new = world.steer(nodes[i], nodes[j], 6, deadline)
+        if new is None or total(new) >= old - 1e-3:
+            continue
+        candidate = [*pieces[:i], *new, *pieces[j:]]
+        if _exact(world, start, goal, candidate) is not None:
+            pieces = candidate
+    return pieces
+
+
+def _exact(
+    world: ControlWorld, start: Configuration, goal: Configuration, pieces: list[Piece]
+) -> Trajectory | None:
+    """Return the timed motion with the goal as its last sample; None if it misses or collides."""
+    found = world.roller.trajectory(start, pieces)
+    off = miss(found.poses[-1], goal)
+    if np.abs(off).max() > 1e-5:
+        return None
+    poses = found.poses.copy()
+    poses[-1] = (goal[0], goal[1], poses[-1, 2] - off[2])
+    return Trajectory(found.times.copy(), poses) if world.clear(poses) else None

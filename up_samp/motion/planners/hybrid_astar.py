@@ -1,0 +1,281 @@
+"""Hybrid A* for cars: search over (x, y, theta, direction) with Reeds-Shepp ways to the goal.
+
+Dolgov, Thrun, Montemerlo, Diebel, "Path planning for autonomous vehicles in unknown
+semi-structured environments", IJRR 29 (2010). Costs are *times*: each node keeps the time of its
+closed runs and the length of the run it is in, so that stops at cusps and the trapezoidal speed
+count exactly along every path of the search tree. Deterministic.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.geometry.compiled import inner, kernel
+from up_samp.geometry.kernels import GridData, PolyData, ShapeData, advance
+from up_samp.geometry.sweeps import arc_free
+from up_samp.motion.curves.reeds_shepp import connect, run_time
+from up_samp.motion.guides.heap import pop, push
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+
+class Field(NamedTuple):
+    """Distances to a goal: ``values`` float32 (rows, cols) in m (inf: cannot be reached), and the
+    ``frame`` (x, y, cos, sin, yaw, cell size) of its cells. No rows: no field.
+    """
+
+    values: npt.NDArray[np.float32]
+    frame: FloatArray
+
+
+class Tree(NamedTuple):
+    """A search tree and its open list, kept between calls.
+
+    ``nodes`` (cap, 6): x, y, theta, time of closed runs, signed length of the open run, estimate.
+    ``arcs`` (cap, 2): the arc from the parent. ``links`` (cap, 2): parent, key. ``heap`` (cap,)
+    node numbers ordered by estimate. ``table`` float32 (keys,): best time per key.
+    ``counters``: nodes, heap size, expansions, best node, expansions at the first solution.
+    ``best``: (time of the best solution). ``tail`` (5, 2): its Reeds-Shepp arcs, ``counters[5]``.
+    """
+
+    nodes: FloatArray
+    arcs: FloatArray
+    links: IntArray
+    heap: IntArray
+    table: npt.NDArray[np.float32]
+    counters: IntArray
+    best: FloatArray
+    tail: FloatArray
+
+
+@kernel
+def field_value(field: Field, x: float, y: float) -> float:
+    """Return the distance (m) of a point to the field's goal; inf outside."""
+    rows, cols = field.values.shape
+    f = field.frame
+    dx, dy = x - f[0], y - f[1]
+    col = math.floor((f[2] * dx + f[3] * dy) / f[5])
+    row = math.floor((f[2] * dy - f[3] * dx) / f[5])
+    if row < 0 or col < 0 or row >= rows or col >= cols:
+        return math.inf
+    return float(field.values[row, col])
+
+
+@inner
+def _key(space: FloatArray, x: float, y: float, th: float, backwards: bool) -> int:
+    """Return the table index of a state; -1 outside (``space``: see :func:`expand`)."""
+    col = math.floor((x - space[0]) / space[2])
+    row = math.floor((y - space[1]) / space[2])
+    if col < 0 or row < 0 or col >= space[3] or row >= space[4]:
+        return -1
+    bins = space[5]
+    turn = (th % (2.0 * math.pi)) / (2.0 * math.pi)
+    k = int(turn * bins + 0.5) % int(bins)
+    index = (row * int(space[3]) + col) * int(bins) + k
+    return 2 * int(index) + (1 if backwards else 0)
+
+
+@inner
+def _estimate(
+    field: Field,
+    goal: FloatArray,
+    limits: FloatArray,
+    space: FloatArray,
+    x: float,
+    y: float,
+    th: float,
+    closed: float,
+    run: float,
+    out: FloatArray,
+) -> float:
+    """Return the estimated total time of a path through a node."""
+    dx, dy = goal[0] - x, goal[1] - y
+    away = math.sqrt(dx * dx + dy * dy)
+    far = away
+    if field.values.shape[0] > 0:
+        far = max(far, field_value(field, x, y))
+        if far == math.inf:
+            return math.inf
+    total = closed + run_time(abs(run) + space[9] * far, limits[1], limits[2])
+    if away < space[7]:
+        limits[3] = run
+        time, _ = connect(x, y, th, goal[0], goal[1], goal[2], limits, out)
+        total = max(total, closed + time)
+    return total
+
+
+def plant(tree: Tree, start: FloatArray) -> None:
+    """Put the start node into an empty tree (its order does not matter: it is taken first)."""
+    tree.nodes[0] = (*start[:3], 0.0, 0.0, 0.0)
+    tree.links[0] = -1
+    tree.heap[0] = 0
+    tree.counters[:] = (1, 1, 0, -1, 0, 0)
+    tree.best[0] = math.inf
+
+
+@inner
+def _shoot(
+    tree: Tree,
+    node: int,
+    grid: GridData,
+    polys: PolyData,
+    shape: ShapeData,
+    goal: FloatArray,
+    limits: FloatArray,
+    out: FloatArray,
+) -> None:
+    """Try to reach the goal from a node by one Reeds-Shepp curve."""
+    x, y, th = tree.nodes[node, 0], tree.nodes[node, 1], tree.nodes[node, 2]
+    limits[3] = tree.nodes[node, 4]
+    time, n = connect(x, y, th, goal[0], goal[1], goal[2], limits, out)
+    total = tree.nodes[node, 3] + time
+    if total >= tree.best[0] - 1e-6:
+        return
+    for i in range(n):
+        if not arc_free(grid, polys, shape, x, y, th, out[i, 0], out[i, 1]):
+            return
+        x, y, th = advance(x, y, th, out[i, 0], out[i, 1])
+    if tree.counters[3] < 0:
+        tree.counters[4] = tree.counters[2]
+    tree.best[0] = total
+    tree.counters[3] = node
+    tree.counters[5] = n
+    for i in range(n):
+        tree.tail[i, 0], tree.tail[i, 1] = out[i, 0], out[i, 1]
+
+
+@inner
+def _grow(
+    tree: Tree,
+    node: int,
+    kappa: float,
+    s: float,
+    grid: GridData,
+    polys: PolyData,
+    shape: ShapeData,
+    field: Field,
+    space: FloatArray,
+    goal: FloatArray,
+    limits: FloatArray,
+    out: FloatArray,
+) -> None:
+    """Add the child reached by one arc, if it is free and better than what is known there."""
+    x0, y0, th0 = tree.nodes[node, 0], tree.nodes[node, 1], tree.nodes[node, 2]
+    x, y, th = advance(x0, y0, th0, kappa, s)
+    key = _key(space, x, y, th, s < 0.0)
+    if key < 0:
+        return
+    closed, run = tree.nodes[node, 3], tree.nodes[node, 4]
+    if run * s < 0.0:
+        closed += run_time(abs(run), limits[1], limits[2])
+        run = s
+    else:
+        run += s
+    time = closed + run_time(abs(run), limits[1], limits[2])
+    if time >= tree.table[key] - 1e-4:
+        return
+    estimate = _estimate(field, goal, limits, space, x, y, th, closed, run, out)
+    if estimate >= tree.best[0] * space[8] or estimate == math.inf:
+        return
+    if not arc_free(grid, polys, shape, x0, y0, th0, kappa, s):
+        return
+    tree.table[key] = time
+    n = tree.counters[0]
+    tree.counters[0] += 1
+    tree.nodes[n, 0], tree.nodes[n, 1], tree.nodes[n, 2] = x, y, th
+    tree.nodes[n, 3], tree.nodes[n, 4], tree.nodes[n, 5] = closed, run, estimate
+    tree.arcs[n, 0], tree.arcs[n, 1] = kappa, s
+    tree.links[n, 0], tree.links[n, 1] = node, key
+    push(tree.heap, tree.nodes, tree.counters, n)
+
+
+@kernel
+def expand(
+    tree: Tree,
+    grid: GridData,
+    polys: PolyData,
+    shape: ShapeData,
+    field: Field,
+    space: FloatArray,
+    steps: FloatArray,
+    goal: FloatArray,
+    limits: FloatArray,
+    budget: int,
+) -> int:
+    """Expand up to ``budget`` nodes. Returns 0: more to do, 1: done (see ``tree.best``), 2: the
+    open list ran empty, 3: the tree is full.
+
+    ``steps`` (n, 2): primitive arcs. ``space``: x, y, cell (m), columns, rows, headings, expansions
+    to go on for after the first solution, range (m) in which Reeds-Shepp times guide, share of the
+    best time that an estimate must beat, weight of the distance to go.
+    """
+    out = np.empty((5, 2))
+    for _ in range(budget):
+        if tree.counters[1] == 0:
+            return 1 if tree.counters[3] >= 0 else 2
+        if tree.counters[0] + steps.shape[0] > tree.nodes.shape[0]:
+            return 1 if tree.counters[3] >= 0 else 3
+        if tree.counters[3] >= 0 and tree.counters[2] > tree.counters[4] + space[6]:
+            return 1
+        node = pop(tree.heap, tree.nodes, tree.counters)
+        if tree.nodes[node, 5] >= tree.best[0] * space[8]:
+            return 1
+        run = tree.nodes[node, 4]
+        time = tree.nodes[node, 3] + run_time(abs(run), limits[1], limits[2])
+        # the table is float32: 1e-6 would drop nodes of long drives
+        if node > 0 and time > tree.table[tree.links[node, 1]] + 5e-5:
+            continue  # a better way to the same cell was found meanwhile
+        tree.counters[2] += 1
+        _shoot(tree, node, grid, polys, shape, goal, limits, out)
+        for i in range(steps.shape[0]):
+            _grow(
+                tree,
+                node,
+                steps[i, 0],
+                steps[i, 1],
+                grid,
+                polys,
+                shape,
+                field,
+                space,
+                goal,
+                limits,
+                out,
+            )
+    return 0
+
+
+def solution(tree: Tree) -> FloatArray:
+    """Return the arcs (n, 2) of the best solution."""
+    rows = []
+    node = int(tree.counters[3])
+    while node > 0:
+        rows.append(tree.arcs[node].copy())
+        node = int(tree.links[node, 0])
+    return np.vstack([*rows[::-1], tree.tail[: tree.counters[5]]])
+
+
+def clear(tree: Tree) -> None:
+    """Forget the tree's nodes in the table, so that the arrays can be used again."""
+    keys = tree.links[: tree.counters[0], 1]
+    tree.table[keys[keys >= 0]] = math.inf
+    tree.counters[:] = 0
+
+
+def new_tree(nodes: int, keys: int) -> Tree:
+    """Return an empty tree for up to ``nodes`` nodes over ``keys`` discrete states."""
+    return Tree(
+        np.empty((nodes, 6)),
+        np.empty((nodes, 2)),
+        np.empty((nodes, 2), dtype=np.int64),
+        np.empty(nodes, dtype=np.int64),
+        np.full(keys, np.inf, dtype=np.float32),
+        np.zeros(6, dtype=np.int64),
+        np.full(1, np.inf),
+        np.empty((5, 2)),
+    )

@@ -1,0 +1,1 @@
+"""Proofs: motions that are impossible, and durations that no motion beats."""

@@ -1,0 +1,121 @@
+"""Admissible lower bounds on the durations of motions.
+
+A motion's path is at least as long as the shortest way of the footprint's inscribed disc (about
+the reference point) among what surely blocks it, and a car's at least as long as the shortest
+Reeds-Shepp curve; no speed profile from rest to rest beats the trapezoid over that length.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import OrderedDict
+from collections.abc import Sequence
+
+from up_samp.geometry import Scene
+from up_samp.geometry.shapes import shape_of
+from up_samp.model import Body, Configuration, MotionModel, Placed
+from up_samp.motion.curves.reeds_shepp import run_time, shortest
+from up_samp.motion.guides.visibility import Visibility
+from up_samp.motion.proofs.certificates import Certifier
+
+
+class Bounds:
+    """Lower bounds (s) on motions in one scene, cached by body size and obstacles."""
+
+    def __init__(self, scene: Scene, certifier: Certifier | None = None, size: int = 64) -> None:
+        self.scene = scene
+        self.certifier = certifier or Certifier(scene)
+        self._size = size
+        self._known: OrderedDict[tuple[object, ...], Visibility] = OrderedDict()
+
+    def duration(
+        self,
+        body: Body,
+        start: Configuration,
+        goal: Configuration,
+        obstacles: Sequence[Placed] = (),
+    ) -> float:
+        """Return seconds that no motion from rest at ``start`` to rest at ``goal`` can beat."""
+        return self.through(body, (start, goal), obstacles)
+
+    def through(
+        self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed] = ()
+    ) -> float:
+        """Return seconds that no motion through ``poses`` can beat; it rests at the first and at
+        the last one, but need not stop at those between.
+
+        0 for bodies with their own equations of motion (nothing is known about their speed).
+        """
+        kin = body.kinematics
+        if kin.model is MotionModel.CONTROL:
+            return 0.0
+        legs = list(itertools.pairwise(poses))
+        length = sum(self.way(body, a, b, obstacles) for a, b in legs)
+        spin = sum(_turn(kin.model, a, b) for a, b in legs) / kin.omega_max
+        return max(run_time(length, kin.v_max, kin.a_max), spin) * (1 - 1e-9)
+
+    def way(
+        self,
+        body: Body,
+        start: Configuration,
+        goal: Configuration,
+        obstacles: Sequence[Placed] = (),
+    ) -> float:
+        """Return metres that no way of a body's reference point between two poses can beat."""
+        kin = body.kinematics
+        if kin.model is MotionModel.SE3:
+            return math.dist(start[:3], goal[:3])
+        length = self.length(body, start, goal, obstacles)
+        if kin.model is MotionModel.REEDSSHEPP:
+            length = max(length, shortest(start, goal, kin.turning_radius)[0])
+        return length
+
+    def length(
+        self,
+        body: Body,
+        start: Configuration,
+        goal: Configuration,
+        obstacles: Sequence[Placed] = (),
+    ) -> float:
+        """Return metres that no way of the reference point between two planar poses can beat."""
+        straight = math.dist(start[:2], goal[:2])
+        grid = self.scene.grid
+        radius = shape_of(body).inscribed
+        if grid is None or radius <= 0.0:
+            return straight
+        a, b = self._cells(start), self._cells(goal)
+        way = self._visibility(radius, obstacles).distance(a, b)
+        return max(straight, way) if math.isfinite(way) else straight
+
+    def _cells(self, pose: Configuration) -> tuple[float, float]:
+        """Return a point in cells from the map's corner."""
+        f = self.scene.data.frame
+        dx, dy = pose[0] - f[0], pose[1] - f[1]
+        return float((f[2] * dx + f[3] * dy) / f[5]), float((f[2] * dy - f[3] * dx) / f[5])
+
+    def _visibility(self, radius: float, obstacles: Sequence[Placed]) -> Visibility:
+        key = (
+            round(radius, 9),
+            frozenset((p.body.footprint, tuple(p.pose)) for p in obstacles),
+        )
+        if key not in self._known:
+            blocked = self.certifier.blocked(radius, obstacles)
+            assert self.scene.grid is not None
+            self._known[key] = Visibility(blocked, self.scene.grid.resolution)
+            if len(self._known) > self._size:
+                self._known.popitem(last=False)
+        return self._known[key]
+
+
+def _turn(model: MotionModel, start: Configuration, goal: Configuration) -> float:
+    """Return radians that a body which may turn on the spot turns at least (a car's turns are in
+    the length of its way).
+    """
+    if model is MotionModel.SE3:
+        dot = abs(sum(a * b for a, b in zip(start[3:], goal[3:], strict=True)))
+        norm = math.hypot(*start[3:]) * math.hypot(*goal[3:])
+        return 2 * math.acos(min(1.0, dot / norm))
+    if model is MotionModel.SE2:
+        return abs(math.remainder(goal[2] - start[2], 2 * math.pi))
+    return 0.0

@@ -1,0 +1,381 @@
+"""Proofs that a motion is impossible, in milliseconds.
+
+While a footprint moves, the largest disc inside it moves through free space. A cell in which that
+disc's centre can nowhere be is *surely blocked*; if the cells that are not fall apart (8-connected)
+so that two configurations lie in different components, no motion of any kind joins them.
+
+For a blocked cell of the map, every point of a cell whose centre is ``d`` away (centre to centre)
+is at most ``d`` from the blocked *square*, so ``d < r`` surely blocks it. For a convex obstacle the
+distance is a convex function, so its largest value over a cell is at a corner. Both are exact
+statements about whole cells: rounding to the grid never makes a false proof.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from up_samp.geometry import Scene
+from up_samp.geometry.compiled import kernel
+from up_samp.geometry.kernels import PolyData
+from up_samp.geometry.shapes import shape_of
+from up_samp.model import Body, Configuration, Deadline, Outcome, PathReport, Placed
+from up_samp.motion.guides.cost_to_go import point_to_convex
+from up_samp.motion.proofs.heading_slices import separated
+
+BoolArray = npt.NDArray[np.bool_]
+IntArray = npt.NDArray[np.int32]
+
+EIGHT = np.ones((3, 3), dtype=np.int8)
+TOUCH = 1e-6
+"""Overlaps shallower than this (m) are no proof: to the validator they are rounding."""
+MOST_ALTERNATIVES = 16
+
+
+@kernel
+def mark_blocked(
+    owners: npt.NDArray[np.int64], frame: npt.NDArray[np.float64], polys: PolyData, radius: float
+) -> None:
+    """Set bit i in the cells that obstacle ``i`` surely blocks for a disc of ``radius`` m."""
+    rows, cols = owners.shape
+    size = frame[5]
+    for p in range(polys.counts.shape[0]):
+        bit = np.int64(1) << polys.owner[p]
+        dx, dy = polys.centres[p, 0] - frame[0], polys.centres[p, 1] - frame[1]
+        cx = (frame[2] * dx + frame[3] * dy) / size
+        cy = (frame[2] * dy - frame[3] * dx) / size
+        span = (polys.centres[p, 2] + radius) / size + 1.0
+        r0, r1 = max(0, math.floor(cy - span)), min(rows, math.ceil(cy + span))
+        c0, c1 = max(0, math.floor(cx - span)), min(cols, math.ceil(cx + span))
+        if r1 <= r0 or c1 <= c0:
+            continue
+        near = np.empty((r1 - r0 + 1, c1 - c0 + 1), dtype=np.bool_)
+        for row in range(r0, r1 + 1):
+            for col in range(c0, c1 + 1):
+                gx, gy = col * size, row * size
+                x = frame[0] + frame[2] * gx - frame[3] * gy
+                y = frame[1] + frame[3] * gx + frame[2] * gy
+                d = point_to_convex(x, y, polys.verts[p], polys.counts[p])
+                near[row - r0, col - c0] = d < radius - 1e-9
+        for i in range(r1 - r0):
+            for j in range(c1 - c0):
+                if near[i, j] and near[i + 1, j] and near[i, j + 1] and near[i + 1, j + 1]:
+                    owners[r0 + i, c0 + j] |= bit
+
+
+@dataclass(frozen=True)
+class Regions:
+    """Connected regions of cells, each blocked by a (possibly empty) set of obstacles.
+
+    ``labels`` int32 (rows, cols): 0 where the map blocks. ``owners[label]``: bit set of obstacles.
+    ``links[label]``: neighbouring labels.
+    """
+
+    labels: IntArray
+    owners: Mapping[int, int]
+    links: Mapping[int, frozenset[int]]
+
+    def reaches(self, start: int, goal: int, removed: int) -> bool:
+        """Return whether two labels are joined once the obstacles in ``removed`` are gone."""
+        return goal in self.reached(start, removed)
+
+    def reached(self, start: int, removed: int) -> set[int]:
+        """Return all labels joined with ``start`` once the obstacles in ``removed`` are gone."""
+        if self.owners.get(start, 0) & ~removed:
+            return set()
+        seen, stack = {start}, [start]
+        while stack:
+            for other in self.links.get(stack.pop(), ()):
+                if other not in seen and not self.owners.get(other, 0) & ~removed:
+                    seen.add(other)
+                    stack.append(other)
+        return seen
+
+    def ways(self, start: int, goal: int) -> list[int]:
+        """Return minimal sets of obstacles (bit sets) whose removal joins two labels."""
+        found: list[int] = []
+        best: dict[int, list[int]] = {}
+        queue = [(bin(self.owners.get(start, 0)).count("1"), self.owners.get(start, 0), start)]
+        while queue and len(found) < MOST_ALTERNATIVES:
+            queue.sort(reverse=True)
+            _, taken, label = queue.pop()
+            if any(taken & known == known for known in (*found, *best.get(label, ()))):
+                continue
+            best.setdefault(label, []).append(taken)
+            if label == goal:
+                found.append(taken)
+                continue
+            for other in self.links.get(label, ()):
+                more = taken | self.owners.get(other, 0)
+                queue.append((bin(more).count("1"), more, other))
+        return found
+
+
+class Certifier:
+    """Proves motions impossible in one scene. Caches components by body size and obstacles."""
+
+    def __init__(self, scene: Scene, size: int = 64) -> None:
+        self.scene = scene
+        self._size = size
+        self._regions: OrderedDict[tuple[object, ...], Regions] = OrderedDict()
+
+    @cached_property
+    def _distance(self) -> npt.NDArray[np.float32]:
+        """Distance (m), centre to centre, from each cell to the nearest blocked or outside one."""
+        assert self.scene.grid is not None
+        padded = np.pad(self.scene.grid.blocked, 1, constant_values=True)
+        cells = ndimage.distance_transform_edt(~padded)[1:-1, 1:-1]
+        return (cells * self.scene.grid.resolution).astype(np.float32)
+
+    @cached_property
+    def nearest(self) -> npt.NDArray[np.int32]:
+        """(row + 1, column + 1) of the blocked or outside cell nearest to each cell."""
+        assert self.scene.grid is not None
+        padded = np.pad(self.scene.grid.blocked, 1, constant_values=True)
+        indices = ndimage.distance_transform_edt(
+            ~padded, return_distances=False, return_indices=True
+        )
+        return np.ascontiguousarray(indices[:, 1:-1, 1:-1], dtype=np.int32)
+
+    def prove(
+        self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]
+    ) -> PathReport | None:
+        """Return a report that driving through ``poses`` is impossible, or None (no proof)."""
+        for pose in poses:
+            if self.hits_map(body, pose):
+                where = ", ".join(f"{v:g}" for v in pose[:3])
+                return _impossible(f"the configuration ({where}) collides with the map", (), ())
+        hit = [self._hit(body, pose, obstacles) for pose in poses]
+        must = frozenset().union(*hit)
+        gaps = self._gaps(body, poses, obstacles)
+        if gaps is None:
+            return _impossible("no free way between the configurations on the map", (), ())
+        if must:
+            blocker = min(must)
+            ways = _minimal([must | way for way in gaps] if gaps else [must])
+            return _impossible(f"a configuration collides with '{blocker}'", (blocker,), ways)
+        if not gaps:
+            return None
+        blockers = self._blockers(body, poses, obstacles)
+        names = ", ".join(sorted(blockers))
+        return _impossible(f"no free way past {names}", blockers, gaps)
+
+    def _gaps(
+        self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]
+    ) -> list[frozenset[str]] | None:
+        """Return minimal sets of obstacles whose removal joins all poses; [] if they are joined,
+        None if the map alone keeps them apart.
+        """
+        if self.scene.grid is None or len(poses) < 2:
+            return []
+        regions, names = self._at(body, obstacles)
+        everything = (1 << len(names)) - 1
+        total: list[frozenset[str]] = [frozenset()]
+        labels = [self._label(regions, body, pose) for pose in poses]
+        for start, goal in pairwise(labels):
+            if start == 0 or goal == 0 or start == goal:
+                continue
+            if not regions.reaches(start, goal, everything):
+                return None
+            ways = [
+                frozenset(name for i, name in enumerate(names) if way >> i & 1)
+                for way in regions.ways(start, goal)
+            ]
+            total = _minimal([old | way for old in total for way in ways])
+        return [way for way in total if way]
+
+    def prove_by_slices(
+        self,
+        body: Body,
+        start: Configuration,
+        goal: Configuration,
+        obstacles: Sequence[Placed],
+        deadline: Deadline,
+    ) -> PathReport | None:
+        """Return a proof over positions *and* headings, or None; takes up to seconds.
+
+        See :mod:`up_samp.motion.proofs.heading_slices`. Blockers are minimal where time allows.
+        """
+        if self.scene.grid is None or self.scene.grid.shape[0] == 0:
+            return None
+
+        def apart(among: Sequence[Placed]) -> bool:
+            return separated(self.scene, self.nearest, body, start, goal, tuple(among), deadline)
+
+        rest = list(obstacles)
+        if not apart(rest):
+            return None
+        minimal = True
+        for placed in sorted(obstacles, key=lambda p: p.name):
+            others = [p for p in rest if p is not placed]
+            if apart(others):
+                rest = others
+            elif deadline.expired():
+                minimal = False
+                break
+        names = [p.name for p in rest]
+        reason = f"too narrow for the footprint past {', '.join(names)}"
+        if not names:
+            reason = "too narrow for the footprint on the map"
+        ways = [frozenset((name,)) for name in names] if minimal else []
+        return _impossible(reason, names, ways)
+
+    def _blockers(
+        self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]
+    ) -> frozenset[str]:
+        """Return a minimal set of obstacles that keeps two successive poses apart."""
+        regions, names = self._at(body, obstacles)
+        labels = [self._label(regions, body, pose) for pose in poses]
+        for start, goal in pairwise(labels):
+            if not start or not goal or regions.reaches(start, goal, 0):
+                continue
+            removed = 0
+            for i in reversed(range(len(names))):
+                if not regions.reaches(start, goal, removed | 1 << i):
+                    removed |= 1 << i
+            return frozenset(name for i, name in enumerate(names) if not removed >> i & 1)
+        return frozenset()
+
+    def unreachable(
+        self,
+        body: Body,
+        start: Configuration,
+        targets: Mapping[str, Configuration],
+        obstacles: Sequence[Placed],
+    ) -> frozenset[str]:
+        """Return the names of the ``targets`` that provably cannot be reached from ``start``."""
+        bad = {n for n, p in targets.items() if self.collides(body, p, obstacles)}
+        if self.scene.grid is None:
+            return frozenset(bad)
+        regions, _ = self._at(body, obstacles)
+        origin = self._label(regions, body, start)
+        reached = regions.reached(origin, 0)
+        for name, pose in targets.items():
+            label = self._label(regions, body, pose)
+            if origin and label and label not in reached:
+                bad.add(name)
+        return frozenset(bad)
+
+    def hits_map(self, body: Body, pose: Configuration) -> bool:
+        """Return whether a pose surely overlaps the map's blocked cells or its outside."""
+        if self.scene.grid is None:
+            return False
+        return not self.scene.map_free(body, pose)
+
+    def _hit(self, body: Body, pose: Configuration, obstacles: Sequence[Placed]) -> frozenset[str]:
+        return frozenset(
+            p.name for p in obstacles if self.scene.distance(body, pose, p.body, p.pose) < -TOUCH
+        )
+
+    def collides(self, body: Body, pose: Configuration, obstacles: Sequence[Placed]) -> bool:
+        """Return whether a pose surely overlaps the map or an obstacle."""
+        return self.hits_map(body, pose) or bool(self._hit(body, pose, obstacles))
+
+    def _label(self, regions: Regions, body: Body, pose: Configuration) -> int:
+        """Return the region of the inner disc's centre (0: none, says nothing)."""
+        assert self.scene.grid is not None
+        cx, cy, _ = shape_of(body).inner
+        c, s = math.cos(pose[2]), math.sin(pose[2])
+        point = (pose[0] + c * cx - s * cy, pose[1] + s * cx + c * cy)
+        row, col = self.scene.grid.cells_of([point])[0]
+        rows, cols = regions.labels.shape
+        return int(regions.labels[row, col]) if 0 <= row < rows and 0 <= col < cols else 0
+
+    def _at(self, body: Body, obstacles: Sequence[Placed]) -> tuple[Regions, list[str]]:
+        """Return the regions among the obstacles, and the name behind each bit."""
+        placed = sorted(obstacles, key=lambda p: p.name)[:62]  # more would not fit; still sound
+        radius = shape_of(body).inner[2]
+        key = (round(radius, 9), tuple((p.body.footprint, tuple(p.pose)) for p in placed))
+        if key not in self._regions:
+            self._regions[key] = self._build(radius, placed)
+            if len(self._regions) > self._size:
+                self._regions.popitem(last=False)
+        return self._regions[key], [p.name for p in placed]
+
+    def blocked(self, radius: float, obstacles: Sequence[Placed]) -> BoolArray:
+        """Return the cells in which the centre of a free disc of ``radius`` m can nowhere be."""
+        free, owners = self._cells(radius, sorted(obstacles, key=lambda p: p.name)[:62])
+        return ~free | (owners != 0)
+
+    def _cells(
+        self, radius: float, placed: Sequence[Placed]
+    ) -> tuple[BoolArray, npt.NDArray[np.int64]]:
+        """Return the cells not blocked by the map, and the obstacles (bits) that block each."""
+        free = self._distance >= radius - 1e-5  # float32 noise must not block a cell
+        owners = np.zeros(free.shape, dtype=np.int64)
+        mark_blocked(owners, self.scene.data.frame, self.scene.polys(placed), radius)
+        return free, owners
+
+    def _build(self, radius: float, placed: Sequence[Placed]) -> Regions:
+        free, owners = self._cells(radius, placed)
+        labels = np.empty(free.shape, dtype=np.int32)
+        count = ndimage.label(free & (owners == 0), structure=EIGHT, output=labels)
+        sets: dict[int, int] = {}
+        # what lies in obstacles is few cells: look at no others
+        near = _box(owners)
+        zone = free[near] & (owners[near] != 0)
+        for value in np.unique(owners[near][zone]):
+            part, n = ndimage.label(zone & (owners[near] == value), structure=EIGHT)
+            labels[near][part > 0] = part[part > 0] + count
+            sets.update((count + i, int(value)) for i in range(1, n + 1))
+            count += n
+        rows, cols = np.nonzero(zone)
+        return Regions(labels, sets, _links(labels, rows + near[0].start, cols + near[1].start))
+
+
+def _box(owners: npt.NDArray[np.int64]) -> tuple[slice, slice]:
+    """Return the smallest part of the grid that holds all cells that are not 0."""
+    rows = np.flatnonzero(owners.any(axis=1))
+    if len(rows) == 0:
+        return slice(0, 0), slice(0, 0)
+    band = slice(int(rows[0]), int(rows[-1]) + 1)
+    cols = np.flatnonzero(owners[band].any(axis=0))
+    return band, slice(int(cols[0]), int(cols[-1]) + 1)
+
+
+def _links(
+    labels: IntArray, rows: npt.NDArray[np.intp], cols: npt.NDArray[np.intp]
+) -> dict[int, frozenset[int]]:
+    """Return which regions touch (8-connected); only the cells at ``rows`` and ``cols`` can join
+    two regions.
+    """
+    links: dict[int, set[int]] = {}
+    for dr in (-1, 0, 1):
+        for dc in (-1, 0, 1):
+            r, c = rows + dr, cols + dc
+            ok = (r >= 0) & (c >= 0) & (r < labels.shape[0]) & (c < labels.shape[1])
+            mine, theirs = labels[rows[ok], cols[ok]], labels[r[ok], c[ok]]
+            differ = (mine != theirs) & (theirs != 0)
+            for a, b in set(zip(mine[differ].tolist(), theirs[differ].tolist(), strict=True)):
+                links.setdefault(a, set()).add(b)
+                links.setdefault(b, set()).add(a)
+    return {label: frozenset(others) for label, others in links.items()}
+
+
+def _minimal(sets: list[frozenset[str]]) -> list[frozenset[str]]:
+    """Return the sets that contain no other one, smallest first."""
+    keep: list[frozenset[str]] = []
+    for candidate in sorted(set(sets), key=lambda s: (len(s), sorted(s))):
+        if not any(known <= candidate for known in keep):
+            keep.append(candidate)
+    return keep[:MOST_ALTERNATIVES]
+
+
+def _impossible(
+    reason: str, blockers: Sequence[str] | frozenset[str], ways: Sequence[frozenset[str]]
+) -> PathReport:
+    return PathReport(
+        Outcome.IMPOSSIBLE,
+        blockers=frozenset(blockers),
+        alternatives=tuple(ways),
+        reason=reason,
+        planner="certificate",
+    )

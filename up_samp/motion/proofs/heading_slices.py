@@ -1,0 +1,188 @@
+"""A stronger proof of impossibility: components of (x, y, heading), slower than those of (x, y).
+
+The space of poses is cut into boxes: a square of the map times a range of headings. Discs inside
+the footprint, each shrunk by what it can move within a box, tell boxes in which every pose
+collides; all motions, of whatever kind, go through neighbouring other boxes. A flood from the
+start that does not reach the goal's box is a proof, which sees the footprint's length where the
+proof by one disc does not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from up_samp.geometry import Scene
+from up_samp.geometry.compiled import inner, kernel
+from up_samp.geometry.kernels import PolyData
+from up_samp.geometry.shapes import shape_of
+from up_samp.model import Body, Configuration, Deadline, Placed
+from up_samp.motion.guides.cost_to_go import point_to_convex
+
+FloatArray = npt.NDArray[np.float64]
+
+BINS = (72, 36)
+"""Ranges of headings: on small maps, on large ones."""
+MOST_BOXES = 12_000_000
+
+
+def discs_inside(body: Body) -> FloatArray:
+    """Return discs (k, 3: x, y, r in the body frame, m) that lie inside the footprint."""
+    polygon = shapely.Polygon(shape_of(body).footprint)
+    low_x, low_y, high_x, high_y = polygon.bounds
+    rows = []
+    for x in np.linspace(low_x, high_x, 25):
+        for y in np.linspace(low_y, high_y, 13):
+            point = shapely.Point(x, y)
+            if polygon.contains(point):
+                rows.append((x, y, polygon.exterior.distance(point) * (1 - 1e-9)))
+    rows.sort(key=lambda row: -row[2])
+    chosen: list[tuple[float, float, float]] = [shape_of(body).inner]
+    for x, y, r in rows:
+        if all(math.hypot(x - a, y - b) > 0.45 * max(r, c) for a, b, c in chosen):
+            chosen.append((x, y, r))
+    return np.array(chosen[:12])
+
+
+@inner
+def _blocked(
+    nearest: npt.NDArray[np.int32],
+    frame: FloatArray,
+    polys: PolyData,
+    discs: FloatArray,
+    gx: float,
+    gy: float,
+    heading: float,
+    half: FloatArray,
+) -> bool:
+    """Return whether every pose of a box collides. ``gx``, ``gy``: its centre in m from the map's
+    corner; ``half``: half diagonal (m) and half range of headings (rad).
+    """
+    rows, cols = nearest.shape[1], nearest.shape[2]
+    res = frame[5]
+    c, s = math.cos(heading), math.sin(heading)
+    for i in range(discs.shape[0]):
+        dx, dy = discs[i, 0], discs[i, 1]
+        x, y = gx + c * dx - s * dy, gy + s * dx + c * dy
+        room = discs[i, 2] - half[0] - half[1] * math.sqrt(dx * dx + dy * dy) - 1e-5
+        col, row = math.floor(x / res), math.floor(y / res)
+        if row < 0 or col < 0 or row >= rows or col >= cols:
+            if room > 0.0:  # the disc's centre itself leaves the map
+                beyond = max(max(-x, x - cols * res), max(-y, y - rows * res))
+                if beyond > half[0] + half[1] * math.sqrt(dx * dx + dy * dy):
+                    return True
+            continue
+        # any blocked cell near by will do: its distance is an upper bound
+        ox = max(abs(x - (nearest[1, row, col] - 0.5) * res) - 0.5 * res, 0.0)
+        oy = max(abs(y - (nearest[0, row, col] - 0.5) * res) - 0.5 * res, 0.0)
+        if math.sqrt(ox * ox + oy * oy) < room:
+            return True
+        wx = frame[0] + frame[2] * x - frame[3] * y
+        wy = frame[1] + frame[3] * x + frame[2] * y
+        for k in range(polys.counts.shape[0]):
+            px, py = wx - polys.centres[k, 0], wy - polys.centres[k, 1]
+            near = math.sqrt(px * px + py * py) - polys.centres[k, 2] < room
+            if near and point_to_convex(wx, wy, polys.verts[k], polys.counts[k]) < room:
+                return True
+    return False
+
+
+@kernel
+def flood(
+    nearest: npt.NDArray[np.int32],
+    frame: FloatArray,
+    polys: PolyData,
+    discs: FloatArray,
+    state: npt.NDArray[np.int8],
+    queue: npt.NDArray[np.int32],
+    ends: npt.NDArray[np.int64],
+    goal: int,
+    size: float,
+    budget: int,
+) -> int:
+    """Go on flooding boxes (index: (row * cols + col) * bins + bin). ``ends``: queue's head and
+    tail.
+
+    Returns 1 if the goal's box is reached, 2 if all that can be reached was seen, 0 if there is
+    more to do. ``state`` (rows, cols, bins): 0 unseen, 1 free, 2 blocked.
+    """
+    rows, cols, bins = state.shape
+    half = np.array([size * math.sqrt(0.5), math.pi / bins])
+    for _ in range(budget):
+        if ends[0] >= ends[1]:
+            return 2
+        box = queue[ends[0]]
+        ends[0] += 1
+        b, cell = box % bins, box // bins
+        row, col = cell // cols, cell % cols
+        for dr in range(-1, 2):
+            for dc in range(-1, 2):
+                for db in range(-1, 2):
+                    r, c, n = row + dr, col + dc, (b + db + bins) % bins
+                    if r < 0 or c < 0 or r >= rows or c >= cols or state[r, c, n] != 0:
+                        continue
+                    gx, gy = (c + 0.5) * size, (r + 0.5) * size
+                    heading = 2.0 * math.pi * n / bins
+                    if _blocked(nearest, frame, polys, discs, gx, gy, heading, half):
+                        state[r, c, n] = 2
+                        continue
+                    state[r, c, n] = 1
+                    index = (r * cols + c) * bins + n
+                    if index == goal:
+                        return 1
+                    queue[ends[1]] = index
+                    ends[1] += 1
+    return 0
+
+
+def separated(
+    scene: Scene,
+    nearest: npt.NDArray[np.int32],
+    body: Body,
+    start: Configuration,
+    goal: Configuration,
+    obstacles: Sequence[Placed],
+    deadline: Deadline,
+) -> bool:
+    """Return whether no motion joins two poses, proven by boxes of poses (False: no proof).
+
+    ``nearest`` int32 (2, rows, cols): row + 1 and column + 1 of a blocked cell near each cell.
+    """
+    if scene.grid is None:
+        return False
+    rows, cols = scene.grid.shape
+    bins = BINS[0] if rows * cols * BINS[0] <= MOST_BOXES else BINS[1]
+    factor = math.ceil(math.sqrt(rows * cols * bins / MOST_BOXES))
+    size = scene.grid.resolution * factor
+    shape = (math.ceil(rows / factor), math.ceil(cols / factor), bins)
+    boxes = [_box(scene, pose, size, shape) for pose in (start, goal)]
+    if boxes[0] < 0 or boxes[1] < 0 or boxes[0] == boxes[1]:
+        return False
+    state = np.zeros(shape, dtype=np.int8)
+    state.reshape(-1)[boxes[0]] = 1
+    queue = np.empty(state.size + 1, dtype=np.int32)
+    queue[0] = boxes[0]
+    ends = np.array([0, 1], dtype=np.int64)
+    polys, discs = scene.polys(obstacles), discs_inside(body)
+    verdict = 0
+    while verdict == 0 and not deadline.expired():
+        verdict = flood(
+            nearest, scene.data.frame, polys, discs, state, queue, ends, boxes[1], size, 20_000
+        )
+    return verdict == 2
+
+
+def _box(scene: Scene, pose: Configuration, size: float, shape: tuple[int, int, int]) -> int:
+    """Return the index of the box of a pose, -1 outside the map."""
+    f = scene.data.frame
+    dx, dy = pose[0] - f[0], pose[1] - f[1]
+    col = math.floor((f[2] * dx + f[3] * dy) / size)
+    row = math.floor((f[2] * dy - f[3] * dx) / size)
+    if not (0 <= row < shape[0] and 0 <= col < shape[1]):
+        return -1
+    turn = ((pose[2] - f[4]) % (2 * math.pi)) / (2 * math.pi)
+    return (row * shape[1] + col) * shape[2] + int(turn * shape[2] + 0.5) % shape[2]

@@ -1,0 +1,87 @@
+"""Who plans for what: motion planners by name, imported when they are needed."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from typing import Any
+
+from up_samp.geometry import Scene
+from up_samp.model import Body, MotionModel, ProblemError, UnsupportedError
+from up_samp.motion.protocol import MotionPlanner
+
+Factory = Callable[[Scene, int], MotionPlanner]
+
+PLANNERS: dict[str, str | Factory] = {
+    "car": "up_samp.motion.planners.car:CarPlanner",
+    "planar": "up_samp.motion.planners.omni:PlanarPlanner",
+    "se3": "up_samp.motion.planners.ompl:flyer_planner",
+    "control": "up_samp.motion.planners.ompl:control_planner",
+}
+"""Planners by name: ``module:factory`` (imported when needed) or a factory(scene, seed). Beside
+these, OMPL's planners are known by their own names (see :mod:`up_samp.motion.planners.ompl`).
+"""
+
+DEFAULTS: dict[MotionModel, str] = {
+    MotionModel.REEDSSHEPP: "car",
+    MotionModel.SE2: "planar",
+    MotionModel.SE3: "se3",
+    MotionModel.CONTROL: "control",
+}
+"""Who plans for which motion model when nothing else is asked for."""
+
+SECOND_OPINIONS: dict[MotionModel, tuple[str, ...]] = {
+    MotionModel.REEDSSHEPP: ("RRTConnect",),
+    MotionModel.SE2: ("RRTConnect",),
+}
+"""Planners asked after the default one found nothing, before the answer is "out of time"."""
+
+SECOND_OPINION_SECONDS = 2.0
+"""Time that a second opinion may take at most."""
+
+
+def register_planner(
+    name: str,
+    factory: str | Factory,
+    *,
+    default_for: tuple[MotionModel, ...] = (),
+    second_opinion_for: tuple[MotionModel, ...] = (),
+) -> None:
+    """Make a planner known under ``name``."""
+    PLANNERS[name] = factory
+    for model in default_for:
+        DEFAULTS[model] = name
+    for model in second_opinion_for:
+        known = SECOND_OPINIONS.get(model, ())
+        SECOND_OPINIONS[model] = (*(n for n in known if n != name), name)
+
+
+def make_planner(name: str, scene: Scene, seed: int) -> MotionPlanner:
+    """Return the planner called ``name`` for a scene."""
+    if name not in PLANNERS:
+        from up_samp.motion.planners.ompl import PLANNERS as OMPL
+        from up_samp.motion.planners.ompl import OmplPlanner
+
+        try:
+            return OmplPlanner(name, scene, seed)
+        except ProblemError as error:
+            known = ", ".join((*sorted(PLANNERS), *OMPL))
+            raise ProblemError(
+                f"there is no motion planner '{name}'; known are default, {known}"
+            ) from error
+    factory: Any = PLANNERS[name]
+    if isinstance(factory, str):
+        module, _, attribute = factory.partition(":")
+        factory = getattr(importlib.import_module(module), attribute)
+    planner: MotionPlanner = factory(scene, seed)
+    return planner
+
+
+def planner_names(name: str, body: Body) -> tuple[str, ...]:
+    """Return which planners to ask for ``body``, in order (``"default"``: by its motion model)."""
+    if name != "default":
+        return (name,)
+    model = body.kinematics.model
+    if model not in DEFAULTS:
+        raise UnsupportedError(f"no motion planner for the motion model {model.name}")
+    return (DEFAULTS[model], *SECOND_OPINIONS.get(model, ()))

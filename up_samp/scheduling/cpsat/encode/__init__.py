@@ -1,0 +1,1 @@
+"""From a scheduling problem to CP-SAT variables and constraints."""

@@ -1,0 +1,102 @@
+"""How long a schedule may have to be: a bound that loses neither feasibility nor optimality.
+
+Once it is decided who is present and which side of every disjunction holds, difference
+constraints ``p >= q + w`` remain, and their least solution gives each timepoint the weight of a
+simple path from time 0. So the sum over all timepoints of the largest weight into each is enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from unified_planning.model import FNode
+
+from up_samp.scheduling.cpsat.encode.store import Cmp, Form, Lin, Store
+from up_samp.scheduling.cpsat.encode.terms import UNBOUNDED, ActivityVars, Terms, World, int_bounds
+
+
+def comparisons(form: Form) -> Iterator[Cmp]:
+    """Yield the comparisons in ``form``."""
+    if form.__class__ is Cmp:
+        yield form
+    elif form.__class__ is tuple:
+        for part in form[1:]:
+            yield from comparisons(part)
+
+
+class Horizon:
+    """Collects weights into timepoints."""
+
+    def __init__(self, store: Store) -> None:
+        self.store = store
+        self.certain = True
+        self.origin = 1
+        self.total = 1
+        self._into: dict[int, int] = {}
+        self._length: dict[int, int] = {}
+
+    def activity(self, activity: ActivityVars) -> None:
+        """Count an activity: its shortest duration, and an effect or condition beside it."""
+        start = activity.start.terms[0][0]
+        if start in self._length:
+            return  # an alternative of one that is counted
+        fixed = activity.end.terms == activity.start.terms
+        self._length[start] = activity.least if fixed else 0
+        self._into.setdefault(start, 0)
+        if not fixed:
+            self._into.setdefault(activity.end.terms[0][0], max(0, activity.least))
+        self.total += activity.least if fixed else 0
+
+    def timepoint(self, var: int) -> None:
+        """Count a timepoint that is one of the activities' (the makespan)."""
+        self._into.setdefault(var, 0)
+
+    def lasting(self, least: FNode, world: World) -> None:
+        """Count an activity that lasts ``least``, by what its parameters and fluents may be."""
+
+        def read(node: FNode) -> Lin:
+            return Lin(((self.store.integer(*int_bounds(node.fluent().type)), 1),))
+
+        longest = self.store.range(Terms(world, read).linear(least))[1] + 1
+        if longest >= UNBOUNDED:
+            self.certain = False
+        else:
+            self.total += max(0, longest)
+
+    def beside(self, delay: int) -> None:
+        """Count an effect or a condition with a delay (gaps of 1 + delay may be needed)."""
+        self.total += 2 + abs(delay)
+
+    def forms(self, forms: Iterable[Form]) -> None:
+        """Count constraints."""
+        into, length = self._into, self._length
+        for form in forms:
+            for cmp in comparisons(form):
+                times = [(v, c) for v, c in cmp.terms if v in into]
+                if not times:
+                    continue
+                if len(times) > 2 or any(abs(c) != 1 for _, c in times):
+                    self.certain = False
+                weight = self._weight(cmp, times)
+                if len(times) == 1:
+                    self.origin = max(self.origin, weight)
+                    continue
+                for var, coef in times:
+                    if coef < 0 or cmp.op != "<=":
+                        other = next((v for v, _ in times if v != var), var)
+                        short = weight - length.get(other, 0)
+                        into[var] = max(into[var], short if short >= 0 else weight)
+
+    def _weight(self, cmp: Cmp, times: list[tuple[int, int]]) -> int:
+        names = {v for v, _ in times}
+        weight = abs(cmp.const) if cmp.op != "<=" else cmp.const
+        for var, coef in cmp.terms:
+            if var not in names:
+                low, high = self.store.bounds[var]
+                weight += max(coef * low, coef * high, 0)
+        return max(0, weight + (cmp.op == "!=")) if cmp.op == "<=" else abs(weight) + 1
+
+    def bound(self) -> int:
+        """Return a time by which a schedule can be over, if there is one at all."""
+        longest = self.total + self.origin + sum(self._into.values())
+        return longest if self.certain else 3 * longest + 100

@@ -1,0 +1,403 @@
+"""State variables: ground fluents with who writes and who reads them, and when.
+
+Semantics (PDDL 2.1 as up-aries has it; see ``up_samp/validation/semantics.md``): an effect at t is
+seen from t + 1 on; a condition over integer instants lo..hi holds at each of them; an effect of
+another activity on a fluent that the condition reads must not lie in lo..hi, whatever its value;
+the activity's own effects and the problem's own are not kept apart, the old value counts at t.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+from unified_planning.model import Effect, FNode, TimeInterval, Timing
+from unified_planning.model.timing import TimepointKind
+
+from up_samp.model import UnsupportedError
+from up_samp.scheduling.cpsat.encode.nodes import (
+    conjuncts,
+    equals_object,
+    fluents_in,
+    has_decisions,
+)
+from up_samp.scheduling.cpsat.encode.statevars import Key, Read, StateVar, Write
+from up_samp.scheduling.cpsat.encode.store import (
+    FALSE,
+    TRUE,
+    Lin,
+    Literal,
+    Store,
+    compare,
+    constant,
+)
+from up_samp.scheduling.cpsat.encode.terms import ActivityVars, Terms, World, int_bounds
+
+_MANY = 2000
+
+
+class States:
+    """All state variables of a problem."""
+
+    def __init__(self, world: World, problem: Any, far: Lin) -> None:
+        self.world = world
+        self.store: Store = world.store
+        self.problem = problem
+        self.far = far
+        self.vars: dict[Key, StateVar] = {}
+        self.explicit = problem.explicit_initial_values
+        self.defaults = problem.fluents_defaults
+        self.by_var: dict[int, ActivityVars] = {}
+        self.activities: list[ActivityVars] = []
+        self.dynamic: set[str] = set()
+        self._allowed: dict[FNode, frozenset[int]] = {}
+        self.happenings: list[tuple[Literal, Lin]] = []
+        self.final: Lin | None = None
+
+    def register(self, activity: ActivityVars) -> None:
+        """Let times of ``activity`` be known."""
+        self.activities.append(activity)
+        for lin in (activity.start, activity.end):
+            self.by_var.update((v, activity) for v, _ in lin.terms)
+
+    def activity(self, index: int) -> ActivityVars:
+        """Return the activity with this index."""
+        return self.activities[index]
+
+    # -- ground fluents ------------------------------------------------------------------------
+    def var(self, fluent: Any, args: tuple[int, ...]) -> StateVar:
+        """Return the state variable of ``fluent`` at ``args`` (codes of objects, numbers)."""
+        key = (fluent.name, *args)
+        found = self.vars.get(key)
+        if found is None:
+            found = self.vars[key] = self._make(key, fluent, args)
+        return found
+
+    def _make(self, key: Key, fluent: Any, args: tuple[int, ...]) -> StateVar:
+        tpe = fluent.type
+        if tpe.is_bool_type() or tpe.is_user_type():
+            values: list[int] | None = self.world.values_of(tpe)
+            bounds = (min(values), max(values)) if values else (0, 0)
+        else:
+            bounds = int_bounds(tpe)
+            few = bounds[1] - bounds[0] < _MANY
+            values = list(range(bounds[0], bounds[1] + 1)) if few else None
+        return StateVar(key, bounds, values, self._initial(fluent, args))
+
+    def _initial(self, fluent: Any, args: tuple[int, ...]) -> int | None:
+        names = {code: name for name, code in self.world.objects.items()}
+        manager = self.problem.environment.expression_manager
+        nodes = []
+        for parameter, code in zip(fluent.signature, args, strict=True):
+            if parameter.type.is_user_type():
+                nodes.append(manager.ObjectExp(self.problem.object(names[code])))
+            elif parameter.type.is_bool_type():
+                nodes.append(manager.Bool(bool(code)))
+            else:
+                nodes.append(manager.Int(code))
+        value = self.explicit.get(manager.FluentExp(fluent, tuple(nodes)))
+        if value is None:
+            value = self.defaults.get(fluent)
+        if value is None:
+            return None
+        return Terms(self.world, _no_fluents).linear(value).const
+
+    def grounds(self, node: FNode, terms: Terms) -> Iterator[tuple[Literal, StateVar]]:
+        """Yield (literal, variable) for each ground fluent that ``node`` may stand for."""
+        fluent = node.fluent()
+        choices: list[list[tuple[Literal, int]]] = []
+        for arg, parameter in zip(node.args, fluent.signature, strict=True):
+            lin = terms.linear(arg)
+            if not lin.terms:
+                choices.append([(TRUE, lin.const)])
+                continue
+            var = self._plain(lin)
+            choices.append(
+                [(self.store.is_value(var, v), v) for v in self.world.values_of(parameter.type)]
+            )
+        for combination in itertools.product(*choices):
+            literal = self.store.all_of(x for x, _ in combination)
+            if literal != FALSE:
+                yield literal, self.var(fluent, tuple(v for _, v in combination))
+
+    def _plain(self, lin: Lin) -> int:
+        if len(lin.terms) == 1 and lin.terms[0][1] == 1 and lin.const == 0:
+            return lin.terms[0][0]
+        low, high = self.store.range(lin)
+        var = self.store.integer(low, high)
+        self.store.enforce(compare(lin.plus(Lin(((var, 1),)), -1)._replace(needs=()), "=="))
+        return var
+
+    # -- effects -------------------------------------------------------------------------------
+    def add_effect(self, timing: Timing, effect: Effect, owner: ActivityVars | None) -> None:
+        """Register the writes of an effect."""
+        if effect.forall:
+            raise UnsupportedError(f"the forall effect '{effect}' is not supported by cpsat")
+        if not (effect.is_assignment() or effect.is_increase() or effect.is_decrease()):
+            raise UnsupportedError(f"the continuous effect '{effect}' is not supported by cpsat")
+        if timing.timepoint.kind is TimepointKind.GLOBAL_END:
+            raise UnsupportedError(f"the effect '{effect}' at the global end is not supported")
+        present = TRUE if owner is None else owner.present
+        terms = Terms(self.world, _no_fluents, owner)
+        time = terms.time(timing)
+        active = self.store.all_of([present, *time.needs])
+        time = time._replace(needs=())
+        self.store.enforce(constant(0).le(time), (active,))
+        self.happenings.append((active, time))
+        reading = Terms(self.world, self.reader(owner, active, time, time, loose=True), owner)
+        self._keep_apart(effect, owner, active, time)
+        condition = reading.form(effect.condition)
+        if condition != TRUE:
+            opposite = reading.form(effect.condition, False)
+            active = self.store.all_of([active, self.store.equivalent(condition, opposite)])
+        value = reading.linear(effect.value)._replace(needs=())
+        if effect.is_decrease():
+            value = constant(0).plus(value, -1)
+        number = None if owner is None else owner.index
+        for literal, state in self.grounds(effect.fluent, reading):
+            when = self.store.all_of([active, literal])
+            if when == FALSE:
+                continue
+            adds = not effect.is_assignment()
+            state.writes.append(Write(number, when, time, value, adds))
+            if not adds:
+                self._within(state, value, when)
+
+    def _keep_apart(
+        self, effect: Effect, owner: ActivityVars | None, active: Literal, time: Lin
+    ) -> None:
+        """Keep other activities' effects off the other fluents that an effect reads."""
+        if owner is None:
+            return
+        terms = Terms(self.world, _no_fluents, owner)
+        own = {id(state): literal for literal, state in self.grounds(effect.fluent, terms)}
+        for node in (effect.condition, effect.value):
+            for literal, state in self._all_grounds(node, owner):
+                when = self.store.all_of([active, literal, ~own.get(id(state), FALSE)])
+                if when != FALSE:
+                    state.reads.append(Read(owner.index, when, time, time, guard_only=True))
+
+    def _within(self, state: StateVar, value: Lin, when: Literal) -> None:
+        low, high = state.bounds
+        self.store.enforce(constant(low).le(value), (when,))
+        self.store.enforce(value.le(constant(high)), (when,))
+
+    # -- conditions ----------------------------------------------------------------------------
+    def add_condition(self, span: TimeInterval, node: FNode, owner: ActivityVars | None) -> None:
+        """Register the reads of a condition."""
+        terms = Terms(self.world, _no_fluents, owner)
+        lo, hi, nonempty = self._instants(span, terms)
+        needs = [*lo.needs, *hi.needs] + ([] if owner is None else [owner.present])
+        lo, hi = lo._replace(needs=()), hi._replace(needs=())
+        low, high = nonempty
+        gap = high.plus(low, -1)._replace(needs=())
+        least, most = self.difference(gap, constant(0))
+        if most < 0:
+            return
+        some = TRUE
+        if least < 0:
+            opposite = compare(gap.shift(1), "<=")
+            some = self.store.equivalent(compare(constant(0).plus(gap, -1), "<="), opposite)
+        active = self.store.all_of([*needs, some])
+        for part in conjuncts(node):
+            self._require(part, owner, active, lo, hi)
+
+    def _instants(self, span: TimeInterval, terms: Terms) -> tuple[Lin, Lin, tuple[Lin, Lin]]:
+        """Return the first and last instant, and the two by which to tell whether there is any.
+
+        The global end is the first instant at which all effects are seen. A condition that lasts
+        until then may as well last for ever, which needs no variable.
+        """
+        ends, exact = [], []
+        bounds = (
+            (span.lower, 1 if span.is_left_open() else 0),
+            (span.upper, -1 if span.is_right_open() else 0),
+        )
+        both = all(self._is_end(t) and t.delay + step >= 0 for t, step in bounds)
+        for timing, step in bounds:
+            if not self._is_end(timing):
+                ends.append(terms.time(timing).shift(step))
+                exact.append(ends[-1])
+                continue
+            delay = int(timing.delay) + step
+            at = self.far if both else self._final_instant()
+            exact.append(at.shift(delay))
+            ends.append(self.far if delay == 0 else at.shift(delay))
+        return ends[0], ends[1], (exact[0], exact[1])
+
+    @staticmethod
+    def _is_end(timing: Timing) -> bool:
+        return bool(timing.timepoint.kind is TimepointKind.GLOBAL_END)
+
+    def _final_instant(self) -> Lin:
+        """Return 1 + the latest of all ends of present activities and times of effects."""
+        if self.final is None:
+            self.final = final = Lin(((self.store.integer(1, self.far.const), 1),))
+            latest = [(TRUE, constant(1))]
+            latest += [(active, time.shift(1)) for active, time in self.happenings]
+            latest += [(a.present, a.end._replace(needs=()).shift(1)) for a in self.activities]
+            for active, time in latest:
+                self.store.enforce(time.le(final), (active,))
+            self.store.attain(final, latest)
+        return self.final
+
+    def difference(self, a: Lin, b: Lin) -> tuple[int, int]:
+        """Return bounds of ``a - b`` that hold whatever the schedule (activities' sizes known)."""
+        if a.terms == b.terms:
+            return a.const - b.const, a.const - b.const
+        gap = a.plus(b, -1)
+        if len(a.terms) == len(b.terms) == 1:
+            one, other = self.by_var.get(a.terms[0][0]), self.by_var.get(b.terms[0][0])
+            if one is not other:
+                return self.store.range(gap)
+        for activity in self._mentioned(gap):
+            if len(activity.end.terms) == 1 and activity.end.terms != activity.start.terms:
+                (end, _), (start, _) = activity.end.terms[0], activity.start.terms[0]
+                coefs = dict(gap.terms)
+                coef = coefs.get(end, 0)
+                if coef:
+                    rest = Lin(((start, coef),)).plus(activity.size, coef)
+                    gap = gap.plus(Lin(((end, -coef),))).plus(rest)
+        return self.store.range(gap)
+
+    def _mentioned(self, lin: Lin) -> list[ActivityVars]:
+        owners = {self.by_var[v].index: self.by_var[v] for v, _ in lin.terms if v in self.by_var}
+        return list(owners.values())
+
+    def _require(
+        self, node: FNode, owner: ActivityVars | None, active: Literal, lo: Lin, hi: Lin
+    ) -> None:
+        number = None if owner is None else owner.index
+        inside = self._own_writes_inside(node, owner, lo, hi)
+        if not inside:
+            self._hold(node, owner, active, lo, hi)
+            return
+        # own and base effects inside the interval are allowed: look again after each of them
+        if owner is not None:
+            for _, state in self._all_grounds(node, owner):
+                state.reads.append(Read(number, active, lo, hi, guard_only=True))
+        self._hold(node, owner, active, lo, lo)
+        for write in inside:
+            after = write.time.shift(1)
+            conditions = [
+                self.store.equivalent(lo.le(write.time), write.time.shift(1).le(lo)),
+                self.store.equivalent(after.le(hi), hi.le(write.time)),
+            ]
+            again = self.store.all_of([active, write.active, *conditions])
+            self._hold(node, owner, again, after, after)
+
+    def _own_writes_inside(
+        self, node: FNode, owner: ActivityVars | None, lo: Lin, hi: Lin
+    ) -> list[Write]:
+        if self.difference(hi, lo)[1] <= 0:
+            return []
+        found: dict[int, Write] = {}
+        for _, state in self._all_grounds(node, owner):
+            for write in state.exempt(None if owner is None else owner.index):
+                after_lo = self.difference(write.time, lo)[1] >= 0
+                if after_lo and self.difference(write.time, hi)[0] < 0:
+                    found[id(write)] = write
+        return list(found.values())
+
+    def _all_grounds(
+        self, node: FNode, owner: ActivityVars | None
+    ) -> Iterator[tuple[Literal, StateVar]]:
+        for fluent in fluents_in(node):
+            args_have_fluents = any(fluents_in(a) for a in fluent.args)
+            if args_have_fluents:
+                raise UnsupportedError(f"the nested fluent '{fluent}' is not supported by cpsat")
+            yield from self.grounds(fluent, Terms(self.world, _no_fluents, owner))
+
+    def _hold(
+        self, node: FNode, owner: ActivityVars | None, active: Literal, lo: Lin, hi: Lin
+    ) -> None:
+        if active == FALSE:
+            return
+        number = None if owner is None else owner.index
+        fluents = fluents_in(node)
+        single = next(iter(fluents)) if len(fluents) == 1 else None
+        if (
+            single is not None
+            and all(a.is_constant() for a in single.args)
+            and not has_decisions(node)
+        ):
+            ((_, state),) = self.grounds(single, Terms(self.world, _no_fluents, owner))
+            if state.values is not None:
+                allowed = self._values(node, state)
+                self._read(state, Read(number, active, lo, hi, allowed=allowed))
+                return
+        terms = Terms(self.world, self.reader(owner, active, lo, hi), owner)
+        self.store.enforce(terms.form(node), (active,))
+
+    def _values(self, node: FNode, state: StateVar) -> frozenset[int]:
+        """Return the values of ``state`` with which ``node`` holds."""
+        found = self._allowed.get(node)
+        if found is None:
+            values = state.values or []
+            fixed = equals_object(node)
+            if fixed is not None:
+                found = frozenset((self.world.objects[fixed],)).intersection(values)
+            else:
+                found = frozenset(v for v in values if self._evaluate(node, v) == TRUE)
+            self._allowed[node] = found
+        return found
+
+    def _evaluate(self, node: FNode, value: int) -> Any:
+        return Terms(self.world, lambda _: constant(value)).form(node)
+
+    def _read(self, state: StateVar, read: Read) -> None:
+        if state.key[0] in self.dynamic:
+            anything = read.allowed is not None and len(read.allowed) == len(state.values or ())
+            if anything and state.initial is not None:
+                read = replace(read, allowed=None, guard_only=True)
+            state.reads.append(read)
+        elif state.initial is None or (
+            read.allowed is not None and state.initial not in read.allowed
+        ):
+            self.store.enforce(FALSE, (read.active,))
+
+    def reader(
+        self, owner: ActivityVars | None, active: Literal, lo: Lin, hi: Lin, loose: bool = False
+    ) -> Any:
+        """Return a function fluent expression -> value over lo..hi (cached, reads registered)."""
+        cache: dict[FNode, Lin] = {}
+        number = None if owner is None else owner.index
+
+        def read(node: FNode) -> Lin:
+            if node not in cache:
+                grounds = list(self.grounds(node, Terms(self.world, read, owner)))
+                pattern = Read(number, active, lo, hi, loose=loose)
+                cache[node] = self._value(node, grounds, pattern)
+            return cache[node]
+
+        return read
+
+    def _value(self, node: FNode, grounds: list[tuple[Literal, StateVar]], pattern: Read) -> Lin:
+        if len(grounds) == 1:
+            literal, only = grounds[0]
+            static = only.key[0] not in self.dynamic and only.initial is not None
+            if static and literal == TRUE:
+                return constant(only.initial or 0)
+        bounds = [s.bounds for _, s in grounds]
+        if node.type.is_user_type():
+            result = self.store.member(self.world.values_of(node.type))
+        else:
+            result = self.store.integer(min(b[0] for b in bounds), max(b[1] for b in bounds))
+        value = Lin(((result, 1),))
+        for literal, state in grounds:
+            when = self.store.all_of([pattern.active, literal])
+            if when == FALSE:
+                continue
+            if state.key[0] in self.dynamic:
+                state.reads.append(replace(pattern, active=when, value=value))
+            elif state.initial is None:
+                self.store.enforce(FALSE, (when,))
+            else:
+                self.store.enforce(compare(value.shift(-state.initial), "=="), (when,))
+        return value
+
+
+def _no_fluents(node: FNode) -> Lin:
+    raise UnsupportedError(f"the fluent '{node}' is read at no time; cpsat needs one")

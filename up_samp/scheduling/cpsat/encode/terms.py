@@ -1,0 +1,290 @@
+"""From UP expressions to linear expressions and forms (see :mod:`.store`)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Any
+
+from unified_planning.model import FNode, Timing
+from unified_planning.model.operators import OperatorKind as Op
+from unified_planning.model.timing import TimepointKind
+from unified_planning.model.types import Type
+
+from up_samp.model import ProblemError, UnsupportedError
+from up_samp.scheduling.cpsat.encode.store import (
+    FALSE,
+    TRUE,
+    Form,
+    Lin,
+    Literal,
+    Store,
+    compare,
+    conjunction,
+    constant,
+    disjunction,
+)
+
+UNBOUNDED = 10**9
+"""Largest magnitude of an integer variable that the problem does not bound."""
+
+Reader = Callable[[FNode], Lin]
+"""Gives the value of a fluent expression where one is read (its object's code, 0/1, or number)."""
+
+
+@dataclass
+class ActivityVars:
+    """An activity in the model. ``start`` and ``end`` need its presence (see ``Lin.needs``)."""
+
+    name: str
+    index: int
+    present: Literal
+    start: Lin
+    end: Lin
+    least: int
+    most: int | None
+    size: Lin
+
+
+@dataclass
+class World:
+    """The names that expressions refer to."""
+
+    store: Store
+    activities: dict[str, ActivityVars] = field(default_factory=dict)
+    parameters: dict[str, Lin] = field(default_factory=dict)
+    objects: dict[str, int] = field(default_factory=dict)
+    object_types: list[Any] = field(default_factory=list)
+    makespan: int = -1
+    makespan_used: bool = False
+    timings: dict[FNode, Lin] = field(default_factory=dict)
+
+    def values_of(self, tpe: Type) -> list[int]:
+        """Return the codes of all values of a bool, user or bounded int type."""
+        if tpe.is_bool_type():
+            return [0, 1]
+        if tpe.is_user_type():
+            return [i for i, t in enumerate(self.object_types) if tpe.is_compatible(t)]
+        low, high = int_bounds(tpe)
+        return list(range(low, high + 1))
+
+
+def int_bounds(tpe: Type) -> tuple[int, int]:
+    """Return the bounds of an integer type."""
+    if not tpe.is_int_type():
+        raise UnsupportedError(f"values of type '{tpe}' are not supported by cpsat (integers are)")
+    low = -UNBOUNDED if tpe.lower_bound is None else int(tpe.lower_bound)
+    high = UNBOUNDED if tpe.upper_bound is None else int(tpe.upper_bound)
+    return low, high
+
+
+class Terms:
+    """Compiles expressions. ``read`` tells what a fluent is worth (a time is implied)."""
+
+    def __init__(self, world: World, read: Reader, owner: ActivityVars | None = None) -> None:
+        self.world = world
+        self.read = read
+        self.owner = owner
+
+    # -- numbers, objects and times ----------------------------------------------------------
+    def linear(self, node: FNode) -> Lin:
+        """Return ``node`` (a number, time, object or Boolean) as an integer expression."""
+        total, scale = self._scaled(node)
+        if scale != 1:
+            raise UnsupportedError(f"the fraction in '{node}' is not supported here by cpsat")
+        return total
+
+    def _scaled(self, node: FNode) -> tuple[Lin, int]:
+        """Return (expression, d) with node = expression / d."""
+        kind = node.node_type
+        if kind in (Op.PLUS, Op.MINUS):
+            return self._sum(node)
+        if kind is Op.TIMES:
+            return self._product(node)
+        if kind is Op.DIV:
+            top, scale = self._scaled(node.arg(0))
+            by, other = self._scaled(node.arg(1))
+            if by.terms or by.const == 0:
+                raise UnsupportedError(f"cpsat divides by non-zero constants only, not '{node}'")
+            return times(top, other if by.const > 0 else -other), scale * abs(by.const)
+        if kind is Op.REAL_CONSTANT:
+            value = Fraction(node.constant_value())
+            return constant(value.numerator), value.denominator
+        if kind is Op.TIMING_EXP:
+            known = self.world.timings.get(node)
+            return (known, 1) if known is not None else self._rational_time(node)
+        return self._atom(node), 1
+
+    def _sum(self, node: FNode) -> tuple[Lin, int]:
+        parts = [self._scaled(a) for a in node.args]
+        scale = math.lcm(*(d for _, d in parts))
+        total = times(parts[0][0], scale // parts[0][1])
+        sign = -1 if node.node_type is Op.MINUS else 1
+        for part, d in parts[1:]:
+            total = total.plus(part, sign * scale // d)
+        return total, scale
+
+    def _product(self, node: FNode) -> tuple[Lin, int]:
+        total, scale = self._scaled(node.arg(0))
+        for arg in node.args[1:]:
+            other, d = self._scaled(arg)
+            if other.terms and total.terms:
+                total = self._multiply(total, other)
+            elif other.terms:
+                total = times(other, total.const)._replace(
+                    needs=tuple(sorted({*total.needs, *other.needs}))
+                )
+            else:
+                total = times(total, other.const)
+            scale *= d
+        return total, scale
+
+    def _multiply(self, a: Lin, b: Lin) -> Lin:
+        store = self.world.store
+        (al, ah), (bl, bh) = store.range(a), store.range(b)
+        corners = [x * y for x in (al, ah) for y in (bl, bh)]
+        product = store.integer(min(corners), max(corners))
+        store.model.add_multiplication_equality(
+            store.var(product), [store.affine(a), store.affine(b)]
+        )
+        return Lin(((product, 1),), 0, tuple(sorted({*a.needs, *b.needs})))
+
+    def _rational_time(self, node: FNode) -> tuple[Lin, int]:
+        timing = node.timing()
+        delay = Fraction(timing.delay)
+        point = self.timepoint(timing)
+        time = times(point, delay.denominator).shift(delay.numerator)
+        if delay.denominator == 1 and timing.timepoint.container is not None:
+            self.world.timings[node] = time
+        return time, delay.denominator
+
+    def time(self, timing: Timing) -> Lin:
+        """Return a timing as an expression; its delay must be an integer."""
+        delay = Fraction(timing.delay)
+        if delay.denominator != 1:
+            raise UnsupportedError(f"cpsat plans in integer time; the delay of '{timing}' is none")
+        return self.timepoint(timing).shift(int(delay))
+
+    def timepoint(self, timing: Timing) -> Lin:
+        """Return the timepoint of ``timing``, without its delay."""
+        point = timing.timepoint
+        if point.kind is TimepointKind.GLOBAL_START:
+            return constant(0)
+        if point.kind is TimepointKind.GLOBAL_END:
+            self.world.makespan_used = True
+            return Lin(((self.world.makespan, 1),))
+        owner = self.owner
+        if point.container is not None:
+            owner = self.world.activities.get(point.container)
+        if owner is None:
+            raise ProblemError(f"'{timing}' refers to no activity of the problem")
+        return owner.start if point.kind is TimepointKind.START else owner.end
+
+    def _atom(self, node: FNode) -> Lin:
+        kind = node.node_type
+        if kind in (Op.INT_CONSTANT, Op.BOOL_CONSTANT):
+            return constant(int(node.constant_value()))
+        if kind is Op.OBJECT_EXP:
+            return constant(self.world.objects[node.object().name])
+        if kind is Op.PARAM_EXP:
+            name = node.parameter().name
+            if name not in self.world.parameters:
+                raise ProblemError(f"'{name}' is no parameter or variable of the problem")
+            return self.world.parameters[name]
+        if kind is Op.FLUENT_EXP:
+            return self.read(node)
+        if node.type.is_bool_type():
+            positive, negative = self.form(node), self.form(node, False)
+            return indicator(self.world.store.equivalent(positive, negative))
+        raise UnsupportedError(f"'{node}' ({kind.name}) is not supported by cpsat")
+
+    # -- truth ---------------------------------------------------------------------------------
+    def form(self, node: FNode, positive: bool = True) -> Form:
+        """Return the form of a Boolean expression (of its negation if not ``positive``)."""
+        kind = node.node_type
+        if kind is Op.NOT:
+            return self.form(node.arg(0), not positive)
+        if kind in (Op.AND, Op.OR):
+            parts = [self.form(a, positive) for a in node.args]
+            return conjunction(parts) if (kind is Op.AND) == positive else disjunction(parts)
+        if kind is Op.IMPLIES:
+            parts = [self.form(node.arg(0), not positive), self.form(node.arg(1), positive)]
+            return disjunction(parts) if positive else conjunction(parts)
+        if kind is Op.IFF:
+            return self._iff(node.arg(0), node.arg(1), positive)
+        if kind in (Op.LE, Op.LT):
+            return self._inequality(node, positive)
+        if kind is Op.EQUALS:
+            if node.arg(0).type.is_bool_type():
+                return self._iff(node.arg(0), node.arg(1), positive)
+            return self._equality(node, positive)
+        if kind is Op.PRESENT_EXP:
+            return self._present(node) if positive else ~self._present(node)
+        if kind is Op.BOOL_CONSTANT:
+            return TRUE if node.bool_constant_value() == positive else FALSE
+        return self._truth(self._atom_truth(node), positive)
+
+    def _atom_truth(self, node: FNode) -> Lin:
+        if node.node_type in (Op.PARAM_EXP, Op.FLUENT_EXP):
+            return self._atom(node)
+        raise UnsupportedError(f"'{node}' ({node.node_type.name}) is not supported by cpsat")
+
+    @staticmethod
+    def _truth(lin: Lin, positive: bool) -> Form:
+        """Return ``lin == 1`` (or ``== 0``) for a 0/1 expression."""
+        if (
+            len(lin.terms) == 1
+            and not lin.needs
+            and (lin.terms[0][1], lin.const) in ((1, 0), (-1, 1))
+        ):
+            straight = lin.terms[0][1] == 1
+            return lin.terms[0][0] if straight == positive else ~lin.terms[0][0]
+        return compare(lin.shift(-1 if positive else 0), "==")
+
+    def _present(self, node: FNode) -> Literal:
+        name = node.presence().container
+        if name not in self.world.activities:
+            raise ProblemError(f"'{node}' refers to no activity of the problem")
+        return self.world.activities[name].present
+
+    def _iff(self, a: FNode, b: FNode, positive: bool) -> Form:
+        both = conjunction([self.form(a), self.form(b, positive)])
+        neither = conjunction([self.form(a, False), self.form(b, not positive)])
+        return disjunction([both, neither])
+
+    def _difference(self, node: FNode) -> Lin:
+        left, d = self._scaled(node.arg(0))
+        right, e = self._scaled(node.arg(1))
+        if d == e:
+            return left.plus(right, -1)
+        scale = math.lcm(d, e)
+        return times(left, scale // d).plus(times(right, scale // e), -1)
+
+    def _inequality(self, node: FNode, positive: bool) -> Form:
+        difference = self._difference(node)
+        if node.node_type is Op.LT:
+            difference = difference.shift(1)
+        if not positive:
+            difference = times(difference, -1).shift(1)
+        return compare(difference, "<=")
+
+    def _equality(self, node: FNode, positive: bool) -> Form:
+        return compare(self._difference(node), "==" if positive else "!=")
+
+
+def times(lin: Lin, factor: int) -> Lin:
+    """Return ``factor * lin``."""
+    if factor == 1:
+        return lin
+    if factor == 0:
+        return Lin((), 0, lin.needs)
+    return Lin(tuple((v, c * factor) for v, c in lin.terms), lin.const * factor, lin.needs)
+
+
+def indicator(literal: Literal) -> Lin:
+    """Return a literal as a 0/1 expression."""
+    if literal in (TRUE, FALSE):
+        return constant(1 if literal == TRUE else 0)
+    return Lin(((literal, 1),)) if literal >= 0 else Lin(((~literal, -1),), 1)

@@ -1,0 +1,1 @@
+"""Routes inside a scheduling problem: detection, relaxation, quick schedules."""

@@ -1,0 +1,395 @@
+"""Routes inside a problem: a state variable that some members of a clique change (moves) and others
+need (work at places), all one at a time.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from up_samp.scheduling.cpsat.encode.statevars import Key, Read, StateVar
+from up_samp.scheduling.cpsat.encode.terms import ActivityVars
+from up_samp.scheduling.cpsat.encode.timeline import Link, Timeline
+
+if TYPE_CHECKING:
+    from up_samp.scheduling.cpsat.model import ScheduleModel
+
+INFINITE = 10**12
+
+
+@dataclass(frozen=True, order=True)
+class Move:
+    """A transition: from one of ``origins`` to ``to``, lasting at least ``least``."""
+
+    name: str
+    origins: frozenset[int]
+    to: int
+    least: int
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Everyone who comes to a place needs ``state`` to be in ``allowed``; a supporting effect
+    comes ``lead`` or more before what is done there.
+    """
+
+    state: Key
+    allowed: frozenset[int]
+    lead: int
+
+
+@dataclass
+class Route:
+    """One traveller. ``stops`` are (activity, places where it may happen)."""
+
+    key: Key
+    gap: int
+    initial: int
+    final: frozenset[int] | None
+    moves: list[Move]
+    stops: list[tuple[str, frozenset[int]]]
+    late: frozenset[str] = frozenset()
+    """Stops that need their place only after their start: a move may end when they begin."""
+    entries: dict[int, list[Entry]] = field(default_factory=dict)
+    still: frozenset[Key] = frozenset()
+    """State variables that nobody may change in the midst of any move."""
+    hops: dict[tuple[int, int], list[Move]] = field(default_factory=dict)
+    travel: dict[tuple[int, int], int] = field(default_factory=dict)
+    _via: dict[tuple[int, int], int] = field(default_factory=dict)
+    _leaving: dict[int, list[tuple[int, list[Move]]]] = field(default_factory=dict)
+    _ways: dict[tuple[int, frozenset[int]], tuple[int, list[Move]] | None] = field(
+        default_factory=dict
+    )
+
+    @property
+    def step(self) -> int:
+        """Time from the end of a move to what may come next (its effect has to be seen)."""
+        return max(1, self.gap)
+
+    def rest(self, stop: str) -> int:
+        """Return the time from the end of a move to a stop."""
+        return self.gap if stop in self.late else self.step
+
+    def measure(self) -> None:
+        """Compute the shortest travel times between places (Floyd and Warshall)."""
+        places = {self.initial, *(m.to for m in self.moves)}
+        for move in self.moves:
+            places |= move.origins
+            for origin in move.origins:
+                if origin != move.to:
+                    self.hops.setdefault((origin, move.to), []).append(move)
+        order = sorted(places)
+        for a in order:
+            self.travel[a, a] = 0
+        for (a, b), moves in self.hops.items():
+            self.travel[a, b] = min(m.least for m in moves) + self.step
+            choices = sorted(moves, key=lambda m: (m.least, m.name))
+            self._leaving.setdefault(a, []).append((b, choices))
+        for via in order:
+            for a in order:
+                first = self.travel.get((a, via), INFINITE)
+                if a == via or first >= INFINITE:
+                    continue
+                for b in order:
+                    through = first + self.travel.get((via, b), INFINITE)
+                    if b != via and through < self.travel.get((a, b), INFINITE):
+                        self.travel[a, b] = through
+                        self._via[a, b] = via
+
+    def between(self, some: frozenset[int], others: frozenset[int]) -> int:
+        """Return the least travel time from a place in ``some`` to one in ``others``."""
+        return min(
+            (self.travel.get((a, b), INFINITE) for a in some for b in others), default=INFINITE
+        )
+
+    def is_direct(self, a: int, b: int) -> bool:
+        """Return whether the shortest way is one move."""
+        return (a, b) in self.hops and (a, b) not in self._via
+
+    def least(self, a: int, b: int) -> int:
+        """Return the duration of the quickest move between two places."""
+        return min(m.least for m in self.hops[a, b])
+
+    def last_least(self, places: frozenset[int]) -> int:
+        """Return the least duration of a move into one of ``places``."""
+        return min((m.least for m in self.moves if m.to in places), default=0)
+
+    def around(self, a: int, b: int) -> tuple[int, int] | None:
+        """Return (travel time, duration of the last move) that ways from ``a`` to ``b`` at least
+        take whose last move is quicker than the direct one; ``None`` if there are none.
+        """
+        direct = self.least(a, b)
+        found = [
+            (
+                self.travel.get((a, via), INFINITE) + self.least(via, b) + self.step,
+                self.least(via, b),
+            )
+            for via, to in self.hops
+            if to == b and via != a and self.least(via, b) < direct
+        ]
+        distance = min((d for d, _ in found), default=INFINITE)
+        return None if distance >= INFINITE else (distance, min(last for _, last in found))
+
+    def loop(self, place: int) -> int:
+        """Return the least travel time of a way out of a place and back."""
+        return min(
+            (
+                self.travel.get((place, b), INFINITE) + self.travel.get((b, place), INFINITE)
+                for b in {m.to for m in self.moves} - {place}
+            ),
+            default=INFINITE,
+        )
+
+    def way(
+        self, here: int, targets: frozenset[int], banned: Collection[str] = ()
+    ) -> tuple[int, list[Move]] | None:
+        """Return the shortest travel time and moves to one of ``targets``, without the moves
+        named in ``banned`` (Dijkstra); ``None`` if there is no way.
+        """
+        key = (here, targets)
+        if key not in self._ways:
+            self._ways[key] = self._shortest(here, targets, ())
+        found = self._ways[key]
+        if found is None or not any(move.name in banned for move in found[1]):
+            return found
+        return self._shortest(here, targets, banned)
+
+    def _shortest(
+        self, here: int, targets: frozenset[int], banned: Collection[str]
+    ) -> tuple[int, list[Move]] | None:
+        leaving, step = self._leaving, self.step
+        ties = itertools.count()
+        heap: list[tuple[int, int, int, list[Move]]] = [(0, here, next(ties), [])]
+        done = set()
+        while heap:
+            distance, place, _, moves = heapq.heappop(heap)
+            if place in targets:
+                return distance, moves
+            if place in done:
+                continue
+            done.add(place)
+            for to, choices in leaving.get(place, ()):
+                if to not in done:
+                    move = next((m for m in choices if m.name not in banned), None)
+                    if move is not None:
+                        cost = distance + move.least + step
+                        heapq.heappush(heap, (cost, to, next(ties), [*moves, move]))
+        return None
+
+
+@dataclass(frozen=True)
+class UnitPlace:
+    """A place for one: it is taken by whoever rests at one of ``places`` (by route's key)."""
+
+    key: Key
+    places: tuple[tuple[Key, frozenset[int]], ...]
+
+    def places_of(self, route: Key) -> frozenset[int]:
+        """Return the places of a route that it holds."""
+        return self._by_route.get(route, frozenset())
+
+    @cached_property
+    def _by_route(self) -> dict[Key, frozenset[int]]:
+        return dict(self.places)
+
+
+def find_routes(model: ScheduleModel) -> list[Route]:
+    """Return the routes of a model that can be collapsed together."""
+    routes = []
+    cliques = [(g, {a.index for a in members}) for g, members in model.disjunctions.cliques]
+    for timeline in model.timelines.values():
+        if isinstance(timeline, Timeline):
+            route = _route(model, timeline, cliques)
+            if route is not None:
+                route.measure()
+                routes.append(route)
+    # what happens at a place on one route stays: it cannot be a move of another that is collapsed
+    stops = {name for route in routes for name, _ in route.stops}
+    return [r for r in routes if not any(move.name in stops for move in r.moves)]
+
+
+def _route(
+    model: ScheduleModel, timeline: Timeline, cliques: list[tuple[int, set[int]]]
+) -> Route | None:
+    state = timeline.state
+    if not timeline.linked or len(timeline.linked) < len(state.writes) or state.initial is None:
+        return None
+    owners = {w.owner for w in state.writes}
+    if not all(_plain(model, link) for link in timeline.linked.values()):
+        return None
+    found = next(((g, c) for g, c in cliques if owners <= c), None)
+    if found is None:
+        return None
+    gap, members = found
+    moves = [
+        Move(
+            model.states.activity(link.write.owner or 0).name,
+            link.read.allowed or frozenset(),
+            link.write.value.const,
+            model.states.activity(link.write.owner or 0).least,
+        )
+        for link in timeline.linked.values()
+    ]
+    stops, late = _stops(model, state, members - {o for o in owners if o is not None})
+    if not stops:
+        return None
+    route = Route(state.key, gap, state.initial, _final(model, state), moves, stops, late)
+    _find_entries(model, route, timeline)
+    route.still = _find_still(model, timeline)
+    return route
+
+
+def _plain(model: ScheduleModel, link: Link) -> bool:
+    """Return whether a transition needs its origin from its start and arrives at its end."""
+    activity = model.states.activity(link.write.owner or 0)
+    starts = model.states.difference(link.read.lo, activity.start) == (0, 0)
+    ends = model.states.difference(link.write.time, activity.end) == (0, 0)
+    return starts and ends and link.write.active == activity.present and not link.write.value.terms
+
+
+def _stops(
+    model: ScheduleModel, state: StateVar, members: set[int]
+) -> tuple[list[tuple[str, frozenset[int]]], frozenset[str]]:
+    """Return the stops with their places, and which of them need these only after their start."""
+    places: dict[int, frozenset[int]] = {}
+    early = set()
+    for read in state.reads:
+        if read.owner in members and read.allowed is not None:
+            activity = model.states.activity(read.owner)
+            if read.active == activity.present and _inside(model, activity, read):
+                places[read.owner] = places.get(read.owner, read.allowed) & read.allowed
+                if model.states.difference(read.lo, activity.start) == (0, 0):
+                    early.add(read.owner)
+    late = frozenset(model.states.activity(i).name for i in places.keys() - early)
+    return [(model.states.activity(i).name, p) for i, p in sorted(places.items())], late
+
+
+def _inside(model: ScheduleModel, activity: ActivityVars, read: Read) -> bool:
+    after = model.states.difference(read.lo, activity.start)[0] >= 0
+    return after and model.states.difference(activity.end, read.hi)[0] >= 0
+
+
+def _final(model: ScheduleModel, state: StateVar) -> frozenset[int] | None:
+    final: frozenset[int] | None = None
+    for read in state.reads:
+        if read.owner is None and read.lo == read.hi == model.states.far and read.allowed:
+            final = read.allowed if final is None else final & read.allowed
+    return final
+
+
+def _find_entries(model: ScheduleModel, route: Route, timeline: Timeline) -> None:
+    """Find what every transition into a place needs of other state variables (open doors)."""
+    into: dict[int, list[ActivityVars]] = {}
+    for link in timeline.linked.values():
+        activity = model.states.activity(link.write.owner or 0)
+        into.setdefault(link.write.value.const, []).append(activity)
+    needs: dict[int, dict[tuple[Key, frozenset[int]], int]] = {}
+    for other in model.states.vars.values():
+        if other is timeline.state:
+            continue
+        for read in other.reads:
+            if read.owner is not None and read.allowed is not None and not read.guard_only:
+                activity = model.states.activity(read.owner)
+                before = model.states.difference(activity.end, read.lo)[0]
+                if read.active == activity.present and before >= 0:
+                    lead = before + 1 + route.step
+                    needs.setdefault(read.owner, {})[other.key, read.allowed] = lead
+    for place, activities in into.items():
+        common = None
+        for activity in activities:
+            mine = set(needs.get(activity.index, {}))
+            common = mine if common is None else common & mine
+        for key, allowed in sorted(common or (), key=str):
+            lead = min(needs[a.index][key, allowed] for a in activities)
+            route.entries.setdefault(place, []).append(Entry(key, allowed, max(0, lead)))
+
+
+def _find_still(model: ScheduleModel, timeline: Timeline) -> frozenset[Key]:
+    """Return what every transition keeps as it is, strictly between its start and its end."""
+    # what lasts one unit has no midst
+    owners = {
+        link.write.owner
+        for link in timeline.linked.values()
+        if model.states.activity(link.write.owner or 0).least > 1
+    }
+    found = set()
+    for state in model.states.vars.values():
+        if state is timeline.state or not state.writes or state.numeric:
+            continue
+        if any(write.owner is None for write in state.writes):
+            continue  # nothing is kept apart from what the problem itself changes
+        keepers = {
+            read.owner
+            for read in state.reads
+            if read.owner is not None
+            and read.owner in owners
+            and _keeps(model, model.states.activity(read.owner), read)
+        }
+        if owners and keepers == owners:
+            found.add(state.key)
+    return frozenset(found)
+
+
+def _keeps(model: ScheduleModel, activity: ActivityVars, read: Read) -> bool:
+    early = model.states.difference(read.lo, activity.start)[1] <= 1
+    late = model.states.difference(activity.end, read.hi)[1] <= 1
+    return early and late and read.active == activity.present
+
+
+def find_unit_places(model: ScheduleModel, routes: list[Route]) -> list[UnitPlace]:
+    """Return the places for one: 0/1 fluents that arrivals decrease and departures increase."""
+    owners = {
+        model.world.activities[move.name].index: (route, move)
+        for route in routes
+        for move in route.moves
+    }
+    found = []
+    for key, state in model.states.vars.items():
+        if not state.writes or state.bounds != (0, 1) or not all(w.add for w in state.writes):
+            continue
+        if any(w.owner not in owners for w in state.writes):
+            continue
+        arrivals, departures = _unit_moves(model, state)
+        if arrivals is None:
+            continue
+        places = []
+        for route in routes:
+            inside = frozenset(m.to for m in route.moves if m.name in arrivals)
+            comes = {m.name for m in route.moves if m.to in inside}
+            goes = {m.name for m in route.moves if m.origins & inside}
+            mixed = any(m.origins & inside and not m.origins <= inside for m in route.moves)
+            own = {m.name for m in route.moves}
+            if mixed or comes != arrivals & own or goes != departures & own:
+                break
+            places.append((route.key, inside))
+        else:
+            here = sum(
+                route.initial in inside for route, (_, inside) in zip(routes, places, strict=True)
+            )
+            if here + (state.initial or 0) <= 1:  # who is there has it
+                found.append(UnitPlace(key, tuple(places)))
+    return found
+
+
+def _unit_moves(model: ScheduleModel, state: StateVar) -> tuple[set[str] | None, set[str]]:
+    """Return who takes a unit at its end and who gives it back at its start; None if anybody
+    does anything else with it.
+    """
+    arrivals, departures = set(), set()
+    for write in state.writes:
+        activity = model.states.activity(write.owner or 0)
+        if write.value.terms or write.active != activity.present:
+            return None, set()
+        start = model.states.difference(write.time, activity.start) == (0, 0)
+        end = model.states.difference(write.time, activity.end) == (0, 0)
+        if write.value.const == -1 and end:
+            arrivals.add(activity.name)
+        elif write.value.const == 1 and start:
+            departures.add(activity.name)
+        else:
+            return None, set()
+    return arrivals, departures

@@ -1,0 +1,118 @@
+"""Who does what where: the tasks of travellers, for quick constructive schedules.
+
+A task is one of several alternatives (stops of routes) that are done once; its times are one start
+variable. What the tasks need is read off the full model: order, machines, doors, places for one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from up_samp.scheduling.cpsat.encode.statevars import Key
+from up_samp.scheduling.cpsat.encode.store import TRUE, Cmp
+from up_samp.scheduling.cpsat.model import ScheduleModel
+from up_samp.scheduling.cpsat.routing.detection import Route, UnitPlace, find_unit_places
+
+
+@dataclass
+class Task:
+    """Done once, in one of ``ways``: (route, stop's name, places). ``after`` are (task, time from
+    its start), ``apart`` are (task, gap). ``changes`` are (state, value, time from the start).
+    """
+
+    length: int
+    wanted: bool
+    ways: list[tuple[int, str, frozenset[int]]] = field(default_factory=list)
+    after: list[tuple[int, int]] = field(default_factory=list)
+    apart: list[tuple[int, int]] = field(default_factory=list)
+    changes: list[tuple[Key, int, int]] = field(default_factory=list)
+
+
+@dataclass
+class Work:
+    """All tasks, with the routes they are on."""
+
+    routes: list[Route]
+    tasks: list[Task]
+    units: list[UnitPlace]
+    initial: dict[Key, int | None]
+
+    def providers(self, state: Key, allowed: frozenset[int]) -> list[int]:
+        """Return the tasks that bring a state variable to one of ``allowed``."""
+        return [
+            i
+            for i, task in enumerate(self.tasks)
+            if any(k == state and v in allowed for k, v, _ in task.changes)
+        ]
+
+
+def find_work(model: ScheduleModel, routes: list[Route]) -> Work | None:
+    """Return the tasks of ``routes``; ``None`` if something else must be done, too."""
+    numbers: dict[int, int] = {}
+    tasks: list[Task] = []
+    owners: dict[int, int] = {}
+    for number, route in enumerate(routes):
+        for name, places in route.stops:
+            activity = model.world.activities[name]
+            start = activity.start.terms[0][0]
+            if start not in numbers:
+                numbers[start] = len(tasks)
+                wanted = activity.present == TRUE or activity.present in model.exact
+                tasks.append(Task(activity.least, wanted))
+            owners[activity.index] = numbers[start]
+            tasks[numbers[start]].ways.append((number, name, places))
+    names = {n for r in routes for n, _ in r.stops}
+    others = [a for a in model.world.activities.values() if a.name not in names]
+    if any(a.present == TRUE or a.present in model.exact for a in others):
+        return None
+    for first, then, gap in _differences(model):
+        if first in numbers and then in numbers:
+            tasks[numbers[then]].after.append((numbers[first], gap))
+    for (a, b), gap in model.disjunctions.gaps.items():
+        i, j = owners.get(a), owners.get(b)
+        if i is not None and j is not None and i != j and (j, gap) not in tasks[i].apart:
+            if len({w[0] for w in tasks[i].ways} | {w[0] for w in tasks[j].ways}) == 1:
+                continue  # one traveller does one thing at a time anyway
+            if _wholly_apart(model, tasks[i], tasks[j]):
+                tasks[i].apart.append((j, gap))
+                tasks[j].apart.append((i, gap))
+    _find_changes(model, owners, tasks)
+    initial = {key: state.initial for key, state in model.states.vars.items()}
+    return Work(routes, tasks, find_unit_places(model, routes), initial)
+
+
+def _differences(model: ScheduleModel) -> Iterator[tuple[int, int, int]]:
+    """Yield (u, v, k) for every unconditional u + k <= v."""
+    for form in model.stated:
+        if form.__class__ is Cmp and not form.needs and form.op == "<=" and len(form.terms) == 2:
+            (u, cu), (v, cv) = form.terms
+            if (cu, cv) == (1, -1):
+                yield u, v, form.const
+            elif (cu, cv) == (-1, 1):
+                yield v, u, form.const
+
+
+def _wholly_apart(model: ScheduleModel, one: Task, other: Task) -> bool:
+    """Return whether no ways of two tasks may overlap, not even those of two travellers."""
+    world = model.world.activities
+    for _, a, _ in one.ways:
+        for _, b, _ in other.ways:
+            pair = sorted((world[a].index, world[b].index))
+            if (pair[0], pair[1]) not in model.disjunctions.gaps:
+                return False
+    return True
+
+
+def _find_changes(model: ScheduleModel, owners: dict[int, int], tasks: list[Task]) -> None:
+    for key, state in model.states.vars.items():
+        if state.numeric:
+            continue
+        for write in state.writes:
+            if write.owner in owners and not write.value.terms:
+                activity = model.states.activity(write.owner)
+                low, high = model.states.difference(write.time, activity.start)
+                change = (key, write.value.const, low)
+                task = tasks[owners[write.owner]]
+                if low == high and change not in task.changes:
+                    task.changes.append(change)

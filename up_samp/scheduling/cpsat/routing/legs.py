@@ -1,0 +1,180 @@
+"""What the last move to a stop needs, in the collapsed problem: doors that hold still, places.
+
+Alternatives have the same times, so they share one leg and one stay. Travellers who meet come each
+in their own time.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+from up_samp.scheduling.cpsat.encode.statevars import Key, StateVar
+from up_samp.scheduling.cpsat.encode.store import Form, Lin, Literal, Store, constant, disjunction
+from up_samp.scheduling.cpsat.encode.terms import ActivityVars
+from up_samp.scheduling.cpsat.routing.detection import Entry, Route, UnitPlace
+
+
+@dataclass(frozen=True)
+class Arc:
+    """One way to come to a stop: from stop ``i`` (0: from the start, at ``since``) in ``distance``
+    or more, where ``lead`` is the rest between the activity before and the first move.
+
+    ``hop`` is the move's (from, to) on a direct way. ``last`` is the least duration of the last
+    move (0: there is none), ``rest`` the time from its end to the stop. ``around`` are (distance,
+    last) of ways round about whose last move is quicker. ``stays``: nobody need have moved.
+    """
+
+    i: int
+    literal: Literal
+    since: Lin
+    lead: int
+    distance: int
+    last: int
+    rest: int
+    hop: tuple[int, int] | None = None
+    around: tuple[int, int] | None = None
+    stays: bool = False
+
+
+@dataclass
+class Leg:
+    """The last move to a stop: it starts at ``begin`` and ends at ``end``, or lasts longer."""
+
+    begin: Lin
+    end: Lin
+    still: frozenset[Key]
+    travels: list[Literal] = field(default_factory=list)
+    opened: set[Key] = field(default_factory=set)
+    """State variables that have changed before it starts."""
+
+
+class Legs:
+    """All legs of a collapsed problem, and who holds which place for one."""
+
+    def __init__(
+        self, store: Store, limit: int, units: list[UnitPlace], routes: list[Route]
+    ) -> None:
+        self.store = store
+        counts = Counter(name for route in routes for name, _ in route.stops)
+        self._meetings = {name for name, count in counts.items() if count > 1}
+        self.limit = limit
+        self.units = units
+        self.legs: dict[tuple[int, frozenset[Key], Key | None], Leg] = {}
+        self._since: dict[
+            tuple[UnitPlace, int, int, Key | None], tuple[Lin, Lin, list[Literal]]
+        ] = {}
+
+    def when(self, form: Form, *literals: Literal) -> None:
+        """Demand a comparison whatever it needs: ``literals`` say that those are present."""
+        bare = form._replace(needs=()) if form.__class__ is not int else form
+        self.store.enforce(bare, literals)
+
+    def add(self, route: Route, stop: ActivityVars, arcs: list[Arc]) -> Leg | None:
+        """State when the last move to a stop happens."""
+        if not route.still or not any(arc.last for arc in arcs):
+            return None
+        store = self.store
+        key = (stop.start.terms[0][0], route.still, self._who(route, stop))
+        leg = self.legs.get(key)
+        if leg is None:
+            begin, end = (Lin(((store.integer(0, self.limit), 1),)) for _ in range(2))
+            leg = self.legs[key] = Leg(begin, end, route.still)
+        roundabout = store.boolean()
+        for arc in arcs:
+            if arc.last:
+                leg.travels.append(arc.literal)
+                self.when(arc.since.shift(arc.lead).le(leg.begin), arc.literal)
+                self.when(leg.end.shift(arc.rest).le(stop.start), arc.literal)
+                if arc.around is None:
+                    self.when(leg.begin.shift(arc.last).le(leg.end), arc.literal)
+                    continue
+                distance, last = arc.around
+                soonest = arc.since.shift(arc.lead + distance - route.step + arc.rest)
+                self.when(leg.begin.shift(arc.last).le(leg.end), arc.literal, ~roundabout)
+                self.when(leg.begin.shift(last).le(leg.end), arc.literal)
+                self.when(soonest.le(stop.start), arc.literal, roundabout)
+        return leg
+
+    def _who(self, route: Route, stop: ActivityVars) -> Key | None:
+        """Return who comes to a stop, if it is not just one of its alternative travellers."""
+        return route.key if stop.name in self._meetings else None
+
+    def open_before(self, leg: Leg, arcs: list[Arc], entry: Entry, time: Lin) -> None:
+        """State that what a move needs changed, at ``time``, before it: not in its midst."""
+        if entry.state in leg.still:
+            leg.opened.add(entry.state)
+            for arc in arcs:
+                if arc.last:
+                    self.when(time.le(leg.begin), arc.literal)
+
+    def keep_still(self, states: dict[Key, StateVar]) -> None:
+        """Let nothing that moves keep as it is change strictly inside a leg."""
+        store = self.store
+        for key in sorted({k for leg in self.legs.values() for k in leg.still}, key=str):
+            state = states.get(key)
+            if state is None or state.numeric:
+                continue
+            events: dict[Lin, list[Literal]] = {}
+            for write in state.writes:
+                events.setdefault(write.time._replace(needs=()), []).append(write.active)
+            for time, active in events.items():
+                happens = store.any_of(active)
+                for (start, still, _), leg in self.legs.items():
+                    own = any(v == start for v, _ in time.terms)
+                    if key in still and not own and not (key in leg.opened and len(events) == 1):
+                        self._apart(leg, time, happens)
+
+    def _apart(self, leg: Leg, time: Lin, happens: Literal) -> None:
+        store = self.store
+        before, after = store.boolean(), store.boolean()
+        self.when(time.le(leg.begin), before)
+        self.when(leg.end.le(time), after)
+        store.clause([before, after, ~store.any_of(leg.travels), ~happens])
+
+    # -- places for one ------------------------------------------------------------------------
+    def stay(
+        self, route: Route, stop: ActivityVars, places: frozenset[int], arcs: list[Arc]
+    ) -> None:
+        """State that a traveller holds a place for one from its arrival to its departure."""
+        store = self.store
+        for unit in self.units:
+            if not places <= unit.places_of(route.key):
+                continue
+            key = (unit, stop.start.terms[0][0], route.gap, self._who(route, stop))
+            if key not in self._since:
+                begin = Lin(((store.integer(0, self.limit), 1),))
+                self._since[key] = (begin, stop.end.shift(route.gap)._replace(needs=()), [])
+            since, _, present = self._since[key]
+            present.append(stop.present)
+            for arc in arcs:
+                if arc.distance:
+                    self.when(since.shift(arc.rest).le(stop.start), arc.literal)
+                elif arc.stays:
+                    before = arc.since.shift(arc.lead) if arc.i else constant(0)
+                    self.when(since.le(before), arc.literal)
+
+    def hold(self, exact: dict[Literal, tuple[Literal, ...]]) -> None:
+        """State that stays at a place for one do not overlap."""
+        store = self.store
+        intervals: dict[UnitPlace, list[object]] = {}
+        for (unit, *_), (since, until, present) in self._since.items():
+            size = store.integer(0, self.limit)
+            times = (store.expression(since), store.var(size), store.expression(until))
+            sure = any(set(exact.get(p, (p,))) <= set(present) and p in exact for p in present)
+            interval: object = (
+                store.model.new_interval_var(*times, "")
+                if sure
+                else store.model.new_optional_interval_var(
+                    *times, store.raw(store.any_of(present)), ""
+                )
+            )
+            intervals.setdefault(unit, []).append(interval)
+        for some in intervals.values():
+            if len(some) > 1:
+                store.model.add_no_overlap(some)
+
+
+def entry_form(stop: ActivityVars, time: Lin, lead: int) -> Form:
+    """Return that ``time`` comes ``lead`` or more before ``stop``, if that is present."""
+    return disjunction([~stop.present, time.shift(lead).le(stop.start)])

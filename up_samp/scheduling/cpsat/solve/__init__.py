@@ -1,0 +1,1 @@
+"""How a model is solved: the order of stages, options of CP-SAT, one run."""

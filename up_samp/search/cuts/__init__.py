@@ -1,0 +1,1 @@
+"""What a failed check tells the scheduler: one module for each kind of cut."""

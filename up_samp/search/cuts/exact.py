@@ -1,0 +1,44 @@
+"""See to it that what was learned rejects the candidate schedule."""
+
+from __future__ import annotations
+
+from up_samp.model.refinement import Refinement
+from up_samp.refinement import holds, timed
+from up_samp.search.context import Context, places_between
+from up_samp.search.cuts.failure import Failure
+from up_samp.upio import Itinerary
+
+
+def or_exact(failure: Failure, found: list[Refinement]) -> list[Refinement]:
+    """Return ``found``, with the exact cut added if nothing of it rejects the candidate."""
+    context, group = failure.context, failure.group
+    if any(rejects(context, failure.itinerary, r) for r in found):
+        return found
+    times = failure.itinerary.schedule.times
+    mine = {m.activity for m in group}
+    exact = timed.as_timed(
+        group,
+        failure.arrivals(group),
+        {
+            t.activity: times.get(t.activity)
+            for t in context.snapshot.tasks
+            if t.activity not in mine
+        },
+        {
+            c.activity: (c.object, times[c.activity][1] if c.activity in times else None)
+            for c in context.snapshot.changes
+            if c.activity not in mine
+        },
+        failure.report.reason or "the group does not work as it is timed",
+        strength=failure.strength,
+    )
+    return [*found, exact]
+
+
+def rejects(context: Context, itinerary: Itinerary, refinement: Refinement) -> bool:
+    """Return whether a refinement forbids the candidate schedule."""
+
+    def places(name: str, first: int, last: int) -> set[str]:
+        return places_between(itinerary, context.snapshot, name, first, last)
+
+    return not holds(refinement.statement, itinerary.schedule, places)

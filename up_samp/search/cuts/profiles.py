@@ -1,0 +1,188 @@
+"""Interaction profiles: two motions that meet, learned for a whole range of start offsets."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from up_samp.model import Deadline, FixedMotion, ScheduledMotion, TimedMotion
+from up_samp.model.refinement import Refinement
+from up_samp.model.snapshot import MotionTask
+from up_samp.refinement import rules
+from up_samp.search.context import Context, Signature
+from up_samp.search.cuts.arrivals import arrival_of, fastest
+from up_samp.search.cuts.failure import Failure
+
+PROFILE_SHARE = 0.05
+"""Share of the remaining time (at most ``PROFILE_SECONDS``) that one late motion's profile gets."""
+PROFILE_SECONDS = 6.0
+
+
+def pair_cuts(failure: Failure, late: str) -> list[Refinement]:
+    """Return an interaction profile of the late motion with one that it meets.
+
+    Stated for all pairs of motions that are the same to the motion planner.
+    """
+    context = failure.context
+    if not context.params.profiles:
+        return []
+    share = min(PROFILE_SECONDS, PROFILE_SHARE * context.deadline.remaining())
+    deadline = context.deadline.within(share)
+    for other in _partners(failure, late):
+        if deadline.expired():
+            break
+        first, second = sorted((late, other), key=lambda n: (failure.scheduled[n].start, n))
+        cut = _pair_cut(failure, first, second, deadline)
+        if cut is not None:
+            return cut
+    return []
+
+
+def _partners(failure: Failure, late: str) -> list[str]:
+    """Return whom the late motion may have met: those that the planner names, if it does."""
+    mine = failure.scheduled[late]
+    named = failure.report.conflict
+    overlapping = [
+        n
+        for n, m in sorted(failure.scheduled.items())
+        if m.object != mine.object and m.start <= mine.end and mine.start <= m.end
+    ]
+    return [n for n in overlapping if n in named] or overlapping
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """Two motions; offsets are the second's start after the first's (units)."""
+
+    context: Context
+    first: TimedMotion
+    second: TimedMotion
+    slack_first: int
+    """Units after the second's start by which the first may end."""
+    slack_second: int
+    deadline: Deadline
+
+    def second_end(self, offset: int) -> int | None:
+        """Return the second's end after the first's start, if it gives way."""
+        return self._behind(self._leader_first, self.second, offset, self.slack_second)
+
+    def first_end(self, offset: int) -> int | None:
+        """Return the first's end after the second's start, if it gives way."""
+        return self._behind(self._leader_second, self.first, -offset, self.slack_first)
+
+    @cached_property
+    def _leader_first(self) -> FixedMotion | None:
+        return self._leading(self.first)
+
+    @cached_property
+    def _leader_second(self) -> FixedMotion | None:
+        return self._leading(self.second)
+
+    def _leading(self, motion: TimedMotion) -> FixedMotion | None:
+        drive = fastest(self.context, motion)
+        if drive is None:
+            return None
+        return FixedMotion(motion.name, motion.object, motion.body, drive, drive.start, drive.end)
+
+    def _behind(
+        self, leader: FixedMotion | None, follower: TimedMotion, offset: int, slack: int
+    ) -> int | None:
+        """Return the follower's earliest end (units after the leader's start) when it gives way,
+        or any that is within ``slack``. Only the two are there.
+        """
+        if leader is None:
+            return None
+        context = self.context
+        release = context.seconds(offset)
+        moved = replace(
+            follower,
+            release=release,
+            due=math.inf,
+            present_from=release,
+            present_until=math.inf,
+        )
+        arrival = arrival_of(
+            context,
+            moved,
+            fixed=(leader,),
+            enough=context.seconds(slack),
+            deadline=self.deadline,
+        )
+        return None if arrival is None else context.units(arrival)
+
+
+def _pair_cut(
+    failure: Failure, first: str, second: str, deadline: Deadline
+) -> list[Refinement] | None:
+    """Return the pair's cuts for the widest range of offsets that still rejects the candidate."""
+    a, b = failure.scheduled[first], failure.scheduled[second]
+    timed_a, timed_b = failure.timed[first], failure.timed[second]
+    pair = _Pair(failure.context, timed_a, timed_b, a.end - b.start, b.end - a.start, deadline)
+    offset = b.start - a.start
+
+    def second_late(at: int) -> bool:
+        return (pair.second_end(at) or 0) > pair.slack_second
+
+    def first_late(at: int) -> bool:
+        return (pair.first_end(at) or 0) > pair.slack_first
+
+    if not second_late(offset) or not first_late(offset):
+        return None
+    reach = max(a.end - a.start, b.end - b.start)
+    low = _widest(offset, -1, reach, second_late)
+    high = _widest(offset, +1, reach, first_late)
+    needed_b, needed_a = pair.second_end(low), pair.first_end(high)
+    if low > high or needed_b is None or needed_a is None:
+        return None
+    why = f"{a.activity} and {b.activity} meet when started {low} to {high} units apart"
+    return [
+        rules.pair_meets(x, y, (low, high), needed_b, needed_a, why)
+        for x, y in _same_pairs(failure, first, second)
+    ]
+
+
+def _same_pairs(failure: Failure, first: str, second: str) -> Iterator[tuple[str, str]]:
+    """Yield the pair and all pairs of two objects' motions that are the same to the planner."""
+    context = failure.context
+    a, b = failure.scheduled[first], failure.scheduled[second]
+    yield a.activity, b.activity
+    if not context.params.equivalents or a.constraint or b.constraint:
+        return
+    if not (_heeds(a, b.object) and _heeds(b, a.object)):
+        return
+    for one in context.by_signature.get(_signature(failure.timed[first]), []):
+        for two in context.by_signature.get(_signature(failure.timed[second]), []):
+            pair = one.activity, two.activity
+            if one.object == two.object or pair == (a.activity, b.activity):
+                continue
+            if one.index == two.index == 0 and _heeds(one, two.object) and _heeds(two, one.object):
+                yield pair
+
+
+def _heeds(motion: ScheduledMotion | MotionTask, name: str) -> bool:
+    return motion.avoid is None or name in motion.avoid
+
+
+def _signature(motion: TimedMotion) -> Signature:
+    return motion.body, motion.poses
+
+
+def _widest(offset: int, step: int, reach: int, works: Callable[[int], bool]) -> int:
+    """Return the offset farthest from ``offset`` on one side at which ``works`` still holds.
+
+    ``works`` is monotone: who starts earlier never arrives later.
+    """
+    good, size = offset, 1
+    while size <= reach and works(offset + step * size):
+        good = offset + step * size
+        size *= 2
+    bad = offset + step * size
+    while abs(bad - good) > 1:
+        middle = (good + bad) // 2
+        if works(middle):
+            good = middle
+        else:
+            bad = middle
+    return good
