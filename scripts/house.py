@@ -1,0 +1,186 @@
+"""Measure the structure of the package: ``python scripts/house.py [FOLDER ...]`` prints a table.
+
+Several folders stand side by side as columns (for example an older checkout beside this one).
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+BRANCHES = (ast.If, ast.For, ast.While, ast.Try, ast.IfExp, ast.BoolOp, ast.comprehension)
+MOST_LINES, MOST_PARAMETERS, MOST_FILE_LINES = 50, 6, 350
+SAME_LINES = 6
+"""So many equal lines one after the other, in two places, count as said twice."""
+
+
+@dataclass
+class Figures:
+    """What one package looks like."""
+
+    files: int = 0
+    lines: int = 0
+    long_files: int = 0
+    functions: int = 0
+    long_functions: int = 0
+    wide_functions: int = 0
+    branches: int = 0
+    constants: int = 0
+    files_with_constants: int = 0
+    circles: int = 0
+    said_twice: int = 0
+    imports: dict[str, set[str]] = field(default_factory=dict)
+
+    def rows(self) -> Iterator[tuple[str, str]]:
+        """Yield each figure's name and value."""
+        yield "files", str(self.files)
+        yield "lines", str(self.lines)
+        yield f"files over {MOST_FILE_LINES} lines", str(self.long_files)
+        yield "functions", str(self.functions)
+        yield f"functions over {MOST_LINES} lines", str(self.long_functions)
+        yield f"functions with over {MOST_PARAMETERS} parameters", str(self.wide_functions)
+        yield "branches per 100 lines of code", f"{100 * self.branches / max(1, self.lines):.0f}"
+        yield "numeric module constants", f"{self.constants} in {self.files_with_constants} files"
+        yield "import circles", str(self.circles)
+        yield f"places that share {SAME_LINES} lines with another", str(self.said_twice)
+
+
+def is_number(node: ast.expr | None) -> bool:
+    """Return whether an expression is a number (or arithmetic of numbers)."""
+    if isinstance(node, ast.UnaryOp):
+        return is_number(node.operand)
+    if isinstance(node, ast.BinOp):
+        return is_number(node.left) and is_number(node.right)
+    return (
+        isinstance(node, ast.Constant)
+        and isinstance(node.value, (int, float))
+        and not isinstance(node.value, bool)
+    )
+
+
+def code_lines(tree: ast.Module, source: str) -> list[str]:
+    """Return the lines that are code: no blank lines, comments or docstrings."""
+    said: set[int] = set()
+    for node in ast.walk(tree):
+        text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+        if text and isinstance(node.value.value, str):
+            said.update(range(node.lineno, (node.end_lineno or node.lineno) + 1))
+    lines = enumerate(source.splitlines(), start=1)
+    bare = [(n, line.strip()) for n, line in lines if n not in said]
+    return [line for _, line in bare if line and not line.startswith("#")]
+
+
+def measure_file(figures: Figures, tree: ast.Module, source: str) -> list[str]:
+    """Add one file to the figures; return its lines of code."""
+    code = code_lines(tree, source)
+    figures.files += 1
+    figures.lines += len(code)
+    figures.long_files += len(source.splitlines()) > MOST_FILE_LINES
+    for node in ast.walk(tree):
+        figures.branches += isinstance(node, BRANCHES)
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+            asked = node.args
+            names = [*asked.posonlyargs, *asked.args, *asked.kwonlyargs]
+            count = len([a for a in names if a.arg not in ("self", "cls")])
+            figures.functions += 1
+            figures.wide_functions += count > MOST_PARAMETERS
+            figures.long_functions += (node.end_lineno or 0) - node.lineno + 1 > MOST_LINES
+    values = [n.value for n in tree.body if isinstance(n, (ast.Assign, ast.AnnAssign))]
+    constants = sum(is_number(v) for v in values)
+    figures.constants += constants
+    figures.files_with_constants += constants > 0
+    return code
+
+
+def imported(tree: ast.Module, known: set[str]) -> set[str]:
+    """Return the modules of the package that a module imports, anywhere in it (but for types)."""
+    typing_only: set[ast.AST] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
+            typing_only.update(ast.walk(node))
+    found = set()
+    for node in ast.walk(tree):
+        if node in typing_only:
+            continue
+        if isinstance(node, ast.ImportFrom) and node.module:
+            found |= {f"{node.module}.{a.name}" for a in node.names} | {node.module}
+        elif isinstance(node, ast.Import):
+            found |= {a.name for a in node.names}
+    return found & known
+
+
+def circles(imports: dict[str, set[str]]) -> int:
+    """Return the number of strongly connected groups of two modules or more (Tarjan, 1972)."""
+    index: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    count = 0
+
+    def visit(module: str) -> None:
+        nonlocal count
+        index[module] = low[module] = len(index)
+        stack.append(module)
+        for other in sorted(imports[module]):
+            if other not in index:
+                visit(other)
+                low[module] = min(low[module], low[other])
+            elif other in stack:
+                low[module] = min(low[module], index[other])
+        if low[module] == index[module]:
+            group = [stack.pop()]
+            while group[-1] != module:
+                group.append(stack.pop())
+            count += len(group) > 1
+
+    for module in sorted(imports):
+        if module not in index:
+            visit(module)
+    return count
+
+
+def repeated(files: list[list[str]]) -> int:
+    """Return how many stretches of lines stand somewhere else, too (imports do not count)."""
+    seen: dict[tuple[str, ...], list[tuple[int, int]]] = {}
+    for number, code in enumerate(files):
+        for at in range(len(code) - SAME_LINES + 1):
+            piece = tuple(code[at : at + SAME_LINES])
+            if not any(line.startswith(("import ", "from ")) for line in piece):
+                seen.setdefault(piece, []).append((number, at))
+    places = {place for where in seen.values() if len(where) > 1 for place in where}
+    return sum((number, at - 1) not in places for number, at in places)
+
+
+def measure(folder: Path) -> Figures:
+    """Return the figures of the package below a checkout's folder."""
+    figures = Figures()
+    sources = sorted((folder / "up_samp").rglob("*.py"))
+    trees = {}
+    codes = []
+    for path in sources:
+        source = path.read_text(encoding="utf-8")
+        name = ".".join(path.relative_to(folder).with_suffix("").parts)
+        tree = ast.parse(source)
+        trees[name.removesuffix(".__init__")] = tree
+        codes.append(measure_file(figures, tree, source))
+    plain = {n for n in trees if not (folder / n.replace(".", "/")).is_dir()}
+    figures.imports = {n: imported(t, plain) - {n} for n, t in trees.items() if n in plain}
+    figures.circles = circles(figures.imports)
+    figures.said_twice = repeated(codes)
+    return figures
+
+
+def main() -> int:
+    """Print the table."""
+    folders = [Path(a) for a in sys.argv[1:]] or [ROOT]
+    columns = [dict(measure(folder).rows()) for folder in folders]
+    for name in columns[0]:
+        print("|", name, "|", " | ".join(c[name] for c in columns), "|")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,75 @@
+"""The figures of scripts/house.py, on a small package whose figures are known."""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def house():
+    spec = importlib.util.spec_from_file_location("house", ROOT / "scripts" / "house.py")
+    module = importlib.util.module_from_spec(spec)
+    import sys
+
+    sys.modules["house"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def write(folder, **files):
+    (folder / "up_samp").mkdir()
+    for name, text in files.items():
+        (folder / "up_samp" / f"{name}.py").write_text(text)
+
+
+def test_a_circle_of_imports_is_counted_once(house, tmp_path):
+    write(
+        tmp_path,
+        one="from up_samp.two import f\n",
+        two="from up_samp import three\n",
+        three="def g():\n    import up_samp.one\n",
+        four="from up_samp import one\n",
+    )
+    assert house.measure(tmp_path).circles == 1
+
+
+def test_imports_for_types_are_no_circle(house, tmp_path):
+    write(
+        tmp_path,
+        one="from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from up_samp.two import f\n",
+        two="from up_samp import one\n",
+    )
+    assert house.measure(tmp_path).circles == 0
+
+
+def test_functions_constants_and_lines(house, tmp_path):
+    long = "def long():\n" + "    x = 1\n" * 51
+    write(
+        tmp_path,
+        one='"""Docstring."""\n# note\nA = 1\nB: float = -2.5 * 3\nC = "text"\nD = True\n' + long,
+        two="def wide(self, a, b, c, d, e, f, *, g):\n    return [x for x in a if b]\n",
+    )
+    figures = house.measure(tmp_path)
+    assert (figures.functions, figures.long_functions, figures.wide_functions) == (2, 1, 1)
+    assert (figures.constants, figures.files_with_constants) == (2, 1)
+    assert figures.lines == 4 + 52 + 2
+
+
+def test_what_stands_twice_counts_both_places(house, tmp_path):
+    same = "".join(f"    step_{n}()\n" for n in range(7))
+    write(
+        tmp_path,
+        one=f"def one():\n{same}",
+        two=f"def two():\n{same}    other()\n",
+        three="def three():\n    step_0()\n",
+    )
+    assert house.measure(tmp_path).said_twice == 2
+
+
+def test_this_package_has_no_circle(house):
+    figures = house.measure(ROOT)
+    assert figures.files > 200
+    assert figures.circles == 0
