@@ -1,4 +1,6 @@
-"""The command line: ``up-samp demo``, ``solve``, ``validate``, ``draw``, ``engines``, ``bench``."""
+"""The command line: ``up-samp demo``, ``solve``, ``validate``, ``draw``, ``export``,
+``engines``, ``bench``.
+"""
 
 from __future__ import annotations
 

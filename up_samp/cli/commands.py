@@ -15,6 +15,7 @@ from unified_planning.model.motion import SchedulingMotionProblem
 from up_samp.benchmarks import cli as bench
 from up_samp.benchmarks import logistics
 from up_samp.benchmarks.builder import ENCODINGS
+from up_samp.cli.exporting import add_export
 from up_samp.cli.outputs import write_outputs
 from up_samp.cli.problems import add_problem_arguments, find_problem
 from up_samp.cli.solving import add_solver_arguments, describe, judge, solve_and_show
@@ -137,4 +138,4 @@ def add_bench(commands: Subparsers) -> None:
     bench.add_parser(commands)
 
 
-COMMANDS = (add_demo, add_solve, add_validate, add_draw, add_engines, add_bench)
+COMMANDS = (add_demo, add_solve, add_validate, add_draw, add_export, add_engines, add_bench)

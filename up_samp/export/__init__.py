@@ -1,0 +1,37 @@
+"""Plans in other people's formats: tables (CSV), VDA 5050 orders, ROS 2 messages (MCAP), Nav2 legs.
+
+All of them are made from the plan dictionary (docs/plan-format.md) alone.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from pathlib import Path
+
+from up_samp.io import PlanDict
+from up_samp.model import ProblemError
+
+FORMATS = {
+    "csv": "up_samp.export.tables",
+    "vda5050": "up_samp.export.vda5050",
+    "mcap": "up_samp.export.mcap_file",
+    "nav2": "up_samp.export.nav2",
+}
+"""Formats and the modules whose ``export(plan, folder)`` writes them."""
+
+
+def export_plan(plan: PlanDict, to: str, folder: Path) -> list[Path]:
+    """Write a plan in the format ``to`` (one of :data:`FORMATS`) into a folder; return the files.
+
+    Raises :class:`ProblemError` for a format that is not known, and
+    :class:`~up_samp.model.UnsupportedError` for what a format cannot say.
+    """
+    if to not in FORMATS:
+        raise ProblemError(f"there is no format '{to}'; known are {', '.join(FORMATS)}")
+    export: Callable[[PlanDict, Path], list[Path]] = importlib.import_module(FORMATS[to]).export
+    folder.mkdir(parents=True, exist_ok=True)
+    return export(plan, folder)
+
+
+__all__ = ["FORMATS", "export_plan"]

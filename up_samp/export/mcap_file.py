@@ -1,0 +1,168 @@
+"""A plan as a recording of ROS 2 messages (MCAP), which Foxglove, Lichtblick and rerun replay.
+
+Topics: ``/map`` (nav_msgs/OccupancyGrid), ``/tf`` (tf2_msgs/TFMessage), ``/footprints`` and
+``/activities`` (visualization_msgs/MarkerArray), ``/NAME/path`` (nav_msgs/Path) for each robot.
+Times are seconds from the plan's start. Needs the extra ``[mcap]``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from up_samp.export.legs import motions_of, quaternion, robots_of
+from up_samp.export.ros_messages import DEFINITIONS
+from up_samp.geometry.maps import OccupancyGrid, load_map
+from up_samp.io import PlanDict
+from up_samp.model import UnsupportedError
+from up_samp.plotting.tracks import Track, horizon, tracks_of
+
+FRAME = "map"
+STEP = 0.1
+"""Seconds between two poses on ``/tf`` while something moves."""
+MOST_SIDES = 64
+
+Message = dict[str, Any]
+Timed = tuple[float, str, str, Message]
+"""Time (s), topic, name of the definition, message."""
+
+
+def export(plan: PlanDict, folder: Path) -> list[Path]:
+    """Write ``plan.mcap``."""
+    try:
+        from mcap_ros2.writer import Writer
+    except ImportError as error:
+        raise UnsupportedError(
+            "MCAP files need the extra [mcap] (pip install 'up-samp[mcap]')"
+        ) from error
+    path = folder / "plan.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        schemas = {name: writer.register_msgdef(name, text) for name, text in DEFINITIONS.items()}
+        for time, topic, kind, message in sorted(messages(plan), key=lambda m: m[:2]):
+            stamp = round(time * 1e9)
+            writer.write_message(topic, schemas[kind], message, stamp, stamp)
+        writer.finish()
+    return [path]
+
+
+def messages(plan: PlanDict) -> Iterator[Timed]:
+    """Yield all messages, topic by topic."""
+    if plan["map"].get("yaml") is not None:
+        yield 0.0, "/map", "nav_msgs/msg/OccupancyGrid", _grid(load_map(plan["map"]["yaml"]))
+    tracks = tracks_of(plan)
+    for robot in robots_of(plan):
+        yield 0.0, f"/{robot}/path", "nav_msgs/msg/Path", _path(plan, robot)
+    outlines = [_outline(i, t) for i, t in enumerate(tracks)]
+    yield 0.0, "/footprints", "visualization_msgs/msg/MarkerArray", {"markers": outlines}
+    yield from _transforms(plan, tracks)
+    yield from _activities(plan)
+
+
+def _stamp(time: float) -> Message:
+    seconds = math.floor(time)
+    return {"sec": seconds, "nanosec": min(999_999_999, round((time - seconds) * 1e9))}
+
+
+def _header(time: float, frame: str = FRAME) -> Message:
+    return {"stamp": _stamp(time), "frame_id": frame}
+
+
+def _pose(x: float, y: float, yaw: float) -> Message:
+    qx, qy, qz, qw = quaternion(yaw)
+    return {
+        "position": {"x": x, "y": y, "z": 0.0},
+        "orientation": {"x": qx, "y": qy, "z": qz, "w": qw},
+    }
+
+
+def _grid(grid: OccupancyGrid) -> Message:
+    cells = grid.occupied.astype(np.int8)
+    cells *= 100
+    cells[grid.unknown] = -1
+    rows, cols = grid.occupied.shape
+    x, y, yaw = (float(v) for v in grid.origin)
+    return {
+        "header": _header(0.0),
+        "info": {
+            "map_load_time": _stamp(0.0),
+            "resolution": float(grid.resolution),
+            "width": cols,
+            "height": rows,
+            "origin": _pose(x, y, yaw),
+        },
+        "data": cells.ravel().tolist(),
+    }
+
+
+def _path(plan: PlanDict, robot: str) -> Message:
+    rows = [row for motion in motions_of(plan, robot) for row in motion["samples"]]
+    flat = [(row[0], row[1], row[2], row[3] if len(row) == 4 else 0.0) for row in rows]
+    poses = [{"header": _header(t), "pose": _pose(x, y, yaw)} for t, x, y, yaw in flat]
+    return {"header": _header(0.0), "poses": poses}
+
+
+def _outline(number: int, track: Track) -> Message:
+    corners = [*track.footprint, *track.footprint[:1]]
+    color = (0.1, 0.5, 0.6) if track.moves else (0.6, 0.3, 0.1)
+    return {
+        "header": _header(0.0, track.name),
+        "ns": "footprints",
+        "id": number,
+        "type": 4,  # LINE_STRIP
+        "action": 0,
+        "pose": _pose(0.0, 0.0, 0.0),
+        "scale": {"x": 0.05, "y": 0.0, "z": 0.0},
+        "color": {"r": color[0], "g": color[1], "b": color[2], "a": 1.0},
+        "lifetime": {"sec": 0, "nanosec": 0},
+        "frame_locked": True,
+        "points": [{"x": x, "y": y, "z": 0.0} for x, y in corners],
+        "colors": [],
+        "text": track.name,
+        "mesh_resource": "",
+        "mesh_use_embedded_materials": False,
+    }
+
+
+def _transforms(plan: PlanDict, tracks: list[Track]) -> Iterator[Timed]:
+    """Yield who is where, at steps of :data:`STEP` s; in between viewers interpolate."""
+    end = horizon(plan)
+    for k in range(math.ceil(end / STEP) + 1):
+        time = min(k * STEP, end)
+        placed = []
+        for track in tracks:
+            pose = track.at(time)
+            if pose is not None:
+                at = _pose(*pose)
+                move = {"translation": at["position"], "rotation": at["orientation"]}
+                placed.append(
+                    {"header": _header(time), "child_frame_id": track.name, "transform": move}
+                )
+        yield time, "/tf", "tf2_msgs/msg/TFMessage", {"transforms": placed}
+
+
+def _activities(plan: PlanDict) -> Iterator[Timed]:
+    """Yield the names of what goes on, above the robots that do it, whenever that changes."""
+    from up_samp.plotting.rows import rows_of
+
+    rows = [r for r in rows_of(plan) if r.track is not None]
+    times = sorted({t for r in rows for b in r.bars for t in (b.start, b.end)})
+    for time in times:
+        markers = []
+        for number, row in enumerate(rows):
+            names = [b.labels[0] for b in row.bars if b.start <= time < b.end]
+            marker = {
+                **_outline(number, row.track),  # type: ignore[arg-type]
+                "ns": "activities",
+                "type": 9,  # TEXT_VIEW_FACING
+                "action": 0 if names else 2,  # 2: delete
+                "scale": {"x": 0.0, "y": 0.0, "z": 0.8},
+                "points": [],
+                "text": ", ".join(names),
+            }
+            markers.append(marker)
+        yield time, "/activities", "visualization_msgs/msg/MarkerArray", {"markers": markers}
