@@ -63,7 +63,7 @@ def _doors(names: list[str], snapshot: Any) -> set[str]:
     return passed & doors
 
 
-def instances(family: str, encoding: str = "fluents") -> Iterator[tuple[str, Any]]:
+def instances(family: str, encoding: str = "lean") -> Iterator[tuple[str, Any]]:
     """Yield (name, function that builds the SAMP problem) of a family in the paper's sizes."""
     for entry in frozen_instances(family):
         yield entry.name, partial(entry.build, encoding, True)
@@ -124,7 +124,7 @@ def main() -> None:
     """Run the families and write one JSON line per instance; what is there already is kept."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--family", choices=["all", "logistics", "jobshop"], default="all")
-    parser.add_argument("--encoding", default="fluents", choices=["fluents", "no-fluents"])
+    parser.add_argument("--encoding", default="lean", choices=["lean", "lean-no-fluents"])
     parser.add_argument("--seconds", type=float, default=60)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--match", default="", help="only instances with this in their name")

@@ -65,7 +65,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--instances", nargs="+", help="names or patterns")
     parser.add_argument("--ablations", action="store_true", help="switch ideas off one by one")
     parser.add_argument("--engine", default="samp-refine[cpsat]")
-    parser.add_argument("--encoding", choices=ENCODINGS, default="fluents")
+    parser.add_argument("--encoding", choices=ENCODINGS, default="lean")
     parser.add_argument("--optimal", action="store_true", help="go on until proven optimal")
     parser.add_argument("--timeout", type=float, default=20.0, help="seconds per run")
     parser.add_argument("--runs", type=int, default=1, help="repetitions (seeds)")

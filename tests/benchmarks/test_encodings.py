@@ -129,7 +129,7 @@ def relaxed(problem):
 
 @pytest.mark.parametrize("case", SMALL)
 def test_same_schedules(case):
-    fluents, plain = (relaxed(SMALL[case](e)) for e in ("fluents", "no-fluents"))
+    fluents, plain = (relaxed(SMALL[case](e)) for e in ("lean", "lean-no-fluents"))
     assert [a.name for a in fluents.activities] == [a.name for a in plain.activities]
     rng = random.Random(case)
     walks, counts = Walks(fluents, rng), {True: 0, False: 0}
@@ -144,7 +144,7 @@ def test_same_schedules(case):
     assert min(counts.values()) >= 10, counts
 
 
-@pytest.mark.parametrize(("encoding", "reading"), [("fluents", "pddl"), ("no-fluents", "pddl")])
+@pytest.mark.parametrize(("encoding", "reading"), [("lean", "pddl"), ("lean-no-fluents", "pddl")])
 def test_a_schedule_by_hand(encoding, reading):
     problem = logistics(1, 1, door="closed", sides="corridor", encoding=encoding)
     low = {a.name: a.duration.lower.constant_value() for a in problem.activities}
@@ -216,7 +216,7 @@ def precedences_only(problem):
     ],
 )
 def test_same_optimum(build):
-    fluents, plain = build("fluents"), build("no-fluents")
+    fluents, plain = build("lean"), build("lean-no-fluents")
     optima = []
     for problem in (relax(fluents, read_problem(fluents)).problem, precedences_only(plain)):
         with OneshotPlanner(name="cpsat") as planner:

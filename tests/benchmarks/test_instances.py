@@ -93,10 +93,10 @@ def test_a_move_as_up_sees_it():
     assert problem.clone() == problem
 
 
-@pytest.mark.parametrize("encoding", ["fluents", "no-fluents"])
+@pytest.mark.parametrize("encoding", ["lean", "lean-no-fluents"])
 def test_encodings_use_what_they_say(encoding):
     for problem in (logistics(2, 2, encoding=encoding), job_shop(1, 1, 1, encoding=encoding)):
-        assert bool(problem.fluents) == (encoding == "fluents")
+        assert bool(problem.fluents) == (encoding == "lean")
         assert problem.quality_metrics
     assert not logistics(1, 1, metric=False).quality_metrics
 
@@ -175,7 +175,7 @@ def test_box():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("encoding", ["fluents", "no-fluents"])
+@pytest.mark.parametrize("encoding", ["lean", "lean-no-fluents"])
 def test_all_instances_build(encoding):
     large = [instances(family)[0] for family in families()]
     for i in [*instances("paper"), *large, instance("logistics-dc-all-r10-i16")]:

@@ -50,7 +50,7 @@ def test_a_single_robot_gains_nothing_by_parallel_work():
 
 @pytest.mark.long
 @pytest.mark.parametrize("instance", [*OPTIMA, *MORE])
-@pytest.mark.parametrize("encoding", ["fluents", "no-fluents"])
+@pytest.mark.parametrize("encoding", ["lean", "lean-no-fluents"])
 def test_both_encodings_have_the_same_optimum(instance, encoding):
     record = run(instance, encoding=encoding)
     assert report.proven(record), record

@@ -28,7 +28,7 @@ def test_selection():
 
 def test_sweep_and_keys():
     runs = specs(
-        "jobshop", encodings=("fluents", "no-fluents"), presets=("default", "paper"), runs=3
+        "jobshop", encodings=("lean", "lean-no-fluents"), presets=("default", "paper"), runs=3
     )
     assert len(runs) == 36 * 2 * 2 * 3 == len({r.key for r in runs})
     assert [r.number for r in runs[:144]] == [0] * 144

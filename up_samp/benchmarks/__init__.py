@@ -5,9 +5,23 @@
 'logistics-dc-all-r2-i4'
 """
 
+from up_samp.benchmarks.door_sequence import door_sequence
 from up_samp.benchmarks.instances import Instance, families, instance, instances
 from up_samp.benchmarks.jobshop import job_shop
+from up_samp.benchmarks.kitting import kitting
 from up_samp.benchmarks.logistics import logistics
+from up_samp.benchmarks.navigation import navigation
 from up_samp.benchmarks.transport import transport
 
-__all__ = ["Instance", "families", "instance", "instances", "job_shop", "logistics", "transport"]
+__all__ = [
+    "Instance",
+    "door_sequence",
+    "families",
+    "instance",
+    "instances",
+    "job_shop",
+    "kitting",
+    "logistics",
+    "navigation",
+    "transport",
+]

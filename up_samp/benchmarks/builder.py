@@ -1,4 +1,4 @@
-"""Building blocks of the families: who is where, said with fluents or with precedences.
+"""Building blocks of the lean encodings: who is where, said with fluents or with precedences.
 
 What a schedule means, in both encodings and for every family:
 
@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Sequence
-from typing import Literal
+from typing import Literal, TypeGuard
 
 from unified_planning.model import (
     Fluent,
@@ -49,6 +49,7 @@ from up_samp.benchmarks.places import (
     Pose,
     duration_bounds,
 )
+from up_samp.benchmarks.published.form import PUBLISHED, Published
 from up_samp.benchmarks.routes import (
     FluentRoutes,
     PrecedenceRoutes,
@@ -60,8 +61,23 @@ from up_samp.benchmarks.routes import (
 )
 from up_samp.model import ProblemError
 
-Encoding = Literal["fluents", "no-fluents"]
-ENCODINGS: tuple[Encoding, ...] = ("fluents", "no-fluents")
+Lean = Literal["lean", "lean-no-fluents"]
+LEAN: tuple[Lean, ...] = ("lean", "lean-no-fluents")
+Encoding = Lean | Published
+"""``lean`` and ``lean-no-fluents`` are built here, all others are the published forms."""
+ENCODINGS: tuple[Encoding, ...] = (*PUBLISHED, *LEAN)
+
+
+def is_published(encoding: Encoding) -> TypeGuard[Published]:
+    """Return whether ``encoding`` is one of the published forms; raise where it is none at all."""
+    check_encoding(encoding)
+    return encoding not in LEAN
+
+
+def check_encoding(encoding: Encoding, known: Sequence[Encoding] = ENCODINGS) -> None:
+    """Raise :class:`ProblemError` where there is no such encoding."""
+    if encoding not in known:
+        raise ProblemError(f"encoding must be one of {tuple(known)}, not {encoding!r}")
 
 
 class Family:
@@ -76,11 +92,10 @@ class Family:
         encoding: Encoding,
         metric: bool,
     ) -> None:
-        if encoding not in ENCODINGS:
-            raise ProblemError(f"encoding must be one of {ENCODINGS}, not {encoding!r}")
+        check_encoding(encoding, LEAN)
         self.problem = SchedulingMotionProblem(name)
         self.a_max = a_max
-        self.with_fluents = encoding == "fluents"
+        self.with_fluents = encoding == "lean"
         occupancy = OccupancyMap(map_yaml, SE2(0.0, 0.0, 0.0))
         self.pose_type = ConfigurationType("pose", occupancy, ConfigurationKind.SE2)
         self.robot_type = MovableType("robot")

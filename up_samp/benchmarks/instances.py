@@ -3,6 +3,8 @@
 A name says everything: ``logistics-dc-all-r2-i4`` (door closed or ``do``, open; all sides or
 ``oc``, corridor only; robots; items), ``jobshop-r2-j2-m4`` (robots, jobs, machines),
 ``transport-dc-r2-j2-m2``, ``transport-ft06-do-r3``; ``-s7`` at the end asks for seed 7.
+``navigation-r4``, ``kitting-r2-k2-p3-d2`` (robots, kits, parts, doors; ``-op``: with an operator)
+and ``doors-r3-d2`` (robots, doors) exist in published forms only: ``lean`` means ``fluents`` there.
 """
 
 from __future__ import annotations
@@ -16,11 +18,14 @@ from dataclasses import dataclass
 from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.benchmarks import jobshop, logistics, transport
-from up_samp.benchmarks.builder import Encoding
+from up_samp.benchmarks.builder import Encoding, check_encoding
+from up_samp.benchmarks.door_sequence import door_sequence
+from up_samp.benchmarks.kitting import kitting
+from up_samp.benchmarks.navigation import navigation
 from up_samp.model import ProblemError
 
 Build = Callable[..., SchedulingMotionProblem]
-"""``build(encoding="fluents", metric=True)`` makes a fresh problem."""
+"""``build(encoding="lean", metric=True)`` makes a fresh problem."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +33,7 @@ class Instance:
     """A named benchmark instance.
 
     ``group`` is the paper's column: ``OC-DO``, ``OC-DC``, ``ALL-DO``, ``ALL-DC``, ``JSP``; or
-    ``transport``.
+    the family's name.
     """
 
     name: str
@@ -41,7 +46,11 @@ _NAME = re.compile(
     r"(?:(?P<logistics>logistics)-d(?P<ldoor>[co])-(?P<sides>all|oc)-r(?P<lr>\d+)-i(?P<items>\d+)"
     r"|(?P<jobshop>jobshop)-r(?P<jr>\d+)-j(?P<jobs>\d+)-m(?P<machines>\d+)"
     r"|(?P<transport>transport)-(?:(?P<data>ft06)-)?d(?P<tdoor>[co])-r(?P<tr>\d+)"
-    r"(?P<size>-j(?P<tjobs>\d+)-m(?P<tmachines>\d+))?)(?:-s(?P<seed>\d+))?"
+    r"(?P<size>-j(?P<tjobs>\d+)-m(?P<tmachines>\d+))?"
+    r"|(?P<navigation>navigation)-r(?P<nr>\d+)"
+    r"|(?P<kitting>kitting)-r(?P<kr>\d+)-k(?P<kits>\d+)-p(?P<parts>\d+)-d(?P<kdoors>\d+)"
+    r"(?P<operator>-op)?"
+    r"|(?P<doors>doors)-r(?P<dr>\d+)-d(?P<ddoors>\d+))(?:-s(?P<seed>\d+))?"
 )
 
 
@@ -56,6 +65,8 @@ def instance(name: str) -> Instance:
     seed = int(found["seed"] or 0)
     if found["logistics"]:
         return _logistics(found, name, seed)
+    if found["navigation"] or found["kitting"] or found["doors"]:
+        return _published_only(found, name, seed)
     return _job_shop(found, name, seed) if found["jobshop"] else _transport(found, name, seed)
 
 
@@ -64,7 +75,7 @@ def _logistics(found: re.Match[str], name: str, seed: int) -> Instance:
     door: logistics.DoorState = "closed" if found["ldoor"] == "c" else "open"
     sides: logistics.Sides = "all" if found["sides"] == "all" else "corridor"
 
-    def build(encoding: Encoding = "fluents", metric: bool = True) -> SchedulingMotionProblem:
+    def build(encoding: Encoding = "lean", metric: bool = True) -> SchedulingMotionProblem:
         return logistics.logistics(
             robots,
             items,
@@ -83,7 +94,7 @@ def _logistics(found: re.Match[str], name: str, seed: int) -> Instance:
 def _job_shop(found: re.Match[str], name: str, seed: int) -> Instance:
     size = int(found["jr"]), int(found["jobs"]), int(found["machines"])
 
-    def build(encoding: Encoding = "fluents", metric: bool = True) -> SchedulingMotionProblem:
+    def build(encoding: Encoding = "lean", metric: bool = True) -> SchedulingMotionProblem:
         return jobshop.job_shop(*size, encoding=encoding, metric=metric, seed=seed, name=name)
 
     return Instance(name, "jobshop", "JSP", build)
@@ -93,7 +104,7 @@ def _transport(found: re.Match[str], name: str, seed: int) -> Instance:
     size = int(found["tr"]), int(found["tjobs"] or 0), int(found["tmachines"] or 0)
     door: logistics.DoorState = "closed" if found["tdoor"] == "c" else "open"
 
-    def build(encoding: Encoding = "fluents", metric: bool = True) -> SchedulingMotionProblem:
+    def build(encoding: Encoding = "lean", metric: bool = True) -> SchedulingMotionProblem:
         return transport.transport(
             *size,
             data=found["data"],
@@ -105,6 +116,29 @@ def _transport(found: re.Match[str], name: str, seed: int) -> Instance:
         )
 
     return Instance(name, "transport", "transport", build)
+
+
+def _published_only(found: re.Match[str], name: str, seed: int) -> Instance:
+    """Return an instance of a family that is published beside the paper's."""
+    make: Build
+    if found["navigation"]:
+        family, make = "navigation", functools.partial(navigation, int(found["nr"]))
+    elif found["kitting"]:
+        size = [int(found[key]) for key in ("kr", "kits", "parts", "kdoors")]
+        family = "kitting"
+        make = functools.partial(kitting, *size, operator=bool(found["operator"]))
+    else:
+        size = [int(found["dr"]), int(found["ddoors"])]
+        family, make = "doors", functools.partial(door_sequence, *size, seed=seed)
+    if seed and family != "doors":
+        raise ProblemError(f"instance {name!r}: the family {family} has no seeds")
+
+    def build(encoding: Encoding = "fluents", metric: bool = True) -> SchedulingMotionProblem:
+        check_encoding(encoding)
+        form = "fluents" if encoding == "lean" else encoding.removeprefix("lean-")
+        return make(encoding=form, metric=metric, name=name)
+
+    return Instance(name, family, family, build)
 
 
 def _paper_logistics() -> list[str]:
@@ -147,12 +181,28 @@ def _transports() -> list[str]:
     return [*names, "transport-ft06-do-r2", "transport-ft06-do-r3"]
 
 
+def _navigations() -> list[str]:
+    return [f"navigation-r{robots}" for robots in range(2, 11)]
+
+
+def _kittings() -> list[str]:
+    sizes = [(1, 1, 2, 2), (2, 1, 3, 2), (2, 2, 2, 2), (2, 2, 3, 2), (2, 2, 4, 4), (3, 3, 3, 4)]
+    return [f"kitting-r{r}-k{k}-p{p}-d{d}" for r, k, p, d in sizes]
+
+
+def _door_sequences() -> list[str]:
+    return [f"doors-r{r}-d{d}" for d in (1, 2, 3) for r in (1, 2, 3)]
+
+
 _FAMILIES: dict[str, Callable[[], list[str]]] = {
     "logistics": _paper_logistics,
     "jobshop": _paper_job_shops,
     "logistics-large": _large_logistics,
     "jobshop-large": _large_job_shops,
     "transport": _transports,
+    "navigation": _navigations,
+    "kitting": _kittings,
+    "doors": _door_sequences,
 }
 
 

@@ -19,7 +19,7 @@ from typing import Any
 from unified_planning.model.motion import ConfigurationObject, SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity
 
-from up_samp.benchmarks.builder import Encoding, Family
+from up_samp.benchmarks.builder import Encoding, Family, is_published
 from up_samp.benchmarks.maps import (
     CELL_WIDTH,
     DATA,
@@ -28,6 +28,7 @@ from up_samp.benchmarks.maps import (
     job_shop_walls,
 )
 from up_samp.benchmarks.places import Door, Pose, box, check_poses
+from up_samp.benchmarks.published.jobshop import published_job_shop
 from up_samp.model import ProblemError
 
 A_MAX = 1.0
@@ -136,7 +137,7 @@ def job_shop(
     jobs: int = 2,
     machines: int = 2,
     *,
-    encoding: Encoding = "fluents",
+    encoding: Encoding = "lean",
     metric: bool = True,
     seed: int = 0,
     name: str | None = None,
@@ -146,13 +147,16 @@ def job_shop(
     Each operation is attended by exactly one robot, which stands at the machine's pose for the
     whole of it. The operations of a job follow their order, a machine does one operation at a
     time. Moves are optional, between every ordered pair of the robot's own start, all machines and
-    all buttons, each at most once. Doors are opened from their buttons in 1 unit of time. What a
-    schedule means is told in :mod:`up_samp.benchmarks.builder`.
+    all buttons, each at most once (as published: the other robots' starts, too). Doors are opened
+    from their buttons in 1 unit of time. What a schedule means is told in
+    :mod:`up_samp.benchmarks.builder`; for the other encodings see ``logistics``.
     """
     data = shop(robots, jobs, machines, seed)
     doors = [shop_door(i) for i in range(machines)]
     _check(data, doors)
     title = name or instance_name(robots, jobs, machines) + (f"-s{seed}" if seed else "")
+    if is_published(encoding):
+        return published_job_shop(title, data, doors, encoding, metric)
     yaml = str(job_shop_map(machines))
     family = Family(title, yaml, a_max=A_MAX, encoding=encoding, metric=metric)
     starts = [family.place(f"start{r}", pose) for r, pose in enumerate(data.starts)]

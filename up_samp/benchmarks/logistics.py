@@ -24,9 +24,10 @@ from unified_planning.model.motion import (
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import FALSE, TRUE, BoolType
 
-from up_samp.benchmarks.builder import Encoding, Family
+from up_samp.benchmarks.builder import Encoding, Family, is_published
 from up_samp.benchmarks.maps import LOGISTICS_SIZE, logistics_map, logistics_walls
 from up_samp.benchmarks.places import Door, Pose, box, check_poses
+from up_samp.benchmarks.published.logistics import published_logistics
 from up_samp.benchmarks.routes import at_start
 from up_samp.model import ProblemError
 
@@ -100,7 +101,7 @@ def logistics(
     *,
     door: DoorState = "closed",
     sides: Sides = "all",
-    encoding: Encoding = "fluents",
+    encoding: Encoding = "lean",
     metric: bool = True,
     seed: int = 0,
     name: str | None = None,
@@ -114,7 +115,9 @@ def logistics(
 
     :param door: ``"open"`` leaves door and button away.
     :param sides: ``"corridor"`` allows the items' inner poses only.
-    :param encoding: with object fluents, or precedence constraints alone.
+    :param encoding: ``lean`` (object fluents, effects at the end, a pick per pose),
+        ``lean-no-fluents`` (precedences), or one of the forms in which the authors publish it
+        (:mod:`up_samp.benchmarks.published.form`).
     :param metric: minimise the makespan.
     :param seed: 0 is the paper's layout.
     """
@@ -123,6 +126,9 @@ def logistics(
     spots = layout(robots, items, seed)
     _check(spots)
     title = name or instance_name(robots, items, door, sides) + (f"-s{seed}" if seed else "")
+    if is_published(encoding):
+        leaf = DOOR if door == "closed" else None
+        return published_logistics(title, spots, leaf, sides == "all", encoding, metric)
     family = Family(title, str(logistics_map()), a_max=A_MAX, encoding=encoding, metric=metric)
     shelves = _shelf_places(family, spots, sides)
     depots = [family.place(f"depot{r}", pose) for r, pose in enumerate(spots.depots)]
@@ -130,9 +136,9 @@ def logistics(
         family.robot(f"r{r}", depot)
     button = None
     if door == "closed":
-        leaf, closed, opened = family.door(DOOR, prefix="door")
+        body, closed, opened = family.door(DOOR, prefix="door")
         button = family.place("button", DOOR.button)
-        family.open_door("open_door", leaf, closed, opened, button)
+        family.open_door("open_door", body, closed, opened, button)
     hands = Hands(family)
     picks: list[list[Activity]] = [[] for _ in range(items)]
     for robot, depot in zip(family.robots, depots, strict=True):

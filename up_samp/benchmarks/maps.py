@@ -43,14 +43,14 @@ JOB_SHOP_HEIGHT = 50.0
 
 def logistics_walls() -> list[Rectangle]:
     """Return what is occupied on the logistics map: the outer wall and two long shelves."""
-    return [*_outer_wall(*LOGISTICS_SIZE), *LOGISTICS_SHELVES]
+    return [*outer_wall(*LOGISTICS_SIZE), *LOGISTICS_SHELVES]
 
 
 def hall_walls(*, divided: bool) -> list[Rectangle]:
     """Return what is occupied in a small hall (40 x 20 m); ``divided`` puts a wall with an opening
     of 4 m into its middle. For examples and test cases.
     """
-    return [*_outer_wall(*HALL_SIZE), *(HALL_DIVIDER if divided else ())]
+    return [*outer_wall(*HALL_SIZE), *(HALL_DIVIDER if divided else ())]
 
 
 def job_shop_walls(cells: int) -> list[Rectangle]:
@@ -59,7 +59,7 @@ def job_shop_walls(cells: int) -> list[Rectangle]:
     The wall between hall and rooms is 1 m thick around y = 32 and has one gap of 5 m per room.
     """
     width = CELL_WIDTH * cells
-    walls = _outer_wall(width, JOB_SHOP_HEIGHT)
+    walls = outer_wall(width, JOB_SHOP_HEIGHT)
     left = 0.0
     for i in range(cells):
         centre = CELL_WIDTH * i + CELL_WIDTH / 2
@@ -133,13 +133,19 @@ def job_shop_map(cells: int) -> Path:
     frozen = DATA / f"jobshop-{cells}.yaml"
     if frozen.exists():
         return frozen
-    cached = cache_folder() / f"jobshop-{cells}.yaml"
+    return drawn_map(f"jobshop-{cells}", job_shop_size(cells), job_shop_walls(cells))
+
+
+def drawn_map(name: str, size: tuple[float, float], walls: Sequence[Rectangle]) -> Path:
+    """Return the YAML file of a map of that size (m) with ``walls``, drawn once per machine."""
+    cached = cache_folder() / f"{name}.yaml"
     if cached.exists():
         return cached
-    return write_map(cached.parent, cached.stem, draw(job_shop_size(cells), job_shop_walls(cells)))
+    return write_map(cached.parent, cached.stem, draw(size, walls))
 
 
-def _outer_wall(width: float, height: float) -> list[Rectangle]:
+def outer_wall(width: float, height: float) -> list[Rectangle]:
+    """Return the four sides of the wall around a map of that size (m)."""
     return [
         (0.0, 0.0, width, WALL),
         (0.0, height - WALL, width, height),

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from up_samp.benchmarks.builder import ENCODINGS, Encoding
+from up_samp.benchmarks.builder import Encoding, check_encoding
 from up_samp.benchmarks.instances import Instance, families, instance, instances
 from up_samp.model import ProblemError
 
@@ -45,8 +45,7 @@ class RunSpec:
     memory: int = 20_000
 
     def __post_init__(self) -> None:
-        if self.encoding not in ENCODINGS:
-            raise ProblemError(f"encoding must be one of {ENCODINGS}, not {self.encoding!r}")
+        check_encoding(self.encoding)
         if self.timeout <= 0 or self.memory <= 0:
             raise ProblemError("a run needs a positive timeout (s) and memory limit (MB)")
 

@@ -65,7 +65,7 @@ def transport(
     *,
     data: str | None = None,
     door: DoorState = "closed",
-    encoding: Encoding = "fluents",
+    encoding: Encoding = "lean",
     metric: bool = True,
     seed: int = 0,
     name: str | None = None,
@@ -81,6 +81,7 @@ def transport(
 
     :param data: ``"ft06"`` takes that job shop's 6 jobs and 6 machines.
     :param door: ``"open"`` leaves doors and buttons away.
+    :param encoding: ``lean`` or ``lean-no-fluents``: this family has no published form.
     """
     if data not in (None, "ft06") or door not in ("closed", "open"):
         raise ProblemError(f"no such transport setting: data={data!r}, door={door!r}")

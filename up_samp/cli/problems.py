@@ -27,11 +27,11 @@ def add_problem_arguments(parser: argparse.ArgumentParser) -> None:
         "benchmark instance such as logistics-dc-all-r2-i4 ('up-samp bench list' names them)",
     )
     parser.add_argument(
-        "--encoding", choices=ENCODINGS, default="fluents", help="of a benchmark instance"
+        "--encoding", choices=ENCODINGS, default="lean", help="of a benchmark instance"
     )
 
 
-def find_problem(name: str, encoding: Encoding = "fluents") -> SchedulingProblem:
+def find_problem(name: str, encoding: Encoding = "lean") -> SchedulingProblem:
     """Return the problem of a script (``*.py``) or of a benchmark instance.
 
     Raises :class:`ProblemError` that says what was looked for.

@@ -1,0 +1,1 @@
+"""The families in the forms in which their authors publish them."""

@@ -1,0 +1,376 @@
+"""How published SAMP problems are written, whatever the family.
+
+The authors of the paper (Tosello et al., AAAI 2026) write their problems in plain calls of Unified
+Planning. This module says the same in code of its own:
+
+- Every object has one fluent without parameters (``robot0_at``, ``door0_at``), every move a
+  condition on it at its start and an effect on it at ``end - 1`` (or at ``end``). Nothing
+  happens at a move's start: while a robot drives, its fluent says where it came from.
+- *With fluents* obstacles are dicts ``{object: fluent}``. *Without fluents* they are lists, and
+  what a condition asked is one constraint per activity, over helpers (who make it true) and rivals
+  (who undo it).
+- One thing at a time is said by a disjunction for each pair of activities, or by resources
+  (``uses``); a third way adds one resource that everything uses (one activity after another).
+- Robots have a motion model and a control model (a bicycle as long as the footprint).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from unified_planning.model import Fluent, FNode, GlobalEndTiming, TimePointInterval, Timing
+from unified_planning.model.motion import (
+    SE2,
+    ActivityWaypoints,
+    ConfigurationKind,
+    ConfigurationObject,
+    MotionActivity,
+    MotionModels,
+    MovableObject,
+    OccupancyMap,
+    SchedulingMotionProblem,
+)
+from unified_planning.model.scheduling import Activity
+from unified_planning.shortcuts import (
+    GE,
+    LE,
+    And,
+    ConfigurationType,
+    Equals,
+    Implies,
+    MinimizeMakespan,
+    MovableType,
+    Not,
+    Or,
+)
+
+from up_samp.benchmarks.places import ROBOT_FOOTPRINT, Door, Pose, duration_bounds
+from up_samp.benchmarks.published.bicycle import Bicycle
+from up_samp.model import ProblemError
+
+Published = Literal[
+    "fluents",
+    "no-fluents",
+    "fluents-uses",
+    "no-fluents-uses",
+    "fluents-sequential",
+    "no-fluents-sequential",
+]
+PUBLISHED: tuple[Published, ...] = (
+    "fluents",
+    "no-fluents",
+    "fluents-uses",
+    "no-fluents-uses",
+    "fluents-sequential",
+    "no-fluents-sequential",
+)
+
+V_MIN, V_MAX = 1.0, 20.0
+"""Speed limits of the published control models, m/s. ``V_MIN`` says how slow a move may be."""
+STEERING = 1.0
+"""Largest steering angle, rad."""
+HANDLING = 1
+"""Units that picking something and opening a door take."""
+
+
+@dataclass(frozen=True)
+class Precondition:
+    """What an activity needs, and who gives and takes it (for the form without fluents).
+
+    ``helpers`` make it true, ``rivals`` may undo it; ``initially``: it holds from the beginning.
+    """
+
+    activity: Activity
+    helpers: Sequence[Activity]
+    rivals: Sequence[Activity]
+    initially: bool = False
+
+    def formula(self) -> FNode:
+        """Return the constraint over starts, ends and presences that says it."""
+        a = self.activity
+        rivals = [r for r in self.rivals if r is not a]
+        ways = []
+        for h in self.helpers:
+            if h is a:
+                continue
+            kept = [
+                Implies(r.present, Or(LE(r.end, h.start), GE(r.start, a.end)))
+                for r in rivals
+                if r is not h
+            ]
+            ways.append(And([h.present, LE(h.end, a.start), *kept]))
+        if self.initially:
+            ways.append(And([Implies(r.present, GE(r.start, a.end)) for r in rivals]))
+        return Or(ways)
+
+
+@dataclass
+class Robot:
+    """A robot of the problem and all that it may do."""
+
+    body: MovableObject
+    start: ConfigurationObject
+    at: Fluent | None
+    token: Fluent | None
+    moves: list[tuple[MotionActivity, ConfigurationObject, ConfigurationObject]] = field(
+        default_factory=list
+    )
+    busy: list[Activity] = field(default_factory=list)
+    stands: list[tuple[Activity, Sequence[ConfigurationObject]]] = field(default_factory=list)
+
+    @property
+    def name(self) -> str:
+        """The object's name."""
+        return str(self.body.name)
+
+    def moves_to(self, places: Iterable[ConfigurationObject]) -> list[MotionActivity]:
+        """Return its moves that end at one of ``places``."""
+        names = {p.name for p in places}
+        return [a for a, _, to in self.moves if to.name in names]
+
+    def moves_from(self, place: ConfigurationObject) -> list[MotionActivity]:
+        """Return its moves that leave ``place``."""
+        return [a for a, origin, _ in self.moves if origin.name == place.name]
+
+
+@dataclass
+class Leaf:
+    """A door of the problem, and the activities that open it."""
+
+    body: MovableObject
+    opened: ConfigurationObject
+    button: ConfigurationObject
+    at: Fluent | None
+    token: Fluent | None
+    openings: list[Activity] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Manner:
+    """What is fixed for a whole family: see the fields.
+
+    ``guess`` is the acceleration (m/s^2) in the lower bound on a move's duration, ``early`` the
+    units before a move's end at which its effects happen, ``model`` and ``turning_radius`` (m)
+    are the robots'. With ``heed_all`` moves name no obstacles: everything counts.
+    """
+
+    map_yaml: str
+    guess: float
+    early: int = 1
+    model: MotionModels = MotionModels.REEDSSHEPP
+    turning_radius: float = 1.0
+    heed_all: bool = False
+
+
+class Form:
+    """A problem under construction in one of the published forms."""
+
+    def __init__(self, name: str, manner: Manner, encoding: Published, metric: bool) -> None:
+        if encoding not in PUBLISHED:
+            raise ProblemError(f"encoding must be one of {PUBLISHED}, not {encoding!r}")
+        self.problem = SchedulingMotionProblem(name)
+        self.manner = manner
+        self.with_fluents = encoding.startswith("fluents")
+        self.with_resources = encoding.endswith("-uses")
+        self.line = (
+            self.problem.add_resource("sequential_schedule", 1)
+            if encoding.endswith("-sequential")
+            else None
+        )
+        occupancy = OccupancyMap(manner.map_yaml, SE2(0.0, 0.0, 0.0))
+        self.pose_type = ConfigurationType("pose", occupancy, ConfigurationKind.SE2)
+        self.robot_type, self.door_type = MovableType("robot"), MovableType("door")
+        self.robots: list[Robot] = []
+        self.doors: list[Leaf] = []
+        self.needs: list[Precondition] = []
+        self._poses: dict[str, Pose] = {}
+        if metric:
+            self.problem.add_quality_metric(MinimizeMakespan())
+
+    # ---------------------------------------------------------------- objects
+    def place(self, name: str, pose: Pose) -> ConfigurationObject:
+        """Add a named configuration at ``pose`` (x, y, theta; m, rad; world frame)."""
+        place = ConfigurationObject(name, self.pose_type, SE2(*pose))
+        self.problem.add_object(place)
+        self._poses[name] = pose
+        return place
+
+    def robot(self, start: ConfigurationObject) -> Robot:
+        """Add a robot that stands at ``start``."""
+        name = f"robot{len(self.robots)}"
+        xs = [x for x, _ in ROBOT_FOOTPRINT]
+        body = MovableObject(
+            name,
+            self.robot_type,
+            footprint=list(ROBOT_FOOTPRINT),
+            motion_model=self.manner.model,
+            motion_parameters={"turning_radius": self.manner.turning_radius},
+            control_model=Bicycle(max(xs) - min(xs)),
+            control_parameters={
+                "v_min": V_MIN,
+                "v_max": V_MAX,
+                "phi_min": -STEERING,
+                "phi_max": STEERING,
+            },
+        )
+        self.problem.add_object(body)
+        self.problem.set_initial_configuration(body, start)
+        robot = Robot(body, start, self._at(name, start), self._token(name))
+        self.robots.append(robot)
+        return robot
+
+    def door(self, door: Door) -> Leaf:
+        """Add a closed door."""
+        name = f"door{len(self.doors)}"
+        body = MovableObject(
+            name,
+            self.door_type,
+            footprint=list(door.footprint),
+            motion_model=MotionModels.SE2,
+        )
+        closed = self.place(f"{name}_closed", door.closed)
+        opened = self.place(f"{name}_open", door.open)
+        button = self.place(f"{name}_button", door.button)
+        self.problem.add_object(body)
+        self.problem.set_initial_configuration(body, closed)
+        leaf = Leaf(body, opened, button, self._at(name, closed), self._token(name))
+        self.doors.append(leaf)
+        return leaf
+
+    def _at(self, name: str, place: ConfigurationObject) -> Fluent | None:
+        if not self.with_fluents:
+            return None
+        at = Fluent(f"{name}_at", self.pose_type)
+        self.problem.add_fluent(at, default_initial_value=place)
+        return at
+
+    def _token(self, name: str) -> Fluent | None:
+        return self.problem.add_resource(f"{name}_free", 1) if self.with_resources else None
+
+    # ------------------------------------------------------------- activities
+    def move(
+        self, robot: Robot, origin: ConfigurationObject, to: ConfigurationObject
+    ) -> MotionActivity:
+        """Add the optional move of ``robot`` from ``origin`` to ``to``, once all objects exist."""
+        name = f"move_{robot.name}_{origin.name}_to_{to.name}"
+        a = self.problem.add_motion_activity(name, 1, optional=True)
+        low, _ = duration_bounds(self._poses[origin.name], self._poses[to.name], self.manner.guess)
+        distance = math.dist(self._poses[origin.name][:2], self._poses[to.name][:2])
+        a.set_duration_bounds(low, max(low, math.ceil(round(distance / V_MIN, 9))))
+        a.add_motion_effect(robot.body, to)
+        static, dynamic = None, None
+        if not self.manner.heed_all:
+            static = self._obstacles(self.doors)
+            dynamic = self._obstacles([r for r in self.robots if r is not robot])
+        a.add_motion_constraint(ActivityWaypoints(robot.body, origin, [to], static, dynamic))
+        if robot.at is not None:
+            self.needs_at_start(a, Equals(robot.at, origin))
+            a.add_effect(self.done(a), robot.at, to)
+        robot.moves.append((a, origin, to))
+        robot.stands.append((a, [origin]))
+        self.occupy(robot, a)
+        return a
+
+    def _obstacles(self, things: Sequence[Robot] | Sequence[Leaf]) -> Any:
+        if self.with_fluents:
+            return {thing.body: thing.at for thing in things}
+        return [thing.body for thing in things]
+
+    def done(self, a: Activity) -> Timing:
+        """Return when the effects of ``a`` happen."""
+        return Timing(-self.manner.early, a.end)
+
+    @staticmethod
+    def needs_at_start(a: Activity, what: Any) -> None:
+        """Let ``a`` need ``what`` at its start."""
+        a.add_condition(TimePointInterval(Timing(0, a.start)), what)
+
+    def occupy(self, robot: Robot, a: Activity) -> None:
+        """Let ``a`` be among the things that ``robot`` does one at a time."""
+        robot.busy.append(a)
+        if robot.token is not None:
+            a.uses(robot.token)
+
+    def work(
+        self, robot: Robot, name: str, places: Sequence[ConfigurationObject], duration: int
+    ) -> Activity:
+        """Add something optional that ``robot`` does at one of ``places``."""
+        a = self.problem.add_activity(name, duration=duration, optional=True)
+        self.stand(robot, a, places)
+        return a
+
+    def stand(self, robot: Robot, a: Activity, places: Sequence[ConfigurationObject]) -> None:
+        """Let ``robot`` do ``a`` at one of ``places``."""
+        if robot.at is not None:
+            self.needs_at_start(a, Or([Equals(robot.at, p) for p in places]))
+        robot.stands.append((a, places))
+        self.occupy(robot, a)
+
+    def openings(self) -> None:
+        """Let every robot open every door, from its button, as often as it likes: once."""
+        for robot, leaf in itertools.product(self.robots, self.doors):
+            name = f"open_{leaf.body.name}_{robot.name}"
+            a = self.problem.add_motion_activity(name, HANDLING, optional=True)
+            a.set_fixed_duration(HANDLING)
+            a.add_motion_effect(leaf.body, leaf.opened)
+            if leaf.at is not None:
+                a.add_effect(self.done(a), leaf.at, leaf.opened)
+            if leaf.token is not None:
+                a.uses(leaf.token)
+            self.stand(robot, a, [leaf.button])
+            leaf.openings.append(a)
+
+    # -------------------------------------------------------------- the rules
+    def exactly_one(self, activities: Sequence[Activity], *, inside: bool = True) -> None:
+        """One of the optional ``activities`` is present, and none of the others: said ``inside``
+        each of them, or as an implication of the problem.
+        """
+        self.problem.add_constraint(Or([a.present for a in activities]))
+        for a in activities:
+            others = [b.present for b in activities if b is not a]
+            if others and inside:
+                a.add_constraint(Not(Or(others)))
+            elif others:
+                self.problem.add_constraint(Implies(a.present, Not(Or(others))))
+
+    def one_at_a_time(self, activities: Sequence[Activity]) -> None:
+        """Keep each pair of ``activities`` apart, if both are present."""
+        for a, b in itertools.combinations(activities, 2):
+            scope = [x.present for x in (a, b) if x.optional]
+            self.problem.add_constraint(Or(LE(a.end, b.start), GE(a.start, b.end)), scope=scope)
+
+    def end_at(self, places: dict[int, ConfigurationObject]) -> None:
+        """Let robots (by number) be at ``places`` when everything is over (with fluents)."""
+        if self.with_fluents:
+            wanted = [Equals(self.robots[r].at, place) for r, place in places.items()]
+            self.problem.add_condition(TimePointInterval(GlobalEndTiming()), And(wanted))
+
+    def finish(self) -> SchedulingMotionProblem:
+        """State what is left: who is where without fluents, and one thing at a time."""
+        if not self.with_fluents:
+            for robot in self.robots:
+                self._stand_by_helpers(robot)
+            for need in self.needs:
+                self.problem.add_constraint(need.formula(), scope=[need.activity.present])
+        if not self.with_resources:
+            for robot in self.robots:
+                self.one_at_a_time(robot.busy)
+            for leaf in self.doors:
+                self.one_at_a_time(leaf.openings)
+        if self.line is not None:
+            for a in self.problem.activities:
+                a.uses(self.line)
+        return self.problem
+
+    def _stand_by_helpers(self, robot: Robot) -> None:
+        moves = [a for a, _, _ in robot.moves]
+        for a, places in robot.stands:
+            helpers = robot.moves_to(places)
+            same = {id(h) for h in helpers}
+            rivals = [m for m in moves if id(m) not in same]
+            initially = any(p.name == robot.start.name for p in places)
+            self.needs.append(Precondition(a, helpers, rivals, initially))
