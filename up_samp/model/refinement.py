@@ -104,7 +104,25 @@ class Overlap:
         return f"{self.rival} overlaps {', '.join(self.activities)}"
 
 
-Literal = Absent | Apart | Elsewhere | Overlap
+@dataclass(frozen=True)
+class Differs:
+    """A decision variable (``activity.parameter``, or a variable's name) has another ``value``.
+
+    What was found for a motion holds only for the configurations that it was asked with. Where
+    these hang on decisions, every statement about it gives way when one of them differs.
+    """
+
+    variable: str
+    value: str
+
+    def __str__(self) -> str:
+        return f"{self.variable} is not {self.value}"
+
+
+Given = tuple[tuple[str, str], ...]
+"""The decisions (variable, value) that something was found for; none: it always holds."""
+
+Literal = Absent | Apart | Elsewhere | Overlap | Differs
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,8 @@ class ScheduleReport:
 @dataclass(frozen=True)
 class ScheduledMotion:
     """A motion as a candidate schedule wants it: ``object`` drives ``configurations[0]`` through
-    the others (names), in ``[start, end]`` (schedule units).
+    the others (names), in ``[start, end]`` (schedule units). ``given`` are the decisions (variable,
+    value) that the configurations come from.
     """
 
     activity: str
@@ -67,14 +68,18 @@ class ScheduledMotion:
     end: int
     avoid: frozenset[str] | None = None
     static: frozenset[str] = frozenset()
+    given: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)
 class ScheduledChange:
-    """An instantaneous change of an object's configuration at ``time``, at an activity's end."""
+    """An instantaneous change of an object's configuration at ``time``, at an activity's end.
+    ``given``: as of a motion.
+    """
 
     activity: str
     object: str
     configuration: str
     pose: Configuration
     time: int
+    given: tuple[tuple[str, str], ...] = ()

@@ -9,6 +9,7 @@ from up_samp.model.refinement import (
     Absent,
     Apart,
     Clause,
+    Differs,
     Elsewhere,
     End,
     Exclusive,
@@ -71,6 +72,8 @@ def _true(literal: Literal, schedule: CandidateSchedule, places: Places) -> bool
             return False
         difference = _time(literal.later, schedule) - _time(literal.earlier, schedule)
         return difference >= literal.at_least
+    if isinstance(literal, Differs):
+        return schedule.parameters.get(literal.variable) != literal.value
     if isinstance(literal, Elsewhere):
         if literal.activity not in times:
             return False

@@ -14,8 +14,10 @@ from up_samp.model.refinement import (
     Absent,
     Apart,
     Clause,
+    Differs,
     Elsewhere,
     Exclusive,
+    Given,
     Lasts,
     Layer,
     Literal,
@@ -28,6 +30,35 @@ from up_samp.model.refinement import (
     end_of,
     start_of,
 )
+
+
+def only_given(refinement: Refinement, given: Given) -> Refinement:
+    """Return a statement that gives way when one of the decisions it was found for differs."""
+    if not given:
+        return refinement
+    statement = refinement.statement
+    if isinstance(statement, Lasts):
+        activity, units = statement.activity, statement.at_least
+        longer = Apart(start_of(activity), end_of(activity), units)
+        literals: tuple[Literal, ...] = (Absent(activity), longer)
+    else:
+        assert isinstance(statement, Clause), f"{statement} cannot depend on decisions"
+        literals = statement.literals
+    return replace(refinement, statement=Clause((*literals, *differs(given))))
+
+
+def differs(given: Given) -> list[Literal]:
+    """Return that one of the decisions is another."""
+    return [Differs(variable, value) for variable, value in given]
+
+
+def _other_motions(motions: Iterable[ScheduledMotion]) -> list[Literal]:
+    """Return that one of the motions is not made, or not between these configurations."""
+    literals: dict[Literal, None] = {}
+    for motion in motions:
+        literals[Absent(motion.activity)] = None
+        literals.update(dict.fromkeys(differs(motion.given)))
+    return list(literals)
 
 
 def impossible(activity: str, why: str) -> Refinement:
@@ -219,7 +250,7 @@ def group_timing(
     """
     reference = min(motions, key=lambda m: (m.start, m.activity))
     only_late = next(iter(arrivals)) if len(arrivals) == 1 else None
-    literals: list[Literal] = [Absent(m.activity) for m in motions]
+    literals = _other_motions(motions)
     for motion in motions:
         if motion is reference:
             continue
@@ -251,7 +282,7 @@ def group_fails(
     Nothing is proven by a search that ran out of time, so the cut is heuristic and narrow.
     """
     reference = min(motions, key=lambda m: (m.start, m.activity))
-    literals: list[Literal] = [Absent(m.activity) for m in motions]
+    literals = _other_motions(motions)
     for motion in motions:
         earlier, later = start_of(reference.activity), start_of(motion.activity)
         if motion is not reference:
@@ -274,7 +305,7 @@ def not_together(
     one of them ends before another begins. Heuristic, as :func:`group_fails`.
     """
     names = tuple(m.activity for m in motions)
-    literals: list[Literal] = [Absent(n) for n in names]
+    literals = _other_motions(motions)
     literals += [
         Apart(end_of(a.activity), start_of(b.activity), 0)
         for a in motions
@@ -299,10 +330,10 @@ def _moved_away(
 def paper_condition(motions: Sequence[ScheduledMotion], rivals: Iterable[str]) -> list[Literal]:
     """Return the negation of RCOND(G): the ways in which the paper's cut does not apply.
 
-    Some activity of the group absent, the first motion of an object not first, or a rival that
-    overlaps the group.
+    Some activity of the group absent or between other configurations, the first motion of an
+    object not first, or a rival that overlaps the group.
     """
-    literals: list[Literal] = [Absent(m.activity) for m in motions]
+    literals = _other_motions(motions)
     for name in sorted({m.object for m in motions}):
         own = sorted((m for m in motions if m.object == name), key=lambda m: m.start)
         literals += [Apart(start_of(m.activity), end_of(own[0].activity), 1) for m in own[1:]]

@@ -37,7 +37,8 @@ def blocked_as_timed(
     ``set_by`` tells which change (activity) set each obstacle where it is (``None``: it is there
     from the first), ``changes`` at what time each obstacle's present and absent (-1) other
     changes happen. The cut gives way only when one of them comes in between, so that it rejects
-    the schedule also where a change touches the motion's start or end.
+    the schedule also where a change touches the motion's start or end. Where configurations hang
+    on decisions, it holds under these only (see ``rules.only_given``).
     """
     start, end = start_of(motion.activity), end_of(motion.activity)
     literals: list[Literal] = [Absent(motion.activity)]
@@ -63,7 +64,8 @@ def as_timed(
     *,
     strength: Strength,
 ) -> Refinement:
-    """Return that a group does not work just as it is timed: the last resort, it always rejects.
+    """Return that a group does not work just as it is timed: the last resort, it always rejects
+    (under the decisions that the configurations hang on, see ``rules.only_given``).
 
     ``arrivals`` are the late motions' needed ends in units after the first start (none: the group
     found no trajectories). ``drives`` are the times of all other motion activities, ``changes``
@@ -83,13 +85,15 @@ def as_timed(
         if times is None:
             literals.append(Apart(start_of(name), end_of(name), 0))
         elif times[1] < reference.start:
-            literals.append(Apart(begin, end_of(name), 0))
+            literals += [Absent(name), Apart(begin, end_of(name), 0)]
         else:
-            literals.append(Apart(start_of(name), last, 0))
+            literals += [Absent(name), Apart(start_of(name), last, 0)]
     for name, (thing, time) in sorted(changes.items()):
         if time is None:
             literals.append(Apart(start_of(name), end_of(name), 0))
-        elif time <= reference.start:
+            continue
+        literals.append(Absent(name))
+        if time <= reference.start:
             literals.append(Apart(begin, end_of(name), 1))
             literals += [
                 Apart(end_of(name), end_of(other), 1)

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field, replace
 
 from up_samp.model import GroupQuery, GroupReport, Outcome, PathQuery, ScheduledMotion, Trajectory
 from up_samp.model.refinement import Refinement, Strength
-from up_samp.model.snapshot import TermKind
 from up_samp.refinement import rules, timed
+from up_samp.search.cases import MotionCase
 from up_samp.search.context import Context
 from up_samp.search.cuts import groups as group_rules
 from up_samp.search.cuts import paper
@@ -149,16 +149,21 @@ def check_path(
     why = report.reason or f"no path for {motion.activity} found"
     same = _equivalent(context, motion, names)
     if not movable:
-        return [replace(rules.impossible(a, why), strength=strength) for a in same]
+        never = ((rules.impossible(c.activity, why), c.given) for c in same)
+        return [replace(rules.only_given(r, g), strength=strength) for r, g in never]
     if context.params.small_cuts or proven:
         found = [
-            rules.blocked_while(a, movable, context.movers, why, strength=strength) for a in same
+            rules.only_given(
+                rules.blocked_while(c.activity, movable, context.movers, why, strength=strength),
+                c.given,
+            )
+            for c in same
         ]
     else:
         found = paper.no_path(context, motion, obstacles, movable, why)
     if not any(rejects(context, itinerary, r) for r in found):
         exact = _blocked_as_timed(context, itinerary, motion, movable, why, strength)
-        found += [] if exact is None else [exact]
+        found.append(exact)
     return found
 
 
@@ -169,22 +174,23 @@ def _blocked_as_timed(
     blockers: Iterable[str],
     why: str,
     strength: Strength,
-) -> Refinement | None:
-    """Return the cut for the blockers' changes as they are ordered; None where it is not known
-    where a change leads.
-    """
+) -> Refinement:
+    """Return the cut for the blockers' changes as they are ordered."""
     set_by: dict[str, str | None] = {}
     changes: dict[str, dict[str, int]] = {}
+    given = dict(motion.given)
     for name in blockers:
         tasks = [c for c in context.snapshot.changes if c.object == name]
-        if any(c.term.kind is not TermKind.CONSTANT for c in tasks):
-            return None
         times = itinerary.schedule.times
         ends = {c.activity: times[c.activity][1] if c.activity in times else -1 for c in tasks}
         before = [(time, a) for a, time in ends.items() if 0 <= time <= motion.start]
         set_by[name] = max(before)[1] if before else None
         changes[name] = ends
-    return timed.blocked_as_timed(motion, set_by, changes, why, strength=strength)
+        for change in itinerary.changes:
+            if (change.object, change.activity) == (name, set_by[name]):
+                given |= dict(change.given)
+    cut = timed.blocked_as_timed(motion, set_by, changes, why, strength=strength)
+    return rules.only_given(cut, tuple(sorted(given.items())))
 
 
 def check_duration(
@@ -194,7 +200,7 @@ def check_duration(
     body = context.snapshot.objects[motion.object].body
     found = []
     if context.params.small_cuts:
-        found = duration_refinements(context, (body, motion.poses), context.query_seconds)
+        found = duration_refinements(context, context.like(motion), context.query_seconds)
         found = [r for r in found if rejects(context, itinerary, r)]
         if found:
             return found
@@ -212,28 +218,28 @@ def check_duration(
         if context.movers[o.name]
     }
     why = f"the fastest motion found takes {report.trajectory.duration:.2f} s"
-    for activity in _equivalent(context, motion, frozenset(o.name for o in obstacles)):
+    for case in _equivalent(context, motion, frozenset(o.name for o in obstacles)):
         if context.params.small_cuts:
-            found.append(
-                rules.slower_while(activity, units, places, context.movers, why, strength=strength)
+            cut = rules.slower_while(
+                case.activity, units, places, context.movers, why, strength=strength
             )
+            found.append(rules.only_given(cut, case.given))
         else:
-            found.append(
-                paper.takes_longer(context, motion, activity, units, places, why, strength)
-            )
+            found.append(paper.takes_longer(context, motion, case, units, places, why, strength))
     if not any(rejects(context, itinerary, r) for r in found):
         exact = _blocked_as_timed(context, itinerary, motion, places, why, strength)
-        found += [] if exact is None else [rules.unless_longer(exact, motion.activity, units)]
+        found.append(rules.unless_longer(exact, motion.activity, units))
     return found
 
 
-def _equivalent(context: Context, motion: ScheduledMotion, blockers: frozenset[str]) -> list[str]:
-    """Return the activity and, if asked for, those that make the same motion with equal bodies
+def _equivalent(
+    context: Context, motion: ScheduledMotion, blockers: frozenset[str]
+) -> list[MotionCase]:
+    """Return the motion's case and, if asked for, those that are the same motion with equal bodies
     and heed the ``blockers`` too.
     """
+    mine, *others = context.like(motion)
     if not context.params.equivalents:
-        return [motion.activity]
-    body = context.snapshot.objects[motion.object].body
-    tasks = context.by_signature.get((body, motion.poses), [])
-    same = [t.activity for t in tasks if t.avoid is None or blockers <= t.avoid]
-    return sorted({motion.activity, *same})
+        return [mine]
+    heeding = [c for c in others if c.task.avoid is None or blockers <= c.task.avoid]
+    return sorted([mine, *heeding], key=lambda c: (c.activity, c.given))

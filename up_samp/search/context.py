@@ -14,11 +14,13 @@ from up_samp.model import (
     Configuration,
     Deadline,
     PathQuery,
+    ScheduledMotion,
     Trajectory,
 )
 from up_samp.model.refinement import Refinement, Strength
-from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
+from up_samp.model.snapshot import Snapshot, TermKind
 from up_samp.motion.proofs.after_opening import AfterOpening
+from up_samp.search.cases import MotionCase, case_of, cases_of
 from up_samp.search.history import History, ProgressEvent
 from up_samp.search.params import Parameters
 from up_samp.upio import Itinerary, Relaxation, write_refinement
@@ -105,13 +107,10 @@ class Context:
 
     # ------------------------------------------------------- facts of the problem
     @cached_property
-    def constant_tasks(self) -> dict[str, list[MotionTask]]:
-        """Motion tasks whose configurations are all constants, by activity."""
-        found: dict[str, list[MotionTask]] = {}
-        for task in self.snapshot.tasks:
-            if all(t.kind is TermKind.CONSTANT for t in task.terms):
-                found.setdefault(task.activity, []).append(task)
-        return found
+    def cases(self) -> tuple[MotionCase, ...]:
+        """All motions between known configurations (none of a task with too many of them)."""
+        choices = self.relaxation.choices
+        return tuple(c for task in self.snapshot.tasks for c in cases_of(task, choices))
 
     @cached_property
     def drivers(self) -> frozenset[str]:
@@ -133,19 +132,23 @@ class Context:
             found[change.object].add(change.activity)
         return {name: frozenset(v) for name, v in found.items()}
 
-    def signature(self, task: MotionTask) -> Signature:
-        """Return what a constant task is to the motion planner."""
-        body = self.snapshot.objects[task.object].body
-        return body, tuple(self.snapshot.configurations[t.name] for t in task.terms)
+    def signature(self, case: MotionCase) -> Signature:
+        """Return what a case is to the motion planner."""
+        body = self.snapshot.objects[case.task.object].body
+        return body, tuple(self.snapshot.configurations[n] for n in case.configurations)
 
     @cached_property
-    def by_signature(self) -> dict[Signature, list[MotionTask]]:
-        """Equivalent motion tasks."""
-        found: dict[Signature, list[MotionTask]] = {}
-        for tasks in self.constant_tasks.values():
-            for task in tasks:
-                found.setdefault(self.signature(task), []).append(task)
+    def by_signature(self) -> dict[Signature, list[MotionCase]]:
+        """Equivalent motions."""
+        found: dict[Signature, list[MotionCase]] = {}
+        for case in self.cases:
+            found.setdefault(self.signature(case), []).append(case)
         return found
+
+    def like(self, motion: ScheduledMotion) -> list[MotionCase]:
+        """Return the case that a scheduled motion is, and all that are the same to the planner."""
+        case = case_of(self.snapshot, motion)
+        return list(dict.fromkeys((case, *self.by_signature.get(self.signature(case), ()))))
 
     def returns_to(self, obstacle: str, configuration: str) -> bool:
         """Return whether some activity may bring ``obstacle`` to ``configuration``."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 from up_samp.model import (
@@ -22,6 +22,7 @@ from up_samp.model.refinement import Layer, Refinement, Strength, end_of, start_
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
 from up_samp.motion import MotionService
 from up_samp.refinement import rules
+from up_samp.search.cases import MotionCase
 from up_samp.search.context import Context, Signature
 
 EAGER_SHARE = 0.2
@@ -86,12 +87,23 @@ def _heeded(snapshot: Snapshot, name: str) -> frozenset[str] | None:
 
 
 def state_bounds(context: Context) -> list[Refinement]:
-    """Return a lower bound on every motion's duration, admissible for any planner."""
-    found = []
-    for signature, tasks in context.by_signature.items():
+    """Return a lower bound on every motion's duration, admissible for any planner: for whatever
+    is decided, and (where that tells more) for each choice of its decisions.
+    """
+    why = "no motion between these poses is faster, whatever else stands there"
+    bounds: dict[MotionTask, dict[MotionCase, int]] = {}
+    for signature, cases in context.by_signature.items():
         units = context.units(admissible_duration(context, signature))
-        why = "no motion between these poses is faster, whatever else stands there"
-        found += [rules.lasts(t.activity, units, why) for t in tasks if units > 1]
+        for case in cases:
+            bounds.setdefault(case.task, {})[case] = units
+    found = []
+    for task, units_of in bounds.items():
+        least = min(units_of.values())
+        if least > 1:
+            found.append(rules.lasts(task.activity, least, why))
+        for case, units in units_of.items():
+            if units > max(least, 1):
+                found.append(rules.only_given(rules.lasts(task.activity, units, why), case.given))
     return found
 
 
@@ -111,14 +123,14 @@ def state_durations(context: Context) -> list[Refinement]:
     found = []
     total = len(context.by_signature)
     seconds = min(EAGER_QUERY_SECONDS, context.query_seconds)
-    for count, signature in enumerate(context.by_signature):
+    for count, cases in enumerate(context.by_signature.values()):
         if deadline.expired():
             break
         if count % 10 == 0:
             context.report("motions", f"unobstructed motions {count}/{total}")
         found += [
             r
-            for r in duration_refinements(context, signature, seconds)
+            for r in duration_refinements(context, cases, seconds)
             if r.strength is not Strength.HEURISTIC
         ]
     return found
@@ -138,32 +150,39 @@ def fastest_path(context: Context, query: PathQuery, seconds: float) -> tuple[Pa
 
 
 def duration_refinements(
-    context: Context, signature: Signature, seconds: float
+    context: Context, cases: Sequence[MotionCase], seconds: float
 ) -> list[Refinement]:
-    """Plan a motion among fixed obstacles; return what that tells of all equivalent motions."""
+    """Plan a motion among fixed obstacles; return what that tells of ``cases``, all of which are
+    this motion.
+    """
+    signature = context.signature(cases[0])
     if signature in context.durations:
         return []
     started = time.monotonic()
     body, poses = signature
-    tasks = context.by_signature.get(signature, [])
     # what is said of all equivalent motions may count on what all of them heed only
     obstacles = tuple(
         o
         for o in fixed_obstacles(context)
-        if all(t.avoid is None or o.name in t.avoid for t in tasks)
+        if all(c.task.avoid is None or o.name in c.task.avoid for c in cases)
     )
     query = PathQuery(body, poses, obstacles)
     report, strength = fastest_path(context, query, seconds)
     context.history.seconds_motion += time.monotonic() - started
     if report.outcome is Outcome.IMPOSSIBLE:
-        return [rules.impossible(t.activity, report.reason) for t in tasks]
+        return [
+            rules.only_given(rules.impossible(c.activity, report.reason), c.given) for c in cases
+        ]
     if report.trajectory is None:
         return []
     if strength is Strength.RELATIVE:
         context.durations[signature] = report.trajectory.duration
     units = context.units(report.trajectory.duration)
     why = f"the planner's fastest unobstructed motion takes {report.trajectory.duration:.2f} s"
-    return [rules.lasts(t.activity, units, why, strength=strength) for t in tasks]
+    return [
+        rules.only_given(rules.lasts(c.activity, units, why, strength=strength), c.given)
+        for c in cases
+    ]
 
 
 def fixed_obstacles(context: Context) -> tuple[Placed, ...]:
@@ -185,8 +204,8 @@ def state_certificates(context: Context) -> list[Refinement]:
             context.snapshot.objects[obstacle].body,
             context.snapshot.configurations[configuration],
         )
-        for signature, tasks in context.by_signature.items():
-            heeding = [t for t in tasks if t.avoid is None or obstacle in t.avoid]
+        for signature, cases in context.by_signature.items():
+            heeding = [c for c in cases if c.task.avoid is None or obstacle in c.task.avoid]
             if heeding and signature[0].kinematics.model is not MotionModel.SE3:
                 found += _certify(context, signature, heeding, placed, configuration)
     return found
@@ -195,7 +214,7 @@ def state_certificates(context: Context) -> list[Refinement]:
 def _certify(
     context: Context,
     signature: Signature,
-    tasks: list[MotionTask],
+    cases: list[MotionCase],
     placed: Placed,
     configuration: str,
 ) -> list[Refinement]:
@@ -206,31 +225,43 @@ def _certify(
     if at_start:
         why = f"{placed.name} at {configuration} lies on the first pose"
         if context.returns_to(placed.name, configuration):
-            places = {placed.name: configuration}
-            return [rules.blocked_while(t.activity, places, context.movers, why) for t in tasks]
+            return _blocked_while(context, cases, placed.name, configuration, why)
         changes = context.movers[placed.name]
-        return [rules.gone_before(start_of(t.activity), changes, 0, why) for t in tasks]
+        return [
+            rules.only_given(rules.gone_before(start_of(c.activity), changes, 0, why), c.given)
+            for c in cases
+        ]
     proof = service.certificate(body, poses, (placed,))
     if proof is None:
         return []
     # a static obstacle stays all the time: then it must be gone from the start
-    static = [t for t in tasks if t.static is not None and placed.name in t.static]
-    others = [t for t in tasks if t not in static]
-    found = [rules.needs_away(t.activity, placed.name, configuration, why) for t in static]
+    # (a condition cannot hang on decisions: there the weaker cut has to do)
+    static = [c for c in cases if placed.name in (c.task.static or ()) and not c.given]
+    others = [c for c in cases if c not in static]
+    found = [rules.needs_away(c.activity, placed.name, configuration, why) for c in static]
     if not others:
         return found
     if context.returns_to(placed.name, configuration):
-        places = {placed.name: configuration}
-        cuts = [rules.blocked_while(t.activity, places, context.movers, why) for t in others]
+        cuts = _blocked_while(context, others, placed.name, configuration, why)
     else:
         tail = _tail_units(context, signature, placed)
-        cuts = [opened(context, t.activity, placed.name, configuration, tail, why) for t in others]
+        cuts = [opened(context, c, placed.name, configuration, tail, why) for c in others]
     return found + cuts
+
+
+def _blocked_while(
+    context: Context, cases: list[MotionCase], obstacle: str, configuration: str, why: str
+) -> list[Refinement]:
+    places = {obstacle: configuration}
+    return [
+        rules.only_given(rules.blocked_while(c.activity, places, context.movers, why), c.given)
+        for c in cases
+    ]
 
 
 def opened(
     context: Context,
-    activity: str,
+    case: MotionCase,
     obstacle: str,
     configuration: str,
     tail: int,
@@ -241,13 +272,14 @@ def opened(
 ) -> Refinement:
     """Return that an obstacle which does not come back has left ``tail`` units before the end."""
     changes = context.movers[obstacle]
-    if len(changes) <= 1:
+    if len(changes) <= 1 and not case.given:
         return rules.needs_open(
-            activity, obstacle, configuration, tail, why, strength=strength, layer=layer
+            case.activity, obstacle, configuration, tail, why, strength=strength, layer=layer
         )
     # a condition would forbid further changes in its interval, although the obstacle has gone
-    point = end_of(activity)
-    return rules.gone_before(point, changes, max(1, tail), why, strength=strength, layer=layer)
+    point = end_of(case.activity)
+    cut = rules.gone_before(point, changes, max(1, tail), why, strength=strength, layer=layer)
+    return rules.only_given(cut, case.given)
 
 
 def _tail_units(context: Context, signature: Signature, placed: Placed) -> int:

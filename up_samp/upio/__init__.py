@@ -1,6 +1,7 @@
 """Between UP problems and our plain values: reading, relaxing, refining, writing plans."""
 
 from up_samp.upio.candidate import Itinerary, read_itinerary
+from up_samp.upio.choices import Choice
 from up_samp.upio.plan import (
     SampSchedule,
     build_plan,
@@ -13,6 +14,7 @@ from up_samp.upio.relaxation import Relaxation, relax
 from up_samp.upio.write import write_refinement
 
 __all__ = [
+    "Choice",
     "Itinerary",
     "Relaxation",
     "SampSchedule",

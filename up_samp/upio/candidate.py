@@ -2,19 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from unified_planning.model import FNode, Timing
-from unified_planning.model.timing import TimepointKind
-
-from up_samp.model import (
-    CandidateSchedule,
-    ProblemError,
-    ScheduledChange,
-    ScheduledMotion,
-    UnsupportedError,
-)
+from up_samp.model import CandidateSchedule, ProblemError, ScheduledChange, ScheduledMotion
+from up_samp.model.refinement import Given
 from up_samp.model.snapshot import Snapshot, Term, TermKind
 from up_samp.upio.relaxation import Relaxation
 
@@ -49,7 +41,7 @@ def read_itinerary(relaxation: Relaxation, schedule: CandidateSchedule) -> Itine
         if task.activity not in schedule.times:
             continue
         start, end = schedule.times[task.activity]
-        names = tuple(_resolve(relaxation, schedule, t, task.activity, start) for t in task.terms)
+        names, given = _resolve(relaxation, schedule, task.activity, task.terms)
         motions.append(
             ScheduledMotion(
                 activity=task.activity,
@@ -61,81 +53,43 @@ def read_itinerary(relaxation: Relaxation, schedule: CandidateSchedule) -> Itine
                 end=end,
                 avoid=task.avoid,
                 static=task.static or frozenset(),
+                given=given,
             )
         )
     changes = []
     for change in snapshot.changes:
         if change.activity in schedule.times:
-            start, end = schedule.times[change.activity]
-            name = _resolve(relaxation, schedule, change.term, change.activity, start)
+            _, end = schedule.times[change.activity]
+            terms = (change.term,)
+            (name,), given = _resolve(relaxation, schedule, change.activity, terms, at_end=True)
             pose = snapshot.configurations[name]
-            changes.append(ScheduledChange(change.activity, change.object, name, pose, end))
+            changes.append(ScheduledChange(change.activity, change.object, name, pose, end, given))
     motions.sort(key=lambda m: (m.start, m.end, m.activity))
     changes.sort(key=lambda c: (c.time, c.activity))
     return Itinerary(schedule, tuple(motions), tuple(changes))
 
 
 def _resolve(
-    relaxation: Relaxation, schedule: CandidateSchedule, term: Term, activity: str, time: int
-) -> str:
-    if term.kind is TermKind.CONSTANT:
-        return term.name
-    if term.kind is TermKind.PARAMETER:
-        value = schedule.parameters.get(term.name)
-        if not isinstance(value, str):
-            raise ProblemError(f"activity '{activity}': no value for parameter '{term.name}'")
-        return value
-    return _fluent_value(relaxation, schedule, term.name, time)
-
-
-def _fluent_value(relaxation: Relaxation, schedule: CandidateSchedule, text: str, time: int) -> str:
-    """Return the object that a ground fluent holds at ``time``: the last assignment before it."""
-    problem = relaxation.problem
-    best_time, best = -1, None
-    initial = next(v for f, v in problem.initial_values.items() if str(f) == text)
-    effects = [(t, e, None) for t, e in problem.base_effects]
-    effects += [
-        (t, e, a.name)
-        for a in problem.activities
-        if a.name in schedule.times
-        for t, group in a.effects.items()
-        for e in group
-    ]
-    for timing, effect, _ in effects:
-        if str(_ground(effect.fluent, schedule.parameters)) != text:
+    relaxation: Relaxation,
+    schedule: CandidateSchedule,
+    activity: str,
+    terms: Sequence[Term],
+    *,
+    at_end: bool = False,
+) -> tuple[tuple[str, ...], Given]:
+    """Return the terms' configurations, and the decisions that they come from."""
+    names, given = [], {}
+    for term in terms:
+        if term.kind is TermKind.CONSTANT:
+            names.append(term.name)
             continue
-        if effect.is_conditional():
-            raise UnsupportedError(
-                f"the fluent '{text}' gives a waypoint but has conditional effects"
-            )
-        at = _evaluate(timing, schedule)
-        if best_time < at < time:
-            best_time, best = at, effect.value
-    value = best if best is not None else initial
-    if value.is_parameter_exp():
-        return str(schedule.parameters[value.parameter().name])
-    if not value.is_object_exp():
-        raise UnsupportedError(f"the fluent '{text}' gives a waypoint but is set to '{value}'")
-    return str(value.object().name)
-
-
-def _ground(fluent: FNode, parameters: Mapping[str, object]) -> str:
-    arguments = []
-    for argument in fluent.args:
-        if argument.is_parameter_exp():
-            arguments.append(str(parameters[argument.parameter().name]))
-        else:
-            arguments.append(str(argument))
-    name = fluent.fluent().name
-    return f"{name}({', '.join(arguments)})" if arguments else name
-
-
-def _evaluate(timing: Timing, schedule: CandidateSchedule) -> int:
-    point = timing.timepoint
-    delay = int(timing.delay)
-    if point.kind is TimepointKind.GLOBAL_START:
-        return delay
-    if point.kind is TimepointKind.GLOBAL_END:
-        return schedule.makespan + delay
-    start, end = schedule.times[point.container]
-    return (start if point.kind is TimepointKind.START else end) + delay
+        choice = relaxation.choices[activity, term, at_end]
+        if choice.variable is None:
+            names.append(choice.values[0])
+            continue
+        value = schedule.parameters.get(choice.variable)
+        if not isinstance(value, str):
+            raise ProblemError(f"activity '{activity}': no value for '{term.name}'")
+        names.append(value)
+        given[choice.variable] = value
+    return tuple(names), tuple(sorted(given.items()))

@@ -9,10 +9,11 @@ problem's own fluents does just that already (``robot_at``), it serves.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
-from unified_planning.model import Effect, FNode, Timing
+from unified_planning.model import Effect, FNode, Parameter, Timing
 from unified_planning.model.mixins.timed_conds_effs import TimedCondsEffs
-from unified_planning.model.motion import SchedulingMotionProblem
+from unified_planning.model.motion import MotionActivity, SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity, SchedulingProblem
 from unified_planning.model.scheduling.chronicle import Chronicle
 from unified_planning.model.timing import (
@@ -20,16 +21,22 @@ from unified_planning.model.timing import (
     DurationInterval,
     OpenTimeInterval,
     TimeInterval,
+    TimePointInterval,
 )
 
 from up_samp.model import UnsupportedError
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
+from up_samp.upio.choices import Choice, choose, constraints_on_one
 from up_samp.upio.rewrite import Rewriter
 
 
 @dataclass
 class Relaxation:
-    """A growing plain problem. ``state[o]`` is the fluent that tells where object ``o`` is."""
+    """A growing plain problem. ``state[o]`` is the fluent that tells where object ``o`` is.
+
+    ``choices``: what a configuration hangs on that is no constant, by its activity, its term, and
+    whether it is read at the activity's end.
+    """
 
     problem: SchedulingProblem
     snapshot: Snapshot
@@ -37,9 +44,22 @@ class Relaxation:
     state: dict[str, FNode]
     activities: dict[str, Activity] = field(default_factory=dict)
     elsewhere: dict[tuple[str, str, str], Activity] = field(default_factory=dict)
+    choices: dict[tuple[str, Term, bool], Choice] = field(default_factory=dict)
+    variables: dict[str, Parameter] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.activities = {a.name: a for a in self.problem.activities}
+        owners = (self.problem._base, *self.problem.activities)
+        self.variables = {p.name: p for owner in owners for p in owner.parameters}
+
+    def variable(self, name: str) -> Parameter:
+        """Return a decision variable by its full name."""
+        return self.variables[name]
+
+    @cached_property
+    def unary(self) -> dict[FNode, list[FNode]]:
+        """The problem's constraints on one parameter each (none of what was learned)."""
+        return constraints_on_one(self.problem)
 
 
 def relax(
@@ -72,6 +92,7 @@ def relax(
     relaxation = Relaxation(plain, snapshot, rewriter, {})
     for name in sorted(snapshot.moved()):
         _add_state(relaxation, name)
+    _agree_at_end(problem, relaxation)
     for task in snapshot.tasks if hold_static else ():
         _hold_static(relaxation, task)
     return relaxation
@@ -125,18 +146,34 @@ def _add_state(relaxation: Relaxation, name: str) -> None:
     manager = relaxation.problem.environment.expression_manager
     for task in tasks:
         activity = relaxation.activities[task.activity]
-        start = _value(relaxation, activity, task.terms[0])
-        if start != state:
-            activity.add_condition(whole(activity), manager.Equals(state, start))
-        else:
-            # reading the state itself says nothing, yet nobody else may move the object meanwhile
-            activity.add_condition(whole(activity), manager.Equals(state, state))
+        # reading the state also keeps others from moving the object meanwhile
+        start, *via = [choose(relaxation, activity, t, state=state) for t in task.terms]
+        activity.add_condition(whole(activity), manager.Equals(state, start))
         if own is None:
-            activity.add_effect(activity.end, state, _value(relaxation, activity, task.terms[-1]))
+            activity.add_effect(activity.end, state, via[-1])
     for change in changes:
         activity = relaxation.activities[change.activity]
+        goal = choose(relaxation, activity, change.term, at_end=True)
         if own is None:
-            activity.add_effect(activity.end, state, _value(relaxation, activity, change.term))
+            activity.add_effect(activity.end, state, goal)
+
+
+def _agree_at_end(problem: SchedulingMotionProblem, relaxation: Relaxation) -> None:
+    """A fluent that names a drive's goal is read at its start, and again at its end by a motion
+    effect that repeats it: it must say the same.
+    """
+    manager = relaxation.problem.environment.expression_manager
+    driven = {(t.activity, t.object): t.terms[-1] for t in relaxation.snapshot.tasks}
+    for activity in problem.activities:
+        if not isinstance(activity, MotionActivity):
+            continue
+        mine = relaxation.activities[activity.name]
+        for movable, value in activity.motion_effects.items():
+            term = driven.get((activity.name, movable.object().name))
+            if term is not None and term.kind is TermKind.FLUENT:
+                goal = choose(relaxation, mine, term)
+                at_end = TimePointInterval(Timing(0, mine.end))
+                mine.add_condition(at_end, manager.Equals(relaxation.rewriter(value), goal))
 
 
 def _hold_static(relaxation: Relaxation, task: MotionTask) -> None:
@@ -181,34 +218,6 @@ def _new_state(relaxation: Relaxation, name: str) -> FNode:
     place = problem.object(relaxation.snapshot.initial[name])
     fluent = problem.add_fluent(f"samp_at_{name}", place.type, default_initial_value=place)
     return fluent()
-
-
-def _value(relaxation: Relaxation, activity: Activity, term: Term) -> FNode:
-    manager = relaxation.problem.environment.expression_manager
-    if term.kind is TermKind.CONSTANT:
-        return manager.ObjectExp(relaxation.problem.object(term.name))
-    if term.kind is TermKind.PARAMETER:
-        for parameter in (*activity.parameters, *relaxation.problem.base_variables):
-            if parameter.name == term.name:
-                return manager.ParameterExp(parameter)
-        raise UnsupportedError(
-            f"activity '{activity.name}' uses the parameter '{term.name}' of another activity"
-        )
-    return _fluent_expression(relaxation, activity, term.name)
-
-
-def _fluent_expression(relaxation: Relaxation, activity: Activity, text: str) -> FNode:
-    for expression in _ground_fluents(relaxation.problem):
-        if str(expression) == text:
-            return expression
-    raise UnsupportedError(
-        f"activity '{activity.name}': the waypoint '{text}' must be a fluent with constant "
-        "arguments"
-    )
-
-
-def _ground_fluents(problem: SchedulingProblem) -> list[FNode]:
-    return list(problem.initial_values)
 
 
 def _tracking_fluent(

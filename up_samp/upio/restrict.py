@@ -15,11 +15,28 @@ def restrict(
     relaxation: Relaxation, snapshot: Snapshot, schedule: CandidateSchedule
 ) -> SchedulingProblem:
     """Return the relaxation with all that was learned, with presence decided as in ``schedule``:
-    present activities mandatory, others gone, static obstacles put.
+    present activities mandatory, others gone, static obstacles put, motions between the same
+    configurations.
     """
     problem = restricted(relaxation, schedule)
     _hold_static(snapshot, problem)
+    _keep_decisions(relaxation, problem, schedule)
     return problem
+
+
+def _keep_decisions(
+    relaxation: Relaxation, problem: SchedulingProblem, schedule: CandidateSchedule
+) -> None:
+    """Keep the configurations of all motions: what is found out about them is for these."""
+    manager = problem.environment.expression_manager
+    for name in sorted({c.variable for c in relaxation.choices.values() if c.variable is not None}):
+        value = schedule.parameters.get(name)
+        owner = name.rpartition(".")[0]
+        if isinstance(value, str) and (not owner or owner in schedule.times):
+            variable = manager.ParameterExp(relaxation.variable(name))
+            problem.add_constraint(
+                manager.Equals(variable, manager.ObjectExp(problem.object(value)))
+            )
 
 
 def _hold_static(snapshot: Snapshot, problem: SchedulingProblem) -> None:
@@ -62,62 +79,91 @@ def restricted(relaxation: Relaxation, schedule: CandidateSchedule) -> Schedulin
 
 
 class _PresenceFixer:
-    """Replaces presence by constants and drops what speaks of absent activities only."""
+    """Replaces presence by constants and drops what speaks of absent activities.
+
+    Start, end and parameters of an absent activity have no value; a relation over them is neither
+    true nor false, and a constraint that is not false holds (Kleene's logic, as the validator
+    reads it). So such a relation counts as true where it stands, and as false under a negation.
+    """
 
     def __init__(self, problem: SchedulingProblem, schedule: CandidateSchedule):
         self.manager = problem.environment.expression_manager
         self.present = set(schedule.times)
-        self.memo: dict[FNode, FNode] = {}
+        gone = [a for a in problem.activities if a.name not in self.present]
+        self.gone = {a.name for a in gone}
+        self.gone_parameters = {p.name for a in gone for p in a.parameters}
+        self.memo: dict[tuple[FNode, bool], FNode] = {}
 
     def constraints(self, source: Chronicle, target: Chronicle) -> None:
         """Copy constraints with presence decided."""
         target._constraints = []
         for constraint, scope in source._constraints:
-            if any(self(s).is_false() for s in scope):
+            # a scope that is not known to be true does not bind
+            if any(self(s, positive=False).is_false() for s in scope):
                 continue
             fixed = self(constraint)
             if not fixed.is_true():
-                target._constraints.append(
-                    (fixed, [s for s in map(self, scope) if not s.is_true()])
-                )
+                kept = [self(s, positive=False) for s in scope]
+                target._constraints.append((fixed, [s for s in kept if not s.is_true()]))
 
-    def __call__(self, expression: FNode) -> FNode:
-        done = self.memo.get(expression)
+    def __call__(self, expression: FNode, *, positive: bool = True) -> FNode:
+        done = self.memo.get((expression, positive))
         if done is None:
-            done = self.memo[expression] = self._fix(expression)
+            done = self.memo[expression, positive] = self._fix(expression, positive)
         return done
 
-    def _fix(self, expression: FNode) -> FNode:
+    def _fix(self, expression: FNode, positive: bool) -> FNode:
         m = self.manager
         if expression.is_present_exp():
             return m.Bool(expression.presence().container in self.present)
-        if not expression.args:
-            return expression
-        arguments = [self(a) for a in expression.args]
-        if expression.is_and():
-            kept = [a for a in arguments if not a.is_true()]
-            if any(a.is_false() for a in kept):
-                return m.FALSE()
-            return m.And(kept) if kept else m.TRUE()
-        if expression.is_or():
-            kept = [a for a in arguments if not a.is_false()]
-            if any(a.is_true() for a in kept):
-                return m.TRUE()
-            return m.Or(kept) if kept else m.FALSE()
+        if expression.is_and() or expression.is_or():
+            return self._join(expression, positive)
         if expression.is_not():
-            if arguments[0].is_bool_constant():
-                return m.Bool(not arguments[0].constant_value())
-            return m.Not(arguments[0])
+            inner = self(expression.arg(0), positive=not positive)
+            return m.Bool(not inner.constant_value()) if inner.is_bool_constant() else m.Not(inner)
         if expression.is_implies():
-            return self(m.Or(m.Not(expression.arg(0)), expression.arg(1)))
-        if expression.is_iff() and any(a.is_bool_constant() for a in arguments):
-            left, right = arguments
-            constant, other = (left, right) if left.is_bool_constant() else (right, left)
-            return other if constant.is_true() else self(m.Not(other))
-        if tuple(arguments) == tuple(expression.args):
-            return expression
-        return m.create_node(
-            node_type=expression.node_type,
-            args=tuple(arguments),
-            payload=expression._content.payload,
-        )
+            return self(m.Or(m.Not(expression.arg(0)), expression.arg(1)), positive=positive)
+        if expression.is_iff():
+            return self._fix_iff(expression, positive)
+        return m.Bool(positive) if self._unknown(expression) else expression
+
+    def _join(self, expression: FNode, positive: bool) -> FNode:
+        m = self.manager
+        decided = expression.is_or()
+        kept = []
+        for argument in expression.args:
+            fixed = self(argument, positive=positive)
+            if fixed.is_bool_constant():
+                if fixed.constant_value() == decided:
+                    return m.Bool(decided)
+            else:
+                kept.append(fixed)
+        if not kept:
+            return m.Bool(not decided)
+        return m.Or(kept) if decided else m.And(kept)
+
+    def _fix_iff(self, expression: FNode, positive: bool) -> FNode:
+        m = self.manager
+        left, right = expression.args
+        if not (self._unknown(left) or self._unknown(right)):
+            one, two = self(left), self(right)
+            for constant, other in ((one, two), (two, one)):
+                if constant.is_bool_constant():
+                    if constant.is_true():
+                        return other
+                    return m.FALSE() if other.is_true() else m.Not(other)
+            return m.Iff(one, two)
+        both = m.And(m.Implies(left, right), m.Implies(right, left))
+        return self(both, positive=positive)
+
+    def _unknown(self, expression: FNode) -> bool:
+        """Return whether something in it belongs to an absent activity."""
+        stack = [expression]
+        while stack:
+            node = stack.pop()
+            stack.extend(node.args)
+            if node.is_timing_exp() and node.timing().timepoint.container in self.gone:
+                return True
+            if node.is_parameter_exp() and node.parameter().name in self.gone_parameters:
+                return True
+        return False

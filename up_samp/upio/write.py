@@ -17,6 +17,7 @@ from up_samp.model.refinement import (
     Absent,
     Apart,
     Clause,
+    Differs,
     Elsewhere,
     End,
     Exclusive,
@@ -155,6 +156,13 @@ def _overlap(relaxation: Relaxation, literal: Overlap) -> FNode:
     )
 
 
+def _differs(relaxation: Relaxation, literal: Differs) -> FNode:
+    manager = relaxation.problem.environment.expression_manager
+    variable = manager.ParameterExp(relaxation.variable(literal.variable))
+    value = manager.ObjectExp(relaxation.problem.object(literal.value))
+    return manager.Not(manager.Equals(variable, value))
+
+
 def _timepoint(relaxation: Relaxation, ref: TimeRef) -> Any:
     activity = relaxation.activities[ref.activity]
     return activity.start if ref.end is End.START else activity.end
@@ -179,4 +187,5 @@ _LITERALS: dict[type, Callable[[Relaxation, Any], FNode]] = {
     Apart: _apart,
     Elsewhere: _elsewhere,
     Overlap: _overlap,
+    Differs: _differs,
 }

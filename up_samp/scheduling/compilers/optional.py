@@ -81,6 +81,7 @@ class _Compiler:
         certain = tuple(replace(a, optional=False) for a in problem.activities)
         self.normal = NormalForm(replace(problem, activities=certain))
         self._copies: dict[tuple[str, Expr], str] = {}
+        self.idle: dict[str, dict[Expr, Expr]] = {}
 
     def compile(self) -> Compiled:
         problem = self.problem
@@ -212,8 +213,11 @@ class _Compiler:
         if owner not in self.optional:
             return replace(condition, expression=self._expression(condition.expression))
         assert owner is not None
+        if owner not in self.idle:
+            self.idle[owner] = _idle_values(self.problem, owner)
         atoms = [e for e in subexpressions(condition.expression) if e[0] == "flu"]
-        wishes = _wishes(self.problem, condition, atoms)
+        wishes = _wishes(self.problem, condition, self.idle[owner])
+        assert wishes is not None
         slots = {
             atom: self._slot(
                 owner, self._present(owner), atom[1], self._reading_copy(atom, wishes[atom])
@@ -301,18 +305,41 @@ def _some_value(problem: PlainProblem, tpe: Type) -> Expr:
     return values_of(problem, tpe)[0]
 
 
-def _wishes(problem: PlainProblem, condition: Condition, atoms: list[Expr]) -> dict[Expr, Expr]:
-    """Return values of the fluents with which the condition holds (whatever the parameters)."""
+def _idle_values(problem: PlainProblem, owner: str) -> dict[Expr, Expr]:
+    """Return values that the parameters of an absent activity may take so that all its conditions
+    hold on private copies. Nothing else asks anything of them then.
+    """
+    conditions = [c for c in problem.conditions if c.owner == owner]
+    used = {e for c in conditions for e in subexpressions(c.expression) if e[0] == "par"}
+    own = [(("par", n), t) for n, t in problem.activity(owner).parameters if ("par", n) in used]
+    finite = [(p, t) for p, t in own if t[0] != "int" or None not in t[1:]]
+    domains = [values_of(problem, t) for _, t in finite]
+    for choice in itertools.islice(itertools.product(*domains), 10_000):
+        values = dict(zip((p for p, _ in finite), choice, strict=True))
+        if all(_wishes(problem, c, values) is not None for c in conditions):
+            return values
+    shown = ", ".join(show(c.expression) for c in conditions)
+    raise UnsupportedError(
+        f"the conditions of optional activity {owner} ({shown}): no values of its fluents and "
+        "parameters are known to satisfy them"
+    )
+
+
+def _wishes(
+    problem: PlainProblem, condition: Condition, idle: dict[Expr, Expr]
+) -> dict[Expr, Expr] | None:
+    """Return values of the fluents with which the condition holds if the parameters have their
+    ``idle`` values, whatever others do; None where none are known.
+    """
+    atoms = [e for e in subexpressions(condition.expression) if e[0] == "flu"]
     distinct = list(dict.fromkeys(atoms))
-    domains = [_candidates(problem, condition.expression, atom) for atom in distinct]
+    expression = condition.expression
+    domains = [_candidates(problem, expression, atom) for atom in distinct]
     for choice in itertools.islice(itertools.product(*domains), 100_000):
         values = dict(zip(distinct, choice, strict=True))
-        if evaluate(rewrite(condition.expression, values.get)) == TRUE:
+        if evaluate(rewrite(rewrite(expression, values.get), idle.get)) == TRUE:
             return values
-    raise UnsupportedError(
-        f"condition {show(condition.expression)} of optional activity {condition.owner}: no values "
-        "of its fluents are known to satisfy it"
-    )
+    return None
 
 
 def _candidates(problem: PlainProblem, expression: Expr, atom: Expr) -> list[Expr]:

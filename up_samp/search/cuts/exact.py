@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from up_samp.model.refinement import Refinement
-from up_samp.refinement import holds, timed
+from up_samp.refinement import holds, rules, timed
 from up_samp.search.context import Context, places_between
 from up_samp.search.cuts.failure import Failure
 from up_samp.upio import Itinerary
@@ -32,7 +32,11 @@ def or_exact(failure: Failure, found: list[Refinement]) -> list[Refinement]:
         failure.report.reason or "the group does not work as it is timed",
         strength=failure.strength,
     )
-    return [*found, exact]
+    # where others rest hangs on their decisions, too
+    itinerary = failure.itinerary
+    given = {pair for motion in itinerary.motions for pair in motion.given}
+    given |= {pair for change in itinerary.changes for pair in change.given}
+    return [*found, rules.only_given(exact, tuple(sorted(given)))]
 
 
 def rejects(context: Context, itinerary: Itinerary, refinement: Refinement) -> bool:

@@ -11,6 +11,7 @@ from up_samp.model import MotionModel, PathQuery, Placed, ScheduledMotion
 from up_samp.model.refinement import Layer, Refinement, Strength
 from up_samp.motion.planners.ompl import explore
 from up_samp.refinement import rules
+from up_samp.search.cases import MotionCase, case_of
 from up_samp.search.context import Context
 from up_samp.search.cuts.failure import Failure
 
@@ -31,63 +32,63 @@ def no_path(
     The cut is stated for all motions of equal bodies from where the tree was to where it did not
     come. ``movable`` are the configurations of those ``obstacles`` that something moves.
     """
-    activities, blockers = _explored(context, motion, obstacles)
+    cases, blockers = _explored(context, motion, obstacles)
     places = {n: c for n, c in movable.items() if n in blockers} or movable
     return [
         rules.paper_geometric(
-            (_under(motion, activity),),
+            (_under(motion, case),),
             _movers(context, places),
             places,
             why,
             layer=Layer.GEOMETRIC,
             strength=Strength.HEURISTIC,
         )
-        for activity in sorted({motion.activity, *activities})
+        for case in dict.fromkeys((case_of(context.snapshot, motion), *cases))
     ]
 
 
 def _explored(
     context: Context, motion: ScheduledMotion, obstacles: tuple[Placed, ...]
-) -> tuple[set[str], frozenset[str]]:
+) -> tuple[list[MotionCase], frozenset[str]]:
     """Return the motions that an RRT tells impossible with this one, and what blocked it."""
     body = context.snapshot.objects[motion.object].body
     planar = body.kinematics.model in (MotionModel.REEDSSHEPP, MotionModel.SE2)
     if not planar or len(motion.poses) != 2:
-        return set(), frozenset()
+        return [], frozenset()
     same = [s for s in context.by_signature if s[0] == body and len(s[1]) == 2]
     targets = {str(pose): pose for s in same for pose in s[1]}
     deadline = context.deadline.within(EXPLORE_SHARE * context.query_seconds)
     query = PathQuery(body, motion.poses, obstacles)
     found = explore(context.service.scene, query, targets, deadline, seed=context.params.seed)
     if found.goal or not context.params.equivalents:
-        return set(), found.blockers
+        return [], found.blockers
     reached = {*found.reached, str(motion.poses[0])}
-    activities = {
-        task.activity
+    cases = [
+        case
         for signature in same
         if str(signature[1][0]) in reached and str(signature[1][1]) not in reached
-        for task in context.by_signature[signature]
-        if task.avoid is None or found.blockers <= task.avoid
-    }
-    return activities, found.blockers
+        for case in context.by_signature[signature]
+        if case.task.avoid is None or found.blockers <= case.task.avoid
+    ]
+    return sorted(cases, key=lambda c: (c.activity, c.given)), found.blockers
 
 
 def takes_longer(
     context: Context,
     motion: ScheduledMotion,
-    activity: str,
+    case: MotionCase,
     units: int,
     places: Mapping[str, str],
     why: str,
     strength: Strength,
 ) -> Refinement:
-    """Return that ``activity``, equivalent to ``motion``, lasts ``units`` while others rest at
+    """Return that a ``case``, equivalent to ``motion``, lasts ``units`` while others rest at
     ``places``: RCOND -> CHTIME.
     """
     return rules.paper_temporal(
-        (_under(motion, activity),),
+        (_under(motion, case),),
         _movers(context, places),
-        {activity: units},
+        {case.activity: units},
         places,
         why,
         layer=Layer.TEMPORAL,
@@ -95,11 +96,11 @@ def takes_longer(
     )
 
 
-def _under(motion: ScheduledMotion, activity: str) -> ScheduledMotion:
-    """Return the same motion under an equivalent activity's name (a cut for one activity)."""
-    if activity == motion.activity:
-        return motion
-    return replace(motion, activity=activity, constraint=0)
+def _under(motion: ScheduledMotion, case: MotionCase) -> ScheduledMotion:
+    """Return the same motion as an equivalent case (a cut for one activity)."""
+    if case.activity == motion.activity:
+        return replace(motion, given=case.given)
+    return replace(motion, activity=case.activity, constraint=0, given=case.given)
 
 
 def group_cut(failure: Failure) -> Refinement:

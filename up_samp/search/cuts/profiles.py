@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from up_samp.model import Deadline, FixedMotion, ScheduledMotion, TimedMotion
-from up_samp.model.refinement import Refinement
+from up_samp.model.refinement import Given, Refinement
 from up_samp.model.snapshot import MotionTask
 from up_samp.refinement import rules
-from up_samp.search.context import Context, Signature
+from up_samp.search.cases import MotionCase, case_of
+from up_samp.search.context import Context
 from up_samp.search.cuts.arrivals import arrival_of, fastest
 from up_samp.search.cuts.failure import Failure
 
@@ -138,35 +139,43 @@ def _pair_cut(
         return None
     why = f"{a.activity} and {b.activity} meet when started {low} to {high} units apart"
     return [
-        rules.pair_meets(x, y, (low, high), needed_b, needed_a, why)
+        rules.only_given(
+            rules.pair_meets(x.activity, y.activity, (low, high), needed_b, needed_a, why),
+            tuple(sorted({*x.given, *y.given})),
+        )
         for x, y in _same_pairs(failure, first, second)
     ]
 
 
-def _same_pairs(failure: Failure, first: str, second: str) -> Iterator[tuple[str, str]]:
+def _same_pairs(
+    failure: Failure, first: str, second: str
+) -> Iterator[tuple[MotionCase, MotionCase]]:
     """Yield the pair and all pairs of two objects' motions that are the same to the planner."""
     context = failure.context
     a, b = failure.scheduled[first], failure.scheduled[second]
-    yield a.activity, b.activity
+    mine = case_of(context.snapshot, a), case_of(context.snapshot, b)
+    yield mine
     if not context.params.equivalents or a.constraint or b.constraint:
         return
     if not (_heeds(a, b.object) and _heeds(b, a.object)):
         return
-    for one in context.by_signature.get(_signature(failure.timed[first]), []):
-        for two in context.by_signature.get(_signature(failure.timed[second]), []):
-            pair = one.activity, two.activity
-            if one.object == two.object or pair == (a.activity, b.activity):
+    for one in context.like(a):
+        for two in context.like(b):
+            x, y = one.task, two.task
+            if x.object == y.object or (one, two) == mine or _contradict(one.given, two.given):
                 continue
-            if one.index == two.index == 0 and _heeds(one, two.object) and _heeds(two, one.object):
-                yield pair
+            if x.index == y.index == 0 and _heeds(x, y.object) and _heeds(y, x.object):
+                yield one, two
+
+
+def _contradict(one: Given, two: Given) -> bool:
+    """Return whether two motions ask for different values of one variable."""
+    values = dict(one)
+    return any(values.get(name, value) != value for name, value in two)
 
 
 def _heeds(motion: ScheduledMotion | MotionTask, name: str) -> bool:
     return motion.avoid is None or name in motion.avoid
-
-
-def _signature(motion: TimedMotion) -> Signature:
-    return motion.body, motion.poses
 
 
 def _widest(offset: int, step: int, reach: int, works: Callable[[int], bool]) -> int:

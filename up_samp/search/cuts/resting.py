@@ -8,6 +8,7 @@ from dataclasses import replace
 from up_samp.model import Rest, ScheduledMotion, TimedMotion
 from up_samp.model.refinement import Layer, Refinement, Strength
 from up_samp.refinement import rules
+from up_samp.search.cases import case_of
 from up_samp.search.context import Context
 from up_samp.search.cuts.arrivals import arrival_of
 from up_samp.search.cuts.failure import Failure
@@ -49,7 +50,7 @@ def _door_cut(
     why = f"after {name} has left {place} the motion still takes {arrival:.2f} s"
     return opened(
         context,
-        motion.activity,
+        case_of(context.snapshot, motion),
         name,
         place,
         context.units(arrival),
@@ -87,7 +88,8 @@ def rest_cuts(failure: Failure, late: str) -> list[Refinement]:
     blockers = {r.name: itinerary.place_at(context.snapshot, r.name, motion.start) for r in needed}
     units = context.units(arrival - timed.release)
     why = f"with {', '.join(sorted(blockers))} resting in its way the motion takes {units} units"
-    return [rules.slower_while(motion.activity, units, blockers, context.movers, why)]
+    cut = rules.slower_while(motion.activity, units, blockers, context.movers, why)
+    return [rules.only_given(cut, motion.given)]
 
 
 def _needed_rests(

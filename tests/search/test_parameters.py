@@ -1,0 +1,104 @@
+"""Waypoints that are parameters and fluents: what is learned for one value holds for it only."""
+
+import pytest
+from unified_planning.engines import PlanGenerationResultStatus as Status
+from unified_planning.model import Fluent
+from unified_planning.model.motion import ActivityWaypoints
+from unified_planning.shortcuts import Equals, Or
+
+from tests.search.test_end_to_end import solve
+from tests.upio.hall import Hall, write_hall
+from up_samp.scheduling.quirks import known_engines
+from up_samp.validation import validate_plan
+
+INSTALLED = ["cpsat", *(name for name, _, _ in known_engines())]
+PROVING = [name for name in INSTALLED if name != "aries"]
+
+
+def choice_of(hall, name, *places, robot=0, start=None, **keywords):
+    """Add a drive whose goal is a parameter ``to`` with a value among ``places``."""
+    activity = hall.problem.add_motion_activity(name, 1, keywords.get("optional", False))
+    activity.set_duration_bounds(1, 200)
+    to = activity.add_parameter("to", hall.place)
+    if places:
+        hall.problem.add_constraint(Or(Equals(to, hall.poses[p]) for p in places))
+    begin = hall.poses[f"left{robot}"] if start is None else start
+    activity.add_motion_constraint(ActivityWaypoints(hall.robots[robot], begin, [to]))
+    return activity, to
+
+
+def goal_of(result, activity):
+    return str(result.plan.get(activity.parameters[0]))
+
+
+def makespan(result):
+    return int(result.metrics["makespan"])
+
+
+@pytest.mark.parametrize("engine", INSTALLED)
+def test_one_value_lies_in_a_closed_room(tmp_path, engine):
+    hall = Hall(tmp_path, map_file=write_hall(tmp_path, wall_gap=None))
+    hall.pose("near", 5.5, 3.0, 0.0)
+    go, _ = choice_of(hall, "go", "right0", "near")
+    result = solve(hall.problem, engine, optimal=engine != "aries")
+    assert result.plan is not None, result.log_messages
+    assert goal_of(result, go) == "near"
+    assert makespan(result) == 5
+    assert validate_plan(hall.problem, result.plan).valid
+
+
+@pytest.mark.parametrize("engine", PROVING)
+def test_the_nearer_of_two_values_is_taken(tmp_path, engine):
+    hall = Hall(tmp_path)
+    hall.pose("near", 6.5, 3.0, 0.0)
+    go, _ = choice_of(hall, "go", "right0", "near")
+    result = solve(hall.problem, engine)
+    assert result.status is Status.SOLVED_OPTIMALLY
+    assert goal_of(result, go) == "near"
+    assert makespan(result) == 6
+    assert validate_plan(hall.problem, result.plan).valid
+
+
+@pytest.mark.parametrize("engine", INSTALLED)
+def test_a_deadline_that_only_the_nearer_value_meets(tmp_path, engine):
+    hall = Hall(tmp_path)
+    hall.pose("near", 6.5, 3.0, 0.0)
+    go, _ = choice_of(hall, "go", "right0", "near")
+    go.add_deadline(8)
+    result = solve(hall.problem, engine, optimal=engine != "aries")
+    assert result.plan is not None, result.log_messages
+    assert goal_of(result, go) == "near"
+    assert makespan(result) == 6
+
+
+@pytest.mark.parametrize("engine", PROVING)
+def test_a_waypoint_given_by_a_fluent_that_changes(tmp_path, engine):
+    hall = Hall(tmp_path)
+    hall.pose("near", 6.5, 3.0, 0.0)
+    target = Fluent("target", hall.place)
+    hall.problem.add_fluent(target, default_initial_value=hall.poses["right0"])
+    switch = hall.problem.add_activity("switch", 1, True)
+    switch.add_effect(switch.end, target, hall.poses["near"])
+    go = hall.problem.add_motion_activity("go", 1)
+    go.set_duration_bounds(1, 200)
+    go.add_motion_constraint(ActivityWaypoints(hall.robots[0], hall.poses["left0"], [target()]))
+    result = solve(hall.problem, engine)
+    assert result.status is Status.SOLVED_OPTIMALLY
+    # the switch ends at 1, is seen from 2 on, and the drive takes 6
+    assert makespan(result) == 8
+    assert validate_plan(hall.problem, result.plan).valid
+
+
+@pytest.mark.parametrize("engine", PROVING)
+def test_a_start_given_by_the_parameter_of_another_activity(tmp_path, engine):
+    hall = Hall(tmp_path)
+    hall.pose("near", 6.5, 3.0, 0.0)
+    go, to = choice_of(hall, "go", "right0", "near")
+    back = hall.problem.add_motion_activity("back", 1)
+    back.set_duration_bounds(1, 200)
+    back.add_motion_constraint(ActivityWaypoints(hall.robots[0], to, [hall.poses["left0"]]))
+    result = solve(hall.problem, engine)
+    assert result.status is Status.SOLVED_OPTIMALLY
+    assert goal_of(result, go) == "near"
+    assert makespan(result) == 13
+    assert validate_plan(hall.problem, result.plan).valid

@@ -1,0 +1,191 @@
+"""Configurations that hang on decisions: one decision variable for each, and its values.
+
+A waypoint may be a parameter of its activity, a variable, a parameter of another activity, or a
+fluent. The relaxation has one decision variable of the activity's own (or of the problem) for each:
+parameters and variables stand for themselves; what stands elsewhere gets a parameter that equals
+it. So statements about motions need to name variables and values only, and wrapped engines meet
+fluents and other activities' parameters nowhere but in one equation each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from unified_planning.model import FNode, Parameter, Timing
+from unified_planning.model.scheduling import Activity, SchedulingProblem
+from unified_planning.model.timing import TimePointInterval
+
+from up_samp.model import UnsupportedError
+from up_samp.model.snapshot import Term, TermKind
+
+if TYPE_CHECKING:
+    from up_samp.upio.relaxation import Relaxation
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The decision variable that a configuration comes from (its full name) and the names that it
+    may be; ``None``: nothing changes it, and it is always the one value.
+    """
+
+    variable: str | None
+    values: tuple[str, ...]
+
+
+def choose(
+    relaxation: Relaxation,
+    activity: Activity,
+    term: Term,
+    *,
+    at_end: bool = False,
+    state: FNode | None = None,
+) -> FNode:
+    """Return the expression for a configuration of ``activity``, and note its choice.
+
+    ``at_end``: a fluent is read at the activity's end, not at its start (motion effects). A fluent
+    that is the object's own ``state`` needs no equation: the caller's condition is one.
+    """
+    problem = relaxation.problem
+    manager = problem.environment.expression_manager
+    if term.kind is TermKind.CONSTANT:
+        return manager.ObjectExp(problem.object(term.name))
+    key = (activity.name, term, at_end)
+    known = relaxation.choices.get(key)
+    if known is None:
+        if term.kind is TermKind.PARAMETER:
+            known = _of_parameter(relaxation, activity, term.name)
+        else:
+            known = _of_fluent(relaxation, activity, term.name, at_end=at_end, state=state)
+        relaxation.choices[key] = known
+    if known.variable is None:
+        return manager.ObjectExp(problem.object(known.values[0]))
+    return manager.ParameterExp(relaxation.variable(known.variable))
+
+
+def _of_parameter(relaxation: Relaxation, activity: Activity, name: str) -> Choice:
+    problem = relaxation.problem
+    parameter = relaxation.variable(name)
+    values = _possible(relaxation, parameter)
+    owner = next((a for a in problem.activities if parameter in a.parameters), None)
+    if owner is None or owner is activity:
+        return Choice(name, values)
+    mine = _add_parameter(relaxation, activity, parameter.type)
+    manager = problem.environment.expression_manager
+    problem.add_constraint(
+        manager.Equals(mine, parameter), [a.present for a in (activity, owner) if a.optional]
+    )
+    if owner.optional:
+        # who is absent decides nothing
+        problem.add_constraint(owner.present, [activity.present] if activity.optional else [])
+    return Choice(mine.name, values)
+
+
+def _of_fluent(
+    relaxation: Relaxation, activity: Activity, text: str, *, at_end: bool, state: FNode | None
+) -> Choice:
+    problem = relaxation.problem
+    fluent = _ground_fluent(problem, activity, text)
+    values = _reachable(relaxation, fluent)
+    if len(values) == 1:
+        return Choice(None, values)
+    mine = _add_parameter(relaxation, activity, fluent.type)
+    manager = problem.environment.expression_manager
+    if fluent != state:
+        point = activity.end if at_end else activity.start
+        activity.add_condition(TimePointInterval(Timing(0, point)), manager.Equals(fluent, mine))
+    return Choice(mine.name, values)
+
+
+def _add_parameter(relaxation: Relaxation, activity: Activity, tpe: Any) -> Parameter:
+    taken = {p.name for p in activity.parameters}
+    count = 0
+    while f"{activity.name}.samp_place_{count}" in taken:
+        count += 1
+    mine: Parameter = activity.add_parameter(f"samp_place_{count}", tpe)
+    relaxation.variables[mine.name] = mine
+    return mine
+
+
+def _ground_fluent(problem: SchedulingProblem, activity: Activity, text: str) -> FNode:
+    for expression in problem.initial_values:
+        if str(expression) == text:
+            return expression
+    raise UnsupportedError(
+        f"activity '{activity.name}': the waypoint '{text}' must be a fluent with constant "
+        "arguments"
+    )
+
+
+def _reachable(relaxation: Relaxation, fluent: FNode) -> tuple[str, ...]:
+    """Return what a ground fluent may hold: its initial value and what effects may assign."""
+    problem = relaxation.problem
+    found = {problem.initial_values[fluent].object().name}
+    effects = [e for _, e in problem.base_effects]
+    effects += [e for a in problem.activities for es in a.effects.values() for e in es]
+    for effect in effects:
+        if effect.fluent.fluent() != fluent.fluent() or _surely_other(effect.fluent, fluent):
+            continue
+        if effect.value.is_object_exp():
+            found.add(effect.value.object().name)
+        elif effect.value.is_parameter_exp():
+            found |= set(_possible(relaxation, effect.value.parameter()))
+        else:
+            found |= set(_configurations(relaxation, fluent.type))
+    return tuple(sorted(found))
+
+
+def _surely_other(one: FNode, two: FNode) -> bool:
+    """Return whether two expressions of one fluent differ in a constant argument."""
+    return any(a != b and a.is_constant() for a, b in zip(one.args, two.args, strict=True))
+
+
+def _configurations(relaxation: Relaxation, tpe: Any) -> Iterable[str]:
+    known = relaxation.snapshot.configurations
+    return (o.name for o in relaxation.problem.objects(tpe) if o.name in known)
+
+
+def _possible(relaxation: Relaxation, parameter: Parameter) -> tuple[str, ...]:
+    """Return the values that no constraint on the parameter alone forbids."""
+    problem = relaxation.problem
+    manager = problem.environment.expression_manager
+    variable = manager.ParameterExp(parameter)
+
+    def allowed(name: str) -> bool:
+        put = {variable: manager.ObjectExp(problem.object(name))}
+        return not any(
+            c.substitute(put).simplify().is_false() for c in relaxation.unary.get(variable, ())
+        )
+
+    return tuple(n for n in _configurations(relaxation, parameter.type) if allowed(n))
+
+
+def constraints_on_one(problem: SchedulingProblem) -> dict[FNode, list[FNode]]:
+    """Return the constraints that speak of one parameter and nothing else, by that parameter.
+
+    They bind whenever the parameter counts: unscoped, or under its own activity's presence.
+    """
+    found: dict[FNode, list[FNode]] = {}
+    for owner in (problem._base, *problem.activities):
+        for constraint, scope in owner.scoped_constraints:
+            leaves = _leaves(constraint)
+            free = [e for e in leaves if not e.is_constant()]
+            if len(free) != 1 or not free[0].is_parameter_exp():
+                continue
+            activity = free[0].parameter().name.rpartition(".")[0]
+            if all(s.is_present_exp() and s.presence().container == activity for s in scope):
+                found.setdefault(free[0], []).append(constraint)
+    return found
+
+
+def _leaves(expression: FNode) -> set[FNode]:
+    found: set[FNode] = set()
+    stack = [expression]
+    while stack:
+        node = stack.pop()
+        if node.args and not node.is_fluent_exp():
+            stack.extend(node.args)
+        else:
+            found.add(node)
+    return found
