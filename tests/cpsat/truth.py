@@ -10,6 +10,8 @@ from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession, model
 from up_samp.scheduling.cpsat.encode import pairs, timeline
 from up_samp.scheduling.cpsat.model import ScheduleModel
+from up_samp.scheduling.cpsat.normal.form import NormalForm
+from up_samp.scheduling.cpsat.normal.presences import Presences
 from up_samp.scheduling.cpsat.problem import Watcher
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.relaxation import Collapsed
@@ -25,11 +27,13 @@ EFFORT = 0.3
 
 @contextlib.contextmanager
 def nothing_recognised():
-    """Let cpsat see neither routes nor alternatives nor circuits nor cliques."""
+    """Let cpsat see no structure, and build its model from what is written."""
     with contextlib.ExitStack() as stack:
         for owner, name, plain in (
             (search, "find_routes", lambda _: []),
-            (model, "find_groups", lambda _: []),
+            (model, "find_groups", lambda *_: []),
+            (model, "find_unary", lambda _: []),
+            (model, "normal_form", lambda parts: NormalForm(parts, Presences({}))),
             (timeline.Timeline, "_wants_circuit", lambda _: False),
             (pairs.Disjunctions, "add_written", lambda *_: False),
             (pairs, "_pair", lambda *_: None),

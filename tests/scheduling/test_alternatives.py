@@ -99,7 +99,7 @@ def test_sharing_times_changes_no_optimum(block, monkeypatch):
         problem = random_shop(seed)
         shared = CpsatSession(problem, workers=1).solve(Deadline.after(30))
         with monkeypatch.context() as patch:
-            patch.setattr(model, "find_groups", lambda _: [])
+            patch.setattr(model, "find_groups", lambda *_: [])
             plain = CpsatSession(problem, workers=1).solve(Deadline.after(30))
         assert shared.status is plain.status, seed
         if shared.status is ScheduleStatus.OPTIMAL:

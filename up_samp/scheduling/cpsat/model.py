@@ -21,6 +21,7 @@ from up_samp.scheduling.cpsat.encode.store import (
     TRUE,
     Form,
     Lin,
+    Literal,
     Store,
     compare,
     constant,
@@ -28,6 +29,9 @@ from up_samp.scheduling.cpsat.encode.store import (
 )
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars, Terms, World, int_bounds
 from up_samp.scheduling.cpsat.encode.timeline import Timeline
+from up_samp.scheduling.cpsat.encode.unary import find_unary
+from up_samp.scheduling.cpsat.normal.form import normal_form
+from up_samp.scheduling.cpsat.normal.presences import Presences
 from up_samp.scheduling.cpsat.problem import Additions
 
 _PLACEHOLDER = 10**7
@@ -53,6 +57,8 @@ class ScheduleModel:
         self.parameters: dict[str, tuple[int, Any, str | None]] = {}
         self.timelines: dict[Any, Timeline | NumericTimeline] = {}
         self.read_counts: dict[Any, int] = {}
+        self.replaced: set[Any] = set()
+        """State variables that disjunctions say as well: they have no timeline."""
         self.objective: Lin | None = None
         self.disjunctions = Disjunctions()
         self.limit = 0
@@ -62,6 +68,8 @@ class ScheduleModel:
         self.stated: list[Form] = []
         """What was stated at first, but for disjunctions of pairs."""
         self._leaders: dict[str, str] = {}
+        self._presences = Presences({})
+        self._decisions: dict[str, Literal] = {}
         self._deadline = Deadline.never()
         self._is_exact = False
         """Whether the makespan variable is the latest end, not only at least that."""
@@ -80,7 +88,9 @@ class ScheduleModel:
         world.makespan = store.integer(0, _PLACEHOLDER)
         self.horizon.timepoint(world.makespan)
         self.states = States(world, self.problem, constant(0))
-        groups = find_groups(parts)
+        form = normal_form(parts)
+        parts, self._presences = form.parts, form.presences
+        groups = find_groups(parts, form.presences)
         self._leaders = {name: g.names[0] for g in groups for name in g.names}
         for activity in self._in_time(parts.activities):
             self._activity(activity)
@@ -97,6 +107,7 @@ class ScheduleModel:
         for span, condition, owner in self._in_time(parts.conditions):
             self.states.add_condition(span, condition, self._vars(owner))
         rest = self.disjunctions.take(forms, list(world.activities.values()))
+        self._unary()
         rest = self.stated = merge_forms(rest, self.exact)
         self.disjunctions.emit(store, self.states)
         self.disjunctions.emit_loads(store, Lin(((world.makespan, 1),)))
@@ -179,7 +190,7 @@ class ScheduleModel:
 
     def _activity(self, activity: Activity, limit: int = _PLACEHOLDER) -> None:
         store = self.store
-        present = store.boolean() if activity.optional else TRUE
+        present = self._decision(activity.name) if activity.optional else TRUE
         needs = () if present == TRUE else (present,)
         leader = self.world.activities.get(self._leaders.get(activity.name, ""))
         times = ((store.integer(0, limit), 1),) if leader is None else leader.start.terms
@@ -197,6 +208,13 @@ class ScheduleModel:
         self.states.register(made)
         if limit == _PLACEHOLDER:
             self.horizon.activity(made)
+
+    def _decision(self, name: str) -> Literal:
+        """Return the literal that decides about an optional activity or a bool variable."""
+        leader = self._presences.of(name)
+        if leader not in self._decisions:
+            self._decisions[leader] = self.store.boolean()
+        return self._decisions[leader]
 
     def _alternatives(self, groups: list[Group]) -> dict[int, tuple[int, ...]]:
         """Tell who is never there together; return presence -> presences of its exact group."""
@@ -257,7 +275,9 @@ class ScheduleModel:
 
     def _parameter(self, parameter: Any, activity: Activity | None) -> None:
         tpe = parameter.type
-        if tpe.is_bool_type() or tpe.is_user_type():
+        if tpe.is_bool_type() and activity is None:
+            var = self._decision(parameter.name)
+        elif tpe.is_bool_type() or tpe.is_user_type():
             values = self.world.values_of(tpe)
             if not values:
                 raise UnsupportedError(f"there is no object for '{parameter.name}' of type '{tpe}'")
@@ -314,11 +334,23 @@ class ScheduleModel:
         for var in self.time_variables():
             self.store.rebound(var, 0, self.limit)
 
+    def _unary(self) -> None:
+        """Take what is said by resources, levels and states that are for one as disjunctions."""
+        for unary in find_unary(self.states):
+            self.disjunctions.add_unary(unary)
+            if unary.whole:
+                self.replaced.add(unary.key)
+                self.read_counts[unary.key] = len(self.states.vars[unary.key].reads)
+
     def _timelines(self) -> None:
         for key, state in self._in_time(self.states.vars.items()):
             if key[0] not in self.states.dynamic:
                 continue
             timeline = self.timelines.get(key)
+            if key in self.replaced:
+                if len(state.reads) == self.read_counts[key]:
+                    continue
+                self.replaced.discard(key)  # what reads it now is not said by disjunctions
             if timeline is None:
                 apart = self.disjunctions.apart
                 timeline = (

@@ -13,12 +13,13 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from unified_planning.model import Effect, FNode, TimeInterval, Timing
+from unified_planning.model import Effect, FNode, Timing
 from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.scheduling import Activity
 from unified_planning.model.timing import TimepointKind
 
 from up_samp.scheduling.cpsat.encode.store import Cmp, Form, Literal, disjunction
+from up_samp.scheduling.cpsat.normal.presences import Presences, decided
 from up_samp.scheduling.cpsat.problem import Additions
 
 
@@ -33,25 +34,25 @@ class Group:
     exact: bool
 
 
-def find_groups(parts: Additions) -> list[Group]:
-    """Return disjoint groups of alternatives among what is written."""
+def find_groups(parts: Additions, presences: Presences | None = None) -> list[Group]:
+    """Return disjoint groups of alternatives among the parts of a normal form.
+
+    :param presences: who is there together (nobody, if not given).
+    """
+    members = _Members(parts, presences or Presences({}))
     lengths = {a.name: _length(a) for a in parts.activities if a.optional}
     exclusive: set[frozenset[str]] = set()
     wanted: dict[tuple[str, ...], None] = {}
     for constraint, scope, _ in parts.constraints:
         if any(not s.is_true() for s in scope):
             continue
-        if constraint.node_type is Op.PRESENT_EXP:
-            wanted[(str(constraint.presence().container),)] = None
-        if constraint.node_type is not Op.OR:
-            continue
-        names = _all_present(constraint.args)
+        names = _all_decided(_options(constraint))
         if names is not None:
-            wanted[names] = None
-        elif len(constraint.args) == 2 and all(a.node_type is Op.NOT for a in constraint.args):
-            pair = _all_present([a.arg(0) for a in constraint.args])
-            if pair is not None:
-                exclusive.add(frozenset(pair))
+            wanted.update(dict.fromkeys(members.in_parallel(names)))
+            continue
+        pair = _excluded(constraint)
+        if pair is not None:
+            exclusive |= members.products(pair)
     candidates = [(names, True) for names in wanted]
     candidates += [(names, False) for names in _switched_once(parts)]
     groups, taken = [], set[str]()
@@ -67,13 +68,56 @@ def find_groups(parts: Additions) -> list[Group]:
     return groups
 
 
-def _all_present(nodes: Iterable[FNode]) -> tuple[str, ...] | None:
-    """Return whose presences ``nodes`` are; ``None`` if they are anything else."""
+class _Members:
+    """Which activities are decided about together, by any of their names."""
+
+    def __init__(self, parts: Additions, presences: Presences) -> None:
+        optional = {a.name for a in parts.activities if a.optional}
+        self._presences = presences
+        self._of = {
+            leader: [n for n in names if n in optional]
+            for leader, names in presences.classes().items()
+        }
+
+    def of(self, name: str) -> list[str]:
+        """Return the activities that are there exactly when ``name`` is."""
+        leader = self._presences.of(name)
+        return self._of.get(leader, [name])
+
+    def in_parallel(self, names: tuple[str, ...]) -> list[tuple[str, ...]]:
+        """Return the tuples of activities of which one is there because one of ``names`` is: the
+        first ones of all, the second ones, and so on.
+        """
+        return list(zip(*(self.of(name) for name in names), strict=False))
+
+    def products(self, pair: tuple[str, str]) -> set[frozenset[str]]:
+        """Return the pairs of activities that exclude each other because ``pair`` does."""
+        one, other = (self.of(name) for name in pair)
+        return {frozenset((a, b)) for a in one for b in other if a != b}
+
+
+def _options(node: FNode) -> list[FNode]:
+    return list(node.args) if node.node_type is Op.OR else [node]
+
+
+def _excluded(node: FNode) -> tuple[str, str] | None:
+    """Return the two that a constraint does not let be there together."""
+    if node.node_type is not Op.OR or len(node.args) != 2:
+        return None
+    if any(a.node_type is not Op.NOT for a in node.args):
+        return None
+    names = _all_decided([a.arg(0) for a in node.args])
+    return None if names is None else (names[0], names[1])
+
+
+def _all_decided(nodes: Iterable[FNode]) -> tuple[str, ...] | None:
+    """Return whose presences (or bool variables) ``nodes`` are; ``None`` if they are not."""
     names = []
     for node in nodes:
-        if node.node_type is not Op.PRESENT_EXP:
+        name = decided(node)
+        if name is None:
             return None
-        names.append(str(node.presence().container))
+        names.append(name)
     return tuple(names) if len(set(names)) == len(names) else None
 
 
@@ -110,7 +154,7 @@ def _switched_once(parts: Additions) -> list[tuple[str, ...]]:
             continue
         if len({o.name for o in owners}) < len(owners):
             continue
-        before = {needs.get((o.name, fluent)) for o in owners}
+        before = {_needed(t, o, needs.get((o.name, fluent), ())) for t, _, o in effects if o}
         given = {e.value if _plain(t, e, o) else None for t, e, o in effects}
         if len(before) == 1 and None not in before | given and not before & given:
             found.append(tuple(o.name for o in owners))
@@ -118,10 +162,10 @@ def _switched_once(parts: Additions) -> list[tuple[str, ...]]:
 
 
 def _plain(timing: Timing, effect: Effect, owner: Activity | None) -> bool:
-    """Return whether an effect assigns a constant at its activity's end, whatever else holds."""
+    """Return whether an effect assigns a constant, at a known time, whatever else holds."""
     return (
         owner is not None
-        and timing == Timing(0, owner.end)
+        and _offset(timing, owner) is not None
         and effect.is_assignment()
         and not effect.forall
         and effect.condition.is_true()
@@ -129,35 +173,44 @@ def _plain(timing: Timing, effect: Effect, owner: Activity | None) -> bool:
     )
 
 
-def _needs(parts: Additions) -> dict[tuple[str, FNode], FNode]:
-    """Return (activity, fluent) -> value that it needs within a unit of time of its end."""
-    found = {}
+def _offset(timing: Timing, owner: Activity) -> int | None:
+    """Return a timing as a time after the start of an activity of fixed length."""
+    length = _length(owner)
+    if length is None or timing.timepoint.container != owner.name or timing.delay % 1:
+        return None
+    at_end = timing.timepoint.kind is TimepointKind.END
+    return int(timing.delay) + (length if at_end else 0)
+
+
+def _needs(parts: Additions) -> dict[tuple[str, FNode], list[tuple[int, int, FNode]]]:
+    """Return (activity, fluent) -> (first and last time after the start, value that it needs)."""
+    found: dict[tuple[str, FNode], list[tuple[int, int, FNode]]] = {}
     for span, condition, owner in parts.conditions:
-        length = None if owner is None else _length(owner)
-        if owner is None or length is None or condition.node_type is not Op.EQUALS:
+        if owner is None or condition.node_type is not Op.EQUALS:
             continue
         fluent, value = condition.args
         if not fluent.is_fluent_exp():
             fluent, value = value, fluent
-        if fluent.is_fluent_exp() and value.is_constant() and _until_end(span, owner, length):
-            found[owner.name, fluent] = value
+        if not fluent.is_fluent_exp() or not value.is_constant():
+            continue
+        ends = (_offset(span.lower, owner), _offset(span.upper, owner))
+        if ends[0] is not None and ends[1] is not None:
+            first, last = ends[0] + span.is_left_open(), ends[1] - span.is_right_open()
+            if first <= last:
+                found.setdefault((owner.name, fluent), []).append((first, last, value))
     return found
 
 
-def _until_end(span: TimeInterval, owner: Activity, length: int) -> bool:
-    """Return whether a span's last instant is the activity's end or the one before."""
-    upper = span.upper
-    if span.is_left_open() or span.is_right_open() or upper.timepoint.container != owner.name:
-        return False
-    offset = math.inf
-    if upper.timepoint.kind is TimepointKind.START:
-        offset = upper.delay
-    elif upper.timepoint.kind is TimepointKind.END:
-        offset = length + upper.delay
-    if not 0 <= length - offset <= 1:
-        return False
-    # from the start on there may be no instant at all, and then nothing is needed
-    return span.lower == upper or (span.lower == Timing(0, owner.start) and offset >= 0)
+def _needed(
+    timing: Timing, owner: Activity, needs: Iterable[tuple[int, int, FNode]]
+) -> FNode | None:
+    """Return the value needed until an effect, or until the unit before it."""
+    offset = _offset(timing, owner)
+    if offset is None:
+        return None
+    return next(
+        (v for first, last, v in needs if first <= offset and 0 <= offset - last <= 1), None
+    )
 
 
 # -- what is said of every member --------------------------------------------------------------

@@ -20,18 +20,25 @@ def graph_of(edges: Iterable[tuple[int, int]]) -> Graph:
     return graph
 
 
-def clique_cover(graph: Graph, covered: Iterable[Iterable[int]] = ()) -> list[list[int]]:
+def clique_cover(
+    graph: Graph,
+    covered: Iterable[Iterable[int]] = (),
+    spare: Iterable[tuple[int, int]] = (),
+) -> list[list[int]]:
     """Return cliques that together contain every edge (greedy, deterministic).
 
-    Edges inside the sets in ``covered`` need not be in any. Each clique is grown from an edge that
-    is not covered yet, first by vertices that cover many uncovered edges; that finds the intended
-    sets of unary resources at once.
+    Edges in ``spare`` and inside the sets in ``covered`` need not be in any. Each clique is grown
+    from an edge that is not covered yet, first by vertices that cover many uncovered edges; that
+    finds the intended sets of unary resources at once.
     """
     uncovered = {v: set(others) for v, others in graph.items()}
     for done in covered:
         members = set(done)
         for a in members & uncovered.keys():
             uncovered[a] -= members
+    for a, b in spare:
+        uncovered[a].discard(b)
+        uncovered[b].discard(a)
     cliques = []
     for v in sorted(graph, key=lambda x: (-len(graph[x]), x)):
         while uncovered[v]:

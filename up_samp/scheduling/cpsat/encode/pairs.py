@@ -13,6 +13,7 @@ from up_samp.scheduling.cpsat.encode.cliques import clique_cover, graph_of
 from up_samp.scheduling.cpsat.encode.states import States
 from up_samp.scheduling.cpsat.encode.store import TRUE, Cmp, Form, Lin, Store, indicator_sum
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
+from up_samp.scheduling.cpsat.encode.unary import Unary
 
 Owners = dict[int, list[ActivityVars]]
 """Time variable -> the activities that have it (alternatives share theirs)."""
@@ -87,6 +88,12 @@ class Disjunctions:
             self._timepoints[node] = (timing.timepoint.kind, name) if plain else None
         return self._timepoints[node]
 
+    def add_unary(self, unary: Unary) -> None:
+        """Remember that no two members of a unary resource overlap."""
+        for a, b in itertools.combinations(unary.members, 2):
+            if (a, b) not in self.exclusive:
+                self._note(a, b, unary.gap)
+
     def _note(self, a: int, b: int, gap: int) -> None:
         key = (min(a, b), max(a, b))
         self.gaps[key] = max(gap, self.gaps.get(key, 0))
@@ -129,8 +136,9 @@ class Disjunctions:
         for pair, gap in self.gaps.items():
             by_gap.setdefault(gap, []).append(pair)
         for gap, pairs in sorted(by_gap.items()):
-            done = self._emit_groups(store, gap, set(pairs))
-            for clique in clique_cover(graph_of(pairs), done):
+            wider = [pair for pair, other in self.gaps.items() if other > gap]
+            done = self._emit_groups(store, gap, {*pairs, *wider})
+            for clique in clique_cover(graph_of([*pairs, *wider]), done, wider):
                 members = [self._activities[i] for i in clique]
                 self.cliques.append((gap, members))
                 self.members.append(frozenset(clique))

@@ -57,6 +57,9 @@ class Route:
     entries: dict[int, list[Entry]] = field(default_factory=dict)
     still: frozenset[Key] = frozenset()
     """State variables that nobody may change in the midst of any move."""
+    lag: int = 1
+    """Time from the end of a move until its effect is seen: 1 for an effect at the end, 0 for one
+    at ``end - 1``."""
     hops: dict[tuple[int, int], list[Move]] = field(default_factory=dict)
     travel: dict[tuple[int, int], int] = field(default_factory=dict)
     _via: dict[tuple[int, int], int] = field(default_factory=dict)
@@ -68,7 +71,7 @@ class Route:
     @property
     def step(self) -> int:
         """Time from the end of a move to what may come next (its effect has to be seen)."""
-        return max(1, self.gap)
+        return max(self.lag, self.gap)
 
     def rest(self, stop: str) -> int:
         """Return the time from the end of a move to a stop."""
@@ -219,9 +222,10 @@ def _route(
     if not timeline.linked or len(timeline.linked) < len(state.writes) or state.initial is None:
         return None
     owners = {w.owner for w in state.writes}
-    if not all(_plain(model, link) for link in timeline.linked.values()):
+    links = list(timeline.linked.values())
+    if not all(_plain(model, link) for link in links):
         return None
-    found = next(((g, c) for g, c in cliques if owners <= c), None)
+    found = max((c for c in cliques if owners <= c[1]), key=lambda c: len(c[1]), default=None)
     if found is None:
         return None
     gap, members = found
@@ -237,18 +241,27 @@ def _route(
     stops, late = _stops(model, state, members - {o for o in owners if o is not None})
     if not stops:
         return None
-    route = Route(state.key, gap, state.initial, _final(model, state), moves, stops, late)
+    lag = 1 + min(_delay(model, link) for link in links)
+    final = _final(model, state)
+    route = Route(state.key, gap, state.initial, final, moves, stops, late, lag=lag)
     _find_entries(model, route, timeline)
     route.still = _find_still(model, timeline)
     return route
 
 
 def _plain(model: ScheduleModel, link: Link) -> bool:
-    """Return whether a transition needs its origin from its start and arrives at its end."""
+    """Return whether a transition needs its origin from its start and arrives in the end."""
     activity = model.states.activity(link.write.owner or 0)
     starts = model.states.difference(link.read.lo, activity.start) == (0, 0)
-    ends = model.states.difference(link.write.time, activity.end) == (0, 0)
+    low, high = model.states.difference(link.write.time, activity.end)
+    ends = low == high <= 0
     return starts and ends and link.write.active == activity.present and not link.write.value.terms
+
+
+def _delay(model: ScheduleModel, link: Link) -> int:
+    """Return the time of a transition's effect, counted from its end (0 or less)."""
+    activity = model.states.activity(link.write.owner or 0)
+    return model.states.difference(link.write.time, activity.end)[0]
 
 
 def _stops(
@@ -287,10 +300,11 @@ def _find_entries(model: ScheduleModel, route: Route, timeline: Timeline) -> Non
     for link in timeline.linked.values():
         activity = model.states.activity(link.write.owner or 0)
         into.setdefault(link.write.value.const, []).append(activity)
+    movers = {link.write.owner for link in timeline.linked.values()}
     needs: dict[int, dict[tuple[Key, frozenset[int]], int]] = {}
     for other in model.states.vars.values():
-        if other is timeline.state:
-            continue
+        if any(write.owner in movers for write in other.writes):
+            continue  # a move may provide what it needs itself
         for read in other.reads:
             if read.owner is not None and read.allowed is not None and not read.guard_only:
                 activity = model.states.activity(read.owner)
@@ -304,6 +318,8 @@ def _find_entries(model: ScheduleModel, route: Route, timeline: Timeline) -> Non
             mine = set(needs.get(activity.index, {}))
             common = mine if common is None else common & mine
         for key, allowed in sorted(common or (), key=str):
+            if model.states.vars[key].initial in allowed:
+                continue
             lead = min(needs[a.index][key, allowed] for a in activities)
             route.entries.setdefault(place, []).append(Entry(key, allowed, max(0, lead)))
 

@@ -1,0 +1,218 @@
+"""The steps of the normal form, each alone."""
+
+import pytest
+from unified_planning.model import (
+    ClosedTimeInterval,
+    LeftOpenTimeInterval,
+    TimePointInterval,
+    Timing,
+)
+from unified_planning.model.scheduling import SchedulingProblem
+from unified_planning.shortcuts import (
+    LE,
+    LT,
+    And,
+    BoolType,
+    Equals,
+    Iff,
+    Implies,
+    IntType,
+    Not,
+    Or,
+    UserType,
+)
+
+from up_samp.scheduling.cpsat.encode.alternatives import Group, find_groups
+from up_samp.scheduling.cpsat.encode.unary import find_unary
+from up_samp.scheduling.cpsat.model import ScheduleModel
+from up_samp.scheduling.cpsat.normal.clauses import split
+from up_samp.scheduling.cpsat.normal.form import normal_form
+from up_samp.scheduling.cpsat.normal.timings import anchor
+from up_samp.scheduling.cpsat.problem import Watcher
+
+
+@pytest.fixture
+def problem():
+    return SchedulingProblem("p")
+
+
+def three(problem, duration=2):
+    return [problem.add_activity(n, duration, optional=True) for n in "abc"]
+
+
+def built(problem):
+    model = ScheduleModel(problem)
+    model.build(Watcher(problem).look())
+    return model
+
+
+# -- clauses ---------------------------------------------------------------------------------------
+def clauses(problem, node, scope=()):
+    return [(c, s) for c, s, _ in split([(node, list(scope), None)])]
+
+
+def test_conjunctions_are_split_and_implications_become_scopes(problem):
+    a, b, c = three(problem)
+    first, second = LE(a.end, b.start), LE(b.end, c.start)
+    node = Implies(And(a.present, b.present), And(first, Implies(c.present, second)))
+    assert clauses(problem, node) == [
+        (first, [a.present, b.present]),
+        (second, [a.present, b.present, c.present]),
+    ]
+
+
+def test_absences_in_a_disjunction_become_a_scope(problem):
+    a, b, _ = three(problem)
+    order = LE(a.end, b.start)
+    assert clauses(problem, Or(Not(a.present), order), [b.present]) == [
+        (order, [b.present, a.present])
+    ]
+
+
+def test_exclusions_are_said_pair_by_pair(problem):
+    a, b, c = three(problem)
+    pairs = [
+        (Or(Not(a.present), Not(b.present)), []),
+        (Or(Not(a.present), Not(c.present)), []),
+    ]
+    others = Not(Or(b.present, c.present))
+    assert clauses(problem, others, [a.present]) == pairs
+    assert clauses(problem, Implies(a.present, others)) == pairs
+    assert clauses(problem, Not(And(a.present, Or(b.present, c.present)))) == pairs
+
+
+def test_overlap_that_is_denied_is_a_disjunction(problem):
+    a, b, _ = three(problem)
+    denied = Not(And(a.present, b.present, LT(a.start, b.end), LT(b.start, a.end)))
+    ((node, scope),) = clauses(problem, denied)
+    assert node == Or(LE(b.end, a.start), LE(a.end, b.start))
+    assert scope == [a.present, b.present]
+
+
+def test_splitting_twice_changes_nothing(problem):
+    a, b, c = three(problem)
+    written = [
+        (Implies(a.present, Not(Or(b.present, c.present))), [], None),
+        (And(Or(LE(a.end, b.start), LE(b.end, a.start)), a.present), [c.present], None),
+        (Iff(a.present, b.present), [], None),
+    ]
+    once = split(written)
+    assert split(once) == once
+    assert len(once) == 5
+
+
+# -- presences -------------------------------------------------------------------------------------
+def test_variables_that_decide_presences_make_alternatives(problem):
+    """One robot builds all parts of a kit: a bool variable for each robot (Iff with each part)."""
+    parts = {r: [problem.add_activity(f"load{r}{k}", 3, optional=True) for k in "xy"] for r in "12"}
+    builds = {r: problem.add_variable(f"builds{r}", BoolType()) for r in "12"}
+    for r, loads in parts.items():
+        for load in loads:
+            problem.add_constraint(Iff(builds[r], load.present))
+    problem.add_constraint(Or(builds["1"], builds["2"]))
+    problem.add_constraint(Not(And(builds["1"], builds["2"])))
+    form = normal_form(Watcher(problem).look())
+    assert (
+        form.presences.of("builds1") == form.presences.of("load1y") != form.presences.of("load2y")
+    )
+    assert find_groups(form.parts, form.presences) == [
+        Group(("load1x", "load2x"), True),
+        Group(("load1y", "load2y"), True),
+    ]
+    model = built(problem)
+    made = model.world.activities
+    assert made["load1x"].present == made["load1y"].present == model.parameters["builds1"][0]
+
+
+# -- timings ---------------------------------------------------------------------------------------
+def test_effects_late_in_a_fixed_length_are_told_from_the_end(problem):
+    flag = problem.add_fluent("flag", BoolType(), default_initial_value=False)
+    a = problem.add_activity("a", 6)
+    for delay in (1, 5, 6):
+        a.add_effect(Timing(delay, a.start), flag(), delay > 1)
+    times = [t for t, _, _ in anchor(Watcher(problem).look().effects)]
+    assert times == [Timing(1, a.start), Timing(-1, a.end), Timing(0, a.end)]
+
+
+# -- unary resources -------------------------------------------------------------------------------
+def unary(problem):
+    found = find_unary(built(problem).states)
+    return [(u.gap, u.members, u.whole) for u in found]
+
+
+def test_half_of_a_resource_is_shared_and_more_is_not(problem):
+    room = problem.add_fluent("room", IntType(0, 4), default_initial_value=4)
+    for activity, amount in zip(three(problem), (3, 3, 2), strict=True):
+        activity.uses(room(), amount)
+    assert unary(problem) == [(0, (0, 1), False)]
+
+
+def test_a_resource_for_one_says_all_unless_it_is_read(problem):
+    free = problem.add_fluent("free", IntType(0, 1), default_initial_value=1)
+    activities = three(problem)
+    for activity in activities:
+        activity.uses(free())
+    assert unary(problem) == [(0, (0, 1, 2), True)]
+    activities[0].add_condition(
+        TimePointInterval(Timing(0, activities[0].start)), Equals(free(), 1)
+    )
+    assert unary(problem) == [(0, (0, 1, 2), False)]
+
+
+def busy(problem, activities):
+    flag = problem.add_fluent("busy", BoolType(), default_initial_value=False)
+    for a in activities:
+        a.add_condition(TimePointInterval(Timing(0, a.start)), Not(flag()))
+        a.add_effect(a.start, flag(), True)
+        a.add_effect(a.end, flag(), False)
+    return flag
+
+
+def test_a_busy_flag_keeps_a_unit_between(problem):
+    busy(problem, three(problem))
+    assert unary(problem) == [(1, (0, 1, 2), True)]
+
+
+def test_a_busy_flag_that_somebody_clears_says_nothing(problem):
+    activities = three(problem)
+    flag = busy(problem, activities[:2])
+    activities[2].add_effect(activities[2].start, flag(), False)
+    assert unary(problem) == []
+
+
+def test_a_flag_that_is_not_needed_free_says_nothing(problem):
+    flag = problem.add_fluent("busy", BoolType(), default_initial_value=False)
+    for a in three(problem):
+        a.add_effect(a.start, flag(), True)
+        a.add_effect(a.end, flag(), False)
+    assert unary(problem) == []
+
+
+def test_a_state_that_is_held_after_it_is_set_is_for_one(problem):
+    holder = UserType("holder")
+    names = [problem.add_object(n, holder) for n in "xyz"]
+    held = problem.add_fluent("held", holder, default_initial_value=names[0])
+    for a, name in zip(three(problem), names, strict=True):
+        a.add_effect(a.start, held(), name)
+        a.add_condition(
+            LeftOpenTimeInterval(Timing(0, a.start), Timing(0, a.end)), Equals(held(), name)
+        )
+    assert unary(problem) == [(1, (0, 1, 2), False)]
+
+
+def test_a_state_that_is_kept_until_it_changes_is_for_one(problem):
+    state = problem.add_fluent("state", IntType(0, 3), default_initial_value=0)
+    for i, a in enumerate(three(problem)):
+        a.add_condition(
+            ClosedTimeInterval(Timing(0, a.start), Timing(0, a.end)), Equals(state(), i)
+        )
+        a.add_effect(a.end, state(), i + 1)
+    assert unary(problem) == [(1, (0, 1, 2), False)]
+
+
+def test_a_state_that_is_needed_at_the_start_alone_is_not_for_one(problem):
+    state = problem.add_fluent("state", IntType(0, 3), default_initial_value=0)
+    for i, a in enumerate(three(problem)):
+        a.add_condition(TimePointInterval(Timing(0, a.start)), Equals(state(), i))
+        a.add_effect(a.end, state(), i + 1)
+    assert unary(problem) == []

@@ -1,0 +1,80 @@
+"""How a problem is written changes neither its optimum nor what is recognised in it."""
+
+import pytest
+
+from cpsat.styles import LOOSE, TIGHT, Style, shop, small, store, write
+from cpsat.truth import answer, collapsed_optimum, nothing_recognised
+from up_samp.model import Deadline, ScheduleStatus
+from up_samp.scheduling.cpsat import CpsatSession
+from up_samp.scheduling.cpsat.model import ScheduleModel
+from up_samp.scheduling.cpsat.problem import Watcher
+from up_samp.scheduling.cpsat.routing.detection import find_routes
+
+ALL = [*TIGHT, *LOOSE]
+FLUENTS = [style for style in ALL if style.fluents != "precedences"]
+
+
+def disagreements(seed, styles):
+    """Return style -> what differs from the truth, on the small site of a seed."""
+    site, found, wrong = small(seed), {}, {}
+    for style in styles:
+        problem = write(site, style)
+        with nothing_recognised():
+            truth = answer(problem)
+        mine = answer(problem)
+        if truth is None or mine is None:
+            continue
+        if mine != truth:
+            wrong[str(style)] = f"{mine}, but in truth {truth}"
+        if found.setdefault(style.units, truth) != truth:
+            wrong[str(style)] = f"{truth}, but in other styles {found[style.units]}"
+        bound = collapsed_optimum(problem)
+        if bound is not None and truth[1] is not None and not 0 <= bound <= truth[1]:
+            wrong[str(style)] = f"bound {bound} above {truth[1]}"
+    return wrong
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_every_style_of_a_small_site_has_the_same_optimum(seed):
+    assert disagreements(seed, ALL[seed % 2 :: 2]) == {}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("block", range(10))
+def test_every_style_of_many_small_sites_has_the_same_optimum(block):
+    for seed in range(100 + 10 * block, 110 + 10 * block):
+        assert disagreements(seed, ALL) == {}, seed
+
+
+@pytest.mark.parametrize("style", FLUENTS, ids=str)
+def test_routes_are_found_in_every_style(style):
+    """Each robot is a traveller whose stops are its tasks and door openings."""
+    for site in (shop(2, 1, 2), store(2, 2)):
+        problem = write(site, style)
+        model = ScheduleModel(problem)
+        model.build(Watcher(problem).look())
+        routes = find_routes(model)
+        assert [len(r.moves) for r in routes] == [len(site.ways(r)) for r in range(2)]
+        assert all(len(r.stops) == len(site.tasks) + len(site.doors) for r in routes)
+        assert all((r.step, r.gap) == style.units[:2] for r in routes)
+        assert all(len(r.entries) == len(site.doors) for r in routes)
+        assert len(model.exact) == 2 * len(site.tasks)
+
+
+def test_a_shop_is_proven_optimal_in_every_style():
+    site, makespans = shop(2, 2, 1), {}
+    for style in FLUENTS:
+        report = CpsatSession(write(site, style), workers=1).solve(Deadline.after(60))
+        assert report.status is ScheduleStatus.OPTIMAL, str(style)
+        makespans.setdefault(style.units, set()).add(report.schedule.makespan)
+    assert all(len(some) == 1 for some in makespans.values())
+    assert min(makespans[0, 0, 0, 0]) < min(makespans[1, 1, 1, 1])
+
+
+def test_a_tight_style_loses_no_unit_where_a_loose_one_does():
+    site = store(1, 1)
+    tight, loose = (
+        CpsatSession(write(site, style), workers=1).solve(Deadline.after(60)).schedule.makespan
+        for style in (Style(), Style(arrive="end"))
+    )
+    assert 0 < loose - tight <= len(site.roads)

@@ -1,0 +1,1 @@
+"""One form for what problems say in many styles; structure is recognised in that form only."""

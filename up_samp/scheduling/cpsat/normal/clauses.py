@@ -1,0 +1,108 @@
+"""Constraints as scoped clauses: each with the presences it needs in its scope.
+
+``And`` is split, negations are pushed inwards, ``Implies(present, c)`` and ``Or(Not(present), c)``
+become scopes, and who cannot be there together is said pair by pair. Each rewritten constraint is
+equivalent to what was written, so models may be built from either.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from unified_planning.model import FNode
+from unified_planning.model.operators import OperatorKind as Op
+from unified_planning.model.scheduling import Activity
+
+Constraint = tuple[FNode, list[FNode], "Activity | None"]
+
+
+def split(constraints: Iterable[Constraint]) -> list[Constraint]:
+    """Return ``constraints`` as clauses (idempotent; their order is kept)."""
+    return [clause for constraint in constraints for clause in _clauses(*constraint)]
+
+
+def _clauses(node: FNode, scope: list[FNode], owner: Activity | None) -> Iterator[Constraint]:
+    if not scope and node.node_type is Op.OR and _is_pair(node):
+        yield node, scope, owner  # by far the most frequent ones, as they are
+        return
+    heads: list[FNode] = []
+    for part in scope:
+        heads += _conjuncts(part)
+    heads = list(dict.fromkeys(heads))
+    for rest, more in _scoped(_inwards(node)):
+        every = list(dict.fromkeys([*heads, *more]))
+        if rest is None and len(every) <= 2 and all(_is_presence(p) for p in every):
+            manager = node.environment.expression_manager
+            yield manager.Or([manager.Not(p) for p in every]), [], owner
+        elif rest is None:
+            yield node.environment.expression_manager.FALSE(), every, owner
+        else:
+            yield rest, every, owner
+
+
+def _is_pair(node: FNode) -> bool:
+    return all(a.node_type in (Op.LE, Op.LT, Op.PRESENT_EXP) for a in node.args)
+
+
+def _is_presence(node: FNode) -> bool:
+    return bool(node.node_type is Op.PRESENT_EXP)
+
+
+def _conjuncts(node: FNode) -> list[FNode]:
+    if node.node_type is Op.AND:
+        return [part for arg in node.args for part in _conjuncts(arg)]
+    return [] if node.is_true() else [node]
+
+
+def _inwards(node: FNode, positive: bool = True) -> FNode:
+    """Return ``node`` (or its negation) without ``Implies`` and with ``Not`` on atoms only."""
+    kind, manager = node.node_type, node.environment.expression_manager
+    if kind is Op.NOT:
+        return _inwards(node.arg(0), not positive)
+    if kind in (Op.AND, Op.OR):
+        parts = [_inwards(a, positive) for a in node.args]
+        return manager.And(parts) if (kind is Op.AND) == positive else manager.Or(parts)
+    if kind is Op.IMPLIES:
+        parts = [_inwards(node.arg(0), not positive), _inwards(node.arg(1), positive)]
+        return manager.Or(parts) if positive else manager.And(parts)
+    if positive:
+        return node
+    if kind is Op.LE:
+        return manager.LT(node.arg(1), node.arg(0))
+    if kind is Op.LT:
+        return manager.LE(node.arg(1), node.arg(0))
+    if kind is Op.BOOL_CONSTANT:
+        return manager.Bool(not node.bool_constant_value())
+    return manager.Not(node)
+
+
+def _scoped(node: FNode) -> Iterator[tuple[FNode | None, list[FNode]]]:
+    """Yield (what must hold, presences that it needs); ``None`` is never."""
+    if node.node_type is Op.AND:
+        for part in node.args:
+            yield from _scoped(part)
+        return
+    if node.is_true():
+        return
+    options = _disjuncts(node)
+    absent = [o.arg(0) for o in options if o.node_type is Op.NOT and _is_presence(o.arg(0))]
+    rest = [
+        o
+        for o in options
+        if not (o.node_type is Op.NOT and _is_presence(o.arg(0))) and not o.is_false()
+    ]
+    if not rest:
+        yield None, absent
+    elif len(rest) == 1 and (rest[0].node_type is Op.AND):
+        # p or (a and b) is (p or a) and (p or b)
+        for part, more in _scoped(rest[0]):
+            yield part, [*absent, *more]
+    else:
+        whole = node.environment.expression_manager.Or(rest) if len(rest) > 1 else rest[0]
+        yield whole, absent
+
+
+def _disjuncts(node: FNode) -> list[FNode]:
+    if node.node_type is Op.OR:
+        return [part for arg in node.args for part in _disjuncts(arg)]
+    return [node]
