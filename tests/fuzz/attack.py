@@ -1,0 +1,132 @@
+"""Solve a random problem, judge what comes back, and try to refute every proof."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import psutil
+from unified_planning.engines import PlanGenerationResultStatus as Status
+from unified_planning.engines.mixins.oneshot_planner import OptimalityGuarantee
+from unified_planning.shortcuts import OneshotPlanner, get_environment
+
+from tests.fuzz.problems import SECONDS, Case, build, limited
+from up_samp.validation import validate_plan
+
+get_environment().credits_stream = None
+PROVEN = (Status.SOLVED_OPTIMALLY, Status.UNSOLVABLE_PROVEN)
+SLACK = 2.0
+"""Seconds that a run may take beyond its limit, on a machine with nothing else to do."""
+
+
+@dataclass
+class Findings:
+    """What came of one problem. ``wrong`` has a line for each thing that must not be."""
+
+    seed: int
+    engine: str
+    status: str = ""
+    kind: str = ""
+    makespan: int | None = None
+    seconds: float = 0.0
+    overrun: float = 0.0
+    attacks: int = 0
+    wrong: list[str] = field(default_factory=list)
+    counts: Counter = field(default_factory=Counter)
+
+
+def attack(case: Case, folder: Path, *, engine="cpsat", timeout=10.0, attackers=None) -> Findings:
+    """Solve ``case`` and attack the answer with each of the ``attackers`` (engine, parameters)."""
+    found = Findings(case.seed, engine)
+    before = _state()
+    result = _solve(case, folder, engine, timeout, found, optimal=True)
+    if result is not None:
+        found.status = result.status.name
+        found.kind = (result.metrics or {}).get("bound_kind", "").partition(" ")[0]
+        _judge(case, folder, result, found)
+        if result.status in PROVEN:
+            _refute(case, folder, result, found, timeout, attackers or ATTACKERS)
+    _leftovers(before, found)
+    return found
+
+
+ATTACKERS = (
+    ("cpsat", {"seed": 7, "query_seconds": 4.0}),
+    ("cpsat", {"seed": 3, "bounds_first": False, "certificates": False}),
+    ("aries", {"seed": 1}),
+)
+"""Other seeds, engines and knowledge, each asked for any plan at all that the proof rules out."""
+
+
+def _solve(case, folder, engine, timeout, found, *, optimal, **params):
+    problem = build(case, folder)
+    settings = {"seconds_per_unit": SECONDS, "query_seconds": 1.0} | params
+    guarantee = OptimalityGuarantee.SOLVED_OPTIMALLY
+    proves = engine in ("cpsat", "aries-opt")
+    began = time.monotonic()
+    try:
+        with OneshotPlanner(
+            name=f"samp-refine[{engine}]",
+            params=settings if proves and optimal else settings | {"optimal": optimal and proves},
+            **({"optimality_guarantee": guarantee} if proves and optimal else {}),
+        ) as planner:
+            result = planner.solve(problem, timeout=timeout)
+    except Exception as error:
+        found.wrong.append(f"{engine}: exception {type(error).__name__}: {error}")
+        return None
+    seconds = time.monotonic() - began
+    found.seconds += seconds
+    found.overrun = max(found.overrun, seconds - timeout)
+    return result
+
+
+def _judge(case: Case, folder: Path, result, found: Findings) -> None:
+    if result.status is Status.INTERNAL_ERROR:
+        said = "; ".join(m.message for m in result.log_messages or [])
+        found.wrong.append(f"internal error: {said}")
+    if result.plan is None:
+        return
+    verdict = validate_plan(build(case, folder), result.plan, seconds_per_unit=SECONDS)
+    found.makespan = int(result.metrics["makespan"])
+    if not verdict.valid:
+        found.wrong.append(f"invalid plan: {verdict.violations[0]}")
+
+
+def _refute(case, folder, result, found, timeout, attackers) -> None:
+    """Ask others for a plan that the proof says cannot be."""
+    harder = case
+    if result.status is Status.SOLVED_OPTIMALLY:
+        harder = limited(case, found.makespan - 1)
+    for engine, params in attackers:
+        found.attacks += 1
+        other = _solve(harder, folder, engine, timeout, found, optimal=False, **params)
+        if other is None or other.plan is None:
+            continue
+        verdict = validate_plan(build(harder, folder), other.plan, seconds_per_unit=SECONDS)
+        if verdict.valid:
+            claim = f"{result.status.name} {found.makespan} ({found.kind})"
+            found.wrong.append(f"{claim}: {engine} {params} has {other.metrics['makespan']}")
+        else:
+            found.wrong.append(f"{engine}: invalid plan: {verdict.violations[0]}")
+
+
+def _state() -> tuple[set[int], set[str]]:
+    children = {p.pid for p in psutil.Process().children(recursive=True)}
+    return children, set(os.listdir(tempfile.gettempdir()))
+
+
+def _leftovers(before, found: Findings) -> None:
+    processes, files = _state()
+    gone = time.monotonic() + 3.0
+    while processes - before[0] and time.monotonic() < gone:
+        time.sleep(0.05)
+        processes, files = _state()
+    if processes - before[0]:
+        found.wrong.append(f"processes left behind: {sorted(processes - before[0])}")
+    left = {f for f in files - before[1] if "samp" in f or "aries" in f}
+    if left:
+        found.wrong.append(f"files left behind: {sorted(left)}")

@@ -1,0 +1,44 @@
+"""Random problems in several styles: no invalid plan, no false proof, no exception, nothing left
+behind. ``benchmarks/reliability/fuzz.py`` runs thousands of them.
+"""
+
+import tempfile
+
+import pytest
+
+from tests.fuzz.attack import ATTACKERS, attack
+from tests.fuzz.problems import build, random_case
+
+
+@pytest.fixture(autouse=True)
+def own_folder(tmp_path, monkeypatch):
+    """What others leave in the temporary folder is not ours."""
+    (tmp_path / "tmp").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_few_problems(tmp_path, seed):
+    found = attack(random_case(seed), tmp_path, timeout=6.0, attackers=ATTACKERS[:2])
+    assert found.wrong == []
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("engine", ["cpsat", "aries", "aries-opt"])
+@pytest.mark.parametrize("first", range(1000, 1100, 20))
+def test_many_problems(tmp_path, engine, first):
+    wrong = {}
+    for seed in range(first, first + 20):
+        found = attack(random_case(seed), tmp_path, engine=engine)
+        if found.wrong:
+            wrong[seed] = found.wrong
+    assert wrong == {}
+
+
+def test_the_generator_uses_every_style(tmp_path):
+    cases = [random_case(seed) for seed in range(60)]
+    for field, count in (("obstacles", 3), ("state", 2), ("offset", 2), ("choice", 2)):
+        assert len({getattr(c.style, field) for c in cases}) == count
+    assert {len(c.robots) for c in cases} == {1, 2, 3, 4}
+    assert any(build(c, tmp_path).activities[0].parameters for c in cases[:20])
