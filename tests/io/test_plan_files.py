@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from unified_planning.engines import PlanGenerationResult, PlanGenerationResultStatus
 from unified_planning.model.motion import SE2, SE2Path, SE2WithControlsPath
 from unified_planning.plans import MotionSchedule
 
@@ -16,6 +17,7 @@ from up_samp.io import (
     plan_from_dict,
     plan_to_dict,
     read_plan,
+    result_to_dict,
     write_plan,
 )
 from up_samp.io.sampling import FILE_STEP, path_trajectory, rows_trajectory, trajectory_rows
@@ -104,6 +106,30 @@ def test_seconds_per_unit_scales_changes_not_activities(made):
     assert data["changes"][0]["time"] == 5
     assert data["makespan"] == 26
     assert data["seconds_per_unit"] == 0.5
+
+
+@pytest.mark.parametrize("unit", [0.5, 1 / 3, 2.5e-3, 60.0])
+def test_results_are_written_in_the_unit_that_they_were_planned_with(made, unit):
+    """``metrics`` of a result of any engine, or the plan itself, know the unit."""
+    status = PlanGenerationResultStatus.SOLVED_SATISFICING
+    result = PlanGenerationResult(
+        status, made.plan, "e", {"seconds_per_unit": repr(unit), "makespan": "26"}
+    )
+    data = result_to_dict(made.problem, result)
+    assert data["seconds_per_unit"] == unit
+    assert data["changes"][0]["time"] == pytest.approx(10 * unit, abs=1e-6)
+    with pytest.raises(ProblemError, match="was made with seconds_per_unit"):
+        result_to_dict(made.problem, result, seconds_per_unit=7.0)
+    own = plan_from_dict(made.problem, data)
+    assert own.seconds_per_unit == unit
+    assert dump_plan(plan_to_dict(made.problem, own)) == dump_plan(
+        {**data, "engine": "", "status": ""}
+    )
+
+
+def test_a_result_without_a_unit_has_seconds(made):
+    result = PlanGenerationResult(PlanGenerationResultStatus.SOLVED_SATISFICING, made.plan, "e")
+    assert result_to_dict(made.problem, result)["seconds_per_unit"] == 1
 
 
 def test_round_trip_through_a_file(data, made, tmp_path):

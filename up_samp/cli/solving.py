@@ -88,7 +88,7 @@ def solve_and_show(problem: SchedulingProblem, args: argparse.Namespace) -> int:
     if result.plan is None:
         _explain_failure(problem, result, seconds)
         return 1
-    plan = result_to_dict(problem, result, seconds_per_unit=args.seconds_per_unit)
+    plan = result_to_dict(problem, result)
     print(schedule_table(plan))
     print()
     print(_summary(plan, result, seconds))

@@ -68,7 +68,11 @@ def _to_result(engine: Any, problem: Any, report: ScheduleReport) -> PlanGenerat
     promised = problem.quality_metrics and engine.satisfies(OptimalityGuarantee.SOLVED_OPTIMALLY)
     if status is PlanGenerationResultStatus.SOLVED_SATISFICING and promised and report.late:
         status = PlanGenerationResultStatus.TIMEOUT  # with the best plan until then
-    metrics = {"seconds_scheduler": f"{report.seconds:.3f}", "preset": engine.params.preset}
+    metrics = {
+        "seconds_scheduler": f"{report.seconds:.3f}",
+        "preset": engine.params.preset,
+        "seconds_per_unit": repr(engine.params.seconds_per_unit),
+    }
     if report.bound is not None:
         metrics["lower_bound"] = str(report.bound)
     if plan is not None and report.schedule is not None:

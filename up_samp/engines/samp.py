@@ -287,7 +287,7 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
             "seconds_scheduler": f"{history.seconds_scheduler:.3f}",
             "seconds_motion": f"{history.seconds_motion:.3f}",
             "seconds_total": f"{context.deadline.elapsed():.3f}",
-            "seconds_per_unit": f"{self.params.seconds_per_unit:g}",
+            "seconds_per_unit": repr(self.params.seconds_per_unit),
         }
         if context.incumbent is not None:
             makespan = context.incumbent.schedule.makespan

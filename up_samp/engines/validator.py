@@ -60,10 +60,11 @@ class SampValidator(Engine, PlanValidatorMixin):
     A schedule is valid if it is so by the PDDL 2.1 reading of effects and conditions or by the
     one of Definition 3 (see ``up_samp.validation.semantics``; ``metrics["reading"]`` says which):
     Unified Planning does not say what it means, and its own recorded plans need the second one.
-    ``seconds_per_unit`` is the length of one unit of schedule time (s).
+    ``seconds_per_unit`` is the length of one unit of schedule time (s), by default the one that the
+    plan was made with (1 where it says none).
     """
 
-    def __init__(self, seconds_per_unit: float = 1.0, **options: Any) -> None:
+    def __init__(self, seconds_per_unit: float | None = None, **options: Any) -> None:
         Engine.__init__(self)
         PlanValidatorMixin.__init__(self)
         if options:
@@ -99,9 +100,10 @@ class SampValidator(Engine, PlanValidatorMixin):
         if not isinstance(problem, SchedulingProblem) or not isinstance(plan, Schedule):
             raise ProblemError("samp-validator judges schedules of scheduling problems")
         motion = isinstance(problem, SchedulingMotionProblem)
-        verdict, values = judge_plan(
-            problem, plan, motion=motion, seconds_per_unit=self._seconds_per_unit
-        )
+        unit = self._seconds_per_unit
+        if unit is None:
+            unit = getattr(plan, "seconds_per_unit", 1.0)
+        verdict, values = judge_plan(problem, plan, motion=motion, seconds_per_unit=unit)
         accepted = verdict.valid or verdict.definition3
         reading = "PDDL 2.1" if verdict.valid else "Definition 3" if accepted else "none"
         return ValidationResult(

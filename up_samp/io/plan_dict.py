@@ -40,17 +40,19 @@ def plan_to_dict(
     engine: str = "",
     status: str = "",
     lower_bound: float | None = None,
-    seconds_per_unit: float = 1.0,
+    seconds_per_unit: float | None = None,
 ) -> PlanDict:
     """Return ``plan`` as a self-contained dictionary: who is where, at every instant.
 
     ``engine``, ``status`` (a name such as ``SOLVED_OPTIMALLY``) and ``lower_bound`` (proven bound
     on the makespan, schedule units) are written down as they are given. Activities are in schedule
-    units of ``seconds_per_unit`` s, everything about motions in s, m and rad in the map's world
+    units of ``seconds_per_unit`` s (by default the plan's own, or 1 where it has none), everything about motions in s, m and rad in the map's world
     frame. The order of everything is that of the problem; motions are in the order of their start.
 
-    Raises :class:`ProblemError` where the plan does not fit the problem.
+    Raises :class:`ProblemError` where the plan does not fit the problem, or was made with another
+    unit than ``seconds_per_unit``.
     """
+    seconds_per_unit = _unit(seconds_per_unit, getattr(plan, "seconds_per_unit", None))
     snapshot = snapshot_of(problem, seconds_per_unit)
     activities = _activities(problem, plan)
     times = {a["name"]: (a["start"], a["end"]) for a in activities}
@@ -62,7 +64,8 @@ def plan_to_dict(
         "status": status,
         "makespan": max((end for _, end in times.values()), default=0),
         "lower_bound": _plain(lower_bound),
-        "seconds_per_unit": _plain(seconds_per_unit),
+        # not rounded: it is multiplied with times of any size
+        "seconds_per_unit": int(seconds_per_unit) if seconds_per_unit % 1 == 0 else seconds_per_unit,
         "map": {"yaml": None if snapshot.map_file is None else os.path.abspath(snapshot.map_file)},
         "objects": [_object(o, snapshot) for o in snapshot.objects.values()],
         "activities": activities,
@@ -79,14 +82,19 @@ def result_to_dict(
     problem: SchedulingProblem,
     result: PlanGenerationResult,
     *,
-    seconds_per_unit: float = 1.0,
+    seconds_per_unit: float | None = None,
 ) -> PlanDict:
     """Return the plan of an engine's result as :func:`plan_to_dict` does, with the engine's name,
-    status and the ``lower_bound`` of its metrics. Raises :class:`ProblemError` without a plan.
+    status and the ``lower_bound`` of its metrics. The length of a unit is the one that the engine
+    planned with. Raises :class:`ProblemError` without a plan, or if ``seconds_per_unit`` differs.
     """
     if result.plan is None:
         raise ProblemError(f"{result.engine_name} found no plan ({result.status.name})")
-    bound = (result.metrics or {}).get("lower_bound")
+    metrics = result.metrics or {}
+    bound = metrics.get("lower_bound")
+    known = metrics.get("seconds_per_unit")
+    if known is not None and getattr(result.plan, "seconds_per_unit", None) is None:
+        seconds_per_unit = _unit(seconds_per_unit, float(known))
     return plan_to_dict(
         problem,
         result.plan,
@@ -95,6 +103,17 @@ def result_to_dict(
         lower_bound=None if bound in (None, "", "None") else float(bound),
         seconds_per_unit=seconds_per_unit,
     )
+
+
+def _unit(wanted: float | None, known: float | None) -> float:
+    """Return the length of a schedule unit (s) that the caller names and the plan was made with."""
+    if known is None:
+        return 1.0 if wanted is None else wanted
+    if wanted is not None and not math.isclose(wanted, known):
+        raise ProblemError(
+            f"the plan was made with seconds_per_unit={known:g}, not {wanted:g}: leave it out"
+        )
+    return known
 
 
 def snapshot_of(problem: SchedulingProblem, seconds_per_unit: float) -> Snapshot:

@@ -26,7 +26,8 @@ class SampSchedule(MotionSchedule):  # type: ignore[misc]
     """A ``MotionSchedule`` that knows when each robot is where.
 
     ``trajectories`` maps activities to trajectories in s from the plan's start (an activity that
-    moves several objects: ``activity#k`` for its k-th further constraint).
+    moves several objects: ``activity#k`` for its k-th further constraint). One unit of its schedule
+    is ``seconds_per_unit`` s.
     """
 
     def __init__(
@@ -36,9 +37,11 @@ class SampSchedule(MotionSchedule):  # type: ignore[misc]
         motion_paths: Mapping[Any, Any],
         trajectories: Mapping[str, Trajectory],
         environment: Environment,
+        seconds_per_unit: float = 1.0,
     ):
         super().__init__(activities, dict(assignment), dict(motion_paths), environment)
         self.trajectories: dict[str, Trajectory] = dict(trajectories)
+        self.seconds_per_unit = seconds_per_unit
 
 
 def trajectory_key(task: MotionTask) -> str:
@@ -73,6 +76,7 @@ def build_plan(
         paths,
         trajectories,
         problem.environment,
+        snapshot.seconds_per_unit,
     )
 
 
