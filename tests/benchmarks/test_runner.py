@@ -83,7 +83,7 @@ def test_a_run_that_does_not_end_is_killed_with_its_children(monkeypatch, tmp_pa
         "p = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(60)']);"
         f"open({str(pid_file)!r}, 'w').write(str(p.pid)); time.sleep(60)"
     )
-    monkeypatch.setattr(runner, "ENTRY", ("-c", script))
+    monkeypatch.setattr(runner, "ENTRY", script)
     began = time.monotonic()
     record = runner.execute(RunSpec("jobshop-r1-j1-m1", "x", timeout=0.5).to_dict(), grace=1.0)
     assert time.monotonic() - began < 10
@@ -107,7 +107,7 @@ def test_memory_is_limited(monkeypatch):
         "import sys, json; from up_samp.benchmarks.one_run import limit_memory;"
         "limit_memory(json.load(sys.stdin)['memory']); x = bytearray(2_000_000_000)"
     )
-    monkeypatch.setattr(runner, "ENTRY", ("-c", script))
+    monkeypatch.setattr(runner, "ENTRY", script)
     record = runner.execute(RunSpec("jobshop-r1-j1-m1", "x", memory=1000).to_dict())
     assert record["status"] == "CRASH"
     assert "MemoryError" in record["error"]

@@ -14,7 +14,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -28,6 +27,7 @@ from tqdm import tqdm
 from up_samp.benchmarks.one_run import machine, versions
 from up_samp.benchmarks.runs import Record, RunSpec
 from up_samp.model import EngineError
+from up_samp.system import child
 
 RECORDS = "runs.jsonl"
 """Name of the file of records in a sweep's folder."""
@@ -38,8 +38,8 @@ WARM_UP = "logistics-dc-oc-r2-i2"
 GRACE = 60.0
 """Seconds beyond its timeout that a run may take to start, build, validate and end."""
 
-ENTRY = ("-m", "up_samp.benchmarks.one_run")
-"""Arguments of Python that start a run's process."""
+ENTRY = "from up_samp.benchmarks.one_run import main\nmain()"
+"""What a run's process does."""
 
 Work = Callable[[dict[str, Any]], Record]
 
@@ -72,14 +72,13 @@ def execute(spec: dict[str, Any], grace: float = GRACE) -> Record:
 
 def _in_process(run: RunSpec, out: Path, folder: str, limit: float) -> tuple[int | None, str]:
     """Start the run and wait ``limit`` s at most; return exit status (None: killed) and stderr."""
-    command = [sys.executable, *ENTRY, str(out)]
     with open(Path(folder) / "stderr", "w+b") as errors:
         process = subprocess.Popen(
-            command,
+            child.command(ENTRY, [str(out)]),
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=errors,
-            env={**os.environ, "TMPDIR": folder},
+            env=child.environment({"TMPDIR": folder}),
             start_new_session=True,
         )
         with _lock:

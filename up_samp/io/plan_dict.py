@@ -46,8 +46,9 @@ def plan_to_dict(
 
     ``engine``, ``status`` (a name such as ``SOLVED_OPTIMALLY``) and ``lower_bound`` (proven bound
     on the makespan, schedule units) are written down as they are given. Activities are in schedule
-    units of ``seconds_per_unit`` s (by default the plan's own, or 1 where it has none), everything about motions in s, m and rad in the map's world
-    frame. The order of everything is that of the problem; motions are in the order of their start.
+    units of ``seconds_per_unit`` s (by default the plan's own, or 1 where it has none), everything
+    about motions in s, m and rad in the map's world frame. The order of everything is that of the
+    problem; motions are in the order of their start.
 
     Raises :class:`ProblemError` where the plan does not fit the problem, or was made with another
     unit than ``seconds_per_unit``.
@@ -56,6 +57,7 @@ def plan_to_dict(
     snapshot = snapshot_of(problem, seconds_per_unit)
     activities = _activities(problem, plan)
     times = {a["name"]: (a["start"], a["end"]) for a in activities}
+    whole = seconds_per_unit % 1 == 0
     data: PlanDict = {
         "format": FORMAT,
         "version": VERSION,
@@ -65,7 +67,7 @@ def plan_to_dict(
         "makespan": max((end for _, end in times.values()), default=0),
         "lower_bound": _plain(lower_bound),
         # not rounded: it is multiplied with times of any size
-        "seconds_per_unit": int(seconds_per_unit) if seconds_per_unit % 1 == 0 else seconds_per_unit,
+        "seconds_per_unit": int(seconds_per_unit) if whole else seconds_per_unit,
         "map": {"yaml": None if snapshot.map_file is None else os.path.abspath(snapshot.map_file)},
         "objects": [_object(o, snapshot) for o in snapshot.objects.values()],
         "activities": activities,

@@ -9,25 +9,14 @@ import select
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 import weakref
-from pathlib import Path
 from typing import IO, Any
 
 from up_samp.model import Deadline, EngineError
 from up_samp.scheduling.worker import _LENGTH, Answer, Task, send
-
-_BOOT = """
-import sys, types
-package = types.ModuleType("up_samp")
-package.__path__ = [sys.argv.pop()]
-sys.modules["up_samp"] = package
-from up_samp.scheduling.worker import main
-main()
-"""
-# the worker needs none of what ``import up_samp`` registers: it starts in half a second without
+from up_samp.system import child
 
 _GRACE = 0.5
 """Seconds that an engine gets beyond its deadline to hand over what it has."""
@@ -47,14 +36,12 @@ class WorkerProcess:
     def __init__(self) -> None:
         self._folder = tempfile.mkdtemp(prefix="up-samp-")
         self._errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 (closed in _end)
-        environment = {**os.environ, "TMPDIR": self._folder, "TMP": self._folder}
-        environment["PYTHONPATH"] = os.pathsep.join(p for p in sys.path if p)
         self._process = subprocess.Popen(
-            [sys.executable, "-c", _BOOT, str(Path(__file__).parents[1])],
+            child.command(child.bare("up_samp.scheduling.worker")),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._errors,
-            env=environment,
+            env=child.environment({"TMPDIR": self._folder, "TMP": self._folder}),
             start_new_session=True,
         )
         self._end = weakref.finalize(self, _end, self._process, self._folder, self._errors)
