@@ -1,42 +1,72 @@
 """What is compiled before time limits run, and how that is known."""
 
+import logging
 import os
+import signal
+import subprocess
+import time
 
 import pytest
 
+from up_samp.geometry import kernel_cache
 from up_samp.model import MotionModel
 from up_samp.motion import compile as module
+from up_samp.system import child, folders
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "_cache_folder", lambda: tmp_path)
-    monkeypatch.setattr(module, "PARTS", dict.fromkeys(module.PARTS, lambda: None))
-    return tmp_path
+    """An empty cache folder, and parts that compile nothing but leave a file."""
+    monkeypatch.setenv(folders.VARIABLE, str(tmp_path))
+    monkeypatch.setattr(module, "_compiled_here", set())
+    kernels = tmp_path / "kernels"
+
+    def compiles(part):
+        def work():
+            kernel_cache._write(kernels / f"{part}-0.kernel", part.encode() * 100)
+
+        return work
+
+    monkeypatch.setattr(module, "PARTS", {p: compiles(p) for p in module.PARTS})
+    return kernels
 
 
-def test_every_part_is_missing_until_it_was_compiled(folder):
+def compiled(part, monkeypatch):
+    """Compile a part as another process would."""
+    module.compile_part(part)
+    monkeypatch.setattr(module, "_compiled_here", set())
+
+
+def test_every_part_is_missing_until_it_was_compiled(folder, monkeypatch):
     assert module.missing(module.PARTS) == tuple(module.PARTS)
-    module.compile_part("groups")
+    compiled("groups", monkeypatch)
     assert "groups" not in module.missing(module.PARTS)
     assert "paths" in module.missing(module.PARTS)
 
 
-def test_a_changed_source_has_to_be_compiled_again(folder, tmp_path, monkeypatch):
-    kernels, plain = tmp_path / "kernels.py", tmp_path / "plain.py"
-    kernels.write_text("@njit")
-    plain.write_text("pass")
-    monkeypatch.setattr(module, "_sources", lambda: [kernels, plain])
-    module.compile_part("paths")
-    assert module.missing(["paths"]) == ()
-    os.utime(plain, (1, 1))
-    assert module.missing(["paths"]) == ()
-    os.utime(kernels, (1, 1))
+@pytest.mark.parametrize("harm", ["gone", "empty", "cut", "bit", "mark"])
+def test_a_part_whose_files_are_gone_or_damaged_is_compiled_again(folder, monkeypatch, harm):
+    compiled("paths", monkeypatch)
+    file = folder / "paths-0.kernel"
+    data = file.read_bytes()
+    if harm == "gone":
+        file.unlink()
+    elif harm == "mark":
+        next(folder.glob("paths-*.json")).write_text("{")
+    else:
+        flipped = data[:-1] + bytes([data[-1] ^ 1])
+        file.write_bytes({"empty": b"", "cut": data[:60], "bit": flipped}[harm])
     assert module.missing(["paths"]) == ("paths",)
-    module.compile_part("paths")
+    compiled("paths", monkeypatch)
     assert module.missing(["paths"]) == ()
-    monkeypatch.setattr(module.numba, "__version__", "another")
+
+
+def test_other_sources_or_another_numba_have_marks_of_their_own(folder, monkeypatch):
+    compiled("paths", monkeypatch)
+    monkeypatch.setattr(module, "_state_of_code", lambda: "another")
     assert module.missing(["paths"]) == ("paths",)
+    compiled("paths", monkeypatch)
+    assert module.missing(["paths"]) == ()
 
 
 def test_a_part_that_fails_leaves_no_mark(folder, monkeypatch):
@@ -47,8 +77,76 @@ def test_a_part_that_fails_leaves_no_mark(folder, monkeypatch):
     with pytest.raises(RuntimeError, match="no compiler"):
         module.compile_part("paths")
     assert module.missing(["paths"]) == ("paths",)
+    assert not module.is_compiling()
 
 
-def test_each_part_is_compiled_once_for_several_motion_models():
-    parts = [p for chain in module.chains_for(MotionModel) for p in chain]
-    assert sorted(parts) == sorted(module.PARTS)
+def test_parts_are_those_that_a_problem_needs():
+    assert sorted(module.parts_for(MotionModel)) == sorted(module.PARTS)
+    assert module.parts_for([MotionModel.REEDSSHEPP], several=False) == ["paths"]
+    assert module.parts_for([MotionModel.SE3]) == []
+
+
+def test_a_child_that_fails_is_told_of_and_its_work_done_here(folder, monkeypatch, caplog):
+    monkeypatch.setattr(module.child, "bare", lambda name: "import sys; sys.exit('out of memory')")
+    told = []
+    with caplog.at_level(logging.WARNING):
+        module.precompile(several=False, report=lambda *ready: told.append(ready))
+    assert "exit status 1, out of memory" in caplog.text
+    assert (folder / "paths-0.kernel").exists()
+    assert module.missing(["paths"]) == ()
+    assert told == [(1, 1)]
+
+
+def test_a_folder_that_cannot_be_written_costs_a_word_and_no_more(tmp_path, monkeypatch, caplog):
+    blocked = tmp_path / "file"
+    blocked.write_text("not a folder")
+    monkeypatch.setenv(folders.VARIABLE, str(blocked / "cache"))
+    monkeypatch.setattr(module, "_compiled_here", set())
+    ran = []
+    monkeypatch.setattr(module, "PARTS", {p: lambda p=p: ran.append(p) for p in module.PARTS})
+    with caplog.at_level(logging.WARNING):
+        module.precompile(several=False)
+        module.precompile(several=False)
+    assert ran == ["paths"]
+    assert "set UP_SAMP_CACHE_DIR to a writable folder" in caplog.text
+
+
+PARENT = """
+import sys
+from up_samp.motion import compile as module
+module.parts_for = lambda *a, **k: ["paths", "groups", "search"]
+module.precompile()
+"""
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc"), reason="looks into /proc")
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
+def test_nothing_is_left_when_the_first_compile_is_ended(tmp_path, how):
+    parent = subprocess.Popen(
+        child.command("import signal; signal.signal(2, signal.default_int_handler)" + PARENT),
+        env=child.environment({folders.VARIABLE: str(tmp_path), "UP_SAMP_TEST": str(tmp_path)}),
+        stderr=subprocess.DEVNULL,
+    )
+    until = time.monotonic() + 60
+    while len(family(tmp_path)) < 4 and time.monotonic() < until:
+        time.sleep(0.05)
+    assert len(family(tmp_path)) == 4
+    parent.send_signal(how)
+    parent.wait(timeout=30)
+    until = time.monotonic() + 20
+    while family(tmp_path) and time.monotonic() < until:
+        time.sleep(0.05)
+    assert family(tmp_path) == []
+
+
+def family(mark):
+    """The processes that have this test's mark in their environment."""
+    found = []
+    for pid in filter(str.isdigit, os.listdir("/proc")):
+        try:
+            with open(f"/proc/{pid}/environ", "rb") as stream:
+                if f"UP_SAMP_TEST={mark}".encode() in stream.read():
+                    found.append(int(pid))
+        except OSError:
+            continue
+    return found

@@ -83,7 +83,7 @@ def test_a_child_ends_with_its_parent(tmp_path):
         "import subprocess, sys, time\n"
         "from up_samp.system import child\n"
         "code = 'import sys, time; from up_samp.system import child;'"
-        " 'child.die_with(sys.stdin.buffer); time.sleep(60)'\n"
+        " 'child.die_with(0); time.sleep(60)'\n"
         "p = subprocess.Popen(child.command(code), env=child.environment(),"
         " stdin=subprocess.PIPE, start_new_session=True)\n"
         f"open({str(note)!r}, 'w').write(str(p.pid))\n"

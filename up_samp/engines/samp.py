@@ -179,8 +179,9 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         """Yield each better plan as INTERMEDIATE, and last the final result."""
         if isinstance(problem, SchedulingMotionProblem) and problem.motion_activities:
             # once per machine, before the clock runs
-            movable = (o for o in problem.all_objects if isinstance(o, MovableObject))
-            precompile(MotionModel[o.motion_model.name] for o in movable)
+            movable = [o for o in problem.all_objects if isinstance(o, MovableObject)]
+            models = {MotionModel[o.motion_model.name] for o in movable}
+            precompile(models, several=len(movable) > 1)
         deadline = Deadline.after(timeout)
         if not isinstance(problem, SchedulingMotionProblem) or not problem.motion_activities:
             yield schedule_plainly(self, problem, deadline, optimal)

@@ -1,24 +1,31 @@
-"""Compile all kernels that planar bodies need, before any time limit runs, side by side.
+"""Compile the kernels that a problem needs, before any time limit runs, side by side.
 
-numba keeps what it compiled on disk, so this happens once per machine and version.
+They are kept on disk (:mod:`up_samp.geometry.kernel_cache`), so this happens once per machine and
+version. A part that was compiled leaves a mark that lists its files: where one is gone or damaged,
+the part is compiled again.
 """
 
 from __future__ import annotations
 
+import functools
+import gc
 import hashlib
+import json
 import logging
 import math
+import os
+import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import IO
 
 import llvmlite.binding
-import numba
 import numpy as np
 
-from up_samp.geometry import OccupancyGrid, Scene
+from up_samp.geometry import OccupancyGrid, Scene, kernel_cache
 from up_samp.geometry.maps import BoolArray
 from up_samp.model import (
     Body,
@@ -37,6 +44,7 @@ from up_samp.model import (
     Trajectory,
 )
 from up_samp.motion.service import MotionService
+from up_samp.system import child
 
 log = logging.getLogger(__name__)
 
@@ -122,109 +130,173 @@ PARTS = {
     "planar": compile_planar,
 }
 
-CHAINS: dict[MotionModel, tuple[tuple[str, ...], ...]] = {
-    MotionModel.REEDSSHEPP: (("paths",), ("groups", "search")),
-    MotionModel.SE2: (("groups", "planar"),),
+PARTS_FOR: dict[MotionModel, tuple[str, ...]] = {
+    MotionModel.REEDSSHEPP: ("paths", "groups", "search"),
+    MotionModel.SE2: ("planar", "groups"),
 }
-"""Parts that bodies of each motion model need: every chain is compiled in a process of its own, in
-this order, so that a later part finds what another process has compiled meanwhile.
-"""
+"""Parts that bodies of each motion model need."""
+
+SEVERAL = ("groups", "search")
+"""Parts that only problems with several moving bodies need."""
+
+Report = Callable[[int, int], None]
+"""Told how many parts are ready, of how many."""
 
 
-def chains_for(models: Iterable[MotionModel]) -> list[tuple[str, ...]]:
-    """Return the chains that these motion models need, each part once."""
-    seen: set[str] = set()
-    found = []
-    for model in sorted(set(models), key=list(MotionModel).index):
-        for chain in CHAINS.get(model, ()):
-            parts = tuple(part for part in chain if part not in seen)
-            seen.update(parts)
-            if parts:
-                found.append(parts)
-    return found
+def parts_for(models: Iterable[MotionModel], *, several: bool = True) -> list[str]:
+    """Return the parts that bodies of these motion models need, each once; ``several``: whether
+    more than one of them moves.
+    """
+    wanted = set(models)
+    found = dict.fromkeys(
+        part for model in PARTS_FOR if model in wanted for part in PARTS_FOR[model]
+    )
+    return [part for part in found if several or part not in SEVERAL]
 
 
 def missing(parts: Iterable[str]) -> tuple[str, ...]:
-    """Return which of the parts have not been compiled, as the code is now."""
-    folder = _cache_folder()
-    if folder is None:  # numba is switched off
+    """Return which of the parts have not been compiled, as the code is now, or not any more."""
+    if "NUMBA_DISABLE_JIT" in os.environ:
         return ()
-    state = _state_of_code()
-    return tuple(part for part in parts if not _has_mark(folder / f"{part}.compiled", state))
+    return tuple(part for part in parts if part not in _compiled_here and not _is_ready(part))
 
 
-def _has_mark(mark: Path, state: str) -> bool:
+_compiled_here: set[str] = set()
+"""Parts that this process has compiled (all that counts where nothing can be kept)."""
+
+_compiling: list[str] = []
+"""The part that this process is compiling."""
+
+
+def is_compiling() -> bool:
+    """Return whether this process is compiling a part just now."""
+    return bool(_compiling)
+
+
+def _is_ready(part: str) -> bool:
+    """Return whether a part's mark and all files that it lists are there and whole."""
+    mark = _mark(part)
     try:
-        return mark.read_text(encoding="utf-8") == state
-    except OSError:
+        if mark is None:
+            return False
+        files: dict[str, int] = json.loads(mark.read_text(encoding="utf-8"))
+        for name, size in files.items():
+            data = (mark.parent / name).read_bytes()
+            if len(data) != size or not kernel_cache.is_whole(data):
+                return False
+    except (OSError, ValueError):
         return False
+    return True
 
 
-def _cache_folder() -> Path | None:
-    """Return where numba keeps the kernels on disk."""
-    from up_samp.motion.planners import hybrid_astar as hybrid
-
-    stats = getattr(hybrid.expand, "stats", None)
-    return None if stats is None else Path(stats.cache_path)
+def _mark(part: str) -> Path | None:
+    folder = kernel_cache.folder()
+    return None if folder is None else folder / f"{part}-{_state_of_code()}.json"
 
 
-def _sources() -> list[Path]:
-    package = Path(__file__).parents[1]
-    return sorted([*(package / "geometry").rglob("*.py"), *(package / "motion").rglob("*.py")])
-
-
+@functools.cache
 def _state_of_code() -> str:
-    """Return what decides whether numba can use the kernels on disk: their sources (it compares
-    times and sizes), the processor, and the versions.
+    """Return what decides whether the kernels on disk can be used: all their sources, the
+    versions, and the processor.
     """
-    sources = [(f, f.stat()) for f in _sources() if b"njit" in f.read_bytes()]
-    lines = [
-        *(f"{f.name} {s.st_mtime_ns} {s.st_size}" for f, s in sources),
-        f"numba {numba.__version__}, python {sys.version}, {llvmlite.binding.get_host_cpu_name()}",
-    ]
-    return hashlib.sha256("\n".join(lines).encode()).hexdigest()
+    package = Path(__file__).parents[1]
+    files = sorted([*(package / "geometry").rglob("*.py"), *(package / "motion").rglob("*.py")])
+    lines = [kernel_cache.module_key(f) for f in files if kernel_cache.uses_kernels(f)]
+    lines += [kernel_cache.platform_key(), llvmlite.binding.get_host_cpu_name()]
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:32]
 
 
 def compile_part(part: str) -> None:
     """Compile a part and leave a mark that says so."""
-    state = _state_of_code()
-    PARTS[part]()
-    folder = _cache_folder()
-    if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / f"{part}.compiled").write_text(state, encoding="utf-8")
+    before = dict(kernel_cache.used)
+    kernel_cache.used.clear()
+    _compiling.append(part)
+    try:
+        PARTS[part]()
+        needed = dict(kernel_cache.used)
+    finally:
+        _compiling.pop()
+        kernel_cache.used.update(before)
+    _compiled_here.add(part)
+    mark = _mark(part)
+    if mark is not None and kernel_cache.can_write():
+        with kernel_cache.whole(mark) as stream:
+            stream.write(json.dumps(needed).encode())
 
 
-def precompile(models: Iterable[MotionModel] = (MotionModel.REEDSSHEPP,)) -> float:
+def precompile(
+    models: Iterable[MotionModel] = (MotionModel.REEDSSHEPP,),
+    *,
+    several: bool = True,
+    report: Report | None = None,
+) -> float:
     """Compile what bodies of these motion models need and is missing; return the seconds it took.
 
-    At most two processes work side by side.
+    Each part has a process of its own; two that need the same kernel compile it once. Where
+    nothing can be kept on disk, or such a process fails, this process compiles.
     """
-    chains = [needed for chain in chains_for(models) if (needed := missing(chain))]
-    if not chains:
+    needed = missing(parts_for(models, several=several))
+    if not needed:
         return 0.0
     began = time.monotonic()
-    log.warning("compiling motion kernels (once on this machine, about a minute)")
-    processes = [
-        subprocess.Popen(
-            [sys.executable, "-m", "up_samp.motion.compile", *chain],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        for chain in chains
-    ]
-    try:
-        for process in processes:
-            process.wait(timeout=_MOST_SECONDS)
-    finally:
-        for process in processes:
-            if process.poll() is None:
-                process.kill()
-                process.wait()
+    log.warning("compiling motion kernels (once on this machine, less than a minute)")
+    if kernel_cache.can_write():
+        _in_processes(needed, report)
+    for part in missing(needed):
+        compile_part(part)
     return time.monotonic() - began
 
 
-if __name__ == "__main__":
+def _in_processes(parts: Sequence[str], report: Report | None) -> None:
+    """Compile parts in processes of their own; say so where one fails."""
+    processes = {part: _start(part) for part in parts}
+    waiting = dict(processes)
+    until = time.monotonic() + _MOST_SECONDS
+    try:
+        while waiting and time.monotonic() < until:
+            time.sleep(0.02)
+            for part, process in list(waiting.items()):
+                if process.poll() is None:
+                    continue
+                del waiting[part]
+                if process.returncode != 0:
+                    _say_failed(part, process)
+                if report is not None:
+                    report(len(parts) - len(waiting), len(parts))
+    finally:
+        for process in processes.values():
+            if process.poll() is None:
+                process.kill()
+            process.communicate()
+
+
+def _start(part: str) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        child.command(child.bare(__name__), [part]),
+        env=child.environment(),
+        stdin=subprocess.PIPE,  # its end tells the child that this process is gone
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        start_new_session=True,  # Ctrl-C is for this process, which ends the child
+    )
+
+
+def _say_failed(part: str, process: subprocess.Popen[bytes]) -> None:
+    errors: IO[bytes] | None = process.stderr
+    said = b"" if errors is None else errors.read()
+    lines = said.decode(errors="replace").strip().splitlines()
+    log.warning(
+        "compiling %s in a process of its own failed (exit status %s%s): compiling here",
+        part,
+        process.returncode,
+        f", {lines[-1]}" if lines else "",
+    )
+
+
+def main() -> None:
+    """Compile the parts that the command line names; end when the parent goes away."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    child.die_with(sys.stdin.fileno())
+    gc.disable()  # nothing of what numba builds can be freed before the end: a sixth of the time
     for part in sys.argv[1:]:
         compile_part(part)

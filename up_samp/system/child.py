@@ -11,7 +11,6 @@ import sys
 import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import BinaryIO
 
 _PATH = """
 import sys
@@ -54,13 +53,14 @@ def environment(extra: Mapping[str, str] | None = None) -> dict[str, str]:
     return {**os.environ, **(extra or {}), "PYTHONPATH": os.pathsep.join(paths)}
 
 
-def die_with(stream: BinaryIO) -> None:
-    """End this process at once when ``stream`` (the read end of a pipe that only the parent holds
-    open) ends, however the parent goes away.
+def die_with(descriptor: int) -> None:
+    """End this process at once when ``descriptor`` (the read end of a pipe that only the parent
+    holds open) is closed, however the parent goes away.
     """
 
     def watch() -> None:
-        while stream.read(1):
+        # not a buffered stream: its lock would be in the way when the interpreter ends
+        while os.read(descriptor, 1):
             pass
         os._exit(1)
 

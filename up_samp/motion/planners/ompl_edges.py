@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from up_samp.geometry.compiled import kernel
 from up_samp.geometry.kernels import (
     GridData,
     PolyData,
@@ -28,7 +28,7 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 
-@njit(cache=True)
+@kernel
 def look(
     grid: GridData, polys: PolyData, shape: ShapeData, x: float, y: float, th: float, hits: IntArray
 ) -> float:
@@ -50,7 +50,7 @@ def look(
     return c
 
 
-@njit(cache=True)
+@kernel
 def car_edge(
     grid: GridData,
     polys: PolyData,
@@ -87,7 +87,7 @@ def car_edge(
     return True
 
 
-@njit(cache=True)
+@kernel
 def line_edge(
     grid: GridData,
     polys: PolyData,
@@ -120,7 +120,7 @@ def line_edge(
     return True
 
 
-@njit(cache=True)
+@kernel
 def sweep_edge(
     grid: GridData, polys: PolyData, shape: ShapeData, poses: FloatArray, hits: IntArray
 ) -> bool:

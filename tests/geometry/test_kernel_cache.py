@@ -1,0 +1,163 @@
+"""Kernels on disk: found again, never trusted blindly, never in the way."""
+
+import ast
+import importlib
+import logging
+import math
+import pkgutil
+import subprocess
+import types
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+
+import up_samp.geometry
+import up_samp.motion
+from up_samp.geometry import kernel_cache
+from up_samp.system import child, folders
+
+SOURCE = """
+from up_samp.geometry.compiled import kernel
+
+STEP = {step}
+
+@kernel
+def inner_sum(values):
+    total = 0.0
+    for v in values:
+        total += STEP * v
+    return total
+
+@kernel
+def outer(values):
+    return inner_sum(values) + {extra}
+
+def main():
+    import logging
+    import numpy as np
+    logging.basicConfig()
+    print(outer(np.ones(3)), sum(outer.stats.cache_hits.values()))
+"""
+
+
+@pytest.fixture
+def ask(tmp_path, monkeypatch):
+    """Run a kernel in a fresh process; return its value, its hits in the cache and stderr."""
+    cache = tmp_path / "cache"
+
+    def run(step=1, extra=0, **variables):
+        (tmp_path / "outer_module.py").write_text(SOURCE.format(step=step, extra=extra))
+        monkeypatch.syspath_prepend(tmp_path)
+        env = child.environment({folders.VARIABLE: str(cache), **variables})
+        done = subprocess.run(
+            child.command(child.bare("outer_module")),
+            env=env,
+            capture_output=True,
+            text=True,
+            timeout=120,
+        )
+        assert done.returncode == 0, done.stderr
+        value, hits = done.stdout.split()
+        return float(value), int(hits), done.stderr
+
+    return run
+
+
+def test_kernels_are_found_again_and_changed_ones_are_not(ask, tmp_path):
+    assert ask()[:2] == (3.0, 0)
+    assert ask()[:2] == (3.0, 1)
+    assert ask(step=2)[:2] == (6.0, 0)  # inlined into the other one
+    assert ask(extra=1)[:2] == (4.0, 0)
+    assert ask()[:2] == (3.0, 1)
+    for file in (tmp_path / "cache" / "kernels").iterdir():
+        data = file.read_bytes()
+        for harmed in (b"", data[:40], data[: len(data) // 2], data[:-1] + bytes([data[-1] ^ 1])):
+            file.write_bytes(harmed)
+            assert not kernel_cache.is_whole(harmed)
+    value, hits, said = ask()
+    assert (value, hits) == (3.0, 0)
+    assert "is damaged and compiled again" in said
+    assert ask()[:2] == (3.0, 1)
+    assert not list((tmp_path / "cache" / "kernels").glob("*.part"))
+    assert not list((tmp_path / "cache" / "kernels").glob("*.lock"))
+
+
+def test_nowhere_to_keep_them_is_told_and_does_no_harm(ask, tmp_path):
+    (tmp_path / "cache").write_text("no folder")
+    value, hits, said = ask()
+    assert (value, hits) == (3.0, 0)
+    assert "set UP_SAMP_CACHE_DIR to a writable folder" in said
+
+
+def test_no_home_is_no_folder(monkeypatch):
+    monkeypatch.delenv(folders.VARIABLE, raising=False)
+    monkeypatch.setattr(folders, "user_cache_path", lambda *a, **k: Path("~/.cache/up-samp"))
+    assert kernel_cache.folder() is None
+    monkeypatch.setenv(folders.VARIABLE, "/somewhere")
+    assert kernel_cache.folder() == Path("/somewhere/kernels")
+
+
+def modules():
+    for package in (up_samp.geometry, up_samp.motion):
+        for found in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+            module = importlib.import_module(found.name)
+            if kernel_cache.uses_kernels(Path(module.__file__)):
+                yield module
+
+
+@pytest.mark.parametrize("module", list(modules()), ids=lambda m: m.__name__)
+def test_a_kernel_s_key_covers_all_that_it_is_made_of(module):
+    """Whatever a kernel takes from another module of ours is in the hash of its file's name."""
+    path = Path(module.__file__)
+    covered = {path.with_name("?")} | closure(path)
+    origins = {}
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("up_samp"):
+            for alias in node.names:
+                origins[alias.asname or alias.name] = (node.module, alias.name)
+    for value in vars(module).values():
+        if not isinstance(value, numba.core.dispatcher.Dispatcher):
+            continue
+        if value.py_func.__module__ != module.__name__:
+            continue
+        for name in names_of(value.py_func.__code__):
+            if name in origins:
+                origin = importlib.import_module(origins[name][0])
+                assert Path(origin.__file__) in covered, (value, name)
+            elif name in vars(module):
+                made_here = vars(module)[name]
+                assert made_here in (math, np, numba) or is_plain(made_here), (value, name)
+
+
+def closure(path):
+    """The files whose sources make up the key of a module's kernels."""
+    seen, todo = set(), [path]
+    while todo:
+        here = todo.pop()
+        if here not in seen:
+            seen.add(here)
+            todo += kernel_cache._compiled_in(here.read_text())
+    return seen
+
+
+def names_of(code):
+    inside = [c for c in code.co_consts if isinstance(c, types.CodeType)]
+    return set(code.co_names).union(*map(names_of, inside))
+
+
+def is_plain(value):
+    dispatcher = numba.core.dispatcher.Dispatcher
+    return isinstance(value, int | float | str | tuple | np.ndarray | np.generic | dispatcher)
+
+
+def test_the_word_about_a_full_disk(tmp_path, monkeypatch, caplog):
+    def full(path):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(kernel_cache, "whole", full)
+    with caplog.at_level(logging.WARNING):
+        kernel_cache._write(tmp_path / "x.kernel", b"data")
+    assert "No space left on device" in caplog.text
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,256 @@
+"""Compiled kernels on disk: one file for each kernel and types of arguments.
+
+numba's own cache lies beside the sources (so it goes with them, and cannot be written where they
+cannot), trusts what it reads, and does not see that a kernel which another one has inlined has
+changed. Here a file is named by a hash of all that goes into it: the sources of the kernel's module
+and of every module that it takes kernels or constants from, the types, the versions and the
+processor. It carries a checksum, is written whole or not at all, and none is ever trusted blindly:
+what is missing or damaged is compiled again.
+
+The classes use what numba's dispatcher asks of its cache (``load_overload``, ``save_overload``).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import logging
+import os
+import pickle
+import re
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import llvmlite
+import numba
+from numba.core.compiler import CompileResult
+from numba.core.serialize import dumps
+
+from up_samp.system.folders import cache_folder, is_writable, say_uncached
+
+try:
+    import fcntl
+except ImportError:  # Windows: two processes may then compile the same kernel
+    fcntl = None  # type: ignore[assignment]
+
+log = logging.getLogger(__name__)
+
+SUFFIX = ".kernel"
+_LONGEST_WAIT = 60.0
+_PACKAGE = Path(__file__).parents[1]
+_CHECKSUM = hashlib.sha256().digest_size
+_IMPORT = re.compile(r"^from (up_samp[.\w]*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
+_USES_KERNELS = re.compile(r"^\s*@(kernel|inner)\b", re.MULTILINE)
+_CONSTANT = re.compile(r"\b_?[A-Z][A-Z0-9_]*\b")
+
+used: dict[str, int] = {}
+"""Files that this process has read or written, with their sizes."""
+
+
+def folder() -> Path | None:
+    """Return where kernels are kept, whether or not it can be written; ``None``: nowhere."""
+    base = cache_folder()
+    return None if base is None else base / "kernels"
+
+
+def can_write() -> bool:
+    """Return whether kernels can be kept for other processes; say so once where not."""
+    place = folder()
+    if place is not None and is_writable(place):
+        return True
+    say_uncached(place, "it cannot be written" if place else "no home and no cache folder")
+    return False
+
+
+@functools.cache
+def platform_key() -> str:
+    """Return what decides, next to sources and types, whether machine code can be used."""
+    switches = sorted(
+        (name, value)
+        for name, value in os.environ.items()
+        if name.startswith("NUMBA_") and name not in ("NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS")
+    )
+    return repr((numba.__version__, llvmlite.__version__, sys.version, switches))
+
+
+@functools.cache
+def module_key(path: Path) -> str:
+    """Return a hash of a module's source and of all modules that it takes kernels or constants
+    from.
+    """
+    sources: dict[Path, str] = {}
+    todo = [path, Path(__file__).with_name("compiled.py")]
+    while todo:
+        here = todo.pop()
+        if here in sources:
+            continue
+        sources[here] = here.read_text(encoding="utf-8")
+        todo += _compiled_in(sources[here])
+    digest = hashlib.sha256()
+    for source in sorted(sources):
+        digest.update(sources[source].encode())
+    return digest.hexdigest()
+
+
+def _compiled_in(source: str) -> list[Path]:
+    """Return the files of our modules whose kernels or constants a source uses."""
+    found = []
+    for module, names in _IMPORT.findall(source):
+        for file in _files(module, names):
+            passes_on = file.name == "__init__.py" or _CONSTANT.search(names) is not None
+            if passes_on or uses_kernels(file):
+                found.append(file)
+    return found
+
+
+@functools.cache
+def uses_kernels(file: Path) -> bool:
+    """Return whether a source file defines kernels."""
+    return _USES_KERNELS.search(file.read_text(encoding="utf-8")) is not None
+
+
+def _files(module: str, names: str) -> list[Path]:
+    """Return the files that ``from module import names`` reads."""
+    path = _PACKAGE.joinpath(*module.split(".")[1:])
+    if path.is_dir():
+        parts = [path / f"{name}.py" for name in re.findall(r"\w+", names)]
+        return [p for p in (path / "__init__.py", *parts) if p.is_file()]
+    return [path.with_suffix(".py")]
+
+
+class KernelCache:
+    """The files of one kernel; numba's dispatcher asks it before it compiles."""
+
+    def __init__(self, function: Callable[..., Any]):
+        code = function.__code__
+        self._name = f"{Path(code.co_filename).stem}.{function.__qualname__}"
+        self._module = Path(code.co_filename)
+        self._locks: list[Any] = []
+
+    @property
+    def cache_path(self) -> str | None:
+        """The folder of all kernels."""
+        place = folder()
+        return None if place is None else str(place)
+
+    def enable(self) -> None:
+        """Do nothing: it is always on."""
+
+    def disable(self) -> None:
+        """Do nothing: it is always on."""
+
+    def flush(self) -> None:
+        """Do nothing: what is old has another name."""
+
+    def load_overload(self, types: Any, context: Any) -> Any:
+        """Return the compiled kernel for argument ``types``, or ``None`` to have it compiled."""
+        context.refresh()
+        path = self._path(types, context.codegen())
+        if path is None:
+            return None
+        found = self._read(path, context)
+        if found is None and path.parent.is_dir():
+            self._lock(path)  # another process may be compiling it
+            found = self._read(path, context)
+            if found is not None:
+                self._unlock()
+        return found
+
+    def save_overload(self, types: Any, compiled: Any) -> None:
+        """Keep a compiled kernel."""
+        try:
+            path = self._path(types, compiled.library.codegen)
+            if path is not None and _cachable(compiled):
+                _write(path, dumps(compiled._reduce()))
+        finally:
+            self._unlock()
+
+    def _path(self, types: Any, codegen: Any) -> Path | None:
+        place = folder()
+        if place is None:
+            return None
+        key = (platform_key(), module_key(self._module), str(types), codegen.magic_tuple())
+        digest = hashlib.sha256(repr(key).encode()).hexdigest()[:32]
+        return place / f"{self._name.replace('<', '').replace('>', '')}-{digest}{SUFFIX}"
+
+    def _read(self, path: Path, context: Any) -> Any:
+        try:
+            data = path.read_bytes()
+        except OSError:
+            return None
+        if not is_whole(data):
+            log.warning("a compiled kernel is damaged and compiled again: %s", path)
+            with contextlib.suppress(OSError):
+                path.unlink()
+            return None
+        found = CompileResult._rebuild(context, *pickle.loads(data[_CHECKSUM:]))
+        used[path.name] = len(data)
+        return found
+
+    def _lock(self, path: Path) -> None:
+        """Wait until no other process compiles this kernel (locks end with their process), but not
+        for ever: compiling it twice does no harm.
+        """
+        if fcntl is None:
+            return
+        lock = path.with_suffix(".lock")
+        with contextlib.suppress(OSError):
+            stream = open(lock, "ab")  # noqa: SIM115 (closed in _unlock)
+            self._locks.append((stream, lock))
+            until = time.monotonic() + _LONGEST_WAIT
+            while time.monotonic() < until:
+                try:
+                    fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    return
+                except BlockingIOError:
+                    time.sleep(0.02)
+
+    def _unlock(self) -> None:
+        if self._locks:
+            stream, path = self._locks.pop()
+            with contextlib.suppress(OSError):
+                path.unlink()
+            stream.close()
+
+
+def is_whole(data: bytes) -> bool:
+    """Return whether a file's content is what was written."""
+    return hashlib.sha256(data[_CHECKSUM:]).digest() == data[:_CHECKSUM] and len(data) > _CHECKSUM
+
+
+def _cachable(compiled: Any) -> bool:
+    return not compiled.library.has_dynamic_globals and all(x.can_cache for x in compiled.lifted)
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Write a file with its checksum; a disk that is full or cannot be written costs no more than
+    compiling again.
+    """
+    data = hashlib.sha256(content).digest() + content
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole(path) as stream:
+            stream.write(data)
+    except OSError as error:
+        say_uncached(path.parent, error.strerror or type(error).__name__)
+        return
+    used[path.name] = len(data)
+
+
+@contextlib.contextmanager
+def whole(path: Path) -> Iterator[Any]:
+    """Give a stream of bytes; the file appears when all is written, or not at all."""
+    handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
+    try:
+        with open(handle, "wb") as stream:
+            yield stream
+        os.replace(name, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(name)
+        raise
