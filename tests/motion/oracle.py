@@ -88,7 +88,7 @@ def car_faults(trajectory, kinematics):
         faults.append(f"side slip {np.abs(slip).max()}")
     if np.any(np.abs(turn) > arc / kinematics.turning_radius + 1e-7):
         faults.append("turns too tightly")
-    if np.any(np.abs(v) > kinematics.v_max):
+    if np.any(np.abs(v) > kinematics.v_max * (1 + 1e-9)):  # rounding
         faults.append(f"too fast {np.abs(v).max()}")
     middle = (t[:-1] + t[1:]) / 2
     a = np.diff(v) / np.diff(middle)

@@ -21,9 +21,9 @@ def faults(trajectory, kin):
     said = []
     if dt.max() > trajectory.MAX_STEP + 1e-9:
         said.append("samples too far apart")
-    if np.hypot(*velocity.T).max() > kin.v_max:
+    if np.hypot(*velocity.T).max() > kin.v_max * (1 + 1e-9):  # rounding
         said.append("too fast")
-    if np.abs(d[:, 2] / dt).max() > kin.omega_max:
+    if np.abs(d[:, 2] / dt).max() > kin.omega_max * (1 + 1e-9):
         said.append("turns too fast")
     middle = (t[:-1] + t[1:]) / 2
     a = np.hypot(*(np.diff(velocity, axis=0) / np.diff(middle)[:, None]).T)

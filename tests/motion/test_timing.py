@@ -2,17 +2,19 @@ import math
 
 import numpy as np
 import pytest
-from oracle import CAR, car_faults, ends_exactly
+from oracle import CAR, RECTANGLE, car_faults, ends_exactly
 
-from up_samp.model import Kinematics, MotionModel
+from up_samp.model import Body, Deadline, Kinematics, MotionModel, PathQuery
+from up_samp.motion import MotionService
 from up_samp.motion.curves.arcs import nodes_of
 from up_samp.motion.curves.trajectories import joined, reversed_trajectory
 from up_samp.motion.curves.trapezoid import (
     distance_of_time,
-    relaxed,
     time_of_distance,
     trajectory_of,
 )
+from up_samp.validation.kinematics import motion_violations
+from up_samp.validation.limits import Limits
 
 
 def random_path(rng):
@@ -65,8 +67,55 @@ def test_reversed_and_joined():
     assert ends_exactly(both, start, start)
 
 
-def test_limits_are_left_a_little():
-    radius, v, a = relaxed(Kinematics(MotionModel.REEDSSHEPP, 1.0, 2.0, 0.5))
-    assert radius > 1.0
-    assert v < 2.0
-    assert a < 0.5
+def closed_form(length, v, a):
+    """How long (s) a rest-to-rest drive of ``length`` m takes at least."""
+    return length / v + v / a if length * a >= v * v else 2 * math.sqrt(length / a)
+
+
+def judged(body, trajectory):
+    kin = body.kinematics
+    limits = Limits(
+        "r", kin.model.name, kin.turning_radius, kin.v_max, kin.v_max, kin.a_max, kin.omega_max
+    )
+    return list(motion_violations("motion", limits, trajectory.times, trajectory.poses))
+
+
+@pytest.mark.parametrize("model", [MotionModel.REEDSSHEPP, MotionModel.SE2])
+def test_straight_motions_last_as_long_as_the_closed_form_says(model):
+    rng = np.random.default_rng(3)
+    service = MotionService(None)
+    for _ in range(60):
+        v, a = float(rng.uniform(0.2, 4)), float(rng.uniform(0.1, 3))
+        length, heading = float(10 ** rng.uniform(-1, 2.3)), float(rng.uniform(-3, 3))
+        start = (float(rng.uniform(-50, 50)), float(rng.uniform(-50, 50)), heading)
+        goal = (
+            start[0] + length * math.cos(heading),
+            start[1] + length * math.sin(heading),
+            heading,
+        )
+        body = Body(RECTANGLE, Kinematics(model, 1.0, v, a, 1.0))
+        report = service.plan(PathQuery(body, (start, goal)), Deadline.never())
+        expected = closed_form(length, v, a)
+        assert report.trajectory.duration == pytest.approx(expected, rel=1e-9)
+        assert judged(body, report.trajectory) == []
+        assert service.lower_bound(body, start, goal) <= report.trajectory.duration + 1e-9
+
+
+@pytest.mark.parametrize("model", [MotionModel.REEDSSHEPP, MotionModel.SE2])
+def test_whole_seconds_stay_whole(model):
+    service = MotionService(None)
+    for length in range(1, 200):
+        body = Body(RECTANGLE, Kinematics(model, 1.0, 1.0, 1.0, 1.0))
+        for heading in (0.0, math.pi / 2, 2.0):
+            end = (length * math.cos(heading), length * math.sin(heading), heading)
+            query = PathQuery(body, ((0.0, 0.0, heading), end))
+            duration = service.plan(query, Deadline.never()).trajectory.duration
+            assert math.ceil(duration - 1e-9) == length + 1
+
+
+def test_turns_on_the_spot_are_exact():
+    body = Body(RECTANGLE, Kinematics(MotionModel.SE2, 1.0, 1.0, 1.0, 0.5))
+    query = PathQuery(body, ((0.0, 0.0, 0.0), (0.0, 0.0, 1.5)))
+    report = MotionService(None).plan(query, Deadline.never())
+    assert report.trajectory.duration == pytest.approx(3.0, rel=1e-9)
+    assert judged(body, report.trajectory) == []

@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.model import Body, Kinematics, Trajectory
-from up_samp.motion.curves.trapezoid import RELAX
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -38,9 +37,7 @@ class Chain:
     @staticmethod
     def of(nodes: FloatArray, kinematics: Kinematics) -> Chain:
         """Return the chain with the limits of ``kinematics``."""
-        slack = 1 - 100 * RELAX  # poses between samples move along arcs, a little longer
-        v, a = kinematics.v_max * slack, kinematics.a_max * slack
-        omega = kinematics.omega_max * slack
+        v, a, omega = kinematics.v_max, kinematics.a_max, kinematics.omega_max
         steps = np.diff(nodes, axis=0)
         lengths = np.hypot(steps[:, 0], steps[:, 1])
         safe = np.where(lengths > TINY, lengths, 1.0)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from up_samp.model import Kinematics, Trajectory, interpolate
 from up_samp.motion.curves.reeds_shepp import run_time
-from up_samp.motion.curves.trapezoid import RELAX, distance_of_time
+from up_samp.motion.curves.trapezoid import distance_of_time
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -36,16 +36,15 @@ def leg_profile(a: FloatArray, b: FloatArray, kinematics: Kinematics) -> tuple[f
     """
     size = 2 if len(a) == 3 else 3
     way, turn = float(np.linalg.norm(b[:size] - a[:size])), turn_between(a, b)
-    slack = 1 - RELAX
     if way < 1e-9:
         if turn < 1e-12:
             return 0.0, 0.0, 0.0
-        speed = kinematics.omega_max * slack / turn
+        speed = kinematics.omega_max / turn
         return 1.0 / speed, speed, math.inf
-    speed = kinematics.v_max * slack / way
+    speed = kinematics.v_max / way
     if turn > 1e-12:
-        speed = min(speed, kinematics.omega_max * slack / turn)
-    acceleration = kinematics.a_max * slack / way
+        speed = min(speed, kinematics.omega_max / turn)
+    acceleration = kinematics.a_max / way
     return float(run_time(1.0, speed, acceleration)), speed, acceleration
 
 

@@ -12,7 +12,7 @@ from up_samp.geometry.scene import Scene
 from up_samp.model import MotionModel
 from up_samp.motion.curves.arcs import merged
 from up_samp.motion.curves.reeds_shepp import fastest
-from up_samp.motion.curves.trapezoid import relaxed, trajectory_of
+from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.fleet.paths import Path, path_of
 from up_samp.motion.planners.car_shortcuts import settle
 
@@ -47,7 +47,7 @@ def shifted_lane(scene: Scene, path: Path, first: float, last: float, offset: fl
         poses[i, 1] += offset * math.cos(poses[i, 2])
     arcs = [arcs_between(path, 0.0, begin)]
     for i in range(3):
-        curve = fastest(tuple(poses[i]), tuple(poses[i + 1]), *relaxed(kin))[1]
+        curve = fastest(tuple(poses[i]), tuple(poses[i + 1]), *limits_of(kin))[1]
         if np.abs(curve[:, 1]).sum() > 2.0 * (marks[i + 1] - marks[i]) + 6 * kin.turning_radius:
             return None
         arcs.append(curve)

@@ -13,7 +13,7 @@ from up_samp.geometry.scene import Scene
 from up_samp.model import Deadline, MotionModel, Placed, TimedMotion
 from up_samp.motion.curves.arcs import merged, nodes_of
 from up_samp.motion.curves.reeds_shepp import fastest
-from up_samp.motion.curves.trapezoid import relaxed, trajectory_of
+from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.fleet import sipp_kernel as search
 from up_samp.motion.fleet import strrt
 from up_samp.motion.fleet.movers import Me, Movers
@@ -97,7 +97,7 @@ class Roundabout:
         me = self._me(motion, release, goal_free)
         movers = movers_of(motion, others, release)
         start, goal = (np.array(p[:3], dtype=np.float64) for p in motion.poses)
-        fastest_time, _ = fastest(motion.poses[0], motion.poses[1], *relaxed(body.kinematics))
+        fastest_time, _ = fastest(motion.poses[0], motion.poses[1], *limits_of(body.kinematics))
         earliest = max(goal_free, release + fastest_time)
         forest = strrt.new_forest(VERTICES)
         forest.state[0, 0] = (*start, release)
@@ -115,7 +115,7 @@ class Roundabout:
             return []
         nodes = strrt.way(forest)
         arcs = [
-            fastest(tuple(a[:3]), tuple(b[:3]), *relaxed(body.kinematics))[1]
+            fastest(tuple(a[:3]), tuple(b[:3]), *limits_of(body.kinematics))[1]
             for a, b in itertools.pairwise(nodes)
         ]
         rows = [np.column_stack([part, np.eye(1, len(part))[0]]) for part in arcs if len(part)]
@@ -135,7 +135,7 @@ class Roundabout:
 
     def _me(self, motion: TimedMotion, release: float, goal_free: float) -> Me:
         hull = hull_of(motion.body)
-        radius, v, a = relaxed(motion.body.kinematics)
+        radius, v, a = limits_of(motion.body.kinematics)
         numbers = np.array([hull.radius, MARGIN, radius, v, a, release, goal_free])
         return Me(hull.verts, hull.counts, numbers)
 
@@ -155,7 +155,7 @@ class Roundabout:
         body = motion.body
         shape = self.scene.shape(body).data
         grid, polys = self.scene.data, self.scene.polys(static)
-        radius = relaxed(body.kinematics)[0]
+        radius = limits_of(body.kinematics)[0]
         me = self._me(motion, release, goal_free)
         movers = movers_of(motion, others, release)
         start, goal = (np.array(p[:3], dtype=np.float64) for p in motion.poses)
@@ -187,7 +187,7 @@ class Roundabout:
     ) -> list[Path]:
         """Turn arcs into paths: as found, and shortened between the stops."""
         body, start = motion.body, motion.poses[0]
-        limits = relaxed(body.kinematics)
+        limits = limits_of(body.kinematics)
         raw = merged(np.ascontiguousarray(rows[:, :2]))
         target = np.array(motion.poses[1][:3], dtype=np.float64)
         origin = np.array(start[:3], dtype=np.float64)

@@ -13,7 +13,7 @@ from up_samp.geometry import Scene, Shape, sweeps
 from up_samp.model import Body, Configuration, Deadline, Placed
 from up_samp.motion.curves.arcs import merged, path_time, reversed_arcs
 from up_samp.motion.curves.reeds_shepp import fastest
-from up_samp.motion.curves.trapezoid import relaxed, trajectory_of
+from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.guides.cost_to_go import Fields, least_value
 from up_samp.motion.guides.search_space import pose_space, widest_shape
 from up_samp.motion.planners import hybrid_astar as hybrid
@@ -89,7 +89,7 @@ class CarPlanner:
         shape = widest_shape(self.scene, body, (start, goal), obstacles)
         if shape is None:
             return None, "the start or the goal touches the map or an obstacle", 0
-        radius, v, a = relaxed(body.kinematics)
+        radius, v, a = limits_of(body.kinematics)
         direct = self._direct(shape, start, goal, obstacles, (radius, v, a))
         if direct is not None:
             return direct, "", 0
@@ -145,7 +145,7 @@ class CarPlanner:
         deadline: Deadline,
     ) -> tuple[FloatArray | None, int, bool]:
         """Run hybrid A* at one resolution; return arcs or None, expansions, whether it ran dry."""
-        radius, v, a = relaxed(body.kinematics)
+        radius, v, a = limits_of(body.kinematics)
         step = self.settings.levels[level] * radius
         field = self.fields.toward(shape, goal, obstacles)
         reach = 8 * radius + 2 * shape.circumscribed

@@ -29,7 +29,7 @@ from up_samp.model import (
 from up_samp.motion.curves.arcs import merged, path_time
 from up_samp.motion.curves.blending import pieces
 from up_samp.motion.curves.reeds_shepp import shortest
-from up_samp.motion.curves.trapezoid import relaxed, trajectory_of
+from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.guides.search_space import MARGIN_SHARES, search_box
 from up_samp.motion.planners import ompl_edges as edges
 from up_samp.motion.planners.car_shortcuts import improve, settle
@@ -129,7 +129,7 @@ class PlanarWorld:
         self.settings = settings
         self.polys = scene.polys(obstacles)
         self.hits = np.zeros(len(obstacles) + 1, dtype=np.int64)
-        self.radius = relaxed(body.kinematics)[0]
+        self.radius = limits_of(body.kinematics)[0]
         self._limits = np.array([self.radius, 1.0, math.inf, 0.0, 0.0])
         self._poses = poses
         self.margin = scene.margin
@@ -252,7 +252,7 @@ def _drive(
     world: PlanarWorld, start: Configuration, goal: Configuration, nodes: FloatArray, seed: int
 ) -> Trajectory | None:
     """Return a car's timed motion along the curves between ``nodes``, shortened."""
-    limits = relaxed(world.body.kinematics)
+    limits = limits_of(world.body.kinematics)
     curves = [shortest(tuple(a), tuple(b), limits[0])[1] for a, b in itertools.pairwise(nodes)]
     raw = merged(np.concatenate(curves))
     origin, target = nodes[0], np.array(goal[:3], dtype=np.float64)
