@@ -113,7 +113,7 @@ def judge(report, motions, rests=(), step=0.05):
             turn = (trajectory.poses[i, 2] - m.poses[i][2]) / (2 * math.pi)
             assert abs(turn - round(turn)) < 1e-9
         found, k = limits(trajectory), m.body.kinematics
-        assert found["v"] <= k.v_max
+        assert found["v"] <= k.v_max * (1 + 1e-9)  # rounding
         assert found["a"] <= k.a_max * (1 + 1e-9)
         assert found["k"] <= 1 / k.turning_radius + 1e-6
         assert found["dt"] <= 0.05 + 1e-9
