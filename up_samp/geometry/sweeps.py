@@ -13,13 +13,11 @@ import numpy.typing as npt
 
 from up_samp.geometry.compiled import kernel
 from up_samp.geometry.kernels import (
-    FAR,
     GridData,
     PolyData,
     ShapeData,
     advance,
     clearance,
-    poly_distance,
 )
 
 
@@ -142,32 +140,3 @@ def samples_free(
                 break
             share += credit / travel
     return -1
-
-
-@kernel
-def samples_distance(
-    polys: PolyData, shape: ShapeData, poses: npt.NDArray[np.float64], step: float
-) -> float:
-    """Return a lower bound (m) on the distance between the bare footprint, swept through ``poses``,
-    and the obstacles; below the true value by at most ``step``. Overlap gives a value <= 0.
-    """
-    best = FAR
-    radius = shape.numbers[0]
-    credit = -1.0
-    for i in range(poses.shape[0]):
-        travel = sweep_travel(poses, i, radius) if i + 1 < poses.shape[0] else 0.0
-        pieces = max(1, math.ceil(travel / step))
-        for k in range(pieces):
-            credit -= travel / pieces
-            if credit > 0.0:  # cannot have come closer than what is known
-                continue
-            share = k / pieces
-            x, y, th = poses[i, 0], poses[i, 1], poses[i, 2]
-            if k > 0:
-                x, y, th = between(poses, i, share)
-            d, _ = poly_distance(polys, shape, x, y, th, best + step + 1.0)
-            if d <= 0.0:
-                return d
-            best = min(best, d - step)
-            credit = d - best - step
-    return best

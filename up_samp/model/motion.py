@@ -102,17 +102,23 @@ def interpolate(a: FloatArray, b: FloatArray, share: float) -> Configuration:
 
 
 class Outcome(enum.Enum):
-    """What a motion check came to. ``IMPOSSIBLE`` is a proof; ``OUT_OF_TIME`` is none."""
+    """What a motion check came to. Only ``IMPOSSIBLE`` is a proof.
+
+    ``NOT_FOUND``: the search ended by itself, at the end of its discretisation or of its counted
+    work; more time finds nothing. ``OUT_OF_TIME``: the deadline ended it.
+    """
 
     FOUND = "found"
     IMPOSSIBLE = "impossible"
+    NOT_FOUND = "not found"
     OUT_OF_TIME = "out of time"
 
 
 @dataclass(frozen=True)
 class PathQuery:
-    """Drive ``body`` from ``poses[0]`` through all further ``poses`` (it rests at each), while the
-    ``obstacles`` rest where they are. Time does not matter; the shortest duration is wanted.
+    """Drive ``body`` from rest at ``poses[0]`` through all further ``poses`` to rest at the last
+    one, while the ``obstacles`` rest where they are. It passes the poses between without a stop
+    where the way goes on smoothly. The shortest duration is wanted.
     """
 
     body: Body
@@ -128,6 +134,10 @@ class PathReport:
     the motion stays impossible while all of them rest where they are (empty: the map alone
     forbids it). ``alternatives`` are the minimal sets of obstacles whose removal would lift the
     *proof* (only for ``IMPOSSIBLE``). ``reason`` is for people.
+
+    ``complete``: the planner finished its search, so the trajectory is the one that it takes for
+    the fastest, on any machine. A search that its deadline cut short, or a motion that rests at a
+    pose which it might have passed, is not complete.
     """
 
     outcome: Outcome
@@ -137,6 +147,7 @@ class PathReport:
     reason: str = ""
     planner: str = ""
     seconds: float = 0.0
+    complete: bool = False
 
 
 @dataclass(frozen=True)
@@ -204,6 +215,7 @@ class GroupReport:
     ``late`` end after their due (``late[name]`` is the arrival, s): the group fits its windows iff
     ``late`` is empty. ``conflict`` is a small set of motion names that really conflict (for late
     or failed groups). ``blockers`` are objects that rest in the way.
+    ``complete``: no search for it was cut short by a deadline.
     """
 
     outcome: Outcome
@@ -213,3 +225,4 @@ class GroupReport:
     blockers: frozenset[str] = frozenset()
     reason: str = ""
     seconds: float = 0.0
+    complete: bool = False

@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
 
 from up_samp.geometry import OccupancyGrid
-from up_samp.model import Body, Configuration, Deadline, Outcome, PathQuery, Placed, Trajectory
-from up_samp.motion.protocol import LegQuery
+from up_samp.model import Body, Configuration, Deadline, Outcome, PathQuery, Placed
+from up_samp.motion.protocol import Leg, LegQuery
 from up_samp.motion.service import MotionService
 
 Pair = tuple[Body, Configuration, Configuration]
@@ -66,27 +66,24 @@ def _start(grid: OccupancyGrid | None, planner: str, margin: float, seed: int) -
     _worker = MotionService(grid, planner=planner, margin=margin, seed=seed)
 
 
-def _plan(
-    pair: Pair, obstacles: tuple[Placed, ...], seconds: float
-) -> tuple[str, tuple[object, object]] | None:
+def _plan(pair: Pair, obstacles: tuple[Placed, ...], seconds: float) -> tuple[str, Leg] | None:
     assert _worker is not None
-    body, start, goal = pair
     limit = None if seconds == float("inf") else seconds
-    report = _worker.plan(PathQuery(body, (start, goal), obstacles), Deadline.after(limit))
-    if report.trajectory is None:
+    body, start, goal = pair
+    if _worker.certificate(body, (start, goal), obstacles) is not None:
         return None
-    return report.planner, (report.trajectory.times, report.trajectory.poses)
+    found = _worker.legs.find(LegQuery(body, start, goal, obstacles), Deadline.after(limit))
+    return None if found.leg is None else (found.planner, found.leg)
 
 
 def _store(
     service: MotionService,
     pair: Pair,
     obstacles: tuple[Placed, ...],
-    found: tuple[str, tuple[object, object]] | None,
+    found: tuple[str, Leg] | None,
 ) -> int:
     if found is None:
         return 0
-    name, (times, poses) = found
-    trajectory = Trajectory(times, poses)  # type: ignore[arg-type]
-    service.remember(name, LegQuery(*pair, obstacles), trajectory)
+    name, leg = found
+    service.remember(name, LegQuery(*pair, obstacles), leg)
     return 1

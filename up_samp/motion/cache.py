@@ -2,46 +2,92 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
+import io
+import logging
 import os
 import tempfile
-import zipfile
-from collections import OrderedDict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
-from up_samp.model import Body, Configuration, Placed, Trajectory
+from up_samp.model import Body, Configuration, Placed, ProblemError, Trajectory
+from up_samp.motion.memory import Memory
 
-FORMAT = 1
+log = logging.getLogger(__name__)
+
+FORMAT = 2
 """Part of every key: files of other versions are never read."""
+
+SUFFIX = ".legs"
+LARGEST = 64 * 2**20
+"""Files larger than this (bytes) are not ours."""
 
 ObstacleKey = frozenset[tuple[object, ...]]
 PairKey = tuple[object, ...]
 
 
 def body_key(body: Body) -> tuple[object, ...]:
-    """Return what motions depend on of a body (its control law by identity)."""
+    """Return what motions depend on of a body.
+
+    A mesh counts by what its file holds. A control law counts as the function that it is: the key
+    holds it, so that no other function can take its place.
+    """
     kin = body.kinematics
     limits = (kin.turning_radius, kin.v_max, kin.a_max, kin.omega_max)
-    law = None if kin.control is None else (id(kin.control.function), kin.control.bounds)
-    return (body.footprint, kin.model.name, *map(float, limits), law, body.mesh)
+    law = None if kin.control is None else (kin.control.function, kin.control.bounds)
+    return (body.footprint, kin.model.name, *map(float, limits), law, mesh_key(body.mesh))
 
 
 def obstacle_key(obstacles: Sequence[Placed]) -> ObstacleKey:
     """Return what motions depend on of resting objects: shapes and poses, not names."""
-    return frozenset((p.body.footprint, p.body.mesh, tuple(map(float, p.pose))) for p in obstacles)
+    return frozenset(
+        (p.body.footprint, mesh_key(p.body.mesh), tuple(map(float, p.pose))) for p in obstacles
+    )
+
+
+def mesh_key(path: str | None) -> str | None:
+    """Return a digest of what a mesh file holds."""
+    if path is None:
+        return None
+    try:
+        status = os.stat(path)
+        return _digest(path, status.st_mtime_ns, status.st_size)
+    except OSError as error:
+        raise ProblemError(f"the geometric model '{path}' cannot be read: {error}") from error
+
+
+@lru_cache(maxsize=256)
+def _digest(path: str, _modified: int, _size: int) -> str:
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A leg that was planned among the ``among`` obstacles (and keeps clear of them)."""
+    """A leg that was planned among the ``among`` obstacles (and keeps clear of them).
+
+    ``complete``: its planner finished its search; otherwise it had ``limit`` seconds. ``corners``
+    are those of :class:`up_samp.motion.protocol.Leg`. ``checked`` says whether this process has
+    planned it or found it to be sound: what comes from a file may be anything.
+    """
 
     among: ObstacleKey
     trajectory: Trajectory
     planner: str
+    complete: bool = False
+    limit: float = 0.0
+    corners: npt.NDArray[np.float64] | None = None
+    checked: bool = True
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """Less is better: what a planner finished goes before what it did not."""
+        return not self.complete, self.trajectory.duration
 
 
 class MotionCache:
@@ -49,14 +95,15 @@ class MotionCache:
     among.
 
     A leg and its reverse share an entry (for reversible planners). With a ``folder``, entries are
-    kept there, too, one small file each; unreadable files are ignored. Least recently used pairs
-    are forgotten beyond ``size``.
+    kept there, too, one small file each, whole or not at all. Nothing that is wrong with the
+    folder or a file in it is fatal: damaged files are ignored, and where it cannot be written to,
+    the log says so once. Least recently used pairs are forgotten beyond ``size``.
     """
 
     def __init__(self, folder: str | Path | None = None, size: int = 20_000) -> None:
         self.folder = None if folder is None else Path(folder)
-        self._size = size
-        self._entries: OrderedDict[PairKey, list[Entry]] = OrderedDict()
+        self._entries: Memory[list[Entry]] = Memory(size)
+        self._writes = True
         self.hits = 0
         self.misses = 0
 
@@ -78,27 +125,42 @@ class MotionCache:
 
     def get(self, key: PairKey) -> list[Entry]:
         """Return all entries of a pair, those with fewest obstacles first."""
-        if key not in self._entries and self.folder is not None and _stable(key):
-            self._entries[key] = _read(self._path(key))
-        if key in self._entries:
-            self._entries.move_to_end(key)
-        return self._entries.get(key, [])
+        known = self._entries.get(key)
+        if known is None and self.folder is not None and _stable(key):
+            known = self._entries.put(key, _read(self._path(key)))
+        return known or []
 
     def put(self, key: PairKey, entry: Entry) -> None:
-        """Remember an entry (the faster one if there are two for the same obstacles)."""
-        entries = [e for e in self.get(key) if e.among != entry.among]
-        same = [e for e in self.get(key) if e.among == entry.among]
-        entries.append(min([entry, *same], key=lambda e: e.trajectory.duration))
-        entries.sort(key=lambda e: (len(e.among), e.trajectory.duration))
-        self._entries[key] = entries
-        while len(self._entries) > self._size:
-            self._entries.popitem(last=False)
-        if self.folder is not None and _stable(key):
+        """Remember an entry (the better one if there are two for the same obstacles)."""
+        known = self.get(key)
+        same = [e for e in known if e.among == entry.among]
+        best = min([entry, *same], key=lambda e: e.rank)
+        self._set(key, [*(e for e in known if e.among != entry.among), best])
+
+    def accept(self, key: PairKey, entry: Entry) -> Entry:
+        """Take an entry from a file for sound from now on."""
+        sound = replace(entry, checked=True)
+        self._entries.put(key, [sound if e is entry else e for e in self.get(key)])
+        return sound
+
+    def drop(self, key: PairKey, entry: Entry) -> None:
+        """Forget an entry that turned out to be wrong, on disk, too."""
+        self._set(key, [e for e in self.get(key) if e is not entry])
+
+    def _set(self, key: PairKey, entries: list[Entry]) -> None:
+        entries = sorted(entries, key=lambda e: (len(e.among), e.rank))
+        self._entries.put(key, entries)
+        if self.folder is None or not self._writes or not _stable(key):
+            return
+        try:
             _write(self._path(key), entries)
+        except OSError as error:
+            self._writes = False
+            log.warning("motions are not kept in '%s' any more: %s", self.folder, error)
 
     def _path(self, key: PairKey) -> Path:
         assert self.folder is not None
-        return self.folder / f"{hashlib.sha256(repr(key).encode()).hexdigest()[:40]}.npz"
+        return self.folder / f"{hashlib.sha256(repr(key).encode()).hexdigest()[:40]}{SUFFIX}"
 
 
 def _stable(key: PairKey) -> bool:
@@ -108,25 +170,36 @@ def _stable(key: PairKey) -> bool:
 
 
 def _read(path: Path) -> list[Entry]:
-    if not path.is_file():
-        return []
-    entries = []
+    """Return the entries of a file; none if it is missing, damaged, or holds no motions."""
     try:
-        with np.load(path, allow_pickle=False) as data:
-            for i in range(int(data["count"])):
-                rows = data[f"samples{i}"]
-                among = _parse(str(data[f"among{i}"]))
-                trajectory = Trajectory(rows[:, 0].copy(), rows[:, 1:].copy())
-                entries.append(Entry(among, trajectory, str(data[f"planner{i}"])))
-    except (OSError, ValueError, KeyError, SyntaxError, zipfile.BadZipFile):
+        if not path.is_file() or path.stat().st_size > LARGEST:
+            return []
+        stated, _, data = path.read_bytes().partition(b"\n")
+        if hashlib.sha256(data).hexdigest().encode() != stated:
+            log.warning("the motion cache's file '%s' is damaged and not used", path)
+            return []
+        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+            return [_entry(arrays, i) for i in range(int(arrays["count"]))]
+    except Exception as error:  # a file may hold anything: nothing in it may end a solve
+        log.warning("the motion cache's file '%s' cannot be used: %s", path, error)
         return []
-    return entries
 
 
-def _parse(text: str) -> ObstacleKey:
-    import ast
-
-    return frozenset(ast.literal_eval(text))
+def _entry(arrays: np.lib.npyio.NpzFile, i: int) -> Entry:
+    rows = np.asarray(arrays[f"samples{i}"], dtype=np.float64)
+    if rows.ndim != 2 or rows.shape[1] not in (4, 8) or not np.isfinite(rows).all():
+        raise ValueError(f"motion {i} has no samples of a pose")
+    corners = np.asarray(arrays[f"corners{i}"], dtype=np.float64).reshape(-1, 3)
+    complete, limit = (float(x) for x in arrays[f"search{i}"])
+    return Entry(
+        frozenset(ast.literal_eval(str(arrays[f"among{i}"]))),
+        Trajectory(rows[:, 0].copy(), rows[:, 1:].copy()),
+        str(arrays[f"planner{i}"]),
+        complete == 1.0,
+        limit,
+        corners if len(corners) else None,
+        checked=False,
+    )
 
 
 def _write(path: Path, entries: list[Entry]) -> None:
@@ -135,9 +208,18 @@ def _write(path: Path, entries: list[Entry]) -> None:
         arrays[f"samples{i}"] = np.column_stack([entry.trajectory.times, entry.trajectory.poses])
         arrays[f"among{i}"] = repr(sorted(entry.among, key=repr))
         arrays[f"planner{i}"] = entry.planner
+        arrays[f"search{i}"] = np.array([float(entry.complete), entry.limit])
+        arrays[f"corners{i}"] = np.zeros((0, 3)) if entry.corners is None else entry.corners
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
+    data = buffer.getvalue()
     path.parent.mkdir(parents=True, exist_ok=True)
     # written aside and renamed, so that parallel readers never see half a file
-    handle, name = tempfile.mkstemp(dir=path.parent, suffix=".npz")
-    os.close(handle)
-    np.savez_compressed(name, **arrays)  # type: ignore[arg-type]
-    os.replace(name, path)
+    handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(hashlib.sha256(data).hexdigest().encode() + b"\n" + data)
+        os.replace(name, path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise

@@ -92,14 +92,13 @@ def _motion(name: str, *poses: tuple[float, float, float]) -> TimedMotion:
 
 def compile_groups() -> None:
     """Run what coordinates cars, once: two that cross where a third one rests."""
-    from up_samp.motion.fleet import coordinate, offset_profile
+    from up_samp.motion.fleet import coordinate
 
     east = _motion("east", (1.0, 4.0, 0.0), (7.0, 4.0, 0.0))
     north = _motion("north", (4.0, 1.0, math.pi / 2), (4.0, 7.0, math.pi / 2))
     third = Rest("third", _BODY, (1.0, 7.5, 0.0), -math.inf, math.inf)
     straight = _Straight()
     coordinate(straight, GroupQuery((east, north), (third,)), Deadline.never())
-    offset_profile(straight, east, north)
 
 
 def compile_search() -> None:

@@ -9,29 +9,43 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+import numpy.typing as npt
+
 from up_samp.model import Body, Configuration, Deadline, Placed, Trajectory
 
 
 @dataclass(frozen=True)
 class LegQuery:
-    """Move ``body`` from rest at ``start`` to rest at ``goal`` while the ``obstacles`` rest."""
+    """Move ``body`` from rest at ``start`` to rest at ``goal`` while the ``obstacles`` rest.
+
+    ``effort``: work after which to give up, counted as in ``Leg.effort`` (None: the planner's own
+    budget). A planner that does not count may ignore it.
+    """
 
     body: Body
     start: Configuration
     goal: Configuration
     obstacles: tuple[Placed, ...] = ()
+    effort: int | None = None
 
 
 @dataclass(frozen=True)
 class Leg:
     """A planner's answer: the motion (from time 0) or None with the ``reason``. None is no proof.
 
-    ``effort`` counts what the planner expanded or sampled.
+    ``effort`` counts what the planner expanded or sampled. ``complete``: the search ended by itself
+    and not by a deadline or by ``LegQuery.effort``, so that asking again with more time gives the
+    same; only then the motion counts as the planner's fastest. ``corners`` (n, 3): the corners of
+    an omnidirectional body's way, which the trajectory blends; with them it can pass from one leg
+    into the next without a stop.
     """
 
     trajectory: Trajectory | None
     reason: str = ""
     effort: int = 0
+    complete: bool = False
+    corners: npt.NDArray[np.float64] | None = None
 
 
 class MotionPlanner(Protocol):

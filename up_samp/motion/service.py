@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import logging
+import itertools
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
-from up_samp.geometry import OccupancyGrid, Scene, sweeps
-from up_samp.geometry import kernels as k
-from up_samp.geometry.shapes import shape_of
+from up_samp.geometry import OccupancyGrid, Scene
 from up_samp.model import (
     Body,
     Configuration,
@@ -23,23 +21,13 @@ from up_samp.model import (
     Placed,
     Trajectory,
 )
-from up_samp.motion.cache import Entry, MotionCache, obstacle_key
-from up_samp.motion.curves.trajectories import at_rest, joined, reversed_trajectory
+from up_samp.motion.cache import MotionCache
+from up_samp.motion.legs import Legs, Settings, parking_clears
 from up_samp.motion.proofs.bounds import Bounds
 from up_samp.motion.proofs.certificates import TOUCH, Certifier
-from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
-from up_samp.motion.registry import SECOND_OPINION_SECONDS, make_planner, planner_names
+from up_samp.motion.protocol import Leg, LegQuery
+from up_samp.motion.stringing import strung
 from up_samp.motion.warm import warm_up
-
-log = logging.getLogger(__name__)
-
-PLANAR = (MotionModel.REEDSSHEPP, MotionModel.SE2)
-LAZY_ROUNDS = 3
-QUICK_SECONDS = 1.0
-"""After so long without a motion, a proof over positions and headings is tried."""
-PROOF_SECONDS = 5.0
-FIRST_SHARE = 0.75
-"""Share of a query's time for the first planner, where others give their opinion after it."""
 
 
 class MotionService:
@@ -66,152 +54,34 @@ class MotionService:
         self.cache = MotionCache() if cache is None else cache
         self.certifier = Certifier(self.scene)
         self.bounds = Bounds(self.scene, self.certifier)
-        self._planners: dict[str, MotionPlanner] = {}
+        settings = Settings(planner, seed)
+        self.legs = Legs(self.scene, settings, self.cache, self.certifier, self.certificate)
 
     def plan(self, query: PathQuery, deadline: Deadline) -> PathReport:
-        """Answer a query: found, proven impossible, or out of time."""
+        """Answer a query: found, proven impossible, not found, or out of time."""
         warm_up(query.body.kinematics.model)
         began = time.monotonic()
         proof = self.certificate(query.body, query.poses, query.obstacles)
         if proof is not None:
             return _timed(proof, began)
-        names = planner_names(self.planner, query.body)
-        parts, used = [at_rest(query.poses[0])], ""
-        for start, goal in zip(query.poses, query.poses[1:], strict=False):
+        legs, used = [], ""
+        for start, goal in itertools.pairwise(query.poses):
             if tuple(start) == tuple(goal):
                 continue
-            leg = LegQuery(query.body, start, goal, query.obstacles)
-            report = self._leg(names, leg, deadline)
-            if report.trajectory is None:
-                return _timed(report, began)
-            parts.append(report.trajectory)
-            used = report.planner
-        found = PathReport(Outcome.FOUND, joined(parts), planner=used)
-        return _timed(found, began)
+            found = self.legs.find(LegQuery(query.body, start, goal, query.obstacles), deadline)
+            if found.leg is None:
+                assert found.report is not None
+                return _timed(found.report, began)
+            legs.append(found.leg)
+            used = found.planner
+        whole, smooth = strung(self.scene, query, legs)
+        complete = smooth and all(leg.complete for leg in legs)
+        report = PathReport(Outcome.FOUND, whole, planner=used, complete=complete)
+        return _timed(report, began)
 
-    def _leg(self, names: Sequence[str], query: LegQuery, deadline: Deadline) -> PathReport:
-        """Return a leg from the cache or from the first planner that finds one."""
-        reasons = []
-        for name in names:
-            planner = self._planner(name)
-            known = self._known(planner, name, query)
-            if known is not None:
-                self.cache.hits += 1
-                return PathReport(Outcome.FOUND, known, planner=name)
-        self.cache.misses += 1
-        for name in names:
-            # the first planner ends by itself where it can, later ones are second opinions
-            limit = FIRST_SHARE * deadline.remaining() if len(names) > 1 else None
-            if name != names[0]:
-                limit = SECOND_OPINION_SECONDS
-            report = self._lazily(name, query, deadline.within(limit))
-            if report.outcome is not Outcome.OUT_OF_TIME:
-                return report
-            reasons.append(f"{name}: {report.reason}")
-            if deadline.expired():
-                break
-        return PathReport(
-            Outcome.OUT_OF_TIME,
-            blockers=self._in_the_way(query),
-            reason="; ".join(reasons),
-            planner=names[0],
-        )
-
-    def _lazily(self, name: str, query: LegQuery, deadline: Deadline) -> PathReport:
-        """Plan among the obstacles that prove to matter only (so that more queries share a leg)."""
-        planner = self._planner(name)
-        body, obstacles = query.body, query.obstacles
-        chosen: tuple[Placed, ...] = () if body.kinematics.model in PLANAR else obstacles
-        for attempt in range(LAZY_ROUNDS + 1):
-            if attempt == LAZY_ROUNDS:
-                chosen = obstacles
-            part = replace(query, obstacles=chosen)
-            trajectory = self._known(planner, name, part)
-            if trajectory is None:
-                leg = self._ask(name, part, deadline)
-                if isinstance(leg, PathReport):
-                    return leg
-                if leg.trajectory is None:
-                    return PathReport(Outcome.OUT_OF_TIME, reason=leg.reason, planner=name)
-                trajectory = leg.trajectory
-                self.remember(name, part, trajectory)
-            if chosen == obstacles:
-                break
-            hit = [
-                p for p in obstacles if p not in chosen and not self._clears(trajectory, body, p)
-            ]
-            if not hit:
-                break
-            chosen = tuple(p for p in obstacles if p in chosen or p in hit)
-            proof = self.certificate(body, (query.start, query.goal), chosen)
-            if proof is not None:
-                return proof
-        return PathReport(Outcome.FOUND, trajectory, planner=name)
-
-    def _ask(self, name: str, query: LegQuery, deadline: Deadline) -> Leg | PathReport:
-        """Ask a planner; where it finds nothing at once, look for a stronger proof in between."""
-        planner = self._planner(name)
-        if name not in ("car", "planar") or self.grid is None:
-            return planner.leg(query, deadline)
-        leg = planner.leg(query, deadline.within(QUICK_SECONDS))
-        if leg.trajectory is not None or deadline.expired():
-            return leg
-        limit = deadline.within(PROOF_SECONDS)
-        ends = query.start, query.goal
-        proof = self.certifier.prove_by_slices(query.body, *ends, query.obstacles, limit)
-        if proof is not None:
-            return proof
-        return planner.leg(query, deadline)
-
-    def _scope(self, name: str) -> tuple[object, ...]:
-        return (self.scene.digest, name, self.scene.margin, self.seed)
-
-    def remember(self, name: str, query: LegQuery, trajectory: Trajectory) -> None:
+    def remember(self, name: str, query: LegQuery, leg: Leg) -> None:
         """Put a leg that ``name`` planned into the cache."""
-        planner = self._planner(name)
-        what = query.body, query.start, query.goal
-        key, swap = MotionCache.key(self._scope(name), *what, planner.reversible)
-        stored = reversed_trajectory(trajectory) if swap else trajectory
-        self.cache.put(key, Entry(obstacle_key(query.obstacles), stored, name))
-
-    def _known(self, planner: MotionPlanner, name: str, query: LegQuery) -> Trajectory | None:
-        """Return a remembered leg that was planned among a part of the obstacles and clears all."""
-        body, obstacles = query.body, query.obstacles
-        what = body, query.start, query.goal
-        key, swap = MotionCache.key(self._scope(name), *what, planner.reversible)
-        here = obstacle_key(obstacles)
-        for entry in self.cache.get(key):
-            if not entry.among <= here:
-                continue
-            rest = [p for p in obstacles if not obstacle_key([p]) <= entry.among]
-            if rest and body.kinematics.model not in PLANAR:
-                continue
-            if all(self._clears(entry.trajectory, body, p) for p in rest):
-                return reversed_trajectory(entry.trajectory) if swap else entry.trajectory
-        return None
-
-    def _clears(self, trajectory: Trajectory, body: Body, placed: Placed) -> bool:
-        return self.parking_clears(trajectory, body, placed, self.scene.margin)
-
-    def _in_the_way(self, query: LegQuery) -> frozenset[str]:
-        """Return the obstacles that the way on the empty map would hit (all, if that is
-        unknown).
-        """
-        body, obstacles = query.body, query.obstacles
-        if body.kinematics.model not in PLANAR or not obstacles:
-            return frozenset(p.name for p in obstacles)
-        alone = replace(query, obstacles=())
-        for name in planner_names(self.planner, body):
-            free = self._known(self._planner(name), name, alone)
-            if free is not None:
-                hit = [p.name for p in obstacles if not self._clears(free, body, p)]
-                return frozenset(hit)
-        return frozenset(p.name for p in obstacles)
-
-    def _planner(self, name: str) -> MotionPlanner:
-        if name not in self._planners:
-            self._planners[name] = make_planner(name, self.scene, self.seed)
-        return self._planners[name]
+        self.legs.remember(name, query, leg)
 
     def lower_bound(
         self,
@@ -236,18 +106,6 @@ class MotionService:
         began = time.monotonic()
         proof = self.certifier.prove(body, poses, tuple(obstacles))
         return None if proof is None else _timed(proof, began)
-
-    def unreachable(
-        self,
-        body: Body,
-        start: Configuration,
-        targets: Mapping[str, Configuration],
-        obstacles: Sequence[Placed],
-    ) -> frozenset[str]:
-        """Return the names of the targets that provably cannot be reached from ``start``."""
-        if body.kinematics.model is MotionModel.SE3:
-            return frozenset()
-        return self.certifier.unreachable(body, start, targets, tuple(obstacles))
 
     def pose_blockers(
         self, body: Body, pose: Configuration, obstacles: Sequence[Placed]
@@ -274,19 +132,7 @@ class MotionService:
         self, trajectory: Trajectory, body: Body, placed: Placed, clearance: float = 0.0
     ) -> bool:
         """Return whether a motion keeps ``clearance`` (m) from a resting object, all the way."""
-        shape = shape_of(body, clearance).data
-        polys = self.scene.polys((placed,))
-        nothing = k.open_plane()
-        poses = trajectory.poses.copy()  # numba compiles anew for arrays that cannot be written
-        return bool(sweeps.samples_free(nothing, polys, shape, poses, 1e-4) < 0)
-
-    def parking_clearance(self, trajectory: Trajectory, body: Body, placed: Placed) -> float:
-        """Return the smallest distance (m) of a motion to a resting object, at most 1 mm too small;
-        <= 0 if they overlap.
-        """
-        shape = shape_of(body).data
-        polys = self.scene.polys((placed,))
-        return float(sweeps.samples_distance(polys, shape, trajectory.poses.copy(), 1e-3))
+        return parking_clears(self.scene, trajectory, body, placed, clearance)
 
     def coordinate(
         self,
@@ -306,12 +152,4 @@ class MotionService:
 
 
 def _timed(report: PathReport, began: float) -> PathReport:
-    return PathReport(
-        report.outcome,
-        report.trajectory,
-        report.blockers,
-        report.alternatives,
-        report.reason,
-        report.planner,
-        time.monotonic() - began,
-    )
+    return replace(report, seconds=time.monotonic() - began)

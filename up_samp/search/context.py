@@ -13,7 +13,6 @@ from up_samp.model import (
     CandidateSchedule,
     Configuration,
     Deadline,
-    PathQuery,
     ScheduledMotion,
     Trajectory,
 )
@@ -78,8 +77,6 @@ class Context:
     written: set[object] = field(default_factory=set)
     standing: list[Refinement] = field(default_factory=list)
     durations: dict[Signature, float] = field(default_factory=dict)
-    hasty: set[PathQuery] = field(default_factory=set)
-    """Queries whose time was up: what they found need not be the planner's fastest."""
     hopeless: set[frozenset[str]] = field(default_factory=set)
     """Activities that found no trajectories together at some offsets."""
 

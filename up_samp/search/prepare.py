@@ -139,14 +139,10 @@ def state_durations(context: Context) -> list[Refinement]:
 def fastest_path(context: Context, query: PathQuery, seconds: float) -> tuple[PathReport, Strength]:
     """Return the planner's answer and what its duration is worth.
 
-    A motion that took all of its time is not the planner's fastest, also when it is asked for
-    again and comes from the cache.
+    Only a motion whose planner finished its search is the planner's fastest.
     """
-    limit = context.deadline.within(seconds)
-    report = context.service.plan(query, limit)
-    if limit.expired():
-        context.hasty.add(query)
-    return report, Strength.HEURISTIC if query in context.hasty else Strength.RELATIVE
+    report = context.service.plan(query, context.deadline.within(seconds))
+    return report, Strength.RELATIVE if report.complete else Strength.HEURISTIC
 
 
 def duration_refinements(

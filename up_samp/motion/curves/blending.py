@@ -4,13 +4,17 @@ Pieces are joined by parabolic blends at constant acceleration (linear segments 
 blends; Taylor 1979; Kunz & Stilman, RSS 2012): at a corner the velocity turns from one direction
 into the next at one and the same speed, so that neither speed nor acceleration ever exceeds its
 limit. Between blends the speed is a trapezoid.
+
+A blend cuts its corner. Where a motion has to pass exactly through a corner (a waypoint), the
+corner is moved outwards until the blend's middle lies on it (:func:`through`).
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -21,10 +25,19 @@ FloatArray = npt.NDArray[np.float64]
 
 TINY = 1e-9
 
+PIN_ROUNDS = 60
+"""Rounds in which the corners at waypoints are moved until they fit."""
+
+PINNED = 1e-12
+"""Corners that move by less (m, rad) stay where they are."""
+
 
 @dataclass(frozen=True)
 class Chain:
-    """Straight pieces: ``nodes`` (n, 3), lengths (m), unit directions and top speeds (m/s)."""
+    """Straight pieces: ``nodes`` (n, 3), lengths (m), unit directions and top speeds (m/s).
+
+    ``pins``: poses that the motion passes exactly, by the number of the node that stands for them.
+    """
 
     nodes: FloatArray
     lengths: FloatArray
@@ -33,9 +46,12 @@ class Chain:
     v: float
     a: float
     omega: float
+    pins: Mapping[int, FloatArray] = field(default_factory=dict)
 
     @staticmethod
-    def of(nodes: FloatArray, kinematics: Kinematics) -> Chain:
+    def of(
+        nodes: FloatArray, kinematics: Kinematics, pins: Mapping[int, FloatArray] | None = None
+    ) -> Chain:
         """Return the chain with the limits of ``kinematics``."""
         v, a, omega = kinematics.v_max, kinematics.a_max, kinematics.omega_max
         steps = np.diff(nodes, axis=0)
@@ -43,7 +59,7 @@ class Chain:
         safe = np.where(lengths > TINY, lengths, 1.0)
         turns = np.abs(steps[:, 2])
         tops = np.minimum(v, omega * lengths / np.where(turns > TINY, turns, TINY))
-        return Chain(nodes, lengths, steps[:, :2] / safe[:, None], tops, v, a, omega)
+        return Chain(nodes, lengths, steps[:, :2] / safe[:, None], tops, v, a, omega, pins or {})
 
     def bend(self, i: int) -> float:
         """Return |u2 - u1| of the directions at inner node ``i``."""
@@ -83,6 +99,41 @@ def _reach(chain: Chain, speeds: FloatArray, i: int) -> float:
     if i in (0, len(chain.nodes) - 1) or speeds[i] <= 0:
         return 0.0
     return float(speeds[i] ** 2 * chain.bend(i) / (2 * chain.a))
+
+
+def through(
+    chain: Chain, speeds: FloatArray, kinematics: Kinematics
+) -> tuple[Chain, FloatArray] | None:
+    """Return the chain with its corners moved so that the blends pass the ``pins``, and speeds
+    that fit it, none of them higher (None: no such corners were found).
+    """
+    nodes = chain.nodes
+    for _ in range(PIN_ROUNDS):
+        moved = nodes.copy()
+        for i, pin in chain.pins.items():
+            if speeds[i] > 0.0:
+                moved[i] = pin - _cut(nodes, i, float(speeds[i]), chain.a)
+            else:
+                moved[i] = pin
+        step = float(np.abs(moved - nodes).max())
+        nodes = moved
+        chain = Chain.of(nodes, kinematics, chain.pins)
+        fitting = settled(chain, np.minimum(speeds, first_speeds(chain)))
+        if step < PINNED and np.allclose(fitting, speeds, rtol=1e-12, atol=0.0):
+            return chain, speeds
+        speeds = fitting
+    return None
+
+
+def _cut(nodes: FloatArray, i: int, speed: float, a: float) -> FloatArray:
+    """Return by how much the middle of the blend at node ``i`` lies off the node."""
+    before, after = nodes[i] - nodes[i - 1], nodes[i + 1] - nodes[i]
+    sizes = float(np.hypot(*before[:2])), float(np.hypot(*after[:2]))
+    if min(sizes) < TINY:
+        return np.zeros(3)
+    u, w = before / sizes[0], after / sizes[1]
+    seconds = speed * float(np.linalg.norm(w[:2] - u[:2])) / a
+    return np.asarray((w - u) * speed * seconds / 8)
 
 
 def _profile(
@@ -177,8 +228,11 @@ def _blend(writer: _Writer, chain: Chain, i: int, reach: float, speed: float) ->
     v0 = before / chain.lengths[i - 1] * speed
     v1 = after / chain.lengths[i] * speed
     start = chain.nodes[i] - v0 * (seconds / 2)
-    grid = _grid(seconds)
+    half = _grid(seconds / 2)
+    grid = np.concatenate([half, seconds / 2 + half])
     poses = start + np.outer(grid, v0) + np.outer(grid * grid / (2 * seconds), v1 - v0)
+    if i in chain.pins:
+        poses[len(half) - 1] = chain.pins[i]
     writer.add(seconds, poses, grid, i)
 
 

@@ -270,27 +270,3 @@ def first_gap(blocked: FloatArray, earliest: float, latest: float) -> float:
         if blocked[k, 1] > at:
             at = blocked[k, 1]
     return at if at <= latest else np.inf
-
-
-@kernel
-def offset_intervals(runs: IntArray, a: FloatArray, b: FloatArray, flags: int) -> FloatArray:
-    """Return open intervals (k, 2), unsorted, of b's start minus a's in which two runs collide.
-
-    ``a`` and ``b`` are the occupancies when each starts at time 0. The pair of cells (i, j)
-    collides while a[i] < b[j + 1] + d and b[j] + d < a[i + 1]. Who must keep clear by
-    ``flags`` also collides with the other one where that rests before its start and after its end;
-    with 0 only collisions while both move count.
-    """
-    pairs = np.empty((len(runs), 2))
-    used = 0
-    end_a, end_b = len(a) - 2, len(b) - 2
-    for r in range(len(runs)):
-        i, j0, j1 = runs[r, 0], runs[r, 1], runs[r, 2]
-        resting = i == 0 or i == end_a
-        if resting or not flags & A_AVOIDS:
-            j0, j1 = max(j0, 1), min(j1, end_b - 1)
-        if j0 > j1 or (resting and not flags & B_AVOIDS):
-            continue
-        pairs[used, 0], pairs[used, 1] = a[i] - b[j1 + 1], a[i + 1] - b[j0]
-        used += 1
-    return pairs[:used]

@@ -10,10 +10,11 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 from up_samp.model import Deadline, GroupQuery, GroupReport, Outcome, UnsupportedError
 from up_samp.motion.fleet.flyers import coordinate_flights, has_flyers
-from up_samp.motion.fleet.one_robot import Attempt, failed, sample_one
+from up_samp.motion.fleet.one_robot import Attempt, failed, nothing, sample_one
 from up_samp.motion.fleet.priority_search import Group, Node, alone, climb, window_of
 from up_samp.motion.fleet.timed_path import Run, fixed_run
 from up_samp.motion.fleet.workspace import PathPlanner, Workspace, rest_run, workspace_of
@@ -43,13 +44,23 @@ def coordinate(
         if method != "ladder":
             raise UnsupportedError(f"the method '{method}' is for planar bodies; one here is SE3")
         return coordinate_flights(service, query, deadline)
+    workspace = workspace_of(service)
+    truncated = workspace.truncated
+    report = _coordinated(workspace, query, deadline, seed, method)
+    whole = not deadline.expired() and workspace.truncated == truncated
+    return replace(report, complete=whole)
+
+
+def _coordinated(
+    workspace: Workspace, query: GroupQuery, deadline: Deadline, seed: int, method: str
+) -> GroupReport:
     began = time.monotonic()
-    group = _group_of(workspace_of(service), query, deadline)
+    group = _group_of(workspace, query, deadline)
     if method == "st-rrt*":
         return _one_by_one(group, seed, began)
     root, attempt, name = alone(group)
     if root is None:
-        return _hopeless(name, attempt, time.monotonic() - began)
+        return _hopeless(name, attempt, deadline, time.monotonic() - began)
     climb(group, root)
     conflict = _shrunk(group, root, query) if _is_bad(group) else frozenset()
     return _report(group, conflict, time.monotonic() - began)
@@ -65,7 +76,7 @@ def _one_by_one(group: Group, seed: int, began: float) -> GroupReport:
         group.met |= attempt.met
         if attempt.run is None:
             return GroupReport(
-                Outcome.OUT_OF_TIME,
+                nothing(group.deadline),
                 conflict=frozenset({*runs, name}),
                 blockers=_resting(group),
                 reason=f"{name}: ST-RRT* found no way among those before it",
@@ -127,11 +138,11 @@ def _group_of(workspace: Workspace, query: GroupQuery, deadline: Deadline) -> Gr
     return Group(workspace, motions, world, deadline)
 
 
-def _hopeless(name: str, attempt: Attempt, seconds: float) -> GroupReport:
+def _hopeless(name: str, attempt: Attempt, deadline: Deadline, seconds: float) -> GroupReport:
     report = attempt.report
     reason = report.reason if report else "no safe timing or detour found"
     return GroupReport(
-        failed(attempt),
+        failed(attempt, deadline),
         conflict=frozenset({name}),
         blockers=report.blockers if report else attempt.met,
         reason=f"{name}: {reason}",
@@ -142,7 +153,7 @@ def _hopeless(name: str, attempt: Attempt, seconds: float) -> GroupReport:
 def _report(group: Group, conflict: frozenset[str], seconds: float) -> GroupReport:
     if group.best is None:
         return GroupReport(
-            Outcome.OUT_OF_TIME,
+            nothing(group.deadline),
             conflict=conflict,
             blockers=_resting(group),
             reason="no order of the robots was found in which all can drive",

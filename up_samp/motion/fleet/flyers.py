@@ -70,6 +70,15 @@ class Airspace:
     """By motion: copies of others where it would have met them."""
     report: PathReport | None = None
     """Why a motion has no path, the last time that happened."""
+    complete: bool = True
+    """Whether no path's search was cut short."""
+
+    def plan(self, query: PathQuery) -> PathReport:
+        """Ask the service for a path."""
+        report = self.service.plan(query, self.deadline)
+        cut = not report.complete and report.outcome in (Outcome.FOUND, Outcome.OUT_OF_TIME)
+        self.complete = self.complete and not cut
+        return report
 
     def paths(self, motion: TimedMotion, wide: bool, release: float) -> Iterator[Trajectory]:
         """Yield paths of a motion: among what rests all the time, then among all that ever rests
@@ -89,7 +98,7 @@ class Airspace:
                 continue
             tried.append(obstacles)
             query = PathQuery(motion.body, motion.poses, obstacles)
-            report = self.service.plan(query, self.deadline)
+            report = self.plan(query)
             if report.trajectory is None:
                 self.report = report
             else:
@@ -164,7 +173,7 @@ class Airspace:
         ever = self._rests(motion, window[1])
         obstacles = (*(Placed(r.name, r.body, r.pose) for r in ever), *ghosts)
         query = PathQuery(motion.body, motion.poses, obstacles)
-        return self.service.plan(query, self.deadline).trajectory
+        return self.plan(query).trajectory
 
     def _earliest(
         self,
@@ -276,9 +285,10 @@ def coordinate_flights(service: PathPlanner, query: GroupQuery, deadline: Deadli
         elif late < least - ON_TIME:
             best, least = flights, late
     seconds = time.monotonic() - began
+    complete = space.complete and not deadline.expired()
     if best is None:
-        return _nothing(space, stuck, seconds)
-    return _found(space, best, seconds)
+        return replace(_nothing(space, stuck, seconds), complete=complete)
+    return replace(_found(space, best, seconds), complete=complete)
 
 
 def _orders(motions: Mapping[str, TimedMotion]) -> Iterator[tuple[str, ...]]:
@@ -317,7 +327,7 @@ def _nothing(space: Airspace, stuck: str, seconds: float) -> GroupReport:
     conflict = {stuck, *(space.met.get(stuck, set()) & set(space.motions))} - {""}
     why = space.report.reason if space.report is not None else "it would always meet somebody"
     return GroupReport(
-        Outcome.OUT_OF_TIME,
+        Outcome.OUT_OF_TIME if space.deadline.expired() else Outcome.NOT_FOUND,
         conflict=frozenset(conflict or space.motions),
         blockers=frozenset(r.name for r in space.rests),
         reason=f"{stuck}: {why}" if stuck else "out of time",
@@ -359,6 +369,7 @@ def earliest_flight(
         reason=report.reason,
         planner="flights",
         seconds=time.monotonic() - began,
+        complete=report.complete,
     )
 
 

@@ -147,7 +147,7 @@ def earliest_arrival(
     """Return the earliest found arrival of one motion among movers and things that come and go.
 
     The trajectory is in plan time and may end after the motion's due. ``IMPOSSIBLE`` is a proof
-    by what rests there for good; anything else without a trajectory is ``OUT_OF_TIME``.
+    by what rests there for good. ``complete`` where no search was cut short.
     """
     began = time.monotonic()
     if has_flyers((motion,), rests, fixed):
@@ -156,23 +156,32 @@ def earliest_arrival(
     others = [rest_run(workspace, rest) for rest in rests] + [fixed_run(f) for f in fixed]
     window = Window(motion.present_from, motion.release)
     limit = deadline or Deadline.never()
+    truncated = workspace.truncated
     attempt = plan_one(workspace, motion, window, others, limit, effort=2)
     seconds = time.monotonic() - began
+    complete = not limit.expired() and workspace.truncated == truncated
     if attempt.run is not None:
         found = attempt.run.timing.trajectory
-        return PathReport(Outcome.FOUND, found, planner="space-time", seconds=seconds)
+        return PathReport(
+            Outcome.FOUND, found, planner="space-time", seconds=seconds, complete=complete
+        )
     report = attempt.report
     return PathReport(
-        failed(attempt),
+        failed(attempt, limit),
         blockers=attempt.met,
         alternatives=report.alternatives if report else (),
         reason=report.reason if report else "no safe timing or detour found",
         planner="space-time",
         seconds=seconds,
+        complete=complete,
     )
 
 
-def failed(attempt: Attempt) -> Outcome:
+def failed(attempt: Attempt, deadline: Deadline) -> Outcome:
     """Return what a failed attempt is worth: a proof only if the path planner has one."""
-    report = attempt.report
-    return report.outcome if report is not None else Outcome.OUT_OF_TIME
+    return nothing(deadline) if attempt.report is None else attempt.report.outcome
+
+
+def nothing(deadline: Deadline) -> Outcome:
+    """Return what it means that nothing was found: the search is at its end, or the time is."""
+    return Outcome.OUT_OF_TIME if deadline.expired() else Outcome.NOT_FOUND

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -174,7 +174,11 @@ class Path:
 
 
 def path_of(trajectory: Trajectory, body: Body, waypoints: Sequence[Configuration] = ()) -> Path:
-    """Cut a planar body's trajectory through ``waypoints`` (rests) into a :class:`Path`."""
+    """Cut a planar body's trajectory through ``waypoints`` into a :class:`Path`.
+
+    It must rest where the trajectory pauses and where its direction jumps, and pass the waypoints
+    between exactly, at any speed.
+    """
     poses = np.asarray(trajectory.poses, dtype=np.float64)
     model = body.kinematics.model
     v_max, omega_max = body.kinematics.v_max, body.kinematics.omega_max
@@ -192,7 +196,8 @@ def path_of(trajectory: Trajectory, body: Body, waypoints: Sequence[Configuratio
     kink, stop = _kinks(kept, s, model)
     tunable = model in (MotionModel.REEDSSHEPP, MotionModel.SE2)
     if tunable:
-        stop |= _waypoints(trajectory, natural_s, s, waypoints[1:-1])
+        stop |= _pauses(trajectory, natural_s, s)
+        kink |= stop | _waypoints(trajectory, natural_s, s, waypoints[1:-1])
     if model is MotionModel.SE2 and _bends_hard(kept, stop, body):
         # speeds are tuned along a path for speed alone: a blended corner would be taken too fast
         tunable = False
@@ -209,24 +214,6 @@ def path_of(trajectory: Trajectory, body: Body, waypoints: Sequence[Configuratio
         trajectory.shifted(-trajectory.start),
         natural_s,
     )
-
-
-def timed_cells(path: Path, seconds: float) -> Path:
-    """Return the same path cut into cells that take about ``seconds`` each in its natural timing.
-
-    Cells of equal length take long where it starts and stops; these tell times there better, but
-    speeds cannot be tuned on them.
-    """
-    if path.cells == 0:
-        return path
-    times = path.natural.times
-    count = max(1, math.ceil(float(times[-1]) / seconds))
-    edges = np.interp(np.linspace(0.0, float(times[-1]), count + 1), times, path.natural_s)
-    edges = np.concatenate([edges, path.s[path.stop]])
-    edges = np.unique(np.round(edges / TINY) * TINY)
-    edges[0], edges[-1] = 0.0, path.length
-    halt = np.isin(np.arange(len(edges)), np.searchsorted(edges, path.s[path.stop] - TINY))
-    return replace(path, edges=edges, halt=halt, tunable=False, number=next(_numbers))
 
 
 def resting_path(body: Body, pose: Configuration) -> Path:
@@ -295,11 +282,9 @@ def _bends_hard(poses: FloatArray, stop: BoolArray, body: Body) -> bool:
 def _waypoints(
     trajectory: Trajectory, natural_s: FloatArray, s: FloatArray, inner: Sequence[Configuration]
 ) -> BoolArray:
-    """Return which samples of the path are rests of the query: ``inner`` waypoints and pauses."""
-    rests = np.zeros(len(s), dtype=np.bool_)
-    still = np.diff(natural_s) < TINY
-    paused = np.flatnonzero(still & (np.diff(trajectory.times) > 0.5 * Trajectory.MAX_STEP))
-    found, after = [natural_s[i] for i in paused], 0
+    """Return which samples of the path stand for the ``inner`` waypoints."""
+    found: list[float] = []
+    after = 0
     for pose in inner:
         gap = np.abs(trajectory.poses[after:, :2] - np.array(pose[:2])).max(axis=1)
         turn = trajectory.poses[after:, 2] - pose[2]
@@ -307,9 +292,22 @@ def _waypoints(
         hits = np.flatnonzero(gap < 1e-6)
         after += int(hits[0]) if len(hits) else int(np.argmin(gap))
         found.append(natural_s[after])
-    for value in found:
-        rests[int(np.argmin(np.abs(s - value)))] = True
-    return rests
+    return _marks(s, found)
+
+
+def _pauses(trajectory: Trajectory, natural_s: FloatArray, s: FloatArray) -> BoolArray:
+    """Return at which samples of the path the trajectory stands still for a while."""
+    still = np.diff(natural_s) < TINY
+    paused = np.flatnonzero(still & (np.diff(trajectory.times) > 0.5 * Trajectory.MAX_STEP))
+    return _marks(s, natural_s[paused])
+
+
+def _marks(s: FloatArray, values: Iterable[float]) -> BoolArray:
+    """Return which samples are nearest to the ``values`` of ``s``."""
+    marks = np.zeros(len(s), dtype=np.bool_)
+    for value in values:
+        marks[int(np.argmin(np.abs(s - value)))] = True
+    return marks
 
 
 def _cell_length(body: Body) -> float:

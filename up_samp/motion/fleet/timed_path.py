@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -23,7 +22,7 @@ from up_samp.motion.fleet.cell_times import (
     B_AVOIDS,
     occupancy,
 )
-from up_samp.motion.fleet.paths import Hull, Path, hull_of, path_of
+from up_samp.motion.fleet.paths import Path, path_of
 from up_samp.motion.fleet.timings import Timing
 
 if TYPE_CHECKING:
@@ -125,8 +124,3 @@ def planar(body: Body) -> None:
         raise UnsupportedError(
             "coordinating several bodies in space-time is for planar bodies; one here is SE3"
         )
-
-
-def hulls(bodies: Iterable[Body]) -> list[Hull]:
-    """Return the convex parts of planar bodies."""
-    return [hull_of(body) for body in bodies]

@@ -25,7 +25,7 @@ from up_samp.model import (
     Placed,
     Rest,
 )
-from up_samp.motion.curves.trajectories import at_rest, joined
+from up_samp.motion.curves.passing import driven_through
 from up_samp.motion.fleet.cell_times import (
     first_meeting,
     forbidden,
@@ -33,7 +33,7 @@ from up_samp.motion.fleet.cell_times import (
 )
 from up_samp.motion.fleet.conflicts import conflict_runs, separation
 from up_samp.motion.fleet.lanes import shifted_lane
-from up_samp.motion.fleet.paths import Hull, Path, path_of, resting_path, timed_cells
+from up_samp.motion.fleet.paths import Hull, Path, path_of, resting_path
 from up_samp.motion.fleet.timed_path import MARGIN, NOBODY, Run, pair_flags, planar, pose_at
 from up_samp.motion.fleet.timings import Timing
 from up_samp.motion.protocol import LegQuery
@@ -47,10 +47,6 @@ IntArray = npt.NDArray[np.int64]
 
 QUICK = 0.5
 """Seconds for a detour where there is no planner that stops after fixed work."""
-
-
-CELL_SECONDS = 0.1
-"""Length (s) of the cells that interaction profiles are made of."""
 
 
 CHORD = 0.1
@@ -109,10 +105,11 @@ class Workspace:
 
     def __init__(self, service: PathPlanner) -> None:
         self.service = service
+        self.truncated = 0
+        """How often a path's search was cut short; what came of it is not remembered."""
         self._paths: _Memory[Path | PathReport] = _Memory(PATHS)
         self._drives: _Memory[Path] = _Memory(PATHS)
         self._lanes: _Memory[Path | None] = _Memory(PATHS)
-        self._timed: _Memory[Path] = _Memory(PATHS)
         self._rests: _Memory[Path] = _Memory(PATHS)
         self._conflicts: _Memory[IntArray] = _Memory(DIAGRAMS)
 
@@ -140,13 +137,17 @@ class Workspace:
             return known
         report = self.service.plan(PathQuery(body, poses, obstacles), deadline)
         if report.trajectory is None:
+            self.truncated += report.outcome is Outcome.OUT_OF_TIME
             return report
         # the same path is often the answer to several questions: conflicts are known by path
         drive = (body, poses, report.trajectory.poses.tobytes())
         path = self._drives.recall(drive)
         path = path or self._drives.keep(drive, path_of(report.trajectory, body, poses))
         path.cleared.update(around)
-        return self._paths.keep(key, path)
+        if report.complete:
+            return self._paths.keep(key, path)
+        self.truncated += 1
+        return path
 
     def detour(
         self,
@@ -167,17 +168,19 @@ class Workspace:
         key = (body, poses, around, "detour")
         known = self._paths.recall(key)
         if known is None:
-            parts = [at_rest(poses[0])]
+            parts, complete = [], True
             for start, goal in itertools.pairwise(poses):
                 leg = self._quick.leg(LegQuery(body, start, goal, obstacles), deadline)
+                complete = complete and leg.complete
                 if leg.trajectory is None:
-                    known = PathReport(Outcome.OUT_OF_TIME, reason=leg.reason)
+                    outcome = Outcome.NOT_FOUND if leg.complete else Outcome.OUT_OF_TIME
+                    known = PathReport(outcome, reason=leg.reason)
                     break
                 parts.append(leg.trajectory)
             else:
-                known = path_of(joined(parts), body, poses)
+                known = path_of(driven_through(parts, body.kinematics), body, poses)
                 known.cleared.update(around)
-            if not deadline.expired():
+            if complete:
                 self._paths.keep(key, known)
         return known if isinstance(known, Path) else None
 
@@ -185,7 +188,7 @@ class Workspace:
     def _quick(self) -> CarPlanner | None:
         from up_samp.motion.planners.car import CarPlanner, CarSettings
 
-        settings = CarSettings((0.7,), (8_000,), rounds=400, patience=120, restarts=1)
+        settings = CarSettings((0.7,), (8_000,), rounds=400, patience=120)
         return CarPlanner(self.scene, 0, settings) if self.scene is not None else None
 
     @cached_property
@@ -202,12 +205,6 @@ class Workspace:
             lane = shifted_lane(self.scene, path, first, last, offset)
             self._lanes.keep(key, lane)
         return self._lanes[key]
-
-    def timed(self, path: Path) -> Path:
-        """Return ``path`` in cells of equal time."""
-        return self._timed.recall(path.number) or self._timed.keep(
-            path.number, timed_cells(path, CELL_SECONDS)
-        )
 
     def resting(self, body: Body, pose: Configuration) -> Path:
         """Return the path of a body that stays at ``pose``."""

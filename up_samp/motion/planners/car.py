@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from up_samp.geometry import Scene, Shape, sweeps
 from up_samp.model import Body, Configuration, Deadline, Placed
+from up_samp.motion.budget import Budget
 from up_samp.motion.curves.arcs import merged, path_time, reversed_arcs
 from up_samp.motion.curves.reeds_shepp import fastest
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
@@ -29,6 +30,9 @@ _DRY = "no path at the finest resolution"
 _STUCK = "no path at the finest resolution within fixed effort"
 
 
+_CUT = "out of time"
+
+
 _NARROW = 300
 """A search that runs dry within so many expansions was trapped where it began."""
 
@@ -40,7 +44,7 @@ class CarSettings:
     ``levels``: length of an arc primitive in turning radii, coarse to fine. ``nodes``: size of each
     search tree. ``extra``: expansions after the first solution. ``near``: range (turning radii) in
     which Reeds-Shepp times guide. ``weight``: of the distance to go. ``rounds``, ``patience``: of
-    the shortening. ``slice``: expansions between two looks at the clock; after ``stuck`` of them
+    the shortening. ``slice``: expansions between two looks at the budget; after ``stuck`` of them
     without coming nearer to the goal one resolution is given up.
     """
 
@@ -51,7 +55,6 @@ class CarSettings:
     weight: float = 2.5
     rounds: int = 1500
     patience: int = 200
-    restarts: int = 1
     slice: int = 4000
     stuck: int = 6
 
@@ -76,48 +79,47 @@ class CarPlanner:
 
     def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a fast motion between two poses among resting obstacles."""
+        budget = Budget(deadline, query.effort)
         with self._lock:
-            arcs, reason, expansions = self.path(query, deadline)
+            arcs, reason = self.path(query, budget)
+        complete = not budget.cut
         if arcs is None:
-            return Leg(None, reason, expansions)
-        ends = query.start, query.goal
-        return Leg(trajectory_of(ends, (arcs,), query.body.kinematics), reason, expansions)
+            return Leg(None, reason, budget.used, complete)
+        motion = trajectory_of((query.start, query.goal), (arcs,), query.body.kinematics)
+        return Leg(motion, reason, budget.used, complete)
 
-    def path(self, query: LegQuery, deadline: Deadline) -> tuple[FloatArray | None, str, int]:
-        """Return arcs (n, 2) or None, what happened, and the number of expansions."""
+    def path(self, query: LegQuery, budget: Budget) -> tuple[FloatArray | None, str]:
+        """Return arcs (n, 2) or None, and what happened."""
         body, start, goal, obstacles = query.body, query.start, query.goal, query.obstacles
         shape = widest_shape(self.scene, body, (start, goal), obstacles)
         if shape is None:
-            return None, "the start or the goal touches the map or an obstacle", 0
+            return None, "the start or the goal touches the map or an obstacle"
         radius, v, a = limits_of(body.kinematics)
         direct = self._direct(shape, start, goal, obstacles, (radius, v, a))
         if direct is not None:
-            return direct, "", 0
+            return direct, ""
         best: FloatArray | None = None
-        expansions, dry = 0, False
+        dry = False
         sides = [False, True]  # the search from the goal's side ends in other local optima
         for level in range(len(self.settings.levels)):
             for turned in tuple(sides):
+                if budget.spent():
+                    break
                 ends = (goal, start) if turned else (start, goal)
-                arcs, count, dry = self._search(body, shape, *ends, obstacles, level, deadline)
-                expansions += count
+                arcs, count, dry = self._search(body, shape, *ends, obstacles, level, budget)
                 if arcs is not None:
-                    arcs = self._smooth(shape, *ends, arcs, obstacles, (radius, v, a), deadline)
+                    arcs = self._smooth(shape, *ends, arcs, obstacles, (radius, v, a))
                     arcs = reversed_arcs(arcs) if turned else arcs
                     if best is None or path_time(arcs, v, a) < path_time(best, v, a):
                         best = arcs
                 elif dry:  # trapped, at this resolution; begin at the narrower end next time
                     sides = [turned, not turned] if count < _NARROW else [not turned, turned]
                     break
-                if deadline.expired():
-                    break
-            if best is not None or deadline.expired():
+            if best is not None or budget.cut:
                 break
         if best is None:
-            if deadline.expired():
-                return None, "out of time", expansions
-            return None, _DRY if dry else _STUCK, expansions
-        return best, "", expansions
+            return None, _CUT if budget.cut else _DRY if dry else _STUCK
+        return best, ""
 
     def _direct(
         self,
@@ -142,7 +144,7 @@ class CarPlanner:
         goal: Configuration,
         obstacles: tuple[Placed, ...],
         level: int,
-        deadline: Deadline,
+        budget: Budget,
     ) -> tuple[FloatArray | None, int, bool]:
         """Run hybrid A* at one resolution; return arcs or None, expansions, whether it ran dry."""
         radius, v, a = limits_of(body.kinematics)
@@ -163,7 +165,7 @@ class CarPlanner:
         data, polys = self.scene.data, self.scene.polys(obstacles)
         hybrid.plant(tree, np.array(start[:3], dtype=np.float64))
         state, looked, nearest, idle = 0, 0, math.inf, 0
-        while state == 0 and not deadline.expired() and idle < self.settings.stuck:
+        while state == 0 and idle < self.settings.stuck and not budget.spent():
             # does the search still come nearer to the goal?
             new = tree.nodes[looked : tree.counters[0], :2]
             reached = (
@@ -173,6 +175,7 @@ class CarPlanner:
             )
             idle = 0 if reached < nearest or tree.counters[3] >= 0 else idle + 1
             looked, nearest = int(tree.counters[0]), min(nearest, reached)
+            before = int(tree.counters[2])
             state = hybrid.expand(
                 tree,
                 data,
@@ -185,6 +188,7 @@ class CarPlanner:
                 limits,
                 self.settings.slice,
             )
+            budget.used += int(tree.counters[2]) - before
         found = tree.counters[3] >= 0
         arcs = merged(hybrid.solution(tree)) if found else None
         count = int(tree.counters[2])
@@ -206,29 +210,13 @@ class CarPlanner:
         arcs: FloatArray,
         obstacles: tuple[Placed, ...],
         limits: tuple[float, float, float],
-        deadline: Deadline,
     ) -> FloatArray:
-        """Return the fastest of a few shortened versions of a path."""
+        """Return a shortened path, or the path itself where that is no slower."""
         origin = np.array(start[:3], dtype=np.float64)
         target = np.array(goal[:3], dtype=np.float64)
         data, polys = self.scene.data, self.scene.polys(obstacles)
-        best = arcs
-        for attempt in range(self.settings.restarts):
-            if attempt > 0 and deadline.expired():
-                break
-            scratch = np.array([*limits, 0.0, 0.0])
-            found = improve(
-                data,
-                polys,
-                shape.data,
-                origin,
-                arcs,
-                scratch,
-                self.settings.rounds,
-                self.settings.patience,
-                self.seed + attempt,
-            )
-            better = path_time(found, *limits[1:]) < path_time(best, *limits[1:])
-            if better and settle(origin, target, found) < 1e-7:
-                best = found
-        return best
+        rounds, patience = self.settings.rounds, self.settings.patience
+        scratch = np.array([*limits, 0.0, 0.0])
+        found = improve(data, polys, shape.data, origin, arcs, scratch, rounds, patience, self.seed)
+        better = path_time(found, *limits[1:]) < path_time(arcs, *limits[1:])
+        return found if better and settle(origin, target, found) < 1e-7 else arcs

@@ -23,6 +23,7 @@ from up_samp.model import (
     ProblemError,
     Trajectory,
 )
+from up_samp.motion.budget import Budget
 from up_samp.motion.planners import ompl_edges as edges
 from up_samp.motion.planners.control_law import Piece, Roller, Shot, miss, shots, total
 from up_samp.motion.planners.ompl_planar import OmplSettings, PlanarWorld
@@ -89,7 +90,7 @@ class ControlWorld(PlanarWorld):
         return found
 
     def steer(
-        self, a: Configuration, b: Configuration, count: int, deadline: Deadline
+        self, a: Configuration, b: Configuration, count: int, budget: Budget
     ) -> list[Piece] | None:
         """Return the quickest free shot from ``a`` to ``b`` out of ``count`` random guesses."""
 
@@ -99,7 +100,7 @@ class ControlWorld(PlanarWorld):
         guesses = self.guesses(a, b, count)
         longest = 1.5 * max(p.seconds for guess in guesses for p in guess)
         shot = Shot(self.roller, a, b, PIECES, longest)
-        return shots(shot, guesses, free, deadline.expired)
+        return shots(shot, guesses, free, budget.spent)
 
 
 class _Validity(ob.StateValidityChecker):  # type: ignore[misc]
@@ -118,7 +119,7 @@ def _search(
     world: ControlWorld,
     start: Configuration,
     goal: Configuration,
-    deadline: Deadline,
+    budget: Budget,
     name: str,
     seed: int,
 ) -> tuple[list[Piece] | None, str]:
@@ -162,7 +163,8 @@ def _search(
     method = getattr(oc, name)(si)
     method.setProblemDefinition(pdef)
     method.setup()
-    solved = solve(method, pdef, deadline, counter, polish=1, read=lambda s: s.getX())
+    solved = solve(method, pdef, budget.deadline, counter, polish=1, read=lambda s: s.getX())
+    budget.cut = budget.cut or counter.cut
     if solved.states is None:
         return None, f"OMPL's control planner {name} found no path ({solved.status.lower()})"
     path = pdef.getSolutionPath()
@@ -186,23 +188,24 @@ def control_leg(
     world = ControlWorld(scene, body, (start, goal), query.obstacles, seed)
     if not world.fit_margin():
         reason = "the start or the goal touches the map or an obstacle"
-        return OmplLeg(None, reason, world.blockers())
-    direct = world.steer(start, goal, DIRECT, deadline)
+        return OmplLeg(None, reason, world.blockers(), complete=True)
+    budget = Budget(deadline)
+    direct = world.steer(start, goal, DIRECT, budget)
     pieces: list[Piece] | None = direct
     reason, attempt = "out of time", 0
-    while pieces is None and not deadline.expired():
-        rough, reason = _search(world, start, goal, deadline, name, seed + attempt)
+    while pieces is None and not budget.spent():
+        rough, reason = _search(world, start, goal, budget, name, seed + attempt)
         attempt += 1
         if rough is not None:
             reason = "the last stretch to the goal could not be driven exactly"
-            pieces = _arrive(world, start, goal, rough, deadline)
+            pieces = _arrive(world, start, goal, rough, budget)
     if pieces is None:
         return OmplLeg(None, reason, world.blockers(), attempt)
     if direct is None:
-        pieces = _shortened(world, start, goal, pieces, deadline)
+        pieces = _shortened(world, start, goal, pieces, budget)
     trajectory = _exact(world, start, goal, pieces)
     reason = "" if trajectory is not None else "the motion found does not end at the goal"
-    return OmplLeg(trajectory, reason, world.blockers(), attempt)
+    return OmplLeg(trajectory, reason, world.blockers(), attempt, not budget.cut)
 
 
 def _nodes(world: ControlWorld, start: Configuration, pieces: list[Piece]) -> list[Configuration]:
@@ -219,15 +222,15 @@ def _arrive(
     start: Configuration,
     goal: Configuration,
     pieces: list[Piece],
-    deadline: Deadline,
+    budget: Budget,
 ) -> list[Piece] | None:
     """Return the pieces with an end that leads exactly to the goal, from one of the last nodes."""
     nodes = _nodes(world, start, pieces)
     for back in (2, 1, 4, 0, 7, 11):
         i = len(pieces) - back
-        if i < 0 or deadline.expired():
+        if i < 0 or budget.spent():
             continue
-        end = world.steer(nodes[i], goal, 12, deadline)
+        end = world.steer(nodes[i], goal, 12, budget)
         if end is not None:
             return pieces[:i] + end
     return None
@@ -238,12 +241,12 @@ def _shortened(
     start: Configuration,
     goal: Configuration,
     pieces: list[Piece],
-    deadline: Deadline,
+    budget: Budget,
 ) -> list[Piece]:
     """Return a way that is not slower, by shots between random nodes of it."""
     for attempt in range(SHORTCUTS):
         nodes = [*_nodes(world, start, pieces)[:-1], goal]
-        if len(nodes) < 3 or deadline.expired():
+        if len(nodes) < 3 or budget.spent():
             break
         i, j = sorted(world.rng.choice(len(nodes), 2, replace=False).tolist())
         if attempt % 4 == 0:
@@ -251,7 +254,7 @@ def _shortened(
         old = total(pieces[i:j])
         if j - i < 2 or old < math.dist(nodes[i][:2], nodes[j][:2]) / world.speed * 1.02:
             continue
-        new = world.steer(nodes[i], nodes[j], 6, deadline)
+        new = world.steer(nodes[i], nodes[j], 6, budget)
         if new is None or total(new) >= old - 1e-3:
             continue
         candidate = [*pieces[:i], *new, *pieces[j:]]

@@ -36,6 +36,7 @@ from up_samp.model import (
     ProblemError,
     interpolate,
 )
+from up_samp.motion.budget import Budget
 from up_samp.motion.curves.straight import leg_profile, timed_chain, turn_between
 from up_samp.motion.planners.ompl_solve import (
     Counter,
@@ -220,7 +221,7 @@ def flyer_leg(
     world = FlyerWorld(scene, body, (start, goal), query.obstacles)
     if not world.fit_margin() or any(world.swallowed(p) for p in (start, goal)):
         reason = "the start or the goal touches the map or an obstacle"
-        return OmplLeg(None, reason, frozenset(world.met - {""}))
+        return OmplLeg(None, reason, frozenset(world.met - {""}), complete=True)
     name, counter = canonical(planner), Counter()
     space = ob.SE3StateSpace()
     space.setBounds(box_bounds(world.low.tolist(), world.high.tolist()))
@@ -238,18 +239,21 @@ def flyer_leg(
     blockers = frozenset(world.met - {""})
     if solved.states is None:
         reason = f"OMPL's {name} found no path ({solved.status.lower()})"
-        return OmplLeg(None, reason, blockers, counter.edges)
+        return OmplLeg(None, reason, blockers, counter.edges, not counter.cut)
     nodes = np.array([start, *solved.states[1:-1], goal], dtype=np.float64)
-    nodes = shorten(world, nodes, deadline, seed)
-    return OmplLeg(timed_chain(nodes, body.kinematics), "", blockers, counter.edges)
+    budget = Budget(deadline)
+    nodes = shorten(world, nodes, budget, seed)
+    complete = not counter.cut and not budget.cut
+    motion = timed_chain(nodes, body.kinematics)
+    return OmplLeg(motion, "", blockers, counter.edges, complete)
 
 
-def shorten(world: FlyerWorld, nodes: FloatArray, deadline: Deadline, seed: int) -> FloatArray:
+def shorten(world: FlyerWorld, nodes: FloatArray, budget: Budget, seed: int) -> FloatArray:
     """Return a chain that is not slower, by random shortcuts (Geraerts & Overmars 2007)."""
     rng = random.Random(seed)
     idle = 0
     for _ in range(SHORTCUTS):
-        if len(nodes) < 3 or idle > PATIENCE or deadline.expired():
+        if len(nodes) < 3 or idle > PATIENCE or budget.spent():
             break
         idle += 1
         p, q = sorted((rng.uniform(0, len(nodes) - 1), rng.uniform(0, len(nodes) - 1)))

@@ -10,21 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.geometry import Scene, Shape, sweeps
+from up_samp.geometry import Scene, Shape
 from up_samp.model import Body, Configuration, Deadline, Placed, Trajectory
-from up_samp.motion.curves.blending import (
-    Chain,
-    chain_time,
-    first_speeds,
-    moved_corner,
-    pieces,
-    settled,
-    timed,
-)
-from up_samp.motion.curves.trajectories import at_rest
+from up_samp.motion.budget import Budget
+from up_samp.motion.curves.blending import chain_time, moved_corner, pieces
 from up_samp.motion.guides.cost_to_go import Fields
 from up_samp.motion.guides.search_space import pose_space, widest_shape
 from up_samp.motion.planners import hybrid_astar as hybrid
+from up_samp.motion.planners.gliding import Glider
 from up_samp.motion.planners.omni_astar import expand_planar, shortened, straight_free
 from up_samp.motion.protocol import Leg, LegQuery
 
@@ -66,19 +59,22 @@ class PlanarPlanner:
     def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a fast motion between two poses among resting obstacles."""
         body, start, goal, obstacles = query.body, query.start, query.goal, query.obstacles
+        budget = Budget(deadline, query.effort)
         with self._lock:
             shape = widest_shape(self.scene, body, (start, goal), obstacles)
             if shape is None:
-                return Leg(None, "the start or the goal touches the map or an obstacle")
-            chain, reason, effort = self._chain(body, shape, start, goal, obstacles, deadline)
+                reason = "the start or the goal touches the map or an obstacle"
+                return Leg(None, reason, complete=True)
+            chain, reason = self._chain(body, shape, start, goal, obstacles, budget)
             if chain is None:
-                return Leg(None, reason, effort)
-            motion = self._timed(body, shape, chain, goal, obstacles)
-            if motion is not None:
-                motion = self._rounded(body, shape, chain, goal, obstacles, motion, deadline)
-            if motion is None:
-                return Leg(None, "no safe timing along the path found", effort)
-            return Leg(motion, "", effort)
+                return Leg(None, reason, budget.used, not budget.cut)
+            glider = Glider(self.scene, body, shape, obstacles)
+            found = glider.glide(chain, goal)
+            if found is None:
+                reason = "no safe timing along the path found"
+                return Leg(None, reason, budget.used, not budget.cut)
+            motion, chain = self._rounded(glider, chain, goal, found[0], budget)
+            return Leg(motion, "", budget.used, not budget.cut, chain)
 
     def _chain(
         self,
@@ -87,13 +83,14 @@ class PlanarPlanner:
         start: Configuration,
         goal: Configuration,
         obstacles: tuple[Placed, ...],
-        deadline: Deadline,
-    ) -> tuple[FloatArray | None, str, int]:
+        budget: Budget,
+    ) -> tuple[FloatArray | None, str]:
         """Return nodes (n, 3) of straight pieces, theta continuous, or None and why not."""
-        effort, reason = 0, "out of time"
+        reason = "out of time"
         for level in range(len(self.settings.levels)):
-            nodes, count, dry = self._search(body, shape, start, goal, obstacles, level, deadline)
-            effort += count
+            if level > 0 and budget.spent():
+                break
+            nodes, dry = self._search(body, shape, start, goal, obstacles, level, budget)
             if nodes is not None:
                 kin = body.kinematics
                 limits = np.array([kin.v_max, kin.omega_max, kin.a_max])
@@ -101,11 +98,9 @@ class PlanarPlanner:
                 nodes = shortened(
                     data, polys, shape.data, nodes, limits, self.settings.rounds, self.seed
                 )
-                return pieces(nodes), "", effort
-            reason = "no path at the finest resolution" if dry else "out of time"
-            if deadline.expired():
-                return None, "out of time", effort
-        return None, reason, effort
+                return pieces(nodes), ""
+            reason = "no path at the finest resolution" + ("" if dry else " within fixed effort")
+        return None, "out of time" if budget.cut else reason
 
     def _search(
         self,
@@ -115,9 +110,9 @@ class PlanarPlanner:
         goal: Configuration,
         obstacles: tuple[Placed, ...],
         level: int,
-        deadline: Deadline,
-    ) -> tuple[FloatArray | None, int, bool]:
-        """Run A* at one resolution; return the chain or None, expansions, whether it ran dry."""
+        budget: Budget,
+    ) -> tuple[FloatArray | None, bool]:
+        """Run A* at one resolution; return the chain or None, and whether it ran dry."""
         settings, kin = self.settings, body.kinematics
         origin, target = (np.array(p[:3], dtype=np.float64) for p in (start, goal))
         data, polys = self.scene.data, self.scene.polys(obstacles)
@@ -126,7 +121,7 @@ class PlanarPlanner:
         x, y, th = map(float, origin)
         dx, dy = float(way[0]), float(way[1])
         if straight_free(data, polys, shape.data, x, y, th, dx, dy, turn):
-            return np.array([origin, [target[0], target[1], origin[2] + turn]]), 0, False
+            return np.array([origin, [target[0], target[1], origin[2] + turn]]), False
         step = settings.levels[level] * shape.inner[2]
         bins = settings.bins[level]
         low_level = (0.0, 0.0, settings.weight)
@@ -139,7 +134,8 @@ class PlanarPlanner:
         field = self.fields.toward(shape, goal, obstacles)
         limits = np.array([kin.v_max, kin.omega_max])
         state = 0
-        while state == 0 and not deadline.expired():
+        while state == 0 and not budget.spent():
+            before = int(tree.counters[2])
             state = expand_planar(
                 tree,
                 data,
@@ -153,35 +149,34 @@ class PlanarPlanner:
                 limits,
                 settings.slice,
             )
-        count = int(tree.counters[2])
+            budget.used += int(tree.counters[2]) - before
         if state != 1:
-            return None, count, state == 2
+            return None, state == 2
         rows, node = [target.copy()], int(tree.counters[3])
         while node >= 0:
             rows.append(tree.nodes[node, :3].copy())
             node = int(tree.links[node, 0])
         rows.reverse()
         rows[-1][2] = rows[-2][2] + math.remainder(target[2] - rows[-2][2], 2 * math.pi)
-        return np.array(rows), count, False
+        return np.array(rows), False
 
     def _rounded(
         self,
-        body: Body,
-        shape: Shape,
+        glider: Glider,
         nodes: FloatArray,
         goal: Configuration,
-        obstacles: tuple[Placed, ...],
         motion: Trajectory,
-        deadline: Deadline,
-    ) -> Trajectory:
-        """Return a motion that is not slower: corners pushed outwards or cut in two.
+        budget: Budget,
+    ) -> tuple[Trajectory, FloatArray]:
+        """Return a motion that is not slower, and its nodes: corners pushed outwards or cut in two.
 
         A shortest path hugs the inner side of every corner, where a blend has no room.
         """
-        data, polys = self.scene.data, self.scene.polys(obstacles)
+        shape, body = glider.shape, glider.body
+        data, polys = self.scene.data, self.scene.polys(glider.obstacles)
         for shift, cut in itertools.product(self.settings.shifts, (0.0, 1.0)):
             i = 1
-            while i < len(nodes) - 1 and not deadline.expired():
+            while i < len(nodes) - 1 and not budget.spent():
                 trial = moved_corner(nodes, i, shift * shape.inner[2], cut * shape.circumscribed)
                 i += 1
                 if trial is None or chain_time(trial, body) > motion.duration - GAIN:
@@ -191,42 +186,8 @@ class PlanarPlanner:
                     for a, b in itertools.pairwise(trial[i - 2 : i + 2])
                 ):
                     continue
-                faster = self._timed(body, shape, trial, goal, obstacles)
-                if faster is not None and faster.duration < motion.duration - GAIN:
+                faster = glider.glide(trial, goal)
+                if faster is not None and faster[0].duration < motion.duration - GAIN:
                     i += len(trial) - len(nodes)
-                    nodes, motion = trial, faster
-        return motion
-
-    def _timed(
-        self,
-        body: Body,
-        shape: Shape,
-        nodes: FloatArray,
-        goal: Configuration,
-        obstacles: tuple[Placed, ...],
-    ) -> Trajectory | None:
-        """Return the motion with corners blended as fast as the clearance allows."""
-        if len(nodes) < 2:
-            return at_rest(goal)
-        chain = Chain.of(nodes, body.kinematics)
-        speeds = first_speeds(chain)
-        data, polys = self.scene.data, self.scene.polys(obstacles)
-        least = 1e-3 * float(shape.data.slack[2])
-        for _ in range(40):
-            motion, owners = timed(chain, speeds)
-            turns = round((nodes[-1, 2] - goal[2]) / (2 * math.pi))
-            rows = motion.poses.copy()
-            rows[-1] = (goal[0], goal[1], goal[2] + turns * 2 * math.pi)
-            hit = sweeps.samples_free(data, polys, shape.data, rows, least)
-            if hit < 0:
-                return Trajectory(motion.times.copy(), rows)
-            near = {owners[hit], owners[min(hit + 1, len(owners) - 1)]}
-            slowed = speeds.copy()
-            for i in near:
-                slowed[i] = 0.5 * slowed[i] if slowed[i] > 0.05 * chain.v else 0.0
-            if np.array_equal(slowed, speeds):
-                slowed = np.zeros_like(speeds)  # rest at every node
-                if np.array_equal(slowed, speeds):
-                    return None
-            speeds = settled(chain, slowed)
-        return None
+                    nodes, motion = trial, faster[0]
+        return motion, nodes

@@ -71,7 +71,7 @@ class OmplPlanner:
     def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a motion from rest to rest, exactly from the start to the goal."""
         found = ompl_leg(self.scene, query, deadline, planner=self.name, seed=self.seed)
-        return Leg(found.trajectory, found.reason, found.checks)
+        return Leg(found.trajectory, found.reason, found.checks, found.complete, found.corners)
 
 
 def flyer_planner(scene: Scene, seed: int = 0) -> OmplPlanner:

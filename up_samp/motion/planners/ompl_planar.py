@@ -33,7 +33,7 @@ from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.guides.search_space import MARGIN_SHARES, search_box
 from up_samp.motion.planners import ompl_edges as edges
 from up_samp.motion.planners.car_shortcuts import improve, settle
-from up_samp.motion.planners.omni import PlanarPlanner
+from up_samp.motion.planners.gliding import Glider
 from up_samp.motion.planners.omni_astar import shortened
 from up_samp.motion.planners.ompl_solve import (
     Counter,
@@ -77,7 +77,8 @@ class OmplSettings:
 @dataclass(frozen=True)
 class Search:
     """What one search came to: the ``nodes`` (n, 3) of a path or None; the ``blockers`` that its
-    extensions ran into; its ``tree`` of reached poses (m, 3); the number of edge ``checks``.
+    extensions ran into; its ``tree`` of reached poses (m, 3); the number of edge ``checks``;
+    whether it ended by itself (``complete``) and not by a deadline.
     """
 
     nodes: FloatArray | None
@@ -85,6 +86,7 @@ class Search:
     blockers: frozenset[str] = frozenset()
     tree: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     checks: int = 0
+    complete: bool = False
 
 
 class _Validity(ob.StateValidityChecker):  # type: ignore[misc]
@@ -236,7 +238,7 @@ def search(
     if solved.states is not None:
         nodes = _joined_nodes(start, goal, np.array(solved.states, dtype=np.float64))
     reason = "" if nodes is not None else f"OMPL's {name} found no path ({solved.status.lower()})"
-    return Search(nodes, reason, world.blockers(), reached, counter.edges)
+    return Search(nodes, reason, world.blockers(), reached, counter.edges, not counter.cut)
 
 
 def _joined_nodes(start: Configuration, goal: Configuration, nodes: FloatArray) -> FloatArray:
@@ -275,15 +277,18 @@ def _drive(
 
 def _glide(
     world: PlanarWorld, goal: Configuration, nodes: FloatArray, seed: int
-) -> Trajectory | None:
-    """Return an omnidirectional body's timed motion along ``nodes``, shortened, corners blended."""
+) -> tuple[Trajectory | None, FloatArray]:
+    """Return an omnidirectional body's timed motion along ``nodes``, shortened, corners blended,
+    and its corners.
+    """
     limits = world.body.kinematics
     nodes = shortened(
         world.scene.data, world.polys, world.shape.data, nodes,
         np.array([limits.v_max, limits.omega_max, limits.a_max]), world.settings.rounds, seed,
     )  # fmt: skip
-    planner = PlanarPlanner(world.scene, seed)
-    return planner._timed(world.body, world.shape, pieces(nodes), goal, world.obstacles)
+    corners = pieces(nodes)
+    found = Glider(world.scene, world.body, world.shape, world.obstacles).glide(corners, goal)
+    return (None if found is None else found[0]), corners
 
 
 def planar_leg(
@@ -301,13 +306,14 @@ def planar_leg(
     world = PlanarWorld(scene, query.body, (start, goal), query.obstacles, settings)
     if not world.fit_margin():
         reason = "the start or the goal touches the map or an obstacle"
-        return OmplLeg(None, reason, world.blockers())
+        return OmplLeg(None, reason, world.blockers(), complete=True)
     found = search(world, start, goal, deadline, planner=planner, seed=seed)
     if found.nodes is None:
-        return OmplLeg(None, found.reason, found.blockers, found.checks)
+        return OmplLeg(None, found.reason, found.blockers, found.checks, found.complete)
+    corners = None
     if world.car:
         trajectory = _drive(world, start, goal, found.nodes, seed)
     else:
-        trajectory = _glide(world, goal, found.nodes, seed)
+        trajectory, corners = _glide(world, goal, found.nodes, seed)
     reason = "" if trajectory is not None else "a path was found but not timed safely"
-    return OmplLeg(trajectory, reason, found.blockers, found.checks)
+    return OmplLeg(trajectory, reason, found.blockers, found.checks, found.complete, corners)

@@ -99,21 +99,28 @@ def box_bounds(low: Sequence[float], high: Sequence[float]) -> Any:
 
 @dataclass
 class Counter:
-    """Counts edge checks. With it a search ends after fixed work, the same on every machine."""
+    """Counts edge checks. With it a search ends after fixed work, the same on every machine.
+
+    ``cut``: whether a deadline ended a search before that.
+    """
 
     edges: int = 0
+    cut: bool = False
 
 
 @dataclass(frozen=True)
 class OmplLeg:
     """A leg's motion (from time 0) or None with the ``reason``; the ``blockers`` that the search
-    ran into; the number of edge ``checks``. None is no proof.
+    ran into; the number of edge ``checks``; ``complete`` and ``corners`` as those of
+    :class:`up_samp.motion.protocol.Leg`. None is no proof.
     """
 
     trajectory: Trajectory | None
     reason: str = ""
     blockers: frozenset[str] = frozenset()
     checks: int = 0
+    complete: bool = False
+    corners: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -151,6 +158,7 @@ def solve(
         nonlocal asked
         asked += 1
         if deadline.expired():
+            counter.cut = True
             return True
         work = max(asked, counter.edges)
         if not end and (pdef.hasExactSolution() or _has_path(planner)):

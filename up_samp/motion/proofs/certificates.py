@@ -244,26 +244,6 @@ class Certifier:
             return frozenset(name for i, name in enumerate(names) if not removed >> i & 1)
         return frozenset()
 
-    def unreachable(
-        self,
-        body: Body,
-        start: Configuration,
-        targets: Mapping[str, Configuration],
-        obstacles: Sequence[Placed],
-    ) -> frozenset[str]:
-        """Return the names of the ``targets`` that provably cannot be reached from ``start``."""
-        bad = {n for n, p in targets.items() if self.collides(body, p, obstacles)}
-        if self.scene.grid is None:
-            return frozenset(bad)
-        regions, _ = self._at(body, obstacles)
-        origin = self._label(regions, body, start)
-        reached = regions.reached(origin, 0)
-        for name, pose in targets.items():
-            label = self._label(regions, body, pose)
-            if origin and label and label not in reached:
-                bad.add(name)
-        return frozenset(bad)
-
     def hits_map(self, body: Body, pose: Configuration) -> bool:
         """Return whether a pose surely overlaps the map's blocked cells or its outside."""
         if self.scene.grid is None:

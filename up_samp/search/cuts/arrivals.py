@@ -31,18 +31,20 @@ def arrival_of(
     An arrival by ``enough`` (s) is good enough, and then the first that is found is returned.
     """
     # due at once: then it looks for the earliest arrival, not for any in time
-    hasty = replace(motion, due=motion.release if enough is None else enough)
+    early = replace(motion, due=motion.release if enough is None else enough)
     limit = (deadline or context.deadline).within(context.query_seconds)
-    report = earliest_arrival(context.service, hasty, rests, fixed, limit)
+    report = earliest_arrival(context.service, early, rests, fixed, limit)
     # what a search that was cut short found need not be the earliest: it says nothing
-    if report.outcome is not Outcome.FOUND or report.trajectory is None or limit.expired():
+    if report.outcome is not Outcome.FOUND or report.trajectory is None or not report.complete:
         return None
     return report.trajectory.end
 
 
 def fastest(context: Context, motion: TimedMotion) -> Trajectory | None:
-    """Return the motion's fastest trajectory with nobody else there, from time 0."""
+    """Return the motion's fastest trajectory with nobody else there, from time 0; None where none
+    was found, or the search for it was not finished.
+    """
     report = context.service.plan(
         PathQuery(motion.body, motion.poses), context.deadline.within(context.query_seconds)
     )
-    return report.trajectory
+    return report.trajectory if report.complete else None

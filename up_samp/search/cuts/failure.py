@@ -38,7 +38,7 @@ class Failure:
     @property
     def strength(self) -> Strength:
         """What the lateness is worth: a search that was cut short proves nothing."""
-        proves = self.found and not self.cut_short and not self.context.deadline.expired()
+        proves = self.found and self.report.complete and not self.cut_short
         return Strength.RELATIVE if proves else Strength.HEURISTIC
 
     @cached_property

@@ -1,0 +1,252 @@
+"""Legs from the cache or from planners, asked one after the other, with proofs in between."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from up_samp.geometry import Scene, sweeps
+from up_samp.geometry import kernels as k
+from up_samp.geometry.shapes import shape_of
+from up_samp.model import (
+    Body,
+    Configuration,
+    Deadline,
+    MotionModel,
+    Outcome,
+    PathReport,
+    Placed,
+    Trajectory,
+)
+from up_samp.motion.cache import Entry, MotionCache, obstacle_key
+from up_samp.motion.checks import is_sound
+from up_samp.motion.curves.trajectories import reversed_trajectory
+from up_samp.motion.proofs.certificates import Certifier
+from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
+from up_samp.motion.registry import SECOND_OPINION_SECONDS, make_planner, planner_names
+
+PLANAR = (MotionModel.REEDSSHEPP, MotionModel.SE2)
+LAZY_ROUNDS = 3
+QUICK_EFFORT = 20_000
+"""After so much work without a motion, a proof over positions and headings is tried."""
+PROOF_SECONDS = 5.0
+FIRST_SHARE = 0.75
+"""Share of a query's time for the first planner, where others give their opinion after it."""
+MORE_TIME = 1.2
+"""A search that was cut short is done again where there is so many times the time that it had."""
+
+Prove = Callable[[Body, Sequence[Configuration], Sequence[Placed]], PathReport | None]
+
+
+@dataclass(frozen=True)
+class Found:
+    """A leg with the name of its ``planner``, or the ``report`` that says why there is none."""
+
+    leg: Leg | None
+    planner: str = ""
+    report: PathReport | None = None
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Who plans, the same for all legs of a service."""
+
+    planner: str
+    seed: int
+
+
+class Legs:
+    """Finds legs in one scene, and remembers them."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        settings: Settings,
+        cache: MotionCache,
+        certifier: Certifier,
+        prove: Prove,
+    ) -> None:
+        self.scene = scene
+        self.settings = settings
+        self.cache = cache
+        self.certifier = certifier
+        self.prove = prove
+        self._planners: dict[str, MotionPlanner] = {}
+
+    def find(self, query: LegQuery, deadline: Deadline) -> Found:
+        """Return a leg from the cache or from the first planner that finds one."""
+        names = planner_names(self.settings.planner, query.body)
+        for name in names:
+            known = self._usable(name, query, deadline)
+            if known is not None:
+                self.cache.hits += 1
+                return Found(known, name)
+        self.cache.misses += 1
+        reasons, complete = [], True
+        for name in names:
+            # the first planner ends by itself where it can, later ones are second opinions
+            limit = FIRST_SHARE * deadline.remaining() if len(names) > 1 else None
+            if name != names[0]:
+                limit = SECOND_OPINION_SECONDS
+            found = self._lazily(name, query, deadline.within(limit), complete)
+            if found.leg is None or found.leg.trajectory is not None:
+                return found
+            complete = complete and found.leg.complete
+            reasons.append(f"{name}: {found.leg.reason}")
+            if deadline.expired():
+                complete = False
+                break
+        report = PathReport(
+            Outcome.NOT_FOUND if complete else Outcome.OUT_OF_TIME,
+            blockers=self._in_the_way(query),
+            reason="; ".join(reasons),
+            planner=names[0],
+            complete=complete,
+        )
+        return Found(None, names[0], report)
+
+    def _lazily(self, name: str, query: LegQuery, deadline: Deadline, complete: bool) -> Found:
+        """Plan among the obstacles that prove to matter only (so that more queries share a leg).
+
+        ``complete``: whether those asked before have finished their searches.
+        """
+        body, obstacles = query.body, query.obstacles
+        chosen: tuple[Placed, ...] = () if body.kinematics.model in PLANAR else obstacles
+        for attempt in range(LAZY_ROUNDS + 1):
+            if attempt == LAZY_ROUNDS:
+                chosen = obstacles
+            part = replace(query, obstacles=chosen)
+            leg = self._usable(name, part, deadline)
+            if leg is None:
+                limit = deadline.remaining()
+                answer = self._ask(name, part, deadline)
+                if isinstance(answer, PathReport):
+                    return Found(None, name, answer)
+                leg = replace(answer, complete=answer.complete and complete)
+                if leg.trajectory is None:
+                    old = self._known(name, part)
+                    if old is None:
+                        return Found(leg, name)
+                    leg = _leg_of(old)
+                else:
+                    self.remember(name, part, leg, limit)
+            assert leg.trajectory is not None
+            if chosen == obstacles:
+                break
+            trajectory = leg.trajectory
+            hit = [p for p in obstacles if p not in chosen and not self.clears(trajectory, body, p)]
+            if not hit:
+                break
+            chosen = tuple(p for p in obstacles if p in chosen or p in hit)
+            proof = self.prove(body, (query.start, query.goal), chosen)
+            if proof is not None:
+                return Found(None, name, proof)
+        return Found(leg, name)
+
+    def _ask(self, name: str, query: LegQuery, deadline: Deadline) -> Leg | PathReport:
+        """Ask a planner; where it finds nothing soon, look for a stronger proof in between."""
+        planner = self._planner(name)
+        if name not in ("car", "planar") or self.scene.grid is None:
+            return planner.leg(query, deadline)
+        leg = planner.leg(replace(query, effort=QUICK_EFFORT), deadline)
+        if deadline.expired() or (leg.trajectory is not None and leg.complete):
+            return leg
+        if leg.trajectory is None:
+            limit = deadline.within(PROOF_SECONDS)
+            ends = query.start, query.goal
+            proof = self.certifier.prove_by_slices(query.body, *ends, query.obstacles, limit)
+            if proof is not None or leg.complete:
+                return leg if proof is None else proof
+        again = planner.leg(query, deadline)
+        return leg if again.trajectory is None and leg.trajectory is not None else again
+
+    def remember(self, name: str, query: LegQuery, leg: Leg, limit: float = 0.0) -> None:
+        """Put a leg that ``name`` planned into the cache; it had ``limit`` seconds."""
+        assert leg.trajectory is not None
+        key, swap = self._key(name, query)
+        stored = reversed_trajectory(leg.trajectory) if swap else leg.trajectory
+        corners = leg.corners[::-1] if swap and leg.corners is not None else leg.corners
+        among = obstacle_key(query.obstacles)
+        limit = 0.0 if leg.complete else limit
+        self.cache.put(key, Entry(among, stored, name, leg.complete, limit, corners))
+
+    def _usable(self, name: str, query: LegQuery, deadline: Deadline) -> Leg | None:
+        """Return a remembered leg that is not worth another search: its planner finished, or it had
+        about as much time as there is now.
+        """
+        entry = self._known(name, query)
+        if entry is None or not (entry.complete or deadline.remaining() <= MORE_TIME * entry.limit):
+            return None
+        return _leg_of(entry)
+
+    def _known(self, name: str, query: LegQuery) -> Entry | None:
+        """Return a remembered leg that was planned among a part of the obstacles and clears all."""
+        body, obstacles = query.body, query.obstacles
+        key, swap = self._key(name, query)
+        here = obstacle_key(obstacles)
+        for entry in self.cache.get(key):
+            if not entry.among <= here:
+                continue
+            rest = [p for p in obstacles if not obstacle_key([p]) <= entry.among]
+            if rest and body.kinematics.model not in PLANAR:
+                continue
+            if not entry.checked:
+                ends = (query.goal, query.start) if swap else (query.start, query.goal)
+                among = tuple(p for p in obstacles if p not in rest)
+                stored = LegQuery(body, *ends, among)
+                if not is_sound(self.scene, stored, entry.trajectory):
+                    self.cache.drop(key, entry)
+                    continue
+                entry = self.cache.accept(key, entry)
+            if all(self.clears(entry.trajectory, body, p) for p in rest):
+                if not swap:
+                    return entry
+                corners = None if entry.corners is None else entry.corners[::-1].copy()
+                turned = reversed_trajectory(entry.trajectory)
+                return replace(entry, trajectory=turned, corners=corners)
+        return None
+
+    def _key(self, name: str, query: LegQuery) -> tuple[tuple[object, ...], bool]:
+        scope = (self.scene.digest, name, self.scene.margin, self.settings.seed)
+        what = query.body, query.start, query.goal
+        return MotionCache.key(scope, *what, self._planner(name).reversible)
+
+    def clears(self, trajectory: Trajectory, body: Body, placed: Placed) -> bool:
+        """Return whether a motion keeps the scene's margin from a resting object, all the way."""
+        return parking_clears(self.scene, trajectory, body, placed, self.scene.margin)
+
+    def _in_the_way(self, query: LegQuery) -> frozenset[str]:
+        """Return the obstacles that the way on the empty map would hit (all, if that is
+        unknown).
+        """
+        body, obstacles = query.body, query.obstacles
+        if body.kinematics.model not in PLANAR or not obstacles:
+            return frozenset(p.name for p in obstacles)
+        alone = replace(query, obstacles=())
+        for name in planner_names(self.settings.planner, body):
+            free = self._known(name, alone)
+            if free is not None:
+                return frozenset(
+                    p.name for p in obstacles if not self.clears(free.trajectory, body, p)
+                )
+        return frozenset(p.name for p in obstacles)
+
+    def _planner(self, name: str) -> MotionPlanner:
+        if name not in self._planners:
+            self._planners[name] = make_planner(name, self.scene, self.settings.seed)
+        return self._planners[name]
+
+
+def _leg_of(entry: Entry) -> Leg:
+    return Leg(entry.trajectory, complete=entry.complete, corners=entry.corners)
+
+
+def parking_clears(
+    scene: Scene, trajectory: Trajectory, body: Body, placed: Placed, clearance: float
+) -> bool:
+    """Return whether a motion keeps ``clearance`` (m) from a resting object, all the way."""
+    shape = shape_of(body, clearance).data
+    polys = scene.polys((placed,))
+    nothing = k.open_plane()
+    poses = trajectory.poses.copy()  # numba compiles anew for arrays that cannot be written
+    return bool(sweeps.samples_free(nothing, polys, shape, poses, 1e-4) < 0)

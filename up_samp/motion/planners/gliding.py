@@ -1,0 +1,104 @@
+"""Timing the ways of omnidirectional bodies: corners blended as fast as the clearance allows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.geometry import Scene, Shape, sweeps
+from up_samp.model import Body, Configuration, Placed, Trajectory
+from up_samp.motion.curves.blending import Chain, first_speeds, settled, through, timed
+from up_samp.motion.curves.trajectories import at_rest
+from up_samp.motion.guides.search_space import widest_shape
+
+FloatArray = npt.NDArray[np.float64]
+
+ROUNDS = 40
+"""Timings that are tried for one way, each slower where the one before hit something."""
+
+
+@dataclass(frozen=True)
+class Glider:
+    """A body with a margin (``shape``) among resting ``obstacles``."""
+
+    scene: Scene
+    body: Body
+    shape: Shape
+    obstacles: tuple[Placed, ...]
+
+    def glide(
+        self, nodes: FloatArray, goal: Configuration, pins: Mapping[int, FloatArray] | None = None
+    ) -> tuple[Trajectory, bool] | None:
+        """Return the safe motion along ``nodes`` (n, 3) that ends exactly at ``goal``, and whether
+        it passes all ``pins`` (poses by node, met exactly) without a stop; None if there is none.
+        """
+        if len(nodes) < 2:
+            return at_rest(goal), True
+        kinematics = self.body.kinematics
+        straight = Chain.of(nodes, kinematics, pins)
+        speeds = first_speeds(straight)
+        data, polys = self.scene.data, self.scene.polys(self.obstacles)
+        least = 1e-3 * float(self.shape.data.slack[2])
+        for _ in range(ROUNDS):
+            chain = straight
+            if pins:
+                fitting = through(straight, speeds, kinematics)
+                if fitting is None:
+                    slower = _slowed(speeds, set(pins), straight.v)
+                    if slower is None:
+                        return None
+                    speeds = settled(straight, slower)
+                    continue
+                chain, speeds = fitting
+            motion, owners = timed(chain, speeds)
+            turns = round((nodes[-1, 2] - goal[2]) / (2 * math.pi))
+            rows = motion.poses.copy()
+            rows[-1] = (goal[0], goal[1], goal[2] + turns * 2 * math.pi)
+            hit = sweeps.samples_free(data, polys, self.shape.data, rows, least)
+            if hit < 0:
+                passed = all(speeds[i] > 0.0 for i in pins or ())
+                return Trajectory(motion.times.copy(), rows), passed
+            slowed = _slowed(speeds, {owners[hit], owners[min(hit + 1, len(owners) - 1)]}, chain.v)
+            if slowed is None:
+                return None
+            speeds = settled(chain, slowed)
+        return None
+
+
+def _slowed(speeds: FloatArray, near: set[int], v: float) -> FloatArray | None:
+    """Return lower speeds at the nodes ``near``, or rests at all nodes (None: they rest)."""
+    slowed = speeds.copy()
+    for i in near:
+        slowed[i] = 0.5 * slowed[i] if slowed[i] > 0.05 * v else 0.0
+    if np.array_equal(slowed, speeds):
+        slowed = np.zeros_like(speeds)
+        if np.array_equal(slowed, speeds):
+            return None
+    return slowed
+
+
+def glide_through(
+    scene: Scene,
+    body: Body,
+    poses: Sequence[Configuration],
+    ways: Sequence[FloatArray],
+    obstacles: tuple[Placed, ...],
+) -> tuple[Trajectory, bool] | None:
+    """Return one motion along the legs ``ways`` (corners (n, 3) of each) that passes exactly
+    through ``poses`` between them, and whether it never stops there (None: no safe timing).
+    """
+    shape = widest_shape(scene, body, poses, obstacles)
+    if shape is None:
+        return None
+    rows, pins = [ways[0]], {}
+    for way in ways[1:]:
+        last = rows[-1][-1]
+        pins[sum(map(len, rows)) - 1] = last.copy()
+        turns = round(float(last[2] - way[0, 2]) / (2 * math.pi))
+        rows.append(way[1:] + np.array([0.0, 0.0, turns * 2 * math.pi]))
+    nodes = np.concatenate(rows)
+    return Glider(scene, body, shape, obstacles).glide(nodes, poses[-1], pins)
