@@ -90,15 +90,19 @@ class Style:
     order: str = "scope"  # scope | implies | inside
     fluents: str = "own"  # own | parameter | precedences
     shuffled: int = 0
+    spoiled: int = 0
+    """A seed: by it some of what a pattern consists of is left out, so that it is none."""
 
     @property
-    def units(self) -> tuple[int, int, int, int]:
+    def units(self) -> tuple[int, ...]:
         """The units of time that pass after a move's end until its effect is seen, between what
-        one robot does, between what one machine does, and until a door's opening is seen.
+        one robot does, between what one machine does, and until a door's opening is seen
+        (and what spoils the style).
         """
         late = self.fluents != "precedences" and self.arrive == "end"
         alone, machine = (int(how in _STRICT) for how in (self.alone, self.machine))
-        return max(int(late), alone), alone, machine, int(self.arrive == "end")
+        last = (int(self.arrive == "end"), self.spoiled)
+        return max(int(late), alone), alone, machine, *last
 
     def __str__(self) -> str:
         base = Style()
@@ -133,6 +137,15 @@ LOOSE = [
     Style(alone="held", machine="held", one_of="variables"),
     Style(alone="busy", machine="held", fluents="precedences"),
 ]
+SPOILED = [
+    Style(fluents="precedences", spoiled=1),
+    Style(fluents="precedences", one_of="nested", spoiled=2),
+    Style(fluents="precedences", spoiled=3),
+    Style(alone="busy", machine="held", spoiled=4),
+    Style(alone="held", machine="busy", one_of="variables", spoiled=5),
+    Style(alone="uses", machine="level", one_of="inside", spoiled=6),
+    Style(spoiled=7),
+]
 
 
 def write(site: Site, style: Style) -> SchedulingProblem:
@@ -147,6 +160,7 @@ class Writer:
         self.site, self.style = site, style
         self.problem = SchedulingProblem(f"site in style: {style}")
         self.rng = random.Random(style.shuffled)
+        self.luck = random.Random(style.spoiled)
         self.spot, self.robot = UserType("spot"), UserType("robot")
         places = self.shuffle(site.places)
         self.spots = {p: self.problem.add_object(self.name("p", p), self.spot) for p in places}
@@ -181,6 +195,10 @@ class Writer:
             if not self.style.shuffled
             else f"{'zyxwvut'[number % 7]}{kind}{number}"
         )
+
+    def kept(self):
+        """Return whether a part of a pattern is written (it always is in a style not spoiled)."""
+        return not self.style.spoiled or self.luck.random() < 0.9
 
     def shuffle(self, things):
         things = list(things)
@@ -290,11 +308,18 @@ class Writer:
                 undone = [
                     Implies(m.present, Or(LE(m.end, h.start), GE(m.start, a.end)))
                     for m in self._rivals(r, a, h)
+                    if self.kept()
                 ]
                 options.append(And(h.present, LE(h.end, a.start), *undone))
         if self.site.starts[r] in places:
             options.append(
-                And([Implies(m.present, GE(m.start, a.end)) for m in self._rivals(r, a)])
+                And(
+                    [
+                        Implies(m.present, GE(m.start, a.end))
+                        for m in self._rivals(r, a)
+                        if self.kept()
+                    ]
+                )
             )
         return Or(options)
 
@@ -313,7 +338,7 @@ class Writer:
         self.holds += 1
         if how in ("after", "strictly", "implies", "not both"):
             for a, b in itertools.combinations(activities, 2):
-                if same is None or same[a.name] != same[b.name]:
+                if (same is None or same[a.name] != same[b.name]) and self.kept():
                     self._apart(a, b, how)
             return
         kind = IntType(0, 1) if how in ("uses", "level") else BoolType()
@@ -326,20 +351,25 @@ class Writer:
                 f"held{self.holds}", holder, default_initial_value=nobody
             )
             for a, name in zip(activities, names, strict=True):
-                a.add_effect(a.start, fluent(), name)
+                if self.kept():
+                    a.add_effect(a.start, fluent(), name)
                 span = LeftOpenTimeInterval(Timing(0, a.start), Timing(0, a.end))
                 a.add_condition(span, Equals(fluent(), name))
             return
         fluent = self.problem.add_fluent(f"free{self.holds}", kind, default_initial_value=first)
         for a in activities:
             if how == "uses":
-                a.uses(fluent())
+                if self.kept():
+                    a.uses(fluent())
             elif how == "level":
                 a.add_decrease_effect(a.start, fluent(), 1)
-                a.add_increase_effect(a.end, fluent(), 1)
+                if self.kept():
+                    a.add_increase_effect(a.end, fluent(), 1)
             else:
-                a.add_condition(TimePointInterval(Timing(0, a.start)), Not(fluent()))
-                a.add_effect(a.start, fluent(), True)
+                if self.kept():
+                    a.add_condition(TimePointInterval(Timing(0, a.start)), Not(fluent()))
+                if self.kept():
+                    a.add_effect(a.start, fluent(), True)
                 a.add_effect(a.end, fluent(), False)
 
     def _apart(self, a, b, how):
@@ -378,7 +408,7 @@ class Writer:
             elif how == "inside":
                 a.add_constraint(Not(Or(others)))
             else:
-                for other in others:
+                for other in others if self.kept() else []:
                     self.problem.add_constraint(Or(Not(a.present), Not(other)))
 
     def _in_order(self, before, then):

@@ -1,5 +1,7 @@
 """The steps of the normal form, each alone."""
 
+import itertools
+
 import pytest
 from unified_planning.model import (
     ClosedTimeInterval,
@@ -17,11 +19,14 @@ from unified_planning.shortcuts import (
     Iff,
     Implies,
     IntType,
+    MinimizeMakespan,
     Not,
     Or,
     UserType,
 )
 
+from up_samp.model import Deadline
+from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.encode.alternatives import Group, find_groups
 from up_samp.scheduling.cpsat.encode.unary import find_unary
 from up_samp.scheduling.cpsat.model import ScheduleModel
@@ -132,6 +137,89 @@ def test_effects_late_in_a_fixed_length_are_told_from_the_end(problem):
         a.add_effect(Timing(delay, a.start), flag(), delay > 1)
     times = [t for t, _, _ in anchor(Watcher(problem).look().effects)]
     assert times == [Timing(1, a.start), Timing(-1, a.end), Timing(0, a.end)]
+
+
+# -- precedences -----------------------------------------------------------------------------------
+def helped(problem, a, helpers, rivals, initially):
+    """State that ``a`` needs what ``helpers`` leave, in the published form."""
+    options = []
+    for h in helpers:
+        undone = [
+            Implies(r.present, Or(LE(r.end, h.start), LE(a.end, r.start)))
+            for r in rivals
+            if r not in (h, a)
+        ]
+        options.append(And(h.present, LE(h.end, a.start), *undone))
+    if initially:
+        options.append(And([Implies(r.present, LE(a.end, r.start)) for r in rivals if r is not a]))
+    problem.add_constraint(Or(options), [a.present])
+
+
+def test_preconditions_by_helpers_and_rivals_are_read(problem):
+    a, b, c = three(problem)
+    helped(problem, a, [b], [b, c], True)
+    problem.add_constraint(Or(And(c.present, LE(a.end, c.start))), [a.present])
+    problem.add_constraint(LE(a.end, b.start), [a.present])
+    form = normal_form(Watcher(problem).look())
+    (found,) = form.preconditions
+    assert (found.activity, found.helpers) == ("a", {"b": frozenset({"c"})})
+    assert found.initially == frozenset({"b", "c"})
+    assert [(f.activity, f.helpers) for f in form.follow_ups] == [("a", frozenset({"c"}))]
+    assert len(form.parts.constraints) == 3
+
+
+def walk(problem, *, apart=True, forgotten=False):
+    """Move to and fro between two places (m0, m1, m2), and work at the second one."""
+    moves = [problem.add_activity(f"m{i}", 3, optional=True) for i in range(3)]
+    work = problem.add_activity("work", 2, optional=True)
+    out, back, again = moves
+    helped(problem, out, [back], moves, True)
+    helped(problem, back, [out, again], moves, False)
+    helped(problem, again, [back], moves, True)
+    helped(problem, work, [out, again], [out, again] if forgotten else moves, False)
+    if apart:
+        for a, b in itertools.combinations([*moves, work], 2):
+            scope = [a.present, b.present]
+            problem.add_constraint(Or(LE(a.end, b.start), LE(b.end, a.start)), scope)
+    problem.add_constraint(work.present)
+    problem.add_quality_metric(MinimizeMakespan())
+
+
+def histories(problem):
+    return [s for k, s in built(problem).states.vars.items() if k[0] == "#history"]
+
+
+def test_helpers_and_rivals_that_never_overlap_are_a_state_variable(problem):
+    walk(problem)
+    (state,) = histories(problem)
+    assert state.values == [0, 1]
+    assert state.initial == 0
+    assert [w.value.const for w in state.writes] == [1, 0, 1]
+    assert [r.allowed for r in state.reads] == [{0}, {1}, {0}, {1}]
+    assert CpsatSession(problem).solve(Deadline.after(20)).schedule.makespan == 5
+
+
+def test_helpers_and_rivals_that_may_overlap_are_not_a_state_variable(problem):
+    walk(problem, apart=False)
+    assert histories(problem) == []
+    assert CpsatSession(problem).solve(Deadline.after(20)).schedule.makespan == 5
+
+
+def test_a_rival_that_is_not_named_is_not_kept_away(problem):
+    """Work then needs somebody to have come, not to be still there: not the state of moves."""
+    walk(problem, forgotten=True)
+    where, came = histories(problem)
+    assert (len(where.reads), len(where.writes)) == (3, 3)
+    assert (len(came.reads), len(came.writes)) == (1, 2)
+    assert CpsatSession(problem).solve(Deadline.after(20)).schedule.makespan == 5
+
+
+def test_what_is_done_once_and_for_all_is_a_milestone(problem):
+    a, b, c = three(problem)
+    helped(problem, c, [a, b], [], False)
+    (state,) = [s for k, s in built(problem).states.vars.items() if k[0] == "#milestone"]
+    assert [w.owner for w in state.writes] == [0, 1]
+    assert [r.owner for r in state.reads] == [2]
 
 
 # -- unary resources -------------------------------------------------------------------------------

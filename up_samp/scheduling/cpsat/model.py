@@ -12,6 +12,7 @@ from unified_planning.model.scheduling import Activity, SchedulingProblem
 from up_samp.model import Deadline, UnsupportedError
 from up_samp.scheduling.cpsat.encode.alternatives import Group, find_groups, merge_forms
 from up_samp.scheduling.cpsat.encode.durations import constant_bounds, constants, least
+from up_samp.scheduling.cpsat.encode.histories import find_histories
 from up_samp.scheduling.cpsat.encode.horizon import Horizon
 from up_samp.scheduling.cpsat.encode.metrics import objective_of
 from up_samp.scheduling.cpsat.encode.numbers import NumericTimeline
@@ -31,6 +32,7 @@ from up_samp.scheduling.cpsat.encode.terms import ActivityVars, Terms, World, in
 from up_samp.scheduling.cpsat.encode.timeline import Timeline
 from up_samp.scheduling.cpsat.encode.unary import find_unary
 from up_samp.scheduling.cpsat.normal.form import normal_form
+from up_samp.scheduling.cpsat.normal.precedences import FollowUp, Precondition
 from up_samp.scheduling.cpsat.normal.presences import Presences
 from up_samp.scheduling.cpsat.problem import Additions
 
@@ -56,6 +58,7 @@ class ScheduleModel:
         self.horizon = Horizon(self.store)
         self.parameters: dict[str, tuple[int, Any, str | None]] = {}
         self.timelines: dict[Any, Timeline | NumericTimeline] = {}
+        self.follow_ups: list[FollowUp] = []
         self.read_counts: dict[Any, int] = {}
         self.replaced: set[Any] = set()
         """State variables that disjunctions say as well: they have no timeline."""
@@ -97,6 +100,8 @@ class ScheduleModel:
         self.exact = self._alternatives(groups)
         self._parameters(parts)
         forms = self._forms(parts, first=True)
+        self.follow_ups = form.follow_ups
+        self.horizon.preconditions(form.preconditions)
         # durations may read fluents, so which of these change has to be known before
         self.states.dynamic = {e.fluent.fluent().name for _, e, _ in parts.effects}
         self._set_horizon(parts, forms)
@@ -108,6 +113,7 @@ class ScheduleModel:
             self.states.add_condition(span, condition, self._vars(owner))
         rest = self.disjunctions.take(forms, list(world.activities.values()))
         self._unary()
+        rest += self._histories(form.preconditions)
         rest = self.stated = merge_forms(rest, self.exact)
         self.disjunctions.emit(store, self.states)
         self.disjunctions.emit_loads(store, Lin(((world.makespan, 1),)))
@@ -341,6 +347,19 @@ class ScheduleModel:
             if unary.whole:
                 self.replaced.add(unary.key)
                 self.read_counts[unary.key] = len(self.states.vars[unary.key].reads)
+
+    def _histories(self, preconditions: list[Precondition]) -> list[Form]:
+        """Take what is said by precedences as conditions on state variables, where that is the
+        same; return what has to be stated as it is written.
+        """
+        found = find_histories(preconditions, self.world.activities, self.disjunctions.gap)
+        for state in (*found.states, *found.milestones):
+            self.states.vars[state.key] = state
+            self.states.dynamic.add(state.key[0])
+        for state in found.milestones:
+            self.replaced.add(state.key)
+            self.read_counts[state.key] = len(state.reads)
+        return self._forms(Additions(constraints=[p.constraint for p in found.left]))
 
     def _timelines(self) -> None:
         for key, state in self._in_time(self.states.vars.items()):

@@ -13,6 +13,7 @@ from unified_planning.model import FNode
 
 from up_samp.scheduling.cpsat.encode.store import Cmp, Form, Lin, Store
 from up_samp.scheduling.cpsat.encode.terms import UNBOUNDED, ActivityVars, Terms, World, int_bounds
+from up_samp.scheduling.cpsat.normal.precedences import Precondition
 
 
 def comparisons(form: Form) -> Iterator[Cmp]:
@@ -66,6 +67,13 @@ class Horizon:
     def beside(self, delay: int) -> None:
         """Count an effect or a condition with a delay (gaps of 1 + delay may be needed)."""
         self.total += 2 + abs(delay)
+
+    def preconditions(self, preconditions: Iterable[Precondition]) -> None:
+        """Count what is said with precedences: gaps before each activity that is named."""
+        for precondition in preconditions:
+            rivals = [*precondition.helpers.values(), precondition.initially or frozenset()]
+            named = frozenset(precondition.helpers).union(*rivals)
+            self.total += 2 + precondition.gap * (1 + len(named))
 
     def forms(self, forms: Iterable[Form]) -> None:
         """Count constraints."""

@@ -19,6 +19,10 @@ Owners = dict[int, list[ActivityVars]]
 """Time variable -> the activities that have it (alternatives share theirs)."""
 
 
+NEVER = 10**9
+"""Gap between activities that are never both there."""
+
+
 class Disjunctions:
     """Which pairs of activities never overlap, and by how much they are apart."""
 
@@ -40,6 +44,11 @@ class Disjunctions:
         order = sorted(activities)
         pairs = itertools.combinations(order, 2)
         return all(pair in self.gaps or pair in self.exclusive for pair in pairs)
+
+    def gap(self, a: int, b: int) -> int:
+        """Return how far apart two activities (indices) are when both are there; -1 if not."""
+        pair = (min(a, b), max(a, b))
+        return NEVER if pair in self.exclusive else self.gaps.get(pair, -1)
 
     def add_written(
         self, constraint: FNode, scope: list[FNode], activities: dict[str, ActivityVars]

@@ -57,6 +57,8 @@ class Route:
     entries: dict[int, list[Entry]] = field(default_factory=dict)
     still: frozenset[Key] = frozenset()
     """State variables that nobody may change in the midst of any move."""
+    returns: dict[str, frozenset[int]] = field(default_factory=dict)
+    """Stops after which the traveller has to come to one of these places some time."""
     lag: int = 1
     """Time from the end of a move until its effect is seen: 1 for an effect at the end, 0 for one
     at ``end - 1``."""
@@ -76,6 +78,14 @@ class Route:
     def rest(self, stop: str) -> int:
         """Return the time from the end of a move to a stop."""
         return self.gap if stop in self.late else self.step
+
+    @property
+    def home(self) -> frozenset[int] | None:
+        """Where the traveller has to be in the end, or may as well be (``None``: anywhere)."""
+        if self.final is not None or not self.returns:
+            return self.final
+        places = frozenset.intersection(*self.returns.values())
+        return places or None
 
     def measure(self) -> None:
         """Compute the shortest travel times between places (Floyd and Warshall)."""
@@ -244,6 +254,7 @@ def _route(
     lag = 1 + min(_delay(model, link) for link in links)
     final = _final(model, state)
     route = Route(state.key, gap, state.initial, final, moves, stops, late, lag=lag)
+    _find_returns(model, route)
     _find_entries(model, route, timeline)
     route.still = _find_still(model, timeline)
     return route
@@ -292,6 +303,26 @@ def _final(model: ScheduleModel, state: StateVar) -> frozenset[int] | None:
         if read.owner is None and read.lo == read.hi == model.states.far and read.allowed:
             final = read.allowed if final is None else final & read.allowed
     return final
+
+
+def _find_returns(model: ScheduleModel, route: Route) -> None:
+    """Find what has to be followed by a move: stops, or every move to any other place."""
+    to = {move.name: move.to for move in route.moves}
+    stops = {name for name, _ in route.stops}
+    left: dict[frozenset[int], set[str]] = {}
+    for follow_up in model.follow_ups:
+        if not follow_up.helpers <= to.keys():
+            continue
+        places = frozenset(to[h] for h in follow_up.helpers)
+        if follow_up.activity in stops:
+            known = route.returns.get(follow_up.activity)
+            route.returns[follow_up.activity] = places if known is None else known & places
+        elif follow_up.activity in to:
+            left.setdefault(places, set()).add(follow_up.activity)
+    for places, movers in left.items():
+        whoever = {name for name, place in to.items() if place not in places}
+        if whoever <= movers and route.initial in places and route.final is None:
+            route.final = places
 
 
 def _find_entries(model: ScheduleModel, route: Route, timeline: Timeline) -> None:

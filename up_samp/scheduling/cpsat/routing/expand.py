@@ -20,8 +20,8 @@ def expand(routes: list[Route], schedule: CandidateSchedule) -> CandidateSchedul
 def _expand(route: Route, times: dict[str, tuple[int, int]]) -> None:
     stops = sorted((times[n], n, places) for n, places in route.stops if n in times)
     goals = [(start, end, places) for (start, end), _, places in stops]
-    if route.final is not None:
-        goals.append((0, 0, route.final))
+    if route.home is not None:
+        goals.append((0, 0, route.home))
     ways: list[list[Move] | None] = []
     here, used = route.initial, set[str]()
     legs = []

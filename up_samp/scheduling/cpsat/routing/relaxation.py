@@ -15,6 +15,7 @@ from typing import Any
 
 from up_samp.model import Deadline
 from up_samp.scheduling.cpsat.encode.alternatives import merge_forms
+from up_samp.scheduling.cpsat.encode.statevars import Write
 from up_samp.scheduling.cpsat.encode.store import (
     TRUE,
     Form,
@@ -79,7 +80,7 @@ class Collapsed:
                 self._legs.when(soonest.le(stop.start), arc.literal)
                 if arc.hop is not None:
                     hops.setdefault(arc.hop, []).append(arc.literal)
-            back = self._way_back(route, places)
+            back = self._way_back(route, stop.name, places)
             literal = store.boolean()
             circuit.append((j, 0, store.raw(literal)))
             load.append((literal, back))
@@ -150,11 +151,12 @@ class Collapsed:
         return ways
 
     @staticmethod
-    def _way_back(route: Route, places: frozenset[int]) -> int:
+    def _way_back(route: Route, stop: str, places: frozenset[int]) -> int:
         """Return the time from the end of a last stop to the end of everything."""
-        if route.final is None or places & route.final:
+        final = route.returns.get(stop, route.final)
+        if final is None or places & final:
             return 0
-        distance = route.between(places, route.final)
+        distance = route.between(places, final)
         return 0 if distance >= INFINITE else route.gap + distance - route.step
 
     # -- what moves need -----------------------------------------------------------------------
@@ -177,10 +179,9 @@ class Collapsed:
         self, entry: Entry, lead: int, stop: ActivityVars, leg: Leg | None, arcs: list[Arc]
     ) -> None:
         store = self.model.store
-        state = self.model.states.vars.get(entry.state)
-        if state is None or not state.writes or state.numeric or state.initial in entry.allowed:
+        able = self._able(entry)
+        if able is None:
             return
-        able = [w for w in state.writes if w.value.terms or w.value.const in entry.allowed]
         times = {w.time._replace(needs=()) for w in able}
         if len(times) == 1:
             time = times.pop()
@@ -196,6 +197,40 @@ class Collapsed:
             self._legs.when(write.time.shift(lead).le(stop.start), literal)
             ways.append(literal)
         store.clause([*ways, ~stop.present])
+
+    def _able(self, entry: Entry) -> list[Write] | None:
+        """Return the effects, in the collapsed problem, that support an entry; ``None`` where none
+        is needed, or where a move may be one.
+        """
+        state = self.model.states.vars.get(entry.state)
+        if state is not None and state.writes:
+            if state.numeric or state.initial in entry.allowed:
+                return None
+            return [w for w in state.writes if w.value.terms or w.value.const in entry.allowed]
+        whole = self.full.states.vars[entry.state]
+        if whole.numeric or whole.initial in entry.allowed:
+            return None
+        able = []
+        for write in whole.writes:
+            if write.value.terms or write.value.const not in entry.allowed:
+                continue
+            found = self._translated(write)
+            if found is None:
+                return None
+            able.append(found)
+        return able
+
+    def _translated(self, write: Write) -> Write | None:
+        """Return an effect of the whole problem at the same time of the same activity."""
+        owner = self.full.states.activity(write.owner) if write.owner is not None else None
+        made = self.model.world.activities.get("" if owner is None else owner.name)
+        if owner is None or made is None or write.active != owner.present:
+            return None
+        low, high = self.full.states.difference(write.time, owner.end)
+        if low != high:
+            return None
+        time = made.end.shift(low)._replace(needs=())
+        return Write(made.index, made.present, time, write.value)
 
     def hints(self, known: dict[int, int]) -> dict[int, int]:
         """Translate values of the full model's variables to this model's."""

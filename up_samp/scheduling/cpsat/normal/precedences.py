@@ -1,0 +1,180 @@
+"""Preconditions that are said with precedences alone: by helpers, and rivals that may undo them.
+
+``Or`` over each helper H: ``And(H.present, H.end <= A.start, and for each rival R:
+Implies(R.present, Or(R.end <= H.start, R.start >= A.end)))``; and, where it holds at first, one
+more alternative: ``And for each R: Implies(R.present, R.start >= A.end)`` (Tosello et al., AAAI
+2026). Here they are only read; whether they amount to a state variable depends on who never
+overlaps, see :mod:`up_samp.scheduling.cpsat.encode.histories`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from unified_planning.model import FNode
+from unified_planning.model.operators import OperatorKind as Op
+from unified_planning.model.timing import TimepointKind
+
+from up_samp.scheduling.cpsat.normal.clauses import Constraint
+
+Before = tuple[str, str, int]
+"""(a, b, gap): ``a.end + gap <= b.start``; gap 1 is written ``a.end < b.start``."""
+
+
+@dataclass(frozen=True)
+class Precondition:
+    """``activity`` needs the last of its ``rivals`` and helpers before it to be a helper.
+
+    ``helpers[h]`` are the rivals that must not come between h and the activity; ``initially`` are
+    those that must not come before it if no helper does (``None``: a helper has to). ``gap`` is
+    the greatest one written anywhere.
+    """
+
+    activity: str
+    helpers: dict[str, frozenset[str]]
+    initially: frozenset[str] | None
+    gap: int
+    constraint: Constraint
+
+
+@dataclass(frozen=True)
+class FollowUp:
+    """After ``activity``, one of ``helpers`` has to come."""
+
+    activity: str
+    helpers: frozenset[str]
+    gap: int
+
+
+class Reader:
+    """Reads preconditions and follow-ups among constraints."""
+
+    def __init__(self) -> None:
+        self._times: dict[FNode, tuple[TimepointKind, str] | None] = {}
+
+    def read(
+        self, constraints: Iterable[Constraint]
+    ) -> tuple[list[Precondition], list[FollowUp], list[Constraint]]:
+        """Return preconditions, follow-ups, and all constraints but the preconditions."""
+        preconditions, follow_ups, others = [], [], []
+        for constraint in constraints:
+            found = self._read(constraint)
+            if isinstance(found, Precondition):
+                preconditions.append(found)
+                continue
+            if found is not None:
+                follow_ups.append(found)
+            others.append(constraint)
+        return preconditions, follow_ups, others
+
+    def _read(self, constraint: Constraint) -> Precondition | FollowUp | None:
+        node, scope, _ = constraint
+        if node.node_type is Op.IMPLIES and not scope:
+            node, scope = node.arg(1), [node.arg(0)]
+        if len(scope) != 1 or scope[0].node_type is not Op.PRESENT_EXP:
+            return None
+        activity = str(scope[0].presence().container)
+        options = list(node.args) if node.node_type is Op.OR else [node]
+        if any(o.node_type not in (Op.AND, Op.OR, Op.IMPLIES) for o in options):
+            return None
+        helpers: dict[str, frozenset[str]] = {}
+        follow_ups: dict[str, int] = {}
+        initially = None
+        gap = 0
+        for option in options:
+            parts = [p for p in _conjuncts(option)]
+            helper = self._helper(parts)
+            rest = [p for p in parts if p.node_type in (Op.OR, Op.IMPLIES)]
+            order = [b for b in map(self._before, parts) if b is not None]
+            if helper is None:
+                rivals = self._rivals(rest, activity, None)
+                if rivals is None or len(rest) < len(parts) or initially is not None:
+                    return None
+                initially, more = rivals
+                gap = max(gap, more)
+                continue
+            if len(order) != 1 or len(rest) + 2 != len(parts):
+                return None
+            if order[0][:2] == (activity, helper) and not rest:
+                follow_ups[helper] = order[0][2]
+                continue
+            rivals = self._rivals(rest, activity, helper)
+            if order[0][:2] != (helper, activity) or rivals is None or helper in helpers:
+                return None
+            helpers[helper] = rivals[0]
+            gap = max(gap, order[0][2], rivals[1])
+        if follow_ups and not helpers and initially is None:
+            return FollowUp(activity, frozenset(follow_ups), min(follow_ups.values()))
+        if follow_ups or (not helpers and not initially):
+            return None
+        return Precondition(activity, helpers, initially, gap, constraint)
+
+    def _helper(self, parts: list[FNode]) -> str | None:
+        names = [str(p.presence().container) for p in parts if p.node_type is Op.PRESENT_EXP]
+        return names[0] if len(names) == 1 else None
+
+    def _rivals(
+        self, parts: list[FNode], activity: str, helper: str | None
+    ) -> tuple[frozenset[str], int] | None:
+        """Return the rivals that keep away from helper and activity, and the greatest gap."""
+        names, gap = set(), 0
+        for part in parts:
+            absent, order = set(), []
+            for option in _options(part):
+                if option.node_type is Op.NOT and option.arg(0).node_type is Op.PRESENT_EXP:
+                    absent.add(str(option.arg(0).presence().container))
+                    continue
+                before = self._before(option)
+                if before is None:
+                    return None
+                order.append(before)
+                gap = max(gap, before[2])
+            after = [b[1] for b in order if b[0] == activity]
+            if len(after) != 1 or not absent <= {after[0]}:
+                return None
+            rival = after[0]
+            expected = {(activity, rival)} | ({(rival, helper)} if helper is not None else set())
+            if {b[:2] for b in order} != expected or len(order) != len(expected):
+                return None
+            names.add(rival)
+        return frozenset(names), gap
+
+    def _before(self, node: FNode) -> Before | None:
+        if node.node_type not in (Op.LE, Op.LT):
+            return None
+        left, right = (self._timepoint(a) for a in node.args)
+        if left is None or right is None:
+            return None
+        if left[0] is not TimepointKind.END or right[0] is not TimepointKind.START:
+            return None
+        return left[1], right[1], int(node.node_type is Op.LT)
+
+    def _timepoint(self, node: FNode) -> tuple[TimepointKind, str] | None:
+        if node not in self._times:
+            self._times[node] = None
+            if node.node_type is Op.TIMING_EXP:
+                timing = node.timing()
+                if timing.delay == 0 and timing.timepoint.container is not None:
+                    self._times[node] = (timing.timepoint.kind, timing.timepoint.container)
+        return self._times[node]
+
+
+def _conjuncts(node: FNode) -> Iterator[FNode]:
+    if node.node_type is Op.AND:
+        for arg in node.args:
+            yield from _conjuncts(arg)
+    else:
+        yield node
+
+
+def _options(node: FNode) -> Iterator[FNode]:
+    """Yield the parts of a disjunction, of which an implication is one."""
+    if node.node_type is Op.OR:
+        for arg in node.args:
+            yield from _options(arg)
+    elif node.node_type is Op.IMPLIES and node.arg(0).node_type is Op.PRESENT_EXP:
+        yield node.environment.expression_manager.Not(node.arg(0))
+        yield from _options(node.arg(1))
+    else:
+        yield node
