@@ -27,12 +27,12 @@ from up_samp.model import (
     Body,
     Configuration,
     Deadline,
-    MotionModel,
     Placed,
     Rest,
     TimedMotion,
     Trajectory,
 )
+from up_samp.motion.fleet.knots import untie
 from up_samp.motion.fleet.paths import Path, path_of
 from up_samp.motion.fleet.timed_path import Run, run_of
 from up_samp.motion.fleet.timings import Timing
@@ -100,27 +100,42 @@ def couple(
     if workspace.scene is None or not _can_couple(motions):
         return None
     coupling = Coupling(workspace, motions, world, deadline)
+    if len(motions) <= MOST_ROBOTS:
+        _find_places(coupling, workspace.scene, alone, seed)
+        found = _runs_of(coupling, _sequence(coupling), alone)
+        if found is not None:
+            return found
+    return _runs_of(coupling, untie(workspace, motions, alone, world, deadline, seed), alone)
+
+
+def _find_places(coupling: Coupling, scene: Scene, alone: Mapping[str, Run], seed: int) -> None:
+    motions = coupling.motions
     for robot, motion in enumerate(motions):
         others = [alone[m.name].path for m in motions if m is not motion]
-        aside = _aside(coupling, workspace.scene, motion, others, random.Random(7 * seed + robot))
+        aside = _aside(coupling, scene, motion, others, random.Random(7 * seed + robot))
         coupling.places.append([*motion.poses, *aside])
-    sequence = _sequence(coupling)
+
+
+def _runs_of(
+    coupling: Coupling, sequence: Sequence[tuple[int, Path]] | None, alone: Mapping[str, Run]
+) -> dict[str, Run] | None:
+    """Return the runs of all robots for a sequence of drives, if it can be timed."""
     if sequence is None:
         return None
     legs = _timed(coupling, sequence)
     if legs is None or _collide(coupling, legs):
         return None
-    joined = zip(motions, legs, strict=True)
-    return {motion.name: _one_run(motion, drives) for motion, drives in joined}
+    joined = zip(coupling.motions, legs, strict=True)
+    # who has no drive stays where it is
+    return {m.name: _one_run(m, drives) if drives else alone[m.name] for m, drives in joined}
 
 
 def _can_couple(motions: Sequence[TimedMotion]) -> bool:
     first = min(m.release for m in motions)
     return (
-        1 < len(motions) <= MOST_ROBOTS
+        len(motions) > 1
         and len({m.object for m in motions}) == len(motions)
-        and all(m.body.kinematics.model is MotionModel.REEDSSHEPP for m in motions)
-        and all(len(m.poses) == 2 and m.poses[0] != m.poses[1] for m in motions)
+        and all(len(m.poses) == 2 for m in motions)
         and all(m.present_from <= first for m in motions)
     )
 

@@ -34,6 +34,11 @@ EFFORTS = ((0, 60), (1, 8), (2, 6), (3, 12))
 """Rungs of the ladder for a group: (effort for one robot, nodes of the priority search)."""
 
 
+POLISH = 4
+"""Times that each of those moved together is planned again among the others."""
+POLISH_WORTH = 0.1
+"""Seconds that a round of this has to gain for another one."""
+
 COUPLES = 2
 """Effort before which a few robots are moved together if no order of them has been found."""
 
@@ -115,19 +120,49 @@ def climb(group: Group, root: Node, top: int = len(EFFORTS)) -> None:
 
 
 def _couple(group: Group, root: Node) -> None:
-    """Move those that meet together, where no order of them was found."""
-    runs = dict(root.runs)
+    """Move those that meet together, where no order of them was found; or else everybody."""
     counts = Counter(motion.object for motion in group.motions.values())
-    for part in _parts(root.meetings):
-        if any(counts[group.motions[n].object] > 1 for n in part):
-            return  # the same object's other motions would have to give way, too
-        motions = [group.motions[n] for n in group.order if n in part]
-        world = [*group.world, *(runs[n] for n in sorted(runs) if n not in part)]
-        found = couple(group.workspace, motions, root.runs, world, group.deadline)
-        if found is None:
-            return
-        runs |= found
-    group.best = Node(runs)
+    parts = _parts(root.meetings)
+    if any(counts[group.motions[n].object] > 1 for part in parts for n in part):
+        return  # the same object's other motions would have to give way, too
+    runs: dict[str, Run] | None = dict(root.runs)
+    for part in parts:
+        runs = None if runs is None else _moved_together(group, root, runs, part)
+    if runs is None and len(counts) == len(group.motions):
+        runs = _moved_together(group, root, root.runs, set(group.motions))
+    if runs is not None:
+        group.best = Node(_polished(group, runs))
+
+
+def _moved_together(
+    group: Group, root: Node, runs: Mapping[str, Run], part: set[str]
+) -> dict[str, Run] | None:
+    """Return ``runs`` with those of a ``part`` moved together among the others, if found."""
+    motions = [group.motions[n] for n in group.order if n in part]
+    world = [*group.world, *(runs[n] for n in sorted(runs) if n not in part)]
+    found = couple(group.workspace, motions, root.runs, world, group.deadline)
+    return None if found is None else {**runs, **found}
+
+
+def _polished(group: Group, runs: Mapping[str, Run]) -> dict[str, Run]:
+    """Return runs in which nobody arrives later: each motion planned again among the others, the
+    last to arrive first.
+    """
+    found = dict(runs)
+    for _ in range(POLISH):
+        gained = 0.0
+        for name in sorted(found, key=lambda n: (-found[n].arrival, n)):
+            others = [n for n in found if n != name]
+            attempt = _plan(group, name, found, others)
+            old = found[name].arrival
+            if attempt.run is not None and attempt.run.arrival < old - ON_TIME:
+                found[name] = attempt.run
+                gained += old - attempt.run.arrival
+            if group.deadline.expired():
+                return found
+        if gained < POLISH_WORTH:
+            break
+    return found
 
 
 def _parts(meetings: Iterable[Pair]) -> list[set[str]]:

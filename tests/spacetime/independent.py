@@ -1,0 +1,50 @@
+"""Groups judged by the independent validator: its limits, its swept collision checks."""
+
+import itertools
+import math
+from pathlib import Path
+
+import numpy as np
+
+from up_samp.geometry.maps import write_map
+from up_samp.model import MotionModel, Outcome
+from up_samp.validation.collisions import Shape, hits_body, hits_map
+from up_samp.validation.kinematics import motion_violations
+from up_samp.validation.limits import Limits
+from up_samp.validation.maps import BlockedMap
+from up_samp.validation.tracks import Track
+
+
+def limits_of(name, body):
+    kin = body.kinematics
+    model = "REEDSSHEPP" if kin.model is MotionModel.REEDSSHEPP else "SE2"
+    return Limits(name, model, kin.turning_radius, kin.v_max, kin.v_max, kin.a_max, kin.omega_max)
+
+
+def judge(traffic, report, folder: Path):
+    """Assert that everybody gets from start to goal, as its body can, and meets nothing."""
+    assert report.outcome is Outcome.FOUND, report.reason
+    motions, found = traffic.query.motions, report.trajectories
+    assert set(found) == {m.name for m in motions}
+    blocked = BlockedMap(write_map(folder, "map", traffic.grid.occupied, traffic.grid.resolution))
+    low = min(t.start for t in found.values()) - 1.0
+    high = max(t.end for t in found.values()) + 1.0
+    shapes, tracks = {}, {}
+    for m in motions:
+        trajectory = found[m.name]
+        assert trajectory.start >= m.release - 1e-9
+        for row, pose in ((0, m.poses[0]), (-1, m.poses[-1])):
+            assert trajectory.poses[row, :2].tolist() == list(pose[:2])
+            turn = (trajectory.poses[row, 2] - pose[2]) / (2 * math.pi)
+            assert abs(turn - round(turn)) < 1e-9
+        broken = motion_violations(
+            m.name, limits_of(m.object, m.body), trajectory.times, trajectory.poses
+        )
+        assert not list(broken)
+        shapes[m.name] = Shape(m.object, np.array(m.body.footprint))
+        tracks[m.name] = Track(trajectory.times, trajectory.poses, shapes[m.name].radius)
+        assert hits_map(shapes[m.name], tracks[m.name], blocked, low, high) is None, m.name
+    for a, b in itertools.combinations(found, 2):
+        when = hits_body(shapes[a], tracks[a], shapes[b], tracks[b], low, high)
+        assert when is None, f"{a} and {b} meet at {when}"
+    return sum(t.end for t in found.values())

@@ -1,0 +1,105 @@
+"""Groups that no order of priorities gets through, for every kind of body."""
+
+import pytest
+from independent import judge
+
+from up_samp.benchmarks import tight_places as tight
+from up_samp.model import Deadline, Outcome
+from up_samp.motion.fleet import coordinate
+from up_samp.motion.fleet.lacam import Agent, Joint
+from up_samp.motion.fleet.roadmap import Roadmap
+from up_samp.motion.service import MotionService
+
+CASES = {
+    "pocket": tight.pocket,
+    "lay-by": tight.lay_by,
+    "ring of three": lambda body: tight.ring(body, 3),
+    "ring of four": lambda body: tight.ring(body, 4),
+    "door both ways": lambda body: tight.door(body, 6),
+    "square": lambda body: tight.square(body, 6),
+    "square of ten": tight.square,
+}
+SLOW = {"square of ten"}
+
+
+def solve(traffic, seconds=300.0):
+    service = MotionService(traffic.grid)
+    return coordinate(service, traffic.query, Deadline.after(seconds))
+
+
+def everything():
+    for case in CASES:
+        for kind in tight.BODIES:
+            slow = kind == "car" or case in SLOW
+            yield pytest.param(case, kind, marks=[pytest.mark.long] if slow else [])
+
+
+@pytest.mark.parametrize(("case", "kind"), everything())
+def test_everybody_gets_through(case, kind, tmp_path):
+    traffic = CASES[case](tight.BODIES[kind]())
+    judge(traffic, solve(traffic), tmp_path)
+
+
+@pytest.mark.parametrize("kind", ["omni", "car"])
+def test_the_pocket_is_used_well(kind, tmp_path):
+    traffic = tight.pocket(tight.BODIES[kind]())
+    total = judge(traffic, solve(traffic), tmp_path)
+    # alone both need 15.4 s; one of them has to get out of the way for the other
+    assert 2 * 15.4 < total < 41.0
+
+
+def test_four_change_corners_in_a_room_of_nine_places(tmp_path):
+    traffic = tight.puzzle(tight.omni())
+    judge(traffic, solve(traffic), tmp_path)
+
+
+@pytest.mark.long
+def test_seven_in_a_room_of_nine_places(tmp_path):
+    traffic = tight.full_puzzle(tight.omni())
+    judge(traffic, solve(traffic), tmp_path)
+
+
+@pytest.mark.long
+def test_no_room_at_all_is_not_called_impossible():
+    grid = tight.hall(20, 10, [(0, 4.2, 20, 5.8)])
+    body = tight.omni()
+    ends = [((2.0, 5.0, 0.0), (18.0, 5.0, 0.0)), ((18.0, 5.0, 0.0), (2.0, 5.0, 0.0))]
+    report = solve(tight.Traffic("corridor", grid, tight.drives(body, ends)), 60.0)
+    assert report.outcome is Outcome.OUT_OF_TIME
+    assert report.conflict == {"go0", "go1"}
+
+
+def joint(traffic, body):
+    service = MotionService(traffic.grid)
+    ends = [pose for m in traffic.query.motions for pose in m.poses]
+    roadmap = Roadmap(service.scene, body, ends, (), (), 2.0)
+    agents = []
+    for m in traffic.query.motions:
+        goal = roadmap.place(m.poses[-1])
+        agents.append(Agent(roadmap, roadmap.place(m.poses[0]), goal, roadmap.to_go(goal)))
+    heeds = [[i != j for j in range(len(agents))] for i in range(len(agents))]
+    return Joint(agents, heeds, 0.01, 0)
+
+
+def test_joint_moves_lead_from_start_to_goal_one_by_one():
+    search = joint(tight.puzzle(tight.omni()), tight.omni())
+    steps = search.search(10_000, Deadline.never())
+    assert steps is not None
+    at = [agent.start for agent in search.agents]
+    for step in steps:
+        order = search.one_by_one(step)
+        assert order is not None
+        for i in order:
+            assert step[i].source == at[i]
+            rests = [(j, search.agents[j].roadmap.rest(at[j])) for j in range(len(at)) if j != i]
+            assert not any(search.overlap(i, step[i], j, rest) for j, rest in rests)
+            at[i] = step[i].target
+    assert at == [agent.goal for agent in search.agents]
+
+
+def test_same_seed_same_answer():
+    traffic = tight.puzzle(tight.omni())
+    first, second = (solve(traffic).trajectories for _ in "ab")
+    for name in first:
+        assert (first[name].times == second[name].times).all()
+        assert (first[name].poses == second[name].poses).all()

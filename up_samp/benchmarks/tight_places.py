@@ -1,0 +1,153 @@
+"""Traffic in tight places: groups of robots that have to give way to each other, as plain motions.
+
+Every case is a map and who drives from where to where on it; no tasks, no schedule. A place is
+tight when no order of priorities gets everybody through: somebody has to step aside, or all have to
+move together. Lengths in m, angles in rad.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from up_samp.geometry import OccupancyGrid
+from up_samp.model import Body, GroupQuery, Kinematics, MotionModel, Rest, TimedMotion
+
+Box = tuple[float, float, float, float]
+Pose = tuple[float, float, float]
+
+UP = math.pi / 2
+SQUARE = ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5))
+TRUCK = ((-0.6, -0.4), (0.6, -0.4), (0.6, 0.4), (-0.6, 0.4))
+ELL = ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.0), (0.0, 0.0), (0.0, 0.5), (-0.5, 0.5))
+
+
+@dataclass(frozen=True)
+class Traffic:
+    """A map and the motions on it, all to be done together. ``bound`` (s) is what the last robot
+    needs at least, ``best`` the best sum of arrivals known (s), 0 where nobody has looked.
+    """
+
+    name: str
+    grid: OccupancyGrid
+    query: GroupQuery
+
+
+def omni(footprint: Sequence[tuple[float, float]] = SQUARE) -> Body:
+    """Return a body that moves in any direction."""
+    return Body(tuple(footprint), Kinematics(MotionModel.SE2))
+
+
+def car(footprint: Sequence[tuple[float, float]] = TRUCK) -> Body:
+    """Return a car that turns within 1 m."""
+    return Body(tuple(footprint), Kinematics(MotionModel.REEDSSHEPP))
+
+
+BODIES: dict[str, Callable[[], Body]] = {"omni": omni, "car": car}
+
+
+def hall(width: float, height: float, free: Sequence[Box], cell: float = 0.05) -> OccupancyGrid:
+    """Return a map that is occupied but for the boxes ``free`` (x low, y low, x high, y high)."""
+    occupied = np.ones((round(height / cell), round(width / cell)), dtype=np.bool_)
+    for box in free:
+        x0, y0, x1, y1 = (round(v / cell) for v in box)
+        occupied[y0:y1, x0:x1] = False
+    return OccupancyGrid(occupied, cell)
+
+
+def drives(body: Body, ends: Sequence[tuple[Pose, Pose]], rests: Sequence[Rest] = ()) -> GroupQuery:
+    """Return a group in which robot i drives from ``ends[i][0]`` to ``ends[i][1]``, all released
+    at 0 and due whenever they like.
+    """
+    motions = [
+        TimedMotion(f"go{i}", f"r{i}", body, (start, goal), 0.0, 1e6)
+        for i, (start, goal) in enumerate(ends)
+    ]
+    return GroupQuery(tuple(motions), tuple(rests))
+
+
+def pocket(body: Body) -> Traffic:
+    """Two swap the ends of a corridor through its side pocket."""
+    grid = hall(20, 10, [(0, 4.2, 20, 5.8), (9, 4.2, 11, 7.6)])
+    ends = [((2.0, 5.0, 0.0), (16.4, 5.0, 0.0)), ((18.0, 5.0, 0.0), (3.6, 5.0, 0.0))]
+    return Traffic("pocket", grid, drives(body, ends))
+
+
+def door(body: Body, robots: int) -> Traffic:
+    """Robots on both sides of a door for one want to get to the other side."""
+    grid = hall(20, 12, [(0.5, 0.5, 9.6, 11.5), (10.4, 0.5, 19.5, 11.5), (9.6, 5.2, 10.4, 6.8)])
+    ends: list[tuple[Pose, Pose]] = []
+    for i in range(robots):
+        y = 2.0 + 2.6 * (i // 2) % 9.0
+        left, right = (3.0, y, 0.0), (17.0, y, 0.0)
+        ends.append((left, (14.0, y, 0.0)) if i % 2 == 0 else (right, (6.0, y, 0.0)))
+    return Traffic(f"door-{robots}", grid, drives(body, ends))
+
+
+def ring(body: Body, robots: int) -> Traffic:
+    """Everybody drives to where the next one is, in a ring for one."""
+    wide = 1.7
+    grid = hall(
+        10, 10, [(1, 1, 9, 1 + wide), (1, 9 - wide, 9, 9), (1, 1, 1 + wide, 9), (9 - wide, 1, 9, 9)]
+    )
+    low, high, mid = 1 + wide / 2, 9 - wide / 2, 5.0
+    places: list[Pose] = [(mid, low, 0.0), (high, mid, UP), (mid, high, math.pi), (low, mid, -UP)]
+    places = places[:robots]
+    ends = [(p, places[(i + 1) % len(places)]) for i, p in enumerate(places)]
+    return Traffic(f"ring-{robots}", grid, drives(body, ends))
+
+
+def puzzle(body: Body) -> Traffic:
+    """Four in a room with 3 x 3 places; the ones in opposite corners change places."""
+    grid = hall(5.2, 5.2, [(0.8, 0.8, 4.4, 4.4)])
+    at = [1.4, 2.6, 3.8]
+    corners = [(at[0], at[0]), (at[2], at[0]), (at[2], at[2]), (at[0], at[2])]
+    ends = [
+        ((*corners[i], 0.0), (*corners[(i + 2) % 4], 0.0))  # all at once through the middle
+        for i in range(4)
+    ]
+    return Traffic("puzzle", grid, drives(body, ends))
+
+
+def full_puzzle(body: Body) -> Traffic:
+    """Seven in a room with 3 x 3 places: a sliding puzzle with two free places."""
+    grid = hall(5.2, 5.2, [(0.8, 0.8, 4.4, 4.4)])
+    at = [1.4, 2.6, 3.8]
+    cells = [(x, y) for y in at for x in at]
+    goals = [3, 0, 1, 4, 2, 5, 7]
+    ends = [((*cells[i], 0.0), (*cells[goal], 0.0)) for i, goal in enumerate(goals)]
+    return Traffic("full-puzzle", grid, drives(body, ends))
+
+
+def square(body: Body, robots: int = 10) -> Traffic:
+    """Robots on a circle drive across the square to the other side of it."""
+    grid = hall(16, 16, [(0.5, 0.5, 15.5, 15.5)])
+    ends: list[tuple[Pose, Pose]] = []
+    for i in range(robots):
+        angle = 2 * math.pi * i / robots
+        c, s = math.cos(angle), math.sin(angle)
+        heading = math.remainder(angle + math.pi, 2 * math.pi)
+        ends.append(((8 + 6 * c, 8 + 6 * s, heading), (8 - 6 * c, 8 - 6 * s, heading)))
+    return Traffic(f"square-{robots}", grid, drives(body, ends))
+
+
+def lay_by(body: Body) -> Traffic:
+    """A fast one is behind a slow one that it can only overtake in a lay-by."""
+    grid = hall(40, 8, [(0, 3.2, 40, 4.8), (14, 3.2, 20, 6.4)])
+    kin = body.kinematics
+    slow = Body(body.footprint, Kinematics(kin.model, kin.turning_radius, 0.2, kin.a_max))
+    motions = (
+        TimedMotion("slow", "tortoise", slow, ((6.0, 4.0, 0.0), (34.0, 4.0, 0.0)), 0.0, 1e6),
+        TimedMotion("fast", "hare", body, ((3.0, 4.0, 0.0), (37.0, 4.0, 0.0)), 0.0, 1e6),
+    )
+    return Traffic("lay-by", grid, GroupQuery(motions))
+
+
+def corner() -> Traffic:
+    """An L-shaped body slides round a corner of two corridors with 4 cm to spare."""
+    grid = hall(8, 8, [(0.5, 0.5, 7.5, 1.54), (6.46, 0.5, 7.5, 7.5)], 0.02)
+    ends = [((1.5, 1.02, 0.0), (6.98, 6.5, 0.0))]
+    return Traffic("corner", grid, drives(omni(ELL), ends))

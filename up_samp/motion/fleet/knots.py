@@ -1,0 +1,371 @@
+"""Knots solved by construction: joint moves on roadmaps, made into drives that need few stops.
+
+Where no order of priorities works, a plan for everybody is searched on roadmaps of rest poses
+(:mod:`up_samp.motion.fleet.lacam`), coarse to fine. It is then loosened: moves that do not meet are
+independent, so each robot's moves are joined into as few drives as the others allow, in a sequence
+in which one drives while the others rest. A planner's own path replaces the moves of a drive where
+it finds one. Finding nothing proves nothing: the roadmaps leave poses out.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import shapely
+
+from up_samp.geometry.scene import Scene
+from up_samp.model import Body, Configuration, Deadline, Placed, TimedMotion
+from up_samp.motion.fleet.abilities import abilities_of
+from up_samp.motion.fleet.conflicts import separation
+from up_samp.motion.fleet.lacam import Agent, Joint
+from up_samp.motion.fleet.moves import Move, drive
+from up_samp.motion.fleet.paths import Path, hull_of, path_of
+from up_samp.motion.fleet.roadmap import Edge, Roadmap
+from up_samp.motion.fleet.timed_path import MARGIN, Run, avoids
+from up_samp.motion.fleet.waiting import parked_all_the_time
+from up_samp.motion.fleet.workspace import Workspace
+
+LEVELS = ((2.0, 800_000), (1.0, 150_000), (0.5, 100_000))
+"""Grain of the roadmaps (in inner radii of a body), and moves looked at on them at most."""
+AIR = 0.02
+"""Width (m) added to what rests beside a drive, so that it is clear of it by more than rounding."""
+STOP = 1.0
+"""Seconds that a stop is worth."""
+ROUNDS = 8
+"""Passes over a sequence in which stops are left out."""
+SEEDS = 2
+"""Searches at one grain, each with other draws."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A move of one robot in a sequence in which everybody else rests."""
+
+    robot: int
+    edge: Edge
+
+
+@dataclass(frozen=True)
+class Trip:
+    """A drive of one robot along moves (one or more) while everybody else rests."""
+
+    robot: int
+    edges: tuple[Edge, ...]
+
+    @property
+    def start(self) -> int:
+        """The place where it begins."""
+        return self.edges[0].source
+
+    @property
+    def end(self) -> int:
+        """The place where it ends."""
+        return self.edges[-1].target
+
+    @property
+    def seconds(self) -> float:
+        """About how long it takes."""
+        return sum(edge.cost for edge in self.edges)
+
+
+@dataclass
+class Knot:
+    """Robots that have to be moved together, and what rests around them."""
+
+    workspace: Workspace
+    scene: Scene
+    motions: Sequence[TimedMotion]
+    world: Sequence[Run]
+    paths: Sequence[Path | None]
+    deadline: Deadline
+    seed: int = 0
+    margin: float = field(init=False)
+    static: list[tuple[Placed, ...]] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.margin = _margin(self.motions)
+        self.static = [tuple(parked_all_the_time(m, self.world)) for m in self.motions]
+
+    @property
+    def heeds(self) -> list[list[bool]]:
+        """Who has to keep apart from whom."""
+        pairs = [
+            [
+                a is not b and (avoids(a.avoid, b.object) or avoids(b.avoid, a.object))
+                for b in self.motions
+            ]
+            for a in self.motions
+        ]
+        return pairs
+
+
+def untie(
+    workspace: Workspace,
+    motions: Sequence[TimedMotion],
+    alone: Mapping[str, Run],
+    world: Sequence[Run],
+    deadline: Deadline,
+    seed: int = 0,
+) -> list[tuple[int, Path]] | None:
+    """Return drives (robot, path) in a sequence that brings everybody from start to goal, each one
+    clear of all others at rest where the drives before left them; or None if none is found.
+
+    ``alone`` are the runs of the motions without each other. For robots with two poses each and
+    of different names.
+    """
+    scene = workspace.scene
+    if scene is None or any(abilities_of(m.body).free for m in motions):
+        return None
+    paths = [alone[m.name].path if m.name in alone else None for m in motions]
+    knot = Knot(workspace, scene, motions, world, paths, deadline, seed)
+    for grain, most in LEVELS:
+        found = _joint_moves(knot, grain, most)
+        if found is not None:
+            joint, steps = found
+            trips = loosened(joint, _joined(joint, _in_order(joint, steps)))
+            drives = _drives(knot, joint, trips)
+            if drives is not None:
+                return drives
+    return None
+
+
+def _margin(motions: Sequence[TimedMotion]) -> float:
+    """Return the clearance to keep: less than usual where robots start or end closer than that."""
+    margin = MARGIN
+    for a, b in itertools.combinations(motions, 2):
+        g, h = hull_of(a.body), hull_of(b.body)
+        for p, q in ((a.poses[0], b.poses[0]), (a.poses[-1], b.poses[-1])):
+            gap = separation(np.array(p), g.verts, g.counts, np.array(q), h.verts, h.counts)
+            if 0.0 < gap < 2 * margin:
+                margin = 0.5 * gap
+    return margin
+
+
+def _joint_moves(
+    knot: Knot, grain: float, most: int
+) -> tuple[Joint, list[tuple[Edge, ...]]] | None:
+    """Return joint moves on roadmaps of one grain, and who found them, if some are found."""
+    agents = _agents(knot, grain)
+    if agents is None:
+        return None
+    for attempt in range(SEEDS):
+        joint = Joint(agents, knot.heeds, knot.margin, 100 * knot.seed + attempt)
+        steps = joint.search(most // SEEDS, knot.deadline)
+        if steps is not None:
+            return joint, steps
+        if joint.dry or knot.deadline.expired():
+            break
+    return None
+
+
+def _agents(knot: Knot, grain: float) -> list[Agent] | None:
+    """Return the robots on roadmaps, one for each kind of body among the same resting things."""
+    kinds: dict[object, list[int]] = {}
+    for i, motion in enumerate(knot.motions):
+        around = frozenset((p.body.footprint, p.pose) for p in knot.static[i])
+        kinds.setdefault((motion.body, around), []).append(i)
+    agents: dict[int, Agent] = {}
+    for robots in kinds.values():
+        ends = [pose for i in robots for pose in knot.motions[i].poses]
+        own = [path for i in robots if (path := knot.paths[i]) is not None]
+        body, static = knot.motions[robots[0]].body, knot.static[robots[0]]
+        roadmap = Roadmap(knot.scene, body, ends, own, static, grain)
+        if not roadmap.usable or knot.deadline.expired():
+            return None
+        for i in robots:
+            start, goal = (roadmap.place(pose) for pose in knot.motions[i].poses)
+            agents[i] = Agent(roadmap, start, goal, roadmap.to_go(goal))
+    return [agents[i] for i in range(len(knot.motions))]
+
+
+def _in_order(joint: Joint, steps: Sequence[tuple[Edge, ...]]) -> list[Step]:
+    """Return the moves one by one, each clear of everybody else at rest."""
+    return [Step(i, step[i]) for step in steps for i in joint.one_by_one(step) or ()]
+
+
+def _drives(knot: Knot, joint: Joint, loose: Sequence[Trip]) -> list[tuple[int, Path]] | None:
+    """Return the drives with a planner's paths where it finds shorter ones."""
+    at: list[Configuration] = [m.poses[0] for m in knot.motions]
+    found: list[tuple[int, Path]] = []
+    for trip in loose:
+        robot, motion = trip.robot, knot.motions[trip.robot]
+        end = joint.agents[robot].roadmap.poses[trip.end]
+        parked = [
+            Placed(other.object, other.body, at[j])
+            for j, other in enumerate(knot.motions)
+            if joint.heeds[robot][j]
+        ]
+        wide = [Placed(p.name, grown(p.body, AIR), p.pose) for p in parked]
+        path = knot.workspace.detour(
+            motion.body, (at[robot], end), [*knot.static[robot], *wide], knot.deadline
+        )
+        moves = [edge.move for edge in trip.edges]
+        own = path_of(drive(moves, motion.body.kinematics), motion.body, _marks(moves))
+        options = sorted(
+            (p for p in (path, own) if p is not None), key=lambda p: p.natural.duration
+        )
+        rests = [knot.workspace.resting(p.body, p.pose) for p in parked]
+        clear = (p for p in options if not any(len(knot.workspace.conflicts(p, r)) for r in rests))
+        chosen = next(clear, None)
+        if chosen is None:
+            return None
+        found.append((robot, chosen))
+        at[robot] = end
+    return found
+
+
+def grown(body: Body, by: float) -> Body:
+    """Return the body with a footprint that is wider by ``by`` m on all sides."""
+    ring = shapely.Polygon(body.footprint).buffer(by, join_style="mitre").exterior
+    return replace(body, footprint=tuple((float(x), float(y)) for x, y in ring.coords[:-1]))
+
+
+def _marks(moves: Sequence[Move]) -> list[Configuration]:
+    marks = [tuple(float(v) for v in moves[0].rows[0])]
+    return marks + [tuple(float(v) for v in m.rows[-1]) for m in moves]
+
+
+def _joined(joint: Joint, order: Sequence[Step]) -> list[Trip]:
+    """Return the moves as drives, in an order that keeps who goes before whom where
+    two moves meet.
+
+    The next drive is one that brings its robot to its end, or else the longest one.
+    """
+    count = len(joint.agents)
+    mine: list[list[int]] = [[] for _ in range(count)]
+    waits: list[set[int]] = []
+    for k, step in enumerate(order):
+        waits.append(
+            {
+                q
+                for q in range(k)
+                if joint.overlap(step.robot, step.edge, order[q].robot, order[q].edge)
+            }
+        )
+        mine[step.robot].append(k)
+    done: set[int] = set()
+    drives: list[Trip] = []
+    while len(done) < len(order):
+        options: list[tuple[bool, int, int, list[int]]] = []
+        for robot in range(count):
+            left = [k for k in mine[robot] if k not in done]
+            ready: list[int] = []
+            for k in left:
+                if not waits[k] <= done:
+                    break
+                ready.append(k)
+            if ready:
+                options.append((len(ready) < len(left), -len(ready), robot, ready))
+        # the first of those left can always go: the given order is one that works
+        _, _, robot, ready = min(options, key=lambda option: option[:3])
+        done |= set(ready)
+        drives.append(Trip(robot, tuple(order[k].edge for k in ready)))
+    return drives
+
+
+def loosened(joint: Joint, trips: Sequence[Trip]) -> list[Trip]:
+    """Return a sequence with fewer stops and shorter ways: two drives of a robot become one, early
+    or late, where the others do not need it to stand in between.
+    """
+    found = list(trips)
+    for _ in range(ROUNDS):
+        before = len(found), sum(t.seconds for t in found)
+        k = 0
+        while k < len(found):
+            k += 0 if _merge(joint, found, k) else 1
+        for k in range(len(found)):
+            _shorten(joint, found, k)
+        if (len(found), sum(t.seconds for t in found)) == before:
+            break
+    return found
+
+
+def _merge(joint: Joint, trips: list[Trip], k: int) -> bool:
+    """Join drive ``k`` with the same robot's next one, in place; return whether that works."""
+    first = trips[k]
+    n = next((i for i in range(k + 1, len(trips)) if trips[i].robot == first.robot), -1)
+    if n < 0:
+        return False
+    second, roadmap = trips[n], joint.agents[first.robot].roadmap
+    between = trips[k + 1 : n]
+    for place, when in ((first.start, n), (second.end, k)):
+        rest = roadmap.rest(place)
+        if any(joint.overlap(first.robot, rest, t.robot, e) for t in between for e in t.edges):
+            continue
+        if first.start == second.end:
+            del trips[n], trips[k]
+            return True
+        limit = first.seconds + second.seconds + STOP
+        rests = _rests(joint, trips, when)
+        way = _route(joint, first.robot, (first.start, second.end), rests, limit)
+        if way is not None:
+            trips[when] = Trip(first.robot, way)
+            del trips[k if when == n else n]
+            return True
+    return False
+
+
+def _shorten(joint: Joint, trips: list[Trip], k: int) -> None:
+    """Replace a drive by the shortest one among the others at rest."""
+    trip = trips[k]
+    ends, limit = (trip.start, trip.end), trip.seconds - 1e-9
+    way = _route(joint, trip.robot, ends, _rests(joint, trips, k), limit)
+    if way:
+        trips[k] = Trip(trip.robot, way)
+
+
+def _rests(joint: Joint, trips: Sequence[Trip], k: int) -> list[Edge]:
+    """Return everybody's rest before drive ``k``."""
+    at = [agent.start for agent in joint.agents]
+    for trip in trips[:k]:
+        at[trip.robot] = trip.end
+    return [agent.roadmap.rest(place) for agent, place in zip(joint.agents, at, strict=True)]
+
+
+def _route(
+    joint: Joint, robot: int, ends: tuple[int, int], rests: Sequence[Edge], limit: float
+) -> tuple[Edge, ...] | None:
+    """Return the shortest way on a robot's roadmap among the others at rest, of a cost of at most
+    ``limit`` (A*).
+    """
+    start, goal = ends
+    roadmap = joint.agents[robot].roadmap
+    speed, aim = roadmap.body.kinematics.v_max, roadmap.poses[goal]
+    near = [j for j in range(len(rests)) if joint.heeds[robot][j]]
+    own_goal, to_go = goal == joint.agents[robot].goal, joint.agents[robot].to_go
+    best: dict[int, tuple[float, Edge | None]] = {start: (0.0, None)}
+    queue = [(0.0, start)]
+    closed: set[int] = set()
+    while queue:
+        _, node = heapq.heappop(queue)
+        if node == goal:
+            break
+        if node in closed:
+            continue
+        closed.add(node)
+        for edge in roadmap.out(node):
+            after = best[node][0] + edge.cost
+            if edge.target in best and best[edge.target][0] <= after:
+                continue
+            far = math.dist(roadmap.poses[edge.target][:2], aim[:2]) / speed
+            if own_goal:
+                far = to_go.get(edge.target, math.inf)
+            if after + far > limit:
+                continue
+            if any(joint.overlap(robot, edge, j, rests[j]) for j in near):
+                continue
+            best[edge.target] = after, edge
+            heapq.heappush(queue, (after + far, edge.target))
+    if goal not in best:
+        return None
+    way: list[Edge] = []
+    at = goal
+    while (last := best[at][1]) is not None:
+        way.append(last)
+        at = last.source
+    return tuple(way[::-1])

@@ -1,0 +1,208 @@
+"""Short moves from rest to rest, the pieces that a roadmap is made of, by what a body can do."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.model import Body, Configuration, Kinematics, Trajectory
+from up_samp.motion.curves.arcs import length_of, nodes_of, reversed_arcs
+from up_samp.motion.curves.reeds_shepp import fastest, run_time
+from up_samp.motion.curves.straight import leg_profile, timed_chain
+from up_samp.motion.curves.trajectories import joined
+from up_samp.motion.curves.trapezoid import relaxed, runs_of, trajectory_of
+from up_samp.motion.fleet.abilities import abilities_of
+
+FloatArray = npt.NDArray[np.float64]
+Key = tuple[int, int, int]
+
+HEADINGS = 8
+"""Headings of a car's lattice."""
+REACH = 5
+"""Offsets (cells) up to which a car's lattice looks for its moves."""
+STRAIGHTER = 1.25
+"""A car's move may be that much longer than the straight line."""
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """A move from rest to rest without a stop: poses ``rows`` (k, 3) with a constant twist between
+    (theta continuous), the ``seconds`` it takes, and a car's ``arcs``.
+    """
+
+    rows: FloatArray
+    seconds: float
+    arcs: FloatArray | None = None
+
+    def back(self) -> Move:
+        """Return the same move from its end to its start."""
+        arcs = None if self.arcs is None else reversed_arcs(self.arcs)
+        return Move(np.ascontiguousarray(self.rows[::-1]), self.seconds, arcs)
+
+    def trajectory(self, kinematics: Kinematics) -> Trajectory:
+        """Return the move with the fastest timing, from time 0."""
+        if self.arcs is None:
+            return timed_chain(self.rows, kinematics)
+        ends = [tuple(float(v) for v in self.rows[i]) for i in (0, -1)]
+        return trajectory_of(ends, [self.arcs], kinematics)
+
+
+def straight_move(start: FloatArray, goal: FloatArray, kinematics: Kinematics) -> Move:
+    """Return the move along a line, or the turn on the spot, between two poses (3,)."""
+    end = goal.copy()
+    end[2] = start[2] + math.remainder(goal[2] - start[2], 2 * math.pi)
+    return Move(np.array([start, end]), leg_profile(start, end, kinematics)[0])
+
+
+def arc_moves(start: FloatArray, arcs: FloatArray, kinematics: Kinematics) -> list[Move]:
+    """Return a car's drive along ``arcs``, one move for each run between its cusps."""
+    _, v, a = relaxed(kinematics)
+    moves = []
+    for run in runs_of(arcs):
+        run = np.ascontiguousarray(run)
+        rows = nodes_of(start, run)
+        moves.append(Move(rows, float(run_time(length_of(run), v, a)), run))
+        start = np.ascontiguousarray(rows[-1])
+    return moves
+
+
+def steer(body: Body, start: Configuration, goal: Configuration) -> list[Move]:
+    """Return moves that lead from one pose to another one nearby, among nothing."""
+    kin, able = body.kinematics, abilities_of(body)
+    p, q = (np.array(pose[:3], dtype=np.float64) for pose in (start, goal))
+    if not able.pivots:
+        return arc_moves(p, fastest(start, goal, *relaxed(kin))[1], kin)
+    marks = [p]
+    if able.sideways:
+        marks.append(np.array([p[0], p[1], q[2]]))
+    elif math.dist(p[:2], q[:2]) > 1e-9:
+        way = math.atan2(q[1] - p[1], q[0] - p[0])
+        if math.cos(way - p[2]) + math.cos(way - q[2]) < 0.0:
+            way += math.pi  # backwards turns less
+        marks += [np.array([p[0], p[1], way]), np.array([q[0], q[1], way])]
+    marks.append(q)
+    moves: list[Move] = []
+    for a, b in itertools.pairwise(marks):
+        here = moves[-1].rows[-1] if moves else a
+        move = straight_move(here, b, kin)
+        if move.seconds > 0.0:
+            moves.append(move)
+    return moves
+
+
+def drive(moves: Sequence[Move], kinematics: Kinematics) -> Trajectory:
+    """Return moves one after the other, from time 0, with a rest after each."""
+    return joined([move.trajectory(kinematics) for move in moves])
+
+
+class Tensor:
+    """Places at all pairs of some coordinates, at some headings: for bodies that pivot.
+
+    A body moves to the next place along an axis (only along its heading unless it moves sideways)
+    or turns to the next heading.
+    """
+
+    def __init__(
+        self, body: Body, xs: FloatArray, ys: FloatArray, headings: Sequence[float]
+    ) -> None:
+        self.body = body
+        self.xs, self.ys = xs, ys
+        self.headings = np.array(headings)
+        self.sideways = abilities_of(body).sideways
+
+    def pose(self, key: Key) -> Configuration:
+        """Return the pose of a place."""
+        return float(self.xs[key[0]]), float(self.ys[key[1]]), float(self.headings[key[2]])
+
+    def near(self, x: float, y: float) -> list[Key]:
+        """Return the places around a point."""
+        cols, rows = (
+            [j for j in (i - 1, i) if 0 <= j < len(axis)]
+            for i, axis in (
+                (int(np.searchsorted(self.xs, x)), self.xs),
+                (int(np.searchsorted(self.ys, y)), self.ys),
+            )
+        )
+        return [(i, j, k) for i in cols for j in rows for k in range(len(self.headings))]
+
+    def moves(self, key: Key) -> list[tuple[Key, Move]]:
+        """Return the moves from a place, map or no map."""
+        i, j, k = key
+        found: list[Key] = []
+        along = abs(math.cos(float(self.headings[k])))
+        if self.sideways or along > 1 - 1e-9:
+            found += [(i + d, j, k) for d in (-1, 1) if 0 <= i + d < len(self.xs)]
+        if self.sideways or along < 1e-9:
+            found += [(i, j + d, k) for d in (-1, 1) if 0 <= j + d < len(self.ys)]
+        count = len(self.headings)
+        found += [(i, j, n) for n in {(k + 1) % count, (k - 1) % count} - {k}]
+        here = np.array(self.pose(key))
+        kin = self.body.kinematics
+        return [(n, straight_move(here, np.array(self.pose(n)), kin)) for n in found]
+
+
+class State:
+    """A lattice of places and headings joined by drives that a car can do (Pivtoraiko, Knepper &
+    Kelly, *Differentially constrained mobile robot motion planning in state lattices*, 2009).
+    """
+
+    def __init__(self, body: Body, origin: tuple[float, float], cell: float) -> None:
+        self.body, self.origin, self.cell = body, origin, cell
+
+    def pose(self, key: Key) -> Configuration:
+        """Return the pose of a place."""
+        x, y = self.origin[0] + key[0] * self.cell, self.origin[1] + key[1] * self.cell
+        return x, y, math.remainder(key[2] * 2 * math.pi / HEADINGS, 2 * math.pi)
+
+    def near(self, x: float, y: float) -> list[Key]:
+        """Return the places around a point."""
+        i, j = round((x - self.origin[0]) / self.cell), round((y - self.origin[1]) / self.cell)
+        reach = math.ceil(1.5 * self.body.kinematics.turning_radius / self.cell)
+        span = range(-reach, reach + 1)
+        return [(i + a, j + b, k) for a in span for b in span for k in range(HEADINGS)]
+
+    def moves(self, key: Key) -> list[tuple[Key, Move]]:
+        """Return the moves from a place, map or no map."""
+        i, j, k = key
+        here = np.array(self.pose(key))
+        found = []
+        for (di, dj, n), arcs, seconds in _primitives(self.body.kinematics, self.cell)[k]:
+            there = (i + di, j + dj, n)
+            found.append((there, Move(nodes_of(here, arcs), seconds, arcs)))
+        return found
+
+
+Primitive = tuple[Key, FloatArray, float]
+
+
+@lru_cache(maxsize=64)
+def _primitives(kin: Kinematics, cell: float) -> tuple[tuple[Primitive, ...], ...]:
+    """Return the moves from each heading of a car's lattice: without a cusp, the shortest ones
+    straight on, into the lane beside and to the next heading, forwards and backwards.
+    """
+    found = []
+    for k in range(HEADINGS):
+        start = (0.0, 0.0, k * 2 * math.pi / HEADINGS)
+        best: dict[tuple[int, bool, int], tuple[float, Primitive]] = {}
+        for i, j, turn in itertools.product(range(-REACH, REACH + 1), repeat=3):
+            if abs(turn) > 1 or (i, j) == (0, 0):
+                continue
+            n = (k + turn) % HEADINGS
+            goal = (i * cell, j * cell, n * 2 * math.pi / HEADINGS)
+            seconds, arcs = fastest(start, goal, *relaxed(kin))
+            length = length_of(arcs)
+            if len(runs_of(arcs)) != 1 or length > STRAIGHTER * math.hypot(i * cell, j * cell):
+                continue
+            side = -math.sin(start[2]) * i + math.cos(start[2]) * j
+            lane = 0 if abs(side) < 1e-9 else int(math.copysign(1, side))
+            sort = (turn, bool(arcs[0, 1] > 0), lane)
+            if sort not in best or length < best[sort][0] - 1e-9:
+                best[sort] = (length, ((i, j, n), arcs, float(seconds)))
+        found.append(tuple(primitive for _, primitive in best.values()))
+    return tuple(found)

@@ -1,0 +1,324 @@
+"""A roadmap of one kind of body: places to rest at, and the short moves between them.
+
+The places are those of a lattice around everybody's ends, the ends themselves, and marks along the
+robots' own best paths, so that what is too tight for the lattice is on the map all the same. Every
+move is swept against the map and what rests for good.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.geometry import Shape, sweeps
+from up_samp.geometry.scene import Scene
+from up_samp.model import Body, Configuration, Placed
+from up_samp.motion.fleet.abilities import abilities_of
+from up_samp.motion.fleet.conflicts import sweep_table
+from up_samp.motion.fleet.lanes import arcs_between
+from up_samp.motion.fleet.moves import Key, Move, State, Tensor, steer
+from up_samp.motion.fleet.paths import Hull, Path, hull_of
+from up_samp.motion.guides.search_space import widest_shape
+
+FloatArray = npt.NDArray[np.float64]
+
+CELLS = 4
+"""Cells of a move: two robots in step are compared cell by cell."""
+DEPTH = 2
+"""Times that a cell may be halved."""
+NODES = 30_000
+"""Places of a roadmap at most."""
+LINKS = 6
+"""Places of the lattice that a place off it is joined to, at most."""
+LOCAL = 3.0
+"""A link may be that much longer than the straight line, in cells of the lattice."""
+EACH = 0.05
+"""Seconds added for each move: fewer are better."""
+QUARTERS = (0.0, math.pi / 2, math.pi, -math.pi / 2)
+MOST_HEADINGS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Edge:
+    """A move between two places of a roadmap (a rest: from a place to itself)."""
+
+    number: int
+    source: int
+    target: int
+    move: Move
+    hull: Hull
+    cost: float
+    """Seconds at top speed, and a little for each move."""
+
+    @cached_property
+    def table(self) -> FloatArray:
+        """Swept bounds of the cells (see ``sweep_table``), all of them for rests, too."""
+        rows = self.move.rows
+        if len(rows) == 1:
+            one = sweep_table(np.zeros(1), rows, np.zeros(1), DEPTH)
+            return np.ascontiguousarray(np.repeat(one[:1], CELLS + 2, axis=0))
+        s = np.concatenate([[0.0], np.cumsum(steps_of(rows, self.hull.radius))])
+        return sweep_table(s, rows, np.linspace(0.0, s[-1], CELLS + 1), DEPTH)
+
+    @cached_property
+    def circle(self) -> tuple[float, float, float]:
+        """A disc (x, y, radius) around all that is swept."""
+        xy = self.move.rows[:, :2]
+        low, high = xy.min(axis=0), xy.max(axis=0)
+        # between two rows an arc may leave their box by less than half its length
+        bulge = 0.0
+        if len(xy) > 1:
+            turning = np.abs(np.diff(self.move.rows[:, 2])) > 1e-9
+            lengths = np.hypot(*np.diff(xy, axis=0).T)
+            bulge = 0.5 * float(np.max(lengths[turning], initial=0.0))
+        x, y = (float(v) for v in 0.5 * (low + high))
+        return x, y, float(0.5 * np.hypot(*(high - low))) + bulge + self.hull.radius
+
+
+def steps_of(rows: FloatArray, radius: float) -> FloatArray:
+    """Return the larger of way and turn times ``radius`` between poses (k, 3): shape (k - 1,)."""
+    d = np.diff(rows, axis=0)
+    half = 0.5 * np.abs(d[:, 2])
+    grow = np.where(half < 1e-9, 1.0, half / np.maximum(np.sin(np.minimum(half, 3.0)), 1e-9))
+    steps = np.maximum(np.hypot(d[:, 0], d[:, 1]) * grow, radius * np.abs(d[:, 2]))
+    return np.asarray(np.maximum(steps, 1e-9))
+
+
+class Roadmap:
+    """Places and moves of one body among what rests for good."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        body: Body,
+        ends: Sequence[Configuration],
+        paths: Sequence[Path],
+        static: tuple[Placed, ...],
+        step: float,
+    ) -> None:
+        """``ends``: where the robots of this body start and go; ``paths``: their best paths;
+        ``step``: grain of the lattice, in radii of the largest disc inside the body.
+        """
+        shape = widest_shape(scene, body, ends, static)
+        self.scene, self.body, self.hull = scene, body, hull_of(body)
+        self.usable = shape is not None
+        self._pivots = abilities_of(body).pivots
+        self.shape: Shape = shape if shape is not None else scene.shape(body)
+        self.polys = scene.polys(static)
+        self.poses: list[Configuration] = []
+        self.edges: list[Edge] = []
+        self._keys: dict[int, Key] = {}
+        self._nodes: dict[Key, int] = {}
+        self._extra: dict[int, list[int]] = {}
+        self._known: dict[int, list[Edge]] = {}
+        self._free: dict[Key, bool] = {}
+        self.cell = step * self.shape.inner[2]
+        self._box = _box(ends, paths, self.hull.radius, abilities_of(body).radius)
+        self.lattice = _lattice(body, ends, self._box, self.cell)
+        self.places: dict[Configuration, int] = {}
+        self._rests: dict[int, Edge] = {}
+        for pose in ends:
+            self.place(pose)
+        for path in paths:
+            self._chain(path)
+
+    def place(self, pose: Configuration) -> int:
+        """Return the place at a pose, joined to the places of the lattice near it."""
+        if pose not in self.places:
+            self.places[pose] = self._new(pose)
+            self._join(self.places[pose])
+        return self.places[pose]
+
+    def rest(self, node: int) -> Edge:
+        """Return the rest at a place."""
+        if node not in self._rests:
+            self._rests[node] = self._edge(node, node, Move(np.array([self.poses[node]]), 0.0))
+        return self._rests[node]
+
+    def out(self, node: int) -> list[Edge]:
+        """Return the free moves from a place."""
+        if node not in self._known:
+            found = [self.edges[k] for k in self._extra.get(node, ())]
+            if node in self._keys and len(self.poses) < NODES:
+                found += self._lattice_moves(node)
+            self._known[node] = found
+        return self._known[node]
+
+    def to_go(self, goal: int) -> dict[int, float]:
+        """Return the cost from each place to a goal, over free moves (each has its reverse)."""
+        best = {goal: 0.0}
+        queue = [(0.0, goal)]
+        while queue:
+            cost, node = heapq.heappop(queue)
+            if cost > best[node]:
+                continue
+            for edge in self.out(node):
+                after = cost + edge.cost
+                if after < best.get(edge.target, math.inf):
+                    best[edge.target] = after
+                    heapq.heappush(queue, (after, edge.target))
+        return best
+
+    def _lattice_moves(self, node: int) -> list[Edge]:
+        found = []
+        for key, move in self.lattice.moves(self._keys[node]):
+            if self._is_place(key) and self._sweeps_free(move.rows):
+                found.append(self._edge(node, self._lattice_place(key), move))
+        return found
+
+    def _lattice_place(self, key: Key) -> int:
+        if key not in self._nodes:
+            pose = self.lattice.pose(key)
+            # an end on the lattice is the lattice's own place
+            node = next((n for p, n in self.places.items() if _same(p, pose)), None)
+            self._nodes[key] = self._new(pose) if node is None else node
+            self._keys[self._nodes[key]] = key
+        return self._nodes[key]
+
+    def _is_place(self, key: Key) -> bool:
+        if key not in self._free:
+            x, y, _ = pose = self.lattice.pose(key)
+            low_x, low_y, high_x, high_y = self._box
+            inside = low_x <= x <= high_x and low_y <= y <= high_y
+            self._free[key] = inside and self._sweeps_free(np.array([pose]))
+        return self._free[key]
+
+    def _sweeps_free(self, rows: FloatArray) -> bool:
+        data = self.shape.data
+        least = 1e-3 * float(data.slack[2])
+        return bool(sweeps.samples_free(self.scene.data, self.polys, data, rows, least) < 0)
+
+    def _new(self, pose: Configuration) -> int:
+        self.poses.append(pose)
+        return len(self.poses) - 1
+
+    def _edge(self, source: int, target: int, move: Move) -> Edge:
+        kin = self.body.kinematics
+        way = float(steps_of(move.rows, 0.0).sum()) if len(move.rows) > 1 else 0.0
+        turn = float(np.abs(np.diff(move.rows[:, 2])).sum()) if self._pivots else 0.0
+        cost = max(way / kin.v_max, turn / kin.omega_max) + EACH
+        edge = Edge(len(self.edges), source, target, move, self.hull, cost)
+        self.edges.append(edge)
+        return edge
+
+    def _link(self, source: int, target: int, moves: Sequence[Move]) -> None:
+        """Add moves between two places, and back, with places where one move ends."""
+        nodes = [source, *(self._new(tuple(m.rows[-1].tolist())) for m in moves[:-1]), target]
+        for (a, b), move in zip(itertools.pairwise(nodes), moves, strict=True):
+            self._extra.setdefault(a, []).append(self._edge(a, b, move).number)
+            self._extra.setdefault(b, []).append(self._edge(b, a, move.back()).number)
+
+    def _join(self, node: int, most: int = LINKS) -> None:
+        """Join a place off the lattice to free places near it."""
+        pose = self.poses[node]
+        options = []
+        for key in self.lattice.near(pose[0], pose[1]):
+            target = self.lattice.pose(key)
+            if _same(pose, target):
+                self._nodes[key], self._keys[node] = node, key
+                return
+            away = math.dist(pose[:2], target[:2])
+            bend = abs(math.remainder(target[2] - pose[2], 2 * math.pi))
+            options.append((away + self.hull.radius * bend, key))
+        options.sort()
+        joined = 0
+        for _, key in options[: 8 * most]:
+            if joined >= most:
+                break
+            if not self._is_place(key):
+                continue
+            moves = steer(self.body, pose, self.lattice.pose(key))
+            way = sum(float(steps_of(m.rows, 0.0).sum()) for m in moves)
+            limit = LOCAL * max(self.cell, abilities_of(self.body).radius)
+            if way <= limit and all(self._sweeps_free(m.rows) for m in moves):
+                self._link(node, self._lattice_place(key), moves)
+                joined += 1
+
+    def _chain(self, path: Path) -> None:
+        """Add marks along a path, and the drives between them."""
+        stops = path.s[path.stop]
+        counts = [max(1, math.ceil((b - a) / self.cell)) for a, b in itertools.pairwise(stops)]
+        marks = np.concatenate(
+            [
+                np.linspace(a, b, n + 1)[:-1]
+                for (a, b), n in zip(itertools.pairwise(stops), counts, strict=True)
+            ]
+            + [stops[-1:]]
+        )
+        poses = path.poses_at(marks)
+        nodes = [self.place(_pose(path.poses[0]))]
+        nodes += [self._new(tuple(row.tolist())) for row in poses[1:-1]]
+        nodes.append(self.place(_pose(path.poses[-1])))
+        for i, (a, b) in enumerate(itertools.pairwise(marks)):
+            self._link(nodes[i], nodes[i + 1], [_part(path, float(a), float(b))])
+        for node in nodes[1:-1]:
+            self._join(node, 2)
+
+
+def _pose(row: FloatArray) -> Configuration:
+    return tuple(float(v) for v in row)
+
+
+def _part(path: Path, first: float, last: float) -> Move:
+    """Return the part of a path between two marks (m along it) as a move."""
+    inside = path.s[(path.s > first + 1e-9) & (path.s < last - 1e-9)]
+    rows = path.poses_at(np.concatenate([[first], inside, [last]]))
+    v, a = path.body.kinematics.v_max, path.body.kinematics.a_max
+    seconds = (last - first) / v + v / a
+    able = abilities_of(path.body)
+    arcs = None if able.pivots or able.free else arcs_between(path, first, last)
+    return Move(rows, seconds, arcs)
+
+
+def _same(p: Configuration, q: Configuration) -> bool:
+    if abs(p[0] - q[0]) > 1e-9 or abs(p[1] - q[1]) > 1e-9:
+        return False
+    return abs(math.remainder(p[2] - q[2], 2 * math.pi)) < 1e-9
+
+
+def _box(
+    ends: Iterable[Configuration], paths: Iterable[Path], radius: float, turning: float
+) -> tuple[float, float, float, float]:
+    """Return the region that the lattice covers: all ends and paths, and room to step aside."""
+    points = np.concatenate([np.array([p[:2] for p in ends]), *(p.poses[:, :2] for p in paths)])
+    reach = 6 * radius + 3 * turning
+    low, high = points.min(axis=0) - reach, points.max(axis=0) + reach
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def _lattice(
+    body: Body, ends: Sequence[Configuration], box: tuple[float, float, float, float], cell: float
+) -> Tensor | State:
+    """Return the lattice for a body in a box."""
+    if not abilities_of(body).pivots:
+        x, y, _ = ends[0]
+        return State(body, (x, y), min(cell, 0.5 * abilities_of(body).radius))
+    headings = dict.fromkeys(round(math.remainder(p[2], 2 * math.pi), 12) for p in ends)
+    near = [
+        h for h in headings if all(abs(math.remainder(h - q, 2 * math.pi)) > 1e-6 for q in QUARTERS)
+    ]
+    chosen = sorted([*QUARTERS, *near[: MOST_HEADINGS - len(QUARTERS)]])
+    xs = _coordinates([p[0] for p in ends], box[0], box[2], cell)
+    ys = _coordinates([p[1] for p in ends], box[1], box[3], cell)
+    return Tensor(body, xs, ys, chosen)
+
+
+def _coordinates(marks: Iterable[float], low: float, high: float, cell: float) -> FloatArray:
+    """Return coordinates through the marks, where they are not too close, about ``cell`` apart."""
+    kept: list[float] = []
+    for mark in sorted(set(marks)):
+        if not kept or mark - kept[-1] >= 0.4 * cell:
+            kept.append(mark)
+    first = np.arange(kept[0], low, -cell)[:0:-1]
+    last = np.arange(kept[-1], high, cell)[1:]
+    parts = [first]
+    for a, b in itertools.pairwise(kept):
+        parts.append(np.linspace(a, b, max(1, round((b - a) / cell)) + 1)[:-1])
+    return np.concatenate([*parts, np.array(kept[-1:]), last])
