@@ -12,11 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.model import Body, Configuration, Kinematics, Trajectory
-from up_samp.motion.curves.arcs import length_of, nodes_of, reversed_arcs
+from up_samp.motion.curves.arcs import length_of, merged, nodes_of, reversed_arcs
 from up_samp.motion.curves.reeds_shepp import fastest, run_time
 from up_samp.motion.curves.straight import leg_profile, timed_chain
-from up_samp.motion.curves.trajectories import joined
-from up_samp.motion.curves.trapezoid import relaxed, runs_of, trajectory_of
+from up_samp.motion.curves.trapezoid import limits_of, runs_of, trajectory_of
 from up_samp.motion.fleet.abilities import abilities_of
 
 FloatArray = npt.NDArray[np.float64]
@@ -45,13 +44,6 @@ class Move:
         arcs = None if self.arcs is None else reversed_arcs(self.arcs)
         return Move(np.ascontiguousarray(self.rows[::-1]), self.seconds, arcs)
 
-    def trajectory(self, kinematics: Kinematics) -> Trajectory:
-        """Return the move with the fastest timing, from time 0."""
-        if self.arcs is None:
-            return timed_chain(self.rows, kinematics)
-        ends = [tuple(float(v) for v in self.rows[i]) for i in (0, -1)]
-        return trajectory_of(ends, [self.arcs], kinematics)
-
 
 def straight_move(start: FloatArray, goal: FloatArray, kinematics: Kinematics) -> Move:
     """Return the move along a line, or the turn on the spot, between two poses (3,)."""
@@ -62,7 +54,7 @@ def straight_move(start: FloatArray, goal: FloatArray, kinematics: Kinematics) -
 
 def arc_moves(start: FloatArray, arcs: FloatArray, kinematics: Kinematics) -> list[Move]:
     """Return a car's drive along ``arcs``, one move for each run between its cusps."""
-    _, v, a = relaxed(kinematics)
+    _, v, a = limits_of(kinematics)
     moves = []
     for run in runs_of(arcs):
         run = np.ascontiguousarray(run)
@@ -77,7 +69,7 @@ def steer(body: Body, start: Configuration, goal: Configuration) -> list[Move]:
     kin, able = body.kinematics, abilities_of(body)
     p, q = (np.array(pose[:3], dtype=np.float64) for pose in (start, goal))
     if not able.pivots:
-        return arc_moves(p, fastest(start, goal, *relaxed(kin))[1], kin)
+        return arc_moves(p, fastest(start, goal, *limits_of(kin))[1], kin)
     marks = [p]
     if able.sideways:
         marks.append(np.array([p[0], p[1], q[2]]))
@@ -97,8 +89,34 @@ def steer(body: Body, start: Configuration, goal: Configuration) -> list[Move]:
 
 
 def drive(moves: Sequence[Move], kinematics: Kinematics) -> Trajectory:
-    """Return moves one after the other, from time 0, with a rest after each."""
-    return joined([move.trajectory(kinematics) for move in moves])
+    """Return moves one after the other, from time 0, with as few rests as the moves allow."""
+    arcs = [move.arcs for move in moves if move.arcs is not None]
+    if len(arcs) == len(moves):
+        ends = [tuple(float(v) for v in row) for row in (moves[0].rows[0], moves[-1].rows[-1])]
+        return trajectory_of(ends, [merged(np.concatenate(arcs))], kinematics)
+    return timed_chain(_corners(moves), kinematics)
+
+
+def _corners(moves: Sequence[Move]) -> FloatArray:
+    """Return the poses (n, 3) at which the direction of a chain of moves changes, and its ends."""
+    nodes = [moves[0].rows[0]]
+    for move in moves:
+        turns = 2 * math.pi * round((nodes[-1][2] - move.rows[0, 2]) / (2 * math.pi))
+        for row in move.rows[1:]:
+            here = row + np.array([0.0, 0.0, turns])
+            if len(nodes) > 1 and _straight_on(nodes[-2], nodes[-1], here):
+                nodes.pop()
+            nodes.append(here)
+    return np.array(nodes)
+
+
+def _straight_on(a: FloatArray, b: FloatArray, c: FloatArray) -> bool:
+    """Return whether b is on the straight motion from a to c."""
+    first, second = b - a, c - b
+    sizes = float(np.linalg.norm(first)), float(np.linalg.norm(second))
+    if min(sizes) < 1e-12:
+        return True
+    return bool(np.abs(first / sizes[0] - second / sizes[1]).max() < 1e-9)
 
 
 class Tensor:
@@ -195,7 +213,7 @@ def _primitives(kin: Kinematics, cell: float) -> tuple[tuple[Primitive, ...], ..
                 continue
             n = (k + turn) % HEADINGS
             goal = (i * cell, j * cell, n * 2 * math.pi / HEADINGS)
-            seconds, arcs = fastest(start, goal, *relaxed(kin))
+            seconds, arcs = fastest(start, goal, *limits_of(kin))
             length = length_of(arcs)
             if len(runs_of(arcs)) != 1 or length > STRAIGHTER * math.hypot(i * cell, j * cell):
                 continue
