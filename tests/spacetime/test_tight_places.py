@@ -34,7 +34,7 @@ def everything():
             yield pytest.param(case, kind, marks=[pytest.mark.long] if slow else [])
 
 
-@pytest.mark.parametrize(("case", "kind"), everything())
+@pytest.mark.parametrize(("case", "kind"), list(everything()))
 def test_everybody_gets_through(case, kind, tmp_path):
     traffic = CASES[case](tight.BODIES[kind]())
     judge(traffic, solve(traffic), tmp_path)
