@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from unified_planning.engines import ValidationResultStatus
+from unified_planning.model import Timing
 from unified_planning.model.motion import (
     SE3,
     ActivityWaypoints,
@@ -193,7 +194,7 @@ def test_second_motion_starts_where_the_first_ended(tmp_path):
 
 
 def test_one_activity_at_a_time_moves_an_object(tmp_path):
-    for start, found in ((8, ["overlap"]), (9, [])):
+    for start, found in ((7, ["overlap"]), (8, []), (9, [])):
         folder = tmp_path / str(start)
         folder.mkdir()
         w = World(folder)
@@ -367,9 +368,91 @@ def test_door_that_closes_on_a_waiting_robot(tmp_path):
     w.set_place("close", "door", (20.05, 10.0, 0.0), 28, 29)
     w.move("m", "r1", drive((10.0, 10.0, 0.0), [(10.0, 0.0)], 0.0), 0, 30)
     assert kinds(judge(w)) == ["collision"]
-    # at rest, between activities, nobody drives: no rule is broken until it drives again
+    # objects are obstacles wherever they are: also at rest, between activities
     w.times["m"] = (0, 20)
+    (hit,) = judge(w).violations
+    assert (hit.kind, hit.activities, hit.objects, hit.time) == (
+        "collision",
+        ("close",),
+        ("door", "r1"),
+        29.0,
+    )
+    w.times["close"] = (3, 4)
+    assert kinds(judge(w)) == ["collision"]  # into the door then
+
+
+def test_a_door_may_shut_onto_what_never_heeds_it(tmp_path):
+    """A leaf beside another, and a robot whose motions all name other obstacles."""
+    w = World(tmp_path)
+    w.object("r1", (10.0, 10.0, 0.0))
+    w.object("door", (20.05, 15.0, 0.0), DOOR)
+    w.object("leaf", (20.05, 10.0, 0.0), DOOR)
+    w.set_place("close", "door", (20.05, 10.0, 0.0), 28, 29)
     assert judge(w).valid
+    none = {"static_obstacles": [], "dynamic_obstacles_at_start": []}
+    w.move("m", "r1", drive((10.0, 10.0, 0.0), [(9.0, 0.0)], 0.0), 0, 20, **none)
+    assert judge(w).valid
+    w.move("n", "r1", drive((19.0, 10.0, 0.0), [(-9.0, 0.0)], 40.0), 40, 60)
+    assert kinds(judge(w)) == ["collision"]
+
+
+def test_a_door_may_shut_behind_a_robot_that_drives(tmp_path):
+    w = World(tmp_path)
+    w.object("r1", (19.3, 10.0, 0.0))
+    w.object("door", (20.05, 15.0, 0.0), DOOR)
+    w.set_place("close", "door", (20.05, 10.0, 0.0), 8, 9)
+    w.move("m", "r1", drive((19.3, 10.0, 0.0), [(-9.0, 0.0)], 0.0), 0, 20)
+    assert judge(w).valid
+    w.times["close"] = (0, 1)
+    assert kinds(judge(w)) == ["collision"]
+
+
+def test_what_an_activity_carries_is_no_obstacle_to_it(tmp_path):
+    """Before and during the ride the load is where it was, for all others; then it is set down."""
+    w = World(tmp_path)
+    w.object("r1", HOME)
+    w.object("box", (5.5, 10.0, 0.0), DOOR)
+    carry = w.move("m", "r1", drive(HOME, [(9.0, 0.0)]), 0, 20)
+    assert kinds(judge(w)) == ["collision"]
+    carry.add_motion_effect(w.movables["box"], w.place((14.5, 10.0, 0.0)))
+    assert judge(w).valid
+    # afterwards it is an obstacle like any other, to its carrier too
+    w.move("n", "r1", drive((13.0, 10.0, 0.0), [(4.0, 0.0)], 21.0), 21, 40)
+    assert kinds(judge(w)) == ["collision"]
+    # others meet it where it was until the ride ends, and where it is set down from then on
+    w.problem.activities.pop()
+    w.times.pop("n")
+    w.trajectories.pop("n")
+    w.object("r2", (5.5, 3.0, math.pi / 2))
+    w.move("x", "r2", drive((5.5, 3.0, math.pi / 2), [(10.0, 0.0)], 8.0), 8, 30)
+    assert kinds(judge(w)) == ["collision"]
+    w.times["x"], w.trajectories["x"] = (21, 50), w.trajectories["x"].shifted(13.0)
+    assert judge(w).valid
+
+
+def test_a_listed_load_is_an_obstacle(tmp_path):
+    w = World(tmp_path)
+    w.object("r1", HOME)
+    box = w.object("box", (5.5, 10.0, 0.0), DOOR)
+    carry = w.move("m", "r1", drive(HOME, [(9.0, 0.0)]), 0, 20, static_obstacles=[box])
+    carry.add_motion_effect(box, w.place((14.5, 10.0, 0.0)))
+    assert kinds(judge(w)) == ["collision"]
+
+
+def test_waiting_before_and_after_its_motion_a_robot_rests(tmp_path):
+    """Lists that are not mutual: who lists the other keeps clear while it moves itself."""
+    for lists_of, meets in (("r2", False), ("r1", True)):
+        folder = tmp_path / lists_of
+        folder.mkdir()
+        w = World(folder)
+        w.object("r1", HOME)
+        w.object("r2", (12.0, 10.0, 0.0))
+        lists = {"r1": [], "r2": []}
+        lists[lists_of] = [w.movables["r2" if lists_of == "r1" else "r1"]]
+        w.move("m", "r1", drive(HOME, [(20.0, 0.0)]), 0, 20, static_obstacles=lists["r1"])
+        late = drive((12.0, 10.0, 0.0), [(5.0, 0.0)], 30.0)
+        w.move("n", "r2", late, 0, 40, static_obstacles=lists["r2"])
+        assert ("collision" in kinds(judge(w))) == meets
 
 
 def test_static_obstacles_rest(tmp_path):
@@ -391,6 +474,64 @@ def test_static_obstacles_rest(tmp_path):
     assert verdict(1, 9, 20) == ["static-obstacle"]
     assert verdict(2, 11, 20, 5) == ["static-obstacle"]
     assert verdict(3, 11, 20, 10) == []
+
+
+@pytest.mark.parametrize("effect", ["start", "end", "end - 1", "end + 3"])
+@pytest.mark.parametrize("asks", [0, 5, 12, 13, 14, 15, 20])
+def test_a_moving_obstacles_fluent_tells_where_it_last_stood(tmp_path, effect, asks):
+    """r2 drives from 3 to 13: the dict asks no more than the list, whenever its fluent is set."""
+    w = World(tmp_path)
+    w.object("r1", HOME)
+    r2 = w.object("r2", (30.0, 4.0, 0.0))
+    here, there = w.place((30.0, 4.0, 0.0)), w.place((33.0, 4.0, 0.0))
+    at = w.problem.add_fluent("r2_at", w.place_type, default_initial_value=here)
+    n = w.move("n", "r2", drive((30.0, 4.0, 0.0), [(3.0, 0.0)], 3.5), 3, 13)
+    delay = {"end - 1": -1, "end + 3": 3}.get(effect, 0)
+    n.add_effect(Timing(delay, n.start if effect == "start" else n.end), at, there)
+    w.move(
+        "m",
+        "r1",
+        drive(HOME, [(6.0, 0.0)], asks + 0.5),
+        asks,
+        asks + 10,
+        dynamic_obstacles_at_start={r2: at},
+    )
+    assert judge(w).valid
+
+
+def test_a_fluent_that_never_held_is_refused(tmp_path):
+    w = World(tmp_path)
+    w.object("r1", HOME)
+    r2 = w.object("r2", (30.0, 4.0, 0.0))
+    wrong = w.place((33.0, 6.0, 0.0))
+    at = w.problem.add_fluent("r2_at", w.place_type, default_initial_value=wrong)
+    w.move("m", "r1", drive(HOME, [(6.0, 0.0)]), 0, 10, dynamic_obstacles_at_start={r2: at})
+    (refused,) = judge(w).violations
+    assert (refused.kind, refused.activities, refused.objects, refused.time) == (
+        "obstacle-place",
+        ("m",),
+        ("r2",),
+        0.0,
+    )
+
+
+@pytest.mark.parametrize(
+    ("delay", "asks", "found"),
+    [(0, 4, ["obstacle-place"]), (0, 5, []), (-1, 4, []), (-1, 3, ["static"]), (2, 5, ["place"])],
+)
+def test_a_static_obstacle_is_where_its_fluent_says(tmp_path, delay, asks, found):
+    """A door opens at 4, its fluent is set ``delay`` later: who asks waits until both agree."""
+    w = World(tmp_path)
+    w.object("r1", HOME)
+    door = w.object("door", (20.05, 10.0, 0.0), DOOR)
+    shut, away = w.place((20.05, 10.0, 0.0)), w.place((20.05, 15.0, 0.0))
+    at = w.problem.add_fluent("door_at", w.place_type, default_initial_value=shut)
+    opening = w.set_place("open", "door", (20.05, 15.0, 0.0), 3, 4)
+    opening.add_effect(Timing(delay, opening.end), at, away)
+    trajectory = drive(HOME, [(6.0, 0.0)], asks)
+    w.move("m", "r1", trajectory, asks, asks + 10, static_obstacles={door: at})
+    assert len(found) == 0 or any(found[0] in k for k in kinds(judge(w)))
+    assert judge(w).valid == (not found)
 
 
 def test_obstacles_with_fluents(tmp_path):

@@ -32,6 +32,10 @@ class Piece:
     since: float
     until: float
     task: Task | None
+    moves: tuple[float, float] | None = None
+    """When the trajectory of ``task`` really leads from place to place: what is before and after
+    is waiting (``None``: it does not move at all).
+    """
 
     def during(self, low: float, high: float) -> tuple[float, float] | None:
         """Return the part of [low, high] that this piece fills, ``None`` if none."""
@@ -49,6 +53,13 @@ class _Event:
     end: int
     task: Task | None = None
     jump: Jump | None = None
+
+    @property
+    def activity(self) -> str:
+        """The activity that it belongs to."""
+        source = self.task or self.jump
+        assert source is not None
+        return source.activity
 
 
 def build_lives(
@@ -69,24 +80,30 @@ def build_lives(
 
 
 def _overlaps(name: str, events: list[_Event]) -> Iterator[Violation]:
-    """Rule 16: one activity at a time moves an object."""
+    """Rule 16: one activity at a time moves an object. Two drives may touch."""
     for i, one in enumerate(events):
         for other in events[i + 1 :]:
             if other.start > one.end:
                 break
-            if one.task is not None and other.task is not None:
-                text = f"{one.task.what} and {other.task.what} at the same time"
-                yield Violation("overlap", text)
-            elif one.task is not None and other.jump is not None:
-                if one.task.activity != other.jump.activity:
-                    text = f"{other.jump.activity} sets {name} at {other.start}"
-                    yield Violation("overlap", f"{text}, during {one.task.what}")
-            elif one.jump is not None and other.jump is not None:
-                text = f"{one.jump.activity} and {other.jump.activity} set {name} at {one.start}"
-                yield Violation("overlap", text)
-            elif one.jump is not None and other.task is not None:
-                text = f"{one.jump.activity} sets {name} at {one.start}, during {other.task.what}"
-                yield Violation("overlap", text)
+            text = _clash(name, one, other)
+            if text is not None:
+                activities = (one.activity, other.activity)
+                yield Violation("overlap", text, activities, (name,), float(other.start))
+
+
+def _clash(name: str, one: _Event, other: _Event) -> str | None:
+    """Return what is wrong with two events of an object that are not apart, ``other`` the later."""
+    if one.task is not None and other.task is not None:
+        if other.start == one.end:
+            return None
+        return f"{one.task.what} and {other.task.what} at the same time"
+    if one.task is not None:
+        if one.activity == other.activity:
+            return None
+        return f"{other.activity} sets {name} at {other.start}, during {one.task.what}"
+    if other.task is not None:
+        return f"{one.activity} sets {name} at {one.start}, during {other.task.what}"
+    return f"{one.activity} and {other.activity} set {name} at {one.start}"
 
 
 def _live(
@@ -104,7 +121,7 @@ def _live(
     for event in events:
         start, end = event.start * seconds, event.end * seconds
         if here is not None:
-            yield Piece(_resting(here, radius), since, start, None)
+            yield Piece(resting(here, radius), since, start, None)
         if event.jump is not None:
             target = scene.pose(event.jump.place)
             if driven_by == event.jump.activity and here is not None:
@@ -116,11 +133,20 @@ def _live(
         elif event.task is not None and event.task.name in motions:
             times, poses = motions[event.task.name]
             found.extend(_continuity(event.task, here, poses))
-            yield Piece(track_of(times, poses, radius), start, end, event.task)
+            moves = _moving(times, poses)
+            yield Piece(track_of(times, poses, radius), start, end, event.task, moves)
             here, driven_by = tuple(poses[-1].tolist()), event.task.activity
         since = end
     if here is not None:
-        yield Piece(_resting(here, radius), since, math.inf, None)
+        yield Piece(resting(here, radius), since, math.inf, None)
+
+
+def _moving(times: FloatArray, poses: FloatArray) -> tuple[float, float] | None:
+    """Return from when to when (s) a trajectory moves: without waits at its beginning and end."""
+    steps = np.flatnonzero(np.abs(np.diff(poses, axis=0)).max(axis=1, initial=0.0) > 0)
+    if len(steps) == 0:
+        return None
+    return float(times[steps[0]]), float(times[steps[-1] + 1])
 
 
 def _continuity(
@@ -128,13 +154,15 @@ def _continuity(
 ) -> Iterator[Violation]:
     first = tuple(poses[0].tolist())
     if here is None:
-        yield Violation("continuity", f"{task.what}: it is nowhere (no initial configuration)")
+        text = f"{task.what}: it is nowhere (no initial configuration)"
+        yield Violation("continuity", text, (task.activity,), (task.object,))
     elif pose_gap(here, first) > TOLERANCE:
         text = f"{task.what}: its motion starts at {_show(first)} but it is at {_show(here)}"
-        yield Violation("continuity", text)
+        yield Violation("continuity", text, (task.activity,), (task.object,))
 
 
-def _resting(pose: tuple[float, ...], radius: float) -> AnyTrack:
+def resting(pose: tuple[float, ...], radius: float) -> AnyTrack:
+    """Return the track of a body that rests at a pose."""
     if len(pose) == 7:
         return SpaceTrack.resting(pose, radius)
     return Track.resting((pose[0], pose[1], pose[2]), radius)

@@ -20,6 +20,7 @@ from up_samp.validation.lives import (
     Motions,
     Piece,
     build_lives,
+    resting,
 )
 from up_samp.validation.maps import BlockedMap
 from up_samp.validation.metrics import evaluate_metric
@@ -118,6 +119,7 @@ def _motion_violations(
     for task in scene.tasks:
         found.extend(_obstacles(scene, task, lives, seconds))
     found.extend(_collisions(scene, motions, lives))
+    found.extend(_jumps(scene, lives, seconds))
     return found
 
 
@@ -168,14 +170,38 @@ def _obstacles(
             moved = scene.fluent_moves(obstacle, task)
             if moved:
                 text = f"{task.what}: the static obstacle {obstacle.name} moves ({moved})"
-                yield Violation("static-obstacle", text)
+                yield Violation("static-obstacle", text, (task.activity,), (obstacle.name,))
         if obstacle.place is not None:
-            # an object that is set elsewhere at this very instant may be at either place
-            there = [p.track.pose(low) for p in pieces if p.since <= low <= p.until]
-            wanted = scene.pose(obstacle.place)
-            if not any(pose_gap(wanted, pose) <= TOLERANCE for pose in there):
-                text = f"{task.what}: the obstacle {obstacle.name} is not at {obstacle.place}"
-                yield Violation("obstacle-place", f"{text} at {task.start}")
+            yield from _where_told(scene, task, obstacle, pieces, low)
+
+
+def _where_told(
+    scene: Scene, task: Task, obstacle: Obstacle, pieces: list[Piece], at: float
+) -> Iterator[Violation]:
+    """Rule 19: what its fluent says of an obstacle at the task's start."""
+    assert obstacle.place is not None
+    wanted = scene.pose(obstacle.place)
+    now = [i for i, p in enumerate(pieces) if p.since <= at <= p.until]
+    drives = [p.task.activity for p in (pieces[i] for i in now) if p.task is not None]
+    there: list[tuple[float, ...]] = []
+    if obstacle.static:
+        # what is set elsewhere at this very instant is there from now on
+        there += [pieces[i].track.pose(at) for i in now if pieces[i].until > at]
+    else:
+        # where it is, was before, or is going
+        for i in now:
+            before = pieces[i] if pieces[i].task is not None else pieces[max(0, i - 1)]
+            there += [before.track.pose(before.since), pieces[i].track.pose(pieces[i].until)]
+    if not any(pose_gap(wanted, pose) <= TOLERANCE for pose in there):
+        where = "at rest at" if obstacle.static else "and was not last at"
+        text = f"{task.what}: the obstacle {obstacle.name} is not {where} {obstacle.place}"
+        yield Violation(
+            "obstacle-place",
+            f"{text} at {task.start}, where its fluent tells it to be",
+            (task.activity, *drives),
+            (obstacle.name,),
+            at,
+        )
 
 
 def _rests(
@@ -184,12 +210,15 @@ def _rests(
     for piece in pieces:
         if piece.task is not None and piece.since < high and low < piece.until:
             text = f"{task.what}: its static obstacle {obstacle.name} moves ({piece.task.what})"
-            yield Violation("static-obstacle", text)
+            activities = (task.activity, piece.task.activity)
+            yield Violation("static-obstacle", text, activities, (obstacle.name,), piece.since)
         if piece.task is None and low < piece.until < high:
             after = [p for p in pieces if p.since == piece.until and p is not piece]
             if all(p.task is None for p in after):
                 text = f"{task.what}: its static obstacle {obstacle.name} is set elsewhere"
-                yield Violation("static-obstacle", f"{text} at {piece.until:g} s")
+                text = f"{text} at {piece.until:g} s"
+                activities = (task.activity,)
+                yield Violation("static-obstacle", text, activities, (obstacle.name,), piece.until)
 
 
 def _collisions(
@@ -206,17 +235,13 @@ def _collisions(
             time = _hits_map(shape, piece.track, blocked, piece.since, piece.until)
             if time is not None:
                 text = f"{task.what} meets the map at {time:.3f} s"
-                yield Violation("map-collision", text)
-            avoid = None if task.obstacles is None else {o.name for o in task.obstacles}
+                yield Violation("map-collision", text, (task.activity,), (name,), time)
             for other in lives:
-                if other == name or (avoid is not None and other not in avoid):
-                    continue
-                for theirs in lives[other]:
+                for theirs in lives[other] if scene.avoids(task, other) else ():
                     pair = frozenset((id(piece), id(theirs)))
-                    if pair in looked_at:
-                        continue
-                    looked_at.add(pair)
-                    yield from _meeting(scene, task, other, piece, theirs)
+                    if pair not in looked_at:
+                        looked_at.add(pair)
+                        yield from _meeting(scene, task, other, piece, theirs)
 
 
 def _hits_map(
@@ -247,12 +272,47 @@ def _hits_body(
 def _meeting(
     scene: Scene, task: Task, other: str, piece: Piece, theirs: Piece
 ) -> Iterator[Violation]:
-    """One moving piece against one piece (moving or resting) of another object's life."""
-    during = theirs.during(piece.since, piece.until)
-    if during is None:
-        return
+    """One piece of a driven object's life against one piece of another object's that it avoids:
+    while it moves itself, and while the other one does, where that has to keep clear of it.
+    """
+    moving = [piece.moves]
+    if theirs.task is not None and scene.avoids(theirs.task, task.object):
+        moving.append(theirs.moves)
     mine, shape = scene.shapes[task.object], scene.shapes[other]
-    time = _hits_body(mine, piece.track, shape, theirs.track, *during)
-    if time is not None:
+    times = []
+    for window in moving:
+        both = None if window is None else theirs.during(*window)
+        during = None if both is None else piece.during(*both)
+        if during is not None:
+            time = _hits_body(mine, piece.track, shape, theirs.track, *during)
+            times += [] if time is None else [time]
+    if times:
         doing = f" ({theirs.task.what})" if theirs.task else ""
-        yield Violation("collision", f"{task.what} meets {other}{doing} at {time:.3f} s")
+        text = f"{task.what} meets {other}{doing} at {min(times):.3f} s"
+        activities = (task.activity, *([theirs.task.activity] if theirs.task else []))
+        yield Violation("collision", text, activities, (task.object, other), min(times))
+
+
+def _jumps(scene: Scene, lives: Mapping[str, list[Piece]], seconds: float) -> Iterator[Violation]:
+    """Rule 18: nothing is set onto an object that rests and keeps clear of it when it drives."""
+    for jump in scene.jumps:
+        at = jump.time * seconds
+        own = {t.object for t in scene.tasks if t.activity == jump.activity}
+        together = own | scene.carried[jump.activity]
+        if jump.object in own or jump.object not in scene.shapes:
+            continue
+        track = resting(scene.pose(jump.place), scene.shapes[jump.object].radius)
+        for other, pieces in lives.items():
+            if other in together or not scene.counts(other, jump.object):
+                continue
+            for piece in pieces:
+                moving = piece.moves is not None and piece.moves[0] < at < piece.moves[1]
+                if piece.during(at, at) is None or moving:
+                    continue
+                shapes = scene.shapes[jump.object], scene.shapes[other]
+                if _hits_body(shapes[0], track, shapes[1], piece.track, at, at) is not None:
+                    text = f"{jump.activity} sets {jump.object} at {jump.time} to {jump.place},"
+                    text = f"{text} where {other} is"
+                    activities = (jump.activity, *([piece.task.activity] if piece.task else []))
+                    yield Violation("collision", text, activities, (jump.object, other), at)
+                    break

@@ -142,6 +142,47 @@ class Scene:
         return [task for activity in self._present() for task in self._tasks_of(activity)]
 
     @cached_property
+    def carried(self) -> dict[str, frozenset[str]]:
+        """What each present activity moves by its effects: no obstacle to what it drives."""
+        found: dict[str, set[str]] = {}
+        for jump in self.jumps:
+            found.setdefault(jump.activity, set()).add(jump.object)
+        return {activity: frozenset(names) for activity, names in found.items()}
+
+    @cached_property
+    def heeds(self) -> dict[str, frozenset[str] | None]:
+        """Object -> what some motion constraint on it in the problem (of a present activity or
+        not) keeps clear of (``None``: of everything).
+        """
+        found: dict[str, frozenset[str] | None] = {}
+        for activity in self.problem.activities:
+            for constraint in getattr(activity, "motion_constraints", ()):
+                if not constraint.movable.is_object_exp():
+                    continue
+                name = constraint.movable.object().name
+                lists = (constraint.static_obstacles, constraint.dynamic_obstacles_at_start)
+                before = found.get(name, frozenset())
+                if before is None or all(items is None for items in lists):
+                    found[name] = None
+                else:
+                    listed = {o.name for items in lists for o in items or ()}
+                    found[name] = before | listed
+        return found
+
+    def counts(self, one: str, other: str) -> bool:
+        """Return whether ``one``, when it drives, has ever to keep clear of ``other``."""
+        heeded = self.heeds.get(one, frozenset())
+        return heeded is None or other in heeded
+
+    def avoids(self, task: Task, name: str) -> bool:
+        """Return whether a task keeps clear of object ``name``."""
+        if name == task.object:
+            return False
+        if task.obstacles is None:
+            return name not in self.carried.get(task.activity, ())
+        return any(o.name == name for o in task.obstacles)
+
+    @cached_property
     def jumps(self) -> list[Jump]:
         """All motion effects of present activities (each happens at its activity's end)."""
         found = []

@@ -90,20 +90,32 @@ Motions
     activity's start and arrive before its end. It starts where the object is, at its constraint's
     starting configuration, passes the waypoints in order and ends at the last one (within 1e-3 m
     and 1e-3 rad).
-16. Two activities with motion constraints on the same object need ``end < start`` (the paper's
-    closed intervals); neither may its configuration be changed by another activity from start
-    to end. An activity that drives an object and has a motion effect on it must state where the
-    motion ends.
+16. Two activities with motion constraints on the same object do not overlap; one may start when
+    the other ends (the object is at one place then). Its configuration must not be changed by
+    another activity from start to end. An activity that drives an object and has a motion effect
+    on it must state where the motion ends.
 17. A motion effect without a motion constraint changes the configuration at its activity's end
     ``t``: the object is at the old one before ``t`` and at the new one from ``t`` on.
-18. From its start to its end (waiting included) an activity's moving object is disjoint from the
-    map's occupied and unknown cells, within the map, and disjoint from the objects that its
-    constraint lists (static and dynamic together; all others if it lists none), resting or not.
-    Objects without a configuration (no initial one, no motion effect yet) are nowhere. Touching,
-    and overlap by up to 1e-6 m, is no contact. In space (SE3) bodies are their meshes and what is
-    inside of closed ones; the map's cells and bodies that move in the plane reach from the floor
-    to the sky; touching a mesh is contact.
+18. An object *moves* from where its trajectory leaves the first pose until it has come to the
+    last one; while it waits before and after that in its activity, it rests. An object that moves
+    is disjoint from the objects that its constraint lists (static and dynamic together; all
+    others if it lists none), resting or not. Lists need not be mutual: it is who moves that keeps
+    clear. From its activity's start to its end it is within the map and disjoint from the map's
+    occupied and unknown cells. Objects are obstacles wherever they are: a motion effect without a
+    constraint must not set an object to where another one rests then, if some motion constraint
+    of the problem makes that one keep clear of it. What an activity moves by its effects, it
+    *carries*: that is no obstacle to what the same activity drives, unless it is listed. For all
+    others it is at its old configuration until the activity's end and at the new one from then
+    on; after the end it is an obstacle for its carrier, too. Objects without a configuration (no
+    initial one, no motion effect yet) are nowhere. Touching, and overlap by up to 1e-6 m, is no
+    contact. In space (SE3) bodies are their meshes and what is inside of closed ones; the map's
+    cells and bodies that move in the plane reach from the floor to the sky; touching a mesh is
+    contact.
 19. Static obstacles rest between the activity's start and end. Where obstacles come with
-    fluents, the fluent tells the object's configuration at the start (a static one's: throughout).
+    fluents, the fluent's value at the start is looked at. A static obstacle is there from the
+    start to the end, and its fluent stays: where fluent and place differ (by a unit, where
+    effects happen at the end) the motion waits until both agree. A dynamic obstacle is there, or
+    was last before it came to where it is or began to drive, or is on its way there: the dict asks
+    no more than the list, unless the fluent names a configuration that the object never had.
 20. Motions respect their object's limits: see ``kinematics.py``, ``limits.py``, ``control.py``.
 """

@@ -8,11 +8,15 @@ from dataclasses import dataclass
 @dataclass(frozen=True)
 class Violation:
     """One broken rule. ``kind`` is a short stable word, ``what`` names the activities, objects or
-    constraints and the times, for people.
+    constraints and the times, for people. ``activities`` and ``objects`` are those it is about,
+    by name, as far as it is about any; ``time`` (s) is when it is first broken, if at a time.
     """
 
     kind: str
     what: str
+    activities: tuple[str, ...] = ()
+    objects: tuple[str, ...] = ()
+    time: float | None = None
 
     def __str__(self) -> str:
         return f"{self.kind}: {self.what}"
