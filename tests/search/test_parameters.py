@@ -100,5 +100,5 @@ def test_a_start_given_by_the_parameter_of_another_activity(tmp_path, engine):
     result = solve(hall.problem, engine)
     assert result.status is Status.SOLVED_OPTIMALLY
     assert goal_of(result, go) == "near"
-    assert makespan(result) == 13
+    assert makespan(result) == 12
     assert validate_plan(hall.problem, result.plan).valid

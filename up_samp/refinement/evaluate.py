@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 
 from up_samp.model import CandidateSchedule
 from up_samp.model.refinement import (
@@ -23,29 +23,42 @@ from up_samp.model.refinement import (
 )
 
 Places = Callable[[str, int, int], Collection[str]]
-"""``places(object, first, last)``: where the object's state is during [first, last] (units)."""
+"""``places(object, first, last)``: where the object's state is during [first, last] (units), if
+it is set at the end of what moves it."""
 
 
-def holds(statement: Statement, schedule: CandidateSchedule, places: Places) -> bool:
-    """Return whether ``schedule`` satisfies ``statement``."""
+def holds(
+    statement: Statement,
+    schedule: CandidateSchedule,
+    places: Places,
+    early: Mapping[str, int] | None = None,
+) -> bool:
+    """Return whether ``schedule`` satisfies ``statement``.
+
+    ``early`` tells by how many units the states of objects are set before the ends (default: 0).
+    """
+    early = early or {}
     if isinstance(statement, Clause):
-        return any(_true(x, schedule, places) for x in statement.literals)
+        return any(_true(x, schedule, places, early) for x in statement.literals)
     if isinstance(statement, Lasts):
         if statement.activity not in schedule.times:
             return True
         start, end = schedule.times[statement.activity]
         return end - start >= statement.at_least
     if isinstance(statement, Requires):
-        return _meets_requirement(statement, schedule, places)
+        return _meets_requirement(statement, schedule, places, early)
     return _fits_place(statement, schedule)
 
 
-def _meets_requirement(statement: Requires, schedule: CandidateSchedule, places: Places) -> bool:
+def _meets_requirement(
+    statement: Requires, schedule: CandidateSchedule, places: Places, early: Mapping[str, int]
+) -> bool:
     if statement.activity not in schedule.times:
         return True
     start, end = schedule.times[statement.activity]
+    seen = start + early.get(statement.object, 0)
     first, last = {
-        Span.START: (start, start),
+        Span.START: (seen, seen),
         Span.WHOLE: (start + 1, end - 1),
         Span.TAIL: (end - max(0, statement.tail - 1), end),
     }[statement.span]
@@ -63,7 +76,9 @@ def _fits_place(statement: Exclusive, schedule: CandidateSchedule) -> bool:
     return True
 
 
-def _true(literal: Literal, schedule: CandidateSchedule, places: Places) -> bool:
+def _true(
+    literal: Literal, schedule: CandidateSchedule, places: Places, early: Mapping[str, int]
+) -> bool:
     times = schedule.times
     if isinstance(literal, Absent):
         return literal.activity not in times
@@ -78,7 +93,8 @@ def _true(literal: Literal, schedule: CandidateSchedule, places: Places) -> bool
         if literal.activity not in times:
             return False
         start, end = times[literal.activity]
-        return literal.configuration not in places(literal.object, start, end)
+        first = start + early.get(literal.object, 0)
+        return literal.configuration not in places(literal.object, first, end)
     return _overlaps(literal, schedule)
 
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 
 from up_samp.model import CandidateSchedule, Deadline, ScheduleReport, ScheduleStatus
 from up_samp.model.refinement import Refinement, Strength
-from up_samp.refinement import holds
 from up_samp.search.check import Check, check_itinerary
-from up_samp.search.context import Context, Incumbent, places_between
+from up_samp.search.context import Context, Incumbent
+from up_samp.search.cuts.exact import rejects
 from up_samp.search.history import Round
 from up_samp.search.prepare import (
     state_bounds,
@@ -170,11 +170,7 @@ def learn_from(context: Context, itinerary: Itinerary, check: Check) -> list[Ref
     if not context.params.refine:
         return []
     context.learn(check.refinements)
-
-    def places(name: str, first: int, last: int) -> set[str]:
-        return places_between(itinerary, context.snapshot, name, first, last)
-
-    return [r for r in check.refinements if not holds(r.statement, itinerary.schedule, places)]
+    return [r for r in check.refinements if rejects(context, itinerary, r)]
 
 
 def record(

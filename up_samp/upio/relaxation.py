@@ -2,8 +2,10 @@
 
 Motion activities become plain ones, configurations plain objects. So that trajectories can be
 continuous (Definition 9.3), each object that changes its configuration has a state: an
-object-valued fluent that its motions need at their start and set at their end. Where one of the
-problem's own fluents does just that already (``robot_at``), it serves.
+object-valued fluent that its motions need at their start and set in the end. Where one of the
+problem's own fluents does just that already (``robot_at``), it serves, if it is set at the
+motions' ends or a unit *early*. A state of our own is set a unit early, if all that set it last
+that long: an effect at t is seen from t + 1 on, so that motions of one object may touch.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from unified_planning.model.timing import (
     ClosedTimeInterval,
     DurationInterval,
     OpenTimeInterval,
+    RightOpenTimeInterval,
     TimeInterval,
     TimePointInterval,
 )
@@ -28,11 +31,13 @@ from up_samp.model import UnsupportedError
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
 from up_samp.upio.choices import Choice, choose, constraints_on_one
 from up_samp.upio.rewrite import Rewriter
+from up_samp.upio.told import hold_told
 
 
 @dataclass
 class Relaxation:
-    """A growing plain problem. ``state[o]`` is the fluent that tells where object ``o`` is.
+    """A growing plain problem. ``state[o]`` is the fluent that tells where object ``o`` is; what
+    moves the object sets it ``early[o]`` units (0 or 1) before its end.
 
     ``choices``: what a configuration hangs on that is no constant, by its activity, its term, and
     whether it is read at the activity's end.
@@ -46,6 +51,7 @@ class Relaxation:
     elsewhere: dict[tuple[str, str, str], Activity] = field(default_factory=dict)
     choices: dict[tuple[str, Term, bool], Choice] = field(default_factory=dict)
     variables: dict[str, Parameter] = field(default_factory=dict)
+    early: dict[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.activities = {a.name: a for a in self.problem.activities}
@@ -95,6 +101,9 @@ def relax(
     _agree_at_end(problem, relaxation)
     for task in snapshot.tasks if hold_static else ():
         _hold_static(relaxation, task)
+    for activity in problem.activities:
+        if isinstance(activity, MotionActivity):
+            hold_told(relaxation, activity)
     return relaxation
 
 
@@ -140,22 +149,34 @@ def _add_state(relaxation: Relaxation, name: str) -> None:
     snapshot = relaxation.snapshot
     tasks = [t for t in snapshot.tasks if t.object == name]
     changes = [c for c in snapshot.changes if c.object == name]
-    own = _tracking_fluent(relaxation, name, tasks, changes)
+    movers = {t.activity for t in tasks} | {c.activity for c in changes}
+    early = int(all(_lasts(relaxation.activities[m]) for m in movers))
+    own = _tracking_fluent(relaxation, name, tasks, changes, early)
+    if own is None and early:
+        own = _tracking_fluent(relaxation, name, tasks, changes, 0)
+        early = 1 if own is None else 0
     state = own if own is not None else _new_state(relaxation, name)
     relaxation.state[name] = state
+    relaxation.early[name] = early
     manager = relaxation.problem.environment.expression_manager
     for task in tasks:
         activity = relaxation.activities[task.activity]
         # reading the state also keeps others from moving the object meanwhile
         start, *via = [choose(relaxation, activity, t, state=state) for t in task.terms]
-        activity.add_condition(whole(activity), manager.Equals(state, start))
+        activity.add_condition(whole(activity, early), manager.Equals(state, start))
         if own is None:
-            activity.add_effect(activity.end, state, via[-1])
+            activity.add_effect(Timing(-early, activity.end), state, via[-1])
     for change in changes:
         activity = relaxation.activities[change.activity]
         goal = choose(relaxation, activity, change.term, at_end=True)
         if own is None:
-            activity.add_effect(activity.end, state, goal)
+            activity.add_effect(Timing(-early, activity.end), state, goal)
+
+
+def _lasts(activity: Activity) -> bool:
+    """Return whether an activity surely lasts a unit."""
+    low = activity.duration.lower
+    return bool(low.is_int_constant() and low.constant_value() >= 1)
 
 
 def _agree_at_end(problem: SchedulingMotionProblem, relaxation: Relaxation) -> None:
@@ -189,7 +210,8 @@ def _hold_static(relaxation: Relaxation, task: MotionTask) -> None:
         if name not in relaxation.state:
             continue
         state = relaxation.state[name]
-        activity.add_condition(inner(activity), manager.Equals(state, state))
+        span = inner(activity, relaxation.early[name])
+        activity.add_condition(span, manager.Equals(state, state))
         for other in relaxation.snapshot.tasks:
             if other.object == name and other.activity != task.activity:
                 rival = relaxation.activities[other.activity]
@@ -200,17 +222,21 @@ def _hold_static(relaxation: Relaxation, task: MotionTask) -> None:
                 relaxation.problem.add_constraint(apart, scope)
 
 
-def inner(activity: Activity) -> TimeInterval:
-    """Return (start, end), which asks nothing of an activity that lasts one unit."""
+def inner(activity: Activity, early: int = 0) -> TimeInterval:
+    """Return when the effects of what ends within (start, end) happen: nothing, for an activity
+    that lasts one unit.
+    """
+    if early:
+        return RightOpenTimeInterval(Timing(0, activity.start), Timing(-early, activity.end))
     return OpenTimeInterval(Timing(0, activity.start), Timing(0, activity.end))
 
 
-def whole(activity: Activity) -> TimeInterval:
-    """Return the closed interval [start, end] of an activity.
+def whole(activity: Activity, early: int = 0) -> TimeInterval:
+    """Return the closed interval [start, end - early] of an activity.
 
     The ends are wrapped in timings: bare timepoints crash UP's ``problem.kind``.
     """
-    return ClosedTimeInterval(Timing(0, activity.start), Timing(0, activity.end))
+    return ClosedTimeInterval(Timing(0, activity.start), Timing(-early, activity.end))
 
 
 def _new_state(relaxation: Relaxation, name: str) -> FNode:
@@ -221,12 +247,17 @@ def _new_state(relaxation: Relaxation, name: str) -> FNode:
 
 
 def _tracking_fluent(
-    relaxation: Relaxation, name: str, tasks: list[MotionTask], changes: list[ChangeTask]
+    relaxation: Relaxation,
+    name: str,
+    tasks: list[MotionTask],
+    changes: list[ChangeTask],
+    early: int,
 ) -> FNode | None:
     """Return a fluent of the problem that already tells where ``name`` is, if there is one.
 
-    It must start at the object's initial configuration and be assigned by just the activities
-    that move the object, at their ends, to just the values that the motions lead to.
+    It must start at the object's initial configuration and be assigned by just the activities that
+    move the object, ``early`` units before their ends, to just the values that the motions lead
+    to.
     """
     problem = relaxation.problem
     goals = {t.activity: t.terms[-1] for t in tasks} | {c.activity: c.term for c in changes}
@@ -234,13 +265,13 @@ def _tracking_fluent(
     for expression, value in problem.initial_values.items():
         if not (value.is_object_exp() and value.object() == initial):
             continue
-        if _assigned_by(relaxation, expression) == goals:
+        if _assigned_by(relaxation, expression, early) == goals:
             return expression
     return None
 
 
-def _assigned_by(relaxation: Relaxation, expression: FNode) -> dict[str, Term] | None:
-    """Return activity -> value for a ground fluent assigned only at activities' ends.
+def _assigned_by(relaxation: Relaxation, expression: FNode, early: int) -> dict[str, Term] | None:
+    """Return activity -> value for a ground fluent assigned only ``early`` before activities' ends.
 
     ``None`` where it may be assigned in any other way.
     """
@@ -258,7 +289,7 @@ def _assigned_by(relaxation: Relaxation, expression: FNode) -> dict[str, Term] |
                 if effect.fluent != expression:
                     continue
                 term = _term(effect)
-                at_end = timing == Timing(0, activity.end)
+                at_end = timing == Timing(-early, activity.end)
                 if term is None or not at_end or effect.is_conditional():
                     return None
                 found[activity.name] = term

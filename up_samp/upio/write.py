@@ -9,7 +9,6 @@ from unified_planning.model import FNode, Timing
 from unified_planning.model.scheduling import Activity
 from unified_planning.model.timing import (
     ClosedTimeInterval,
-    OpenTimeInterval,
     TimePointInterval,
 )
 
@@ -28,7 +27,7 @@ from up_samp.model.refinement import (
     Span,
     TimeRef,
 )
-from up_samp.upio.relaxation import Relaxation, whole
+from up_samp.upio.relaxation import Relaxation, inner, whole
 
 
 def write_refinement(relaxation: Relaxation, refinement: Refinement) -> None:
@@ -72,11 +71,13 @@ def _forbid(relaxation: Relaxation, activity: Activity) -> None:
 def _write_requires(relaxation: Relaxation, requires: Requires) -> None:
     manager = relaxation.problem.environment.expression_manager
     activity = relaxation.activities[requires.activity]
-    end = Timing(0, activity.end)
+    early = relaxation.early[requires.object]
+    end = Timing(-early, activity.end)
     if requires.span is Span.WHOLE:
-        span = OpenTimeInterval(Timing(0, activity.start), end)
+        span = inner(activity, early)
     elif requires.span is Span.TAIL:
-        span = ClosedTimeInterval(Timing(-max(0, requires.tail - 1), activity.end), end)
+        first = Timing(-max(0, requires.tail - 1) - early, activity.end)
+        span = ClosedTimeInterval(first, end)
     else:
         span = TimePointInterval(Timing(0, activity.start))
     state = relaxation.state[requires.object]
@@ -135,7 +136,9 @@ def _auxiliary(relaxation: Relaxation, literal: Elsewhere, number: int) -> Activ
     twin._set_duration_constraint(main.duration)
     place = manager.ObjectExp(problem.object(literal.configuration))
     state = relaxation.state[literal.object]
-    twin.add_condition(whole(twin), manager.Not(manager.Equals(state, place)))
+    twin.add_condition(
+        whole(twin, relaxation.early[literal.object]), manager.Not(manager.Equals(state, place))
+    )
     for mine, other in ((twin.start, main.start), (twin.end, main.end)):
         twin.add_constraint(manager.LE(mine, other))
         twin.add_constraint(manager.LE(other, mine))

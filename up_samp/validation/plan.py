@@ -217,8 +217,8 @@ def _rests(
             if all(p.task is None for p in after):
                 text = f"{task.what}: its static obstacle {obstacle.name} is set elsewhere"
                 text = f"{text} at {piece.until:g} s"
-                activities = (task.activity,)
-                yield Violation("static-obstacle", text, activities, (obstacle.name,), piece.until)
+                here = (task.activity,)
+                yield Violation("static-obstacle", text, here, (obstacle.name,), piece.until)
 
 
 def _collisions(

@@ -45,4 +45,5 @@ def rejects(context: Context, itinerary: Itinerary, refinement: Refinement) -> b
     def places(name: str, first: int, last: int) -> set[str]:
         return places_between(itinerary, context.snapshot, name, first, last)
 
-    return not holds(refinement.statement, itinerary.schedule, places)
+    early = context.relaxation.early
+    return not holds(refinement.statement, itinerary.schedule, places, early)
