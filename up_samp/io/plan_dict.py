@@ -28,6 +28,8 @@ from up_samp.upio.read import read_problem
 
 FORMAT = "up-samp-plan"
 VERSION = 1
+MINOR = 1
+"""Minor versions only add fields; 1 adds ``dependencies`` (see :mod:`up_samp.execution`)."""
 
 PlanDict = dict[str, Any]
 """A plan as JSON would hold it; see docs/plan-format.md."""

@@ -1,0 +1,158 @@
+"""When everything will happen if nothing more goes wrong: the longest path over the graph."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+from up_samp.execution.graph import At, Event, Graph
+from up_samp.execution.state import Phase, State, Way
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """``times[k]`` (s) for each event of ``graph``, as soon as possible from ``now`` on.
+
+    ``gaps[k]`` is what event ``k`` needs after the latest of those that it waits for.
+    """
+
+    graph: Graph
+    now: float
+    times: tuple[float, ...]
+    latest: tuple[float, ...]
+    """The latest time (s) of each event that delays neither the makespan nor a bound."""
+
+    @cached_property
+    def makespan(self) -> float:
+        """When the last activity ends (s)."""
+        number = self.graph.number
+        ends = (self.times[number[Event(At.END, name)]] for name in self.graph.tasks)
+        return max(ends, default=self.now)
+
+    def span(self, name: str) -> tuple[float, float]:
+        """Return when an activity starts and ends (s)."""
+        number = self.graph.number
+        return (
+            self.times[number[Event(At.START, name)]],
+            self.times[number[Event(At.END, name)]],
+        )
+
+    def slack(self, name: str) -> float:
+        """Return by how much an activity may end later without delaying anything that counts."""
+        end = self.graph.number[Event(At.END, name)]
+        return self.latest[end] - self.times[end]
+
+
+@dataclass(frozen=True)
+class Routes:
+    """What a graph's events follow by themselves, with the times these take without disturbance:
+    ``before[k]`` are (event, s, robot); ``speed[k]`` (m/s) is lost if one must stop at ``k``.
+    """
+
+    before: tuple[tuple[tuple[int, float, str], ...], ...]
+    loss: tuple[float, ...]
+
+
+def routes_of(graph: Graph, ways: Mapping[tuple[str, str], Way]) -> Routes:
+    """Return travel times between neighbouring events."""
+    before: list[list[tuple[int, float, str]]] = [[] for _ in graph.events]
+    loss = [0.0] * len(graph.events)
+    at_time: dict[int, float] = {}
+    for k, event in enumerate(graph.events):
+        if event.at in (At.REACH, At.LEAVE):
+            travel = ways[event.activity, event.object].travel
+            at_time[k] = travel.time_at(event.progress)
+            if event.at is At.LEAVE:
+                loss[k] = travel.speed_at(event.progress) / (2 * travel.accel)
+    for first, then in graph.implied:
+        one, two = graph.events[first], graph.events[then]
+        seconds, who = 0.0, ""
+        if one.at is At.START and two.at is At.END:
+            task = graph.tasks[one.activity]
+            if task.moves:
+                seconds = max(
+                    (float(w.travel.time[-1]) for k, w in ways.items() if k[0] == task.name),
+                    default=0.0,
+                )
+                who = task.moves[0]
+            else:
+                seconds = task.expected
+        elif two.at is At.END:
+            whole = float(ways[one.activity, one.object].travel.time[-1])
+            seconds, who = whole - at_time[first], one.object
+        elif one.at is not At.ORIGIN:
+            seconds = at_time[then] - at_time.get(first, 0.0)
+            who = two.object
+        before[then].append((first, seconds, who))
+    return Routes(tuple(map(tuple, before)), tuple(loss))
+
+
+def forecast(state: State, routes: Routes, pace: Mapping[str, float]) -> Forecast:
+    """Return when everything happens from now on; ``pace`` scales each robot's speed (1: full)."""
+    graph, now = state.graph, state.now
+    count = len(graph.events)
+    times = [now] * count
+    moved = _since_now(state, pace)
+    into: list[list[tuple[int, float]]] = [[] for _ in range(count)]
+    for edge in graph.edges:
+        into[edge.then].append((edge.first, edge.lag))
+    for k in graph.order:
+        past = state.fired.get(graph.events[k])
+        if past is not None:
+            times[k] = past
+            continue
+        came = now
+        for first, seconds, who in routes.before[k]:
+            came = max(came, times[first] + seconds / pace.get(who, 1.0))
+        came = moved.get(k, came)
+        allowed = max((times[first] + lag for first, lag in into[k]), default=now)
+        if allowed > came:
+            # it stops at the gate and has to get going again
+            times[k] = allowed + min(routes.loss[k], allowed - came)
+        else:
+            times[k] = came
+    return Forecast(graph, now, tuple(times), _latest(graph, routes, times, pace))
+
+
+def _since_now(state: State, pace: Mapping[str, float]) -> dict[int, float]:
+    """Return when motions under way come to their next events, and tasks under way end."""
+    found = {}
+    for way in state.ways.values():
+        if state.phase[way.activity] is not Phase.RUNNING:
+            continue
+        speed = pace.get(way.object, 1.0)
+        here = way.travel.time_at(way.progress)
+        ahead = [m for m in (way.marks[way.mark :], way.gates[way.gate :]) if m]
+        for progress, k in (part[0] for part in ahead):
+            left = max(0.0, way.travel.time_at(progress) - here)
+            found[k] = state.now + left / speed
+        end = state.end_number[way.activity]
+        left = float(way.travel.time[-1]) - here
+        found[end] = max(found.get(end, state.now), state.now + left / speed)
+    # an end waits for the events on the way, too: only the first of each is taken from here
+    for way in state.ways.values():
+        if way.marks[way.mark :] or way.gates[way.gate :]:
+            found.pop(state.end_number[way.activity], None)
+    return found
+
+
+def _latest(
+    graph: Graph, routes: Routes, times: list[float], pace: Mapping[str, float]
+) -> tuple[float, ...]:
+    count = len(graph.events)
+    horizon = max(times, default=0.0)
+    latest = [horizon] * count
+    for bound in graph.bounds:
+        latest[bound.then] = min(latest[bound.then], times[bound.first] + bound.most)
+    outgoing: list[list[tuple[int, float]]] = [[] for _ in range(count)]
+    for edge in graph.edges:
+        outgoing[edge.first].append((edge.then, edge.lag))
+    for k in range(count):
+        for first, seconds, who in routes.before[k]:
+            outgoing[first].append((k, seconds / pace.get(who, 1.0)))
+    for k in reversed(graph.order):
+        for then, seconds in outgoing[k]:
+            # what the forecast adds for stopping and starting is no slack
+            latest[k] = min(latest[k], latest[then] - min(seconds, times[then] - times[k]))
+    return tuple(latest)

@@ -1,0 +1,176 @@
+"""The dependency graph of a plan: events, and which may not happen before which.
+
+A temporal plan graph (Hönig et al., "Multi-agent path finding with kinematic constraints", ICAPS
+2016) over continuous motions: its events are starts and ends of activities and points on paths.
+Times and lags in s, progress in m along a path (the parameter ``s`` of
+:class:`up_samp.motion.fleet.paths.Path`).
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from up_samp.model import ProblemError
+
+STRICT = 1e-3
+"""What "strictly after" means in real time (s): the problem's time is whole units, the floor's is
+dense."""
+
+
+class At(enum.Enum):
+    """What happens in an event. ``LEAVE`` is going beyond a point, ``REACH`` is having come to it:
+    a robot may stand at a gate that it may not leave.
+    """
+
+    ORIGIN = "origin"
+    START = "start"
+    END = "end"
+    REACH = "reach"
+    LEAVE = "leave"
+
+
+@dataclass(frozen=True)
+class Event:
+    """``activity`` starts or ends, or its ``object`` reaches or leaves ``progress`` (m)."""
+
+    at: At
+    activity: str = ""
+    object: str = ""
+    progress: float = 0.0
+
+    def __str__(self) -> str:
+        if self.at is At.ORIGIN:
+            return "the plan's start"
+        if self.at in (At.START, At.END):
+            return f"{self.at.value} of {self.activity}"
+        verb = "reaches" if self.at is At.REACH else "leaves"
+        return f"{self.object} {verb} {self.progress:.2f} m in {self.activity}"
+
+
+ORIGIN = Event(At.ORIGIN)
+
+
+@dataclass(frozen=True)
+class Edge:
+    """Event number ``then`` may not happen before ``lag`` s after event number ``first``.
+
+    ``kind`` is a stable word, ``why`` names who, where and which constraint.
+    """
+
+    first: int
+    then: int
+    lag: float
+    kind: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Bound:
+    """Event ``then`` is wanted at most ``most`` s after event ``first``: a deadline, a window, the
+    longest duration. No executive can enforce it; it is watched.
+    """
+
+    first: int
+    then: int
+    most: float
+    why: str
+
+
+@dataclass(frozen=True)
+class Task:
+    """An activity of the plan. ``planned`` start and end in s; ``expected`` is how long (s) it
+    lasts without disturbance where it drives nothing; ``who`` are the robots that do it.
+    """
+
+    name: str
+    planned: tuple[float, float]
+    expected: float
+    who: tuple[str, ...] = ()
+    moves: tuple[str, ...] = ()
+    """The objects that it drives."""
+
+
+@dataclass(frozen=True)
+class Graph:
+    """Events, edges and bounds of a plan. Within a motion, events follow each other by progress
+    without edges; so do an activity's start, its motions and its end (see :func:`chains`).
+
+    ``times[k]`` is when event ``k`` happens as planned (s). ``before_reduction`` counts the edges
+    that there were before those that follow from others were dropped.
+    """
+
+    tasks: Mapping[str, Task]
+    events: tuple[Event, ...]
+    times: tuple[float, ...]
+    edges: tuple[Edge, ...]
+    bounds: tuple[Bound, ...] = ()
+    before_reduction: int = 0
+    margin: float = 0.0
+    lengths: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    """Length (m) of each motion's path, by (activity, object)."""
+
+    @cached_property
+    def number(self) -> dict[Event, int]:
+        """Each event's number."""
+        return {event: k for k, event in enumerate(self.events)}
+
+    @cached_property
+    def implied(self) -> tuple[tuple[int, int], ...]:
+        """Pairs of events (first, then) that follow each other by themselves."""
+        return tuple(_implied(self.events, self.tasks))
+
+    @cached_property
+    def order(self) -> tuple[int, ...]:
+        """All events in an order in which they can happen; :class:`ProblemError` on a cycle."""
+        pairs = [(e.first, e.then) for e in self.edges]
+        found = topological(len(self.events), [*self.implied, *pairs], self.times)
+        if found is None:
+            raise ProblemError("the dependencies have a cycle: nobody could go first")
+        return tuple(found)
+
+
+def _implied(events: Sequence[Event], tasks: Mapping[str, Task]) -> list[tuple[int, int]]:
+    number = {event: k for k, event in enumerate(events)}
+    pairs: list[tuple[int, int]] = []
+    on_path: dict[tuple[str, str], list[int]] = {}
+    for k, event in enumerate(events):
+        if event.at in (At.REACH, At.LEAVE):
+            on_path.setdefault((event.activity, event.object), []).append(k)
+    origin = number[ORIGIN]
+    for name in tasks:
+        start, end = number[Event(At.START, name)], number[Event(At.END, name)]
+        pairs += [(origin, start), (start, end)]
+    for (activity, _), inner in on_path.items():
+        ordered = sorted(inner, key=lambda k: (events[k].progress, events[k].at is At.LEAVE))
+        chain = [number[Event(At.START, activity)], *ordered, number[Event(At.END, activity)]]
+        pairs += zip(chain[:-1], chain[1:], strict=True)
+    return pairs
+
+
+def topological(
+    count: int, pairs: Sequence[tuple[int, int]], times: Sequence[float]
+) -> list[int] | None:
+    """Return the numbers 0 .. count - 1 so that each pair's first comes first, ``None`` on a cycle
+    (Kahn 1962). Of those that could come next, the one with the least planned time does.
+    """
+    import heapq
+
+    after: list[list[int]] = [[] for _ in range(count)]
+    missing = [0] * count
+    for first, then in pairs:
+        after[first].append(then)
+        missing[then] += 1
+    heap = [(times[k], k) for k in range(count) if missing[k] == 0]
+    heapq.heapify(heap)
+    found = []
+    while heap:
+        _, k = heapq.heappop(heap)
+        found.append(k)
+        for then in after[k]:
+            missing[then] -= 1
+            if missing[then] == 0:
+                heapq.heappush(heap, (times[then], then))
+    return found if len(found) == count else None

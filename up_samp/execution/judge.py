@@ -1,0 +1,95 @@
+"""Did anybody meet? A swept check of what was driven, by the validator's own geometry.
+
+Shares no code with the dependencies: tracks and contacts are those of :mod:`up_samp.validation`.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from up_samp.validation.collisions import Shape, hits_body
+from up_samp.validation.tracks import Track
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Two objects met at ``time`` (s): in which activities ("": at rest)."""
+
+    time: float
+    one: str
+    other: str
+    activity: str
+    other_activity: str
+
+
+@dataclass(frozen=True)
+class _Piece:
+    track: Track
+    since: float
+    until: float
+    activity: str
+    avoid: frozenset[str] | None
+
+
+def contacts_of(record: dict[str, Any]) -> list[Contact]:
+    """Return all contacts in a record: pairs of pieces of two lives of which one drives."""
+    shapes, lives = {}, {}
+    for entry in record["objects"]:
+        name = entry["name"]
+        shapes[name] = Shape(name, np.array(entry["footprint"], dtype=float))
+        lives[name] = _life(record, entry, shapes[name].radius)
+    found = []
+    for one, other in itertools.combinations(lives, 2):
+        for a, b in itertools.product(lives[one], lives[other]):
+            low, high = max(a.since, b.since), min(a.until, b.until)
+            heeded = (a.activity and _heeds(a, other)) or (b.activity and _heeds(b, one))
+            if not heeded or low > high:
+                continue
+            low, high = max(low, -1.0), min(high, max(a.track.times[-1], b.track.times[-1]))
+            time = hits_body(shapes[one], a.track, shapes[other], b.track, low, max(low, high))
+            if time is not None:
+                found.append(Contact(time, one, other, a.activity, b.activity))
+    return sorted(found, key=lambda c: c.time)
+
+
+def _heeds(piece: _Piece, name: str) -> bool:
+    return piece.avoid is None or name in piece.avoid
+
+
+def _life(record: dict[str, Any], entry: dict[str, Any], radius: float) -> list[_Piece]:
+    """Return an object's rests and drives; the waiting in its activities belongs to the drives."""
+    name = entry["name"]
+    spans = {a["name"]: (a["start"], a["end"]) for a in record["activities"]}
+    unit = record["seconds_per_unit"]
+    marks: list[tuple[float, Any]] = []
+    driven = set()
+    for motion in record["motions"]:
+        if motion["object"] == name:
+            marks.append((spans[motion["activity"]][0] * unit, motion))
+            driven.add(motion["activity"])
+    for change in record["changes"]:
+        if change["object"] == name and change["activity"] not in driven:
+            marks.append((change["time"], change))
+    pose = None if entry["initial"] is None else tuple(entry["initial"])
+    since = -math.inf
+    pieces = []
+    for time, item in sorted(marks, key=lambda m: m[0]):
+        if pose is not None and time > since:
+            pieces.append(_Piece(Track.resting(pose, radius), since, time, "", None))
+        if "samples" in item:
+            rows = np.array(item["samples"], dtype=float)
+            end = max(spans[item["activity"]][1] * unit, rows[-1, 0])
+            avoid = frozenset(item["avoid"]) if "avoid" in item else None
+            track = Track(rows[:, 0], rows[:, 1:], radius)
+            pieces.append(_Piece(track, time, end, item["activity"], avoid))
+            pose, since = tuple(rows[-1, 1:]), end
+        else:
+            pose, since = tuple(item["configuration"]), time
+    if pose is not None:
+        pieces.append(_Piece(Track.resting(pose, radius), since, math.inf, "", None))
+    return pieces

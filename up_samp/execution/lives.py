@@ -1,0 +1,240 @@
+"""Every object's life as a row of cells: stretches of its paths, and where it rests in between.
+
+The progress of two objects along their lives spans a plane (O'Donnell & Lozano-Perez, "Deadlock-free
+and collision-free coordination of two robot manipulators", ICRA 1989); the cells cut it into a grid.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.execution.graph import At, Event
+from up_samp.io.sampling import rows_trajectory
+from up_samp.model import Body, Configuration, Kinematics, MotionModel, UnsupportedError
+from up_samp.motion.fleet.paths import Hull, Path, hull_of, path_of, resting_path
+
+FloatArray = npt.NDArray[np.float64]
+
+ARRIVED = 1e-6
+"""Progress (m) that counts as nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """A motion: ``object`` follows ``path`` in ``activity``; ``avoid`` as in the problem."""
+
+    activity: str
+    object: str
+    path: Path
+    begin: float
+    """When the planned trajectory begins (s, plan time)."""
+    avoid: frozenset[str] | None
+
+    @cached_property
+    def planned(self) -> tuple[FloatArray, FloatArray]:
+        """Times (s, plan time) and progress (m) as planned, progress non-decreasing."""
+        return self.path.natural.times + self.begin, np.maximum.accumulate(self.path.natural_s)
+
+    def reached(self, progress: FloatArray) -> FloatArray:
+        """Return when the plan comes to these progresses (s)."""
+        times, s = self.planned
+        i = np.searchsorted(s, progress - ARRIVED, side="left")
+        return _between(times, s, np.clip(i, 0, len(s) - 1), progress)
+
+    def left(self, progress: FloatArray) -> FloatArray:
+        """Return when the plan goes beyond these progresses (s)."""
+        times, s = self.planned
+        i = np.searchsorted(s, progress + ARRIVED, side="right")
+        return _between(times, s, np.clip(i, 0, len(s) - 1), progress)
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Activity and object."""
+        return self.activity, self.object
+
+    @cached_property
+    def finer(self) -> dict[int, Path]:
+        """The path cut into cells 2 ** level times as short."""
+        return {0: self.path}
+
+    def cut(self, level: int) -> Path:
+        """Return the path with every cell halved ``level`` times."""
+        if level not in self.finer:
+            edges = self.path.edges
+            parts = 1 << level
+            share = np.arange(parts) / parts
+            inner = (edges[:-1, None] + share * np.diff(edges)[:, None]).ravel()
+            fine = np.append(inner, edges[-1])
+            halt = np.zeros(len(fine), dtype=np.bool_)
+            halt[::parts] = self.path.halt
+            self.finer[level] = replace(self.path, edges=fine, halt=halt, tunable=False)
+        return self.finer[level]
+
+
+def _between(times: FloatArray, s: FloatArray, i: npt.NDArray[Any], at: FloatArray) -> FloatArray:
+    """Return the times of ``at`` in the stretches that end with samples ``i``."""
+    before = np.maximum(i - 1, 0)
+    way = s[i] - s[before]
+    share = np.where(way > ARRIVED, (at - s[before]) / np.where(way > ARRIVED, way, 1.0), 1.0)
+    return np.asarray(times[before] + np.clip(share, 0.0, 1.0) * (times[i] - times[before]))
+
+
+@dataclass(frozen=True, eq=False)
+class Stay:
+    """A rest at ``pose``. ``enter`` and ``leave`` are set where a change, not a motion, puts the
+    object there or takes it away; the times are those of the plan (s).
+    """
+
+    body: Body
+    pose: Configuration
+    since: float
+    until: float
+    enter: Event | None = None
+    leave: Event | None = None
+
+    @cached_property
+    def path(self) -> Path:
+        """A path that goes nowhere."""
+        return resting_path(self.body, self.pose)
+
+
+Piece = Drive | Stay
+
+
+@dataclass(frozen=True, eq=False)
+class Life:
+    """An object's rests and motions in the order of the plan: rest, motion, rest, ..."""
+
+    object: str
+    body: Body
+    pieces: tuple[Piece, ...]
+
+    @cached_property
+    def hull(self) -> Hull:
+        """The body's convex parts."""
+        return hull_of(self.body)
+
+    @cached_property
+    def boxes(self) -> FloatArray:
+        """Boxes (x low, y low, x high, y high; m) of the pieces, shape (n, 4)."""
+        return np.array([piece.path.box for piece in self.pieces]).reshape(-1, 4)
+
+    @property
+    def drives(self) -> tuple[Drive, ...]:
+        """The motions."""
+        return tuple(p for p in self.pieces if isinstance(p, Drive))
+
+
+def body_of(entry: Mapping[str, Any]) -> Body:
+    """Return the body of an object of a plan dictionary."""
+    corners = tuple((float(x), float(y)) for x, y in entry["footprint"])
+    limits = Kinematics(
+        MotionModel(entry["model"]),
+        turning_radius=float(entry["turning_radius"]),
+        v_max=float(entry["v_max"]),
+        a_max=float(entry["a_max"]),
+        omega_max=float(entry.get("omega_max", 1.0)),
+    )
+    return Body(corners, limits, entry.get("mesh"))
+
+
+def lives_of(plan: Mapping[str, Any]) -> dict[str, Life]:
+    """Return the life of every object that is somewhere, from a plan dictionary.
+
+    Raises :class:`UnsupportedError` for free flyers: their motions have no planar footprint.
+    """
+    unit = float(plan["seconds_per_unit"])
+    ends = {a["name"]: a["end"] * unit for a in plan["activities"]}
+    lives = {}
+    for entry in plan["objects"]:
+        body = body_of(entry)
+        motions = [m for m in plan["motions"] if m["object"] == entry["name"]]
+        changes = [c for c in plan["changes"] if c["object"] == entry["name"]]
+        if body.kinematics.model is MotionModel.SE3 and plan["motions"]:
+            raise UnsupportedError(
+                f"object '{entry['name']}' is a free flyer (SE3): dependency graphs are for bodies "
+                "that move in the plane"
+            )
+        pieces = _pieces(entry, body, motions, changes, ends)
+        if pieces:
+            lives[entry["name"]] = Life(entry["name"], body, tuple(pieces))
+    return lives
+
+
+def _pieces(
+    entry: Mapping[str, Any],
+    body: Body,
+    motions: list[dict[str, Any]],
+    changes: list[dict[str, Any]],
+    ends: Mapping[str, float],
+) -> list[Piece]:
+    driven = {m["activity"] for m in motions}
+    marks: list[tuple[float, int, dict[str, Any]]] = [
+        (m["samples"][0][0], 0, m) for m in motions
+    ] + [(c["time"], 1, c) for c in changes if c["activity"] not in driven]
+    pose = None if entry["initial"] is None else tuple(entry["initial"])
+    since, enter = -np.inf, None
+    pieces: list[Piece] = []
+    for time, is_change, item in sorted(marks, key=lambda m: m[:2]):
+        if is_change:
+            event = Event(At.END, item["activity"])
+            if pose is not None:
+                pieces.append(Stay(body, pose, since, time, enter, event))
+            pose, since, enter = tuple(item["configuration"]), ends[item["activity"]], event
+            continue
+        drive = _drive(item, body)
+        if pose is not None:
+            pieces.append(Stay(body, pose, since, time, enter, None))
+        pieces.append(drive)
+        last = item["samples"][-1]
+        pose, since, enter = tuple(last[1:]), last[0], None
+    if pose is not None:
+        pieces.append(Stay(body, pose, since, np.inf, enter, None))
+    return pieces
+
+
+def _drive(item: Mapping[str, Any], body: Body) -> Drive:
+    trajectory = rows_trajectory(item["samples"])
+    listed = item.get("avoid")
+    avoid = None if listed is None else frozenset(listed)
+    path = path_of(trajectory, body)
+    return Drive(item["activity"], item["object"], path, trajectory.start, avoid)
+
+
+def heeds(avoid: frozenset[str] | None, name: str) -> bool:
+    """Return whether a motion must keep clear of the object ``name``."""
+    return avoid is None or name in avoid
+
+
+def concerned(one: Life, k: int, other: Life, m: int) -> bool:
+    """Return whether piece ``k`` of one life and piece ``m`` of another must not meet.
+
+    A rest counts as part of the motions before and after it: a robot that waits for its motion to
+    begin is already in its activity.
+    """
+    a, b = one.pieces[k], other.pieces[m]
+    if isinstance(a, Stay) and isinstance(b, Stay):
+        return False
+    return any(heeds(d.avoid, other.object) for d in _near(one, k)) or any(
+        heeds(d.avoid, one.object) for d in _near(other, m)
+    )
+
+
+def _near(life: Life, k: int) -> list[Drive]:
+    piece = life.pieces[k]
+    if isinstance(piece, Drive):
+        return [piece]
+    around = life.pieces[max(0, k - 1) : k + 2]
+    return [p for p in around if isinstance(p, Drive)]
+
+
+def pairs_of(lives: Mapping[str, Life]) -> list[tuple[Life, Life]]:
+    """Return all pairs of lives of which one drives."""
+    return [(a, b) for a, b in itertools.combinations(lives.values(), 2) if a.drives or b.drives]

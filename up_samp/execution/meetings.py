@@ -1,0 +1,198 @@
+"""Where two objects' motions exclude each other, and who goes first.
+
+For two motions the *obstacle* is the set of cell pairs in which the swept footprints, with the margin,
+are not shown to be apart (conservative, :mod:`up_samp.motion.fleet.conflicts`). The plan is a monotone
+curve that passes each connected component of it on one side; all curves that pass every component on
+the same side as the plan are one homotopy class, and the sides say who has priority (Gregoire,
+Bonnabel & de La Fortelle, "Priority-based coordination of robots", 2014, and "Robust multirobot
+coordination using priority encoded homotopic constraints", 2013).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.execution.lives import Drive, Life, Piece, Stay, concerned, pairs_of
+from up_samp.model import ProblemError
+from up_samp.motion.fleet.conflicts import conflict_runs
+from up_samp.motion.fleet.paths import Path
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+MARGIN = 0.01
+"""Clearance (m) that the dependencies keep, where the plan does; less where it does not."""
+
+EFFORTS = ((0, 1.0), (1, 1.0), (2, 0.5), (3, 0.25), (4, 0.1), (5, 0.0))
+"""(Halvings of the cells, share of the margin) until the plan is seen to pass the obstacle."""
+
+LATE = 2e-3
+"""A plan's own rounding (s): how much later than an entry the other's exit may be."""
+
+
+@dataclass(frozen=True, eq=False)
+class Meeting:
+    """The obstacle of two pieces ``a`` of ``one`` and ``b`` of ``other`` (cells from 0).
+
+    ``rows`` (n, 3) are (cell of a, first cell of b, last cell of b); ``one_first`` (n,) says whether
+    the plan lets ``a`` leave its cell before ``b`` enters; ``component`` (n,) numbers the connected
+    components of the two lives' whole obstacle.
+    """
+
+    one: Life
+    k: int
+    other: Life
+    m: int
+    path_a: Path
+    path_b: Path
+    rows: IntArray
+    one_first: npt.NDArray[np.bool_]
+    margin: float
+    component: IntArray
+
+    @property
+    def a(self) -> Piece:
+        """The piece of ``one``."""
+        return self.one.pieces[self.k]
+
+    @property
+    def b(self) -> Piece:
+        """The piece of ``other``."""
+        return self.other.pieces[self.m]
+
+
+def meetings_of(lives: Mapping[str, Life], margin: float = MARGIN) -> list[Meeting]:
+    """Return all meetings of different objects; :class:`ProblemError` where the plan collides."""
+    found = []
+    for one, other in pairs_of(lives):
+        found += _numbered(_pair(one, other, margin))
+    return found
+
+
+def _pair(one: Life, other: Life, margin: float) -> list[Meeting]:
+    p, q = one.boxes, other.boxes
+    near = (
+        (p[:, None, 0] <= q[None, :, 2] + margin)
+        & (q[None, :, 0] <= p[:, None, 2] + margin)
+        & (p[:, None, 1] <= q[None, :, 3] + margin)
+        & (q[None, :, 1] <= p[:, None, 3] + margin)
+    )
+    found = []
+    for k, m in np.argwhere(near):
+        if not concerned(one, int(k), other, int(m)):
+            continue
+        meeting = _meeting(one, int(k), other, int(m), margin)
+        if meeting is not None:
+            found.append(meeting)
+    return found
+
+
+def _meeting(one: Life, k: int, other: Life, m: int, margin: float) -> Meeting | None:
+    a, b = one.pieces[k], other.pieces[m]
+    for level, share in EFFORTS:
+        path_a, path_b = _cut(a, level), _cut(b, level)
+        rows = _runs(one, path_a, other, path_b, margin * share)
+        if len(rows) == 0:
+            return None
+        enter_a, leave_a = cell_times(a, path_a)
+        enter_b, leave_b = cell_times(b, path_b)
+        first = leave_a[rows[:, 0]] <= enter_b[rows[:, 1]] + LATE
+        last = leave_b[rows[:, 2]] <= enter_a[rows[:, 0]] + LATE
+        if np.all(first | last):
+            nothing = np.zeros(len(rows), dtype=np.int64)
+            return Meeting(
+                one, k, other, m, path_a, path_b, rows, first, margin * share, nothing
+            )
+    at = float(enter_a[rows[np.argmin(first | last), 0]])
+    raise ProblemError(
+        f"the plan lets '{one.object}' and '{other.object}' meet at about {at:.2f} s "
+        f"({_doing(a)}; {_doing(b)}): no order of them can be kept"
+    )
+
+
+def _doing(piece: Piece) -> str:
+    return piece.activity if isinstance(piece, Drive) else "resting"
+
+
+def _cut(piece: Piece, level: int) -> Path:
+    return piece.cut(level) if isinstance(piece, Drive) else piece.path
+
+
+def _runs(one: Life, path_a: Path, other: Life, path_b: Path, margin: float) -> IntArray:
+    ha, hb = one.hull, other.hull
+    # without the rests: these are pieces of their own; a rest's table has only rests
+    ta = path_a.table[1:-1] if path_a.cells else path_a.table[:1]
+    tb = path_b.table[1:-1] if path_b.cells else path_b.table[:1]
+    rows = conflict_runs(
+        np.ascontiguousarray(ta), ha.verts, ha.counts, ha.radius,
+        np.ascontiguousarray(tb), hb.verts, hb.counts, hb.radius,
+        margin, ha.core + hb.core,
+    )  # fmt: skip
+    return np.asarray(rows)
+
+
+def cell_times(piece: Piece, path: Path) -> tuple[FloatArray, FloatArray]:
+    """Return when the plan enters and leaves each cell of a piece (s)."""
+    if isinstance(piece, Stay):
+        return np.array([piece.since]), np.array([piece.until])
+    return piece.left(path.edges[:-1]), piece.reached(path.edges[1:])
+
+
+def _numbered(meetings: list[Meeting]) -> list[Meeting]:
+    """Number the connected components of one pair's obstacle (cells touching at corners, too)."""
+    if not meetings:
+        return []
+    spans = _on_lives(meetings)
+    order = np.lexsort((spans[:, 2], spans[:, 0]))
+    parent = list(range(len(spans)))
+
+    def root(i: int) -> int:
+        while parent[i] != i:
+            parent[i] = parent[parent[i]]
+            i = parent[i]
+        return i
+
+    # rows of neighbouring strips are connected where they touch: a sweep from low to high
+    for place, i in enumerate(order):
+        for j in order[place + 1 :]:
+            if spans[j, 0] > spans[i, 1] + 1e-9:
+                break
+            if spans[j, 2] <= spans[i, 3] + 1e-9 and spans[i, 2] <= spans[j, 3] + 1e-9:
+                parent[root(int(j))] = root(int(i))
+    names: dict[int, int] = {}
+    numbers = np.array([names.setdefault(root(i), len(names)) for i in range(len(spans))])
+    found, at = [], 0
+    for meeting in meetings:
+        part = numbers[at : at + len(meeting.rows)]
+        at += len(meeting.rows)
+        found.append(
+            Meeting(
+                meeting.one, meeting.k, meeting.other, meeting.m, meeting.path_a, meeting.path_b,
+                meeting.rows, meeting.one_first, meeting.margin, part,
+            )
+        )  # fmt: skip
+    return found
+
+
+def _on_lives(meetings: list[Meeting]) -> FloatArray:
+    """Return all rows as (low, high, low, high) of both lives' progress: piece number plus share."""
+    parts = []
+    for meeting in meetings:
+        n, m = max(1, meeting.path_a.cells), max(1, meeting.path_b.cells)
+        rows = meeting.rows
+        parts.append(
+            np.stack(
+                [
+                    meeting.k + rows[:, 0] / n,
+                    meeting.k + (rows[:, 0] + 1) / n,
+                    meeting.m + rows[:, 1] / m,
+                    meeting.m + (rows[:, 2] + 1) / m,
+                ],
+                axis=1,
+            )
+        )
+    return np.concatenate(parts)

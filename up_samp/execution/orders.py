@@ -1,0 +1,340 @@
+"""What the problem asks of the order of activities, as differences: constraints, fluents, resources,
+objects that rest, one thing after the other for each robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from up_samp.execution.differences import (
+    HORIZON,
+    MISSING,
+    ZERO,
+    Difference,
+    Planned,
+    Point,
+    kept,
+)
+from up_samp.model import ProblemError
+from up_samp.model.snapshot import Snapshot
+from up_samp.scheduling.compilers.plain import Effect, Expr, show, subexpressions
+
+
+@dataclass(frozen=True)
+class Order:
+    """A difference with its reason: ``kind`` is a stable word, ``why`` is for people."""
+
+    difference: Difference
+    kind: str
+    why: str
+
+
+def orders_of(planned: Planned, snapshot: Snapshot) -> list[Order]:
+    """Return all that the problem asks of the order of present activities.
+
+    Raises :class:`ProblemError` where the plan breaks a constraint, ``UnsupportedError`` for
+    constraints that are no differences.
+    """
+    found = list(_constraints(planned))
+    found += _durations(planned)
+    found += _fluents(planned)
+    found += _resting(planned, snapshot)
+    found += _lives(planned, snapshot)
+    return found
+
+
+def _constraints(planned: Planned) -> Iterator[Order]:
+    for constraint in planned.problem.constraints:
+        needs = kept(planned, constraint)
+        if needs is None:
+            raise ProblemError(f"the plan breaks the constraint '{_short(constraint)}'")
+        for need in needs:
+            yield Order(need, "constraint", _short(constraint))
+
+
+def _short(e: Expr) -> str:
+    text = show(e)
+    return text if len(text) <= 160 else text[:157] + "..."
+
+
+def _durations(planned: Planned) -> Iterator[Order]:
+    for activity in planned.problem.activities:
+        if activity.name not in planned.times:
+            continue
+        start, end = ("start", activity.name), ("end", activity.name)
+        for bound, sign in ((activity.lower, 1), (activity.upper, -1)):
+            if any(e[0] == "flu" for e in subexpressions(bound)):
+                # read at the start, where the order of effects keeps it as planned
+                value: Any = planned.time(end) - planned.time(start)
+            else:
+                terms = planned.linear(bound)
+                if terms is MISSING or not isinstance(terms, tuple) or terms[0]:
+                    continue
+                value = terms[1]
+            why = f"duration of {activity.name}"
+            if sign > 0:
+                yield Order(Difference(start, end, value), "duration", why)
+            else:
+                yield Order(Difference(end, start, -value), "duration", why)
+
+
+# ------------------------------------------------------------------ fluents
+
+
+@dataclass(frozen=True)
+class _Write:
+    """An effect that happens: ``delay`` units after ``point``, at ``time`` as planned."""
+
+    point: Point
+    delay: int
+    time: int
+    owner: str | None
+    effect: Effect
+
+
+@dataclass(frozen=True)
+class _Read:
+    """Something that depends on fluents from ``low`` to ``high`` (instants, as planned)."""
+
+    low: tuple[Point, int]
+    high: tuple[Point, int]
+    owner: str | None
+    what: str
+
+
+def _fluents(planned: Planned) -> Iterator[Order]:
+    writes, reads = _writes(planned), _reads(planned)
+    for key, all_writes in writes.items():
+        all_writes.sort(key=lambda w: w.time)
+        chained = _capacity(planned, key, all_writes)
+        if chained is not None:
+            yield from _chained(planned, key, all_writes, chained)
+        else:
+            yield from _in_order(planned, key, all_writes)
+        for read in reads.get(key, ()):
+            yield from _around(planned, key, read, all_writes, chained is not None)
+
+
+def _writes(planned: Planned) -> dict[Expr, list[_Write]]:
+    found: dict[Expr, list[_Write]] = {}
+    for effect in planned.problem.effects:
+        if effect.owner is not None and effect.owner not in planned.times:
+            continue
+        at = planned.point(effect.time)
+        key = planned.ground(effect.fluent)
+        if at is None or key is None:
+            continue
+        time = planned.time(at[0]) + at[1]
+        found.setdefault(key, []).append(_Write(at[0], at[1], time, effect.owner, effect))
+    return found
+
+
+def _reads(planned: Planned) -> dict[Expr, list[_Read]]:
+    found: dict[Expr, list[_Read]] = {}
+
+    def add(expressions: tuple[Expr, ...], read: _Read) -> None:
+        keys = {
+            key
+            for e in expressions
+            for sub in subexpressions(e)
+            if sub[0] == "flu" and (key := planned.ground(sub)) is not None
+        }
+        for key in sorted(keys, key=str):
+            found.setdefault(key, []).append(read)
+
+    for condition in planned.problem.conditions:
+        if condition.owner is not None and condition.owner not in planned.times:
+            continue
+        low, high = planned.point(condition.low), planned.point(condition.high)
+        if low is None or high is None:
+            continue
+        if planned.time(low[0]) + low[1] > planned.time(high[0]) + high[1]:
+            continue  # nothing is asked of an empty interval
+        what = f"condition '{_short(condition.expression)}' of {condition.owner or 'the problem'}"
+        add((condition.expression,), _Read(low, high, condition.owner, what))
+    for effect in planned.problem.effects:
+        if effect.owner is not None and effect.owner not in planned.times:
+            continue
+        at = planned.point(effect.time)
+        if at is None:
+            continue
+        what = f"effect on {show(effect.fluent)} of {effect.owner or 'the problem'}"
+        add((effect.condition, effect.value), _Read(at, at, effect.owner, what))
+    for activity in planned.problem.activities:
+        if activity.name in planned.times:
+            at = ("start", activity.name), 0
+            what = f"duration of {activity.name}"
+            add((activity.lower, activity.upper), _Read(at, at, activity.name, what))
+    return found
+
+
+def _dense(first: Point, then: Point, lag: int) -> Difference:
+    """Return "at least ``lag`` instants later" as the floor means it: one instant later is after."""
+    return Difference(first, then, max(lag - 1, 0), strict=True) if lag >= 1 else Difference(
+        first, then, lag
+    )
+
+
+def _around(
+    planned: Planned, key: Expr, read: _Read, writes: list[_Write], every: bool
+) -> Iterator[Order]:
+    """Producers before the reader, the next writer after it."""
+    (low, dl), (high, dh) = read.low, read.high
+    begin, end = planned.time(low) + dl, planned.time(high) + dh
+    if high == HORIZON:
+        end = max([end, *(w.time for w in writes)]) + 1
+    before = [w for w in writes if w.time < begin or (low == HORIZON and w.time <= end)]
+    after = [w for w in writes if w.time > end]
+    if not every:
+        before = [w for w in before if w.time == before[-1].time]
+        after = [w for w in after if w.time == after[0].time]
+    for w in before:
+        if w.owner != read.owner and low != HORIZON:
+            need = _dense(w.point, low, w.delay - dl + 1)
+            why = f"{w.owner or 'the problem'} sets {show(key)} for the {read.what}"
+            yield Order(need, "fluent", why)
+    for w in after:
+        if w.owner != read.owner and high != HORIZON:
+            need = _dense(high, w.point, dh - w.delay + 1)
+            why = f"{w.owner or 'the problem'} changes {show(key)} only after the {read.what}"
+            yield Order(need, "fluent", why)
+
+
+def _in_order(planned: Planned, key: Expr, writes: list[_Write]) -> Iterator[Order]:
+    """Changes of one fluent happen in the plan's order."""
+    instants = sorted({w.time for w in writes})
+    for one, two in zip(instants[:-1], instants[1:], strict=True):
+        for w in (w for w in writes if w.time == one):
+            for v in (v for v in writes if v.time == two):
+                if w.owner != v.owner or w.owner is None:
+                    need = _dense(w.point, v.point, w.delay - v.delay + 1)
+                    why = f"{w.owner or 'the problem'} sets {show(key)} before {v.owner} does"
+                    yield Order(need, "fluent", why)
+
+
+def _capacity(planned: Planned, key: Expr, writes: list[_Write]) -> int | None:
+    """Return how much there is of a resource that activities take at their start and give back at
+    their end (``None``: the fluent is something else).
+    """
+    type_ = planned.problem.fluents[key[1]].type
+    if type_[0] != "int":
+        return None
+    taken: dict[str, int] = {}
+    given: dict[str, int] = {}
+    for w in writes:
+        effect = w.effect
+        if effect.owner is None or w.delay or effect.kind == "assign" or effect.value[0] != "int":
+            return None
+        amount = effect.value[1] if effect.kind == "decrease" else -effect.value[1]
+        side = taken if w.point[0] == "start" else given
+        side[effect.owner] = side.get(effect.owner, 0) + amount
+    if any(taken.get(n, 0) <= 0 or given.get(n, 0) != -taken[n] for n in taken | given):
+        return None
+    initial = planned.value(planned.problem.initial_value(key))
+    return int(initial - (type_[1] if type_[1] is not None else 0))
+
+
+def _chained(
+    planned: Planned, key: Expr, writes: list[_Write], capacity: int
+) -> Iterator[Order]:
+    """Whose units an activity takes over (chaining: Policella et al. 2004)."""
+    amount: dict[str, int] = {}
+    for w in writes:
+        if w.point[0] == "start" and w.owner is not None:
+            amount[w.owner] = amount.get(w.owner, 0) + w.effect.value[1]
+    units: list[tuple[int, int, str | None]] = [(0, capacity, None)]  # free since, how many, after
+    for name in sorted(amount, key=lambda n: planned.times[n]):
+        start, end = planned.times[name]
+        left = amount[name]
+        free = sorted((u for u in units if u[0] <= start), key=lambda u: -u[0])
+        for unit in free:
+            if left == 0:
+                break
+            units.remove(unit)
+            since, many, last = unit
+            used = min(many, left)
+            left -= used
+            if many > used:
+                units.append((since, many - used, last))
+            units.append((end, used, name))
+            if last is not None:
+                need = Difference(("end", last), ("start", name), 0)
+                yield Order(need, "resource", f"{name} takes {show(key)} over from {last}")
+        if left:
+            raise ProblemError(f"the plan takes more of {show(key)} than there is, in {name}")
+
+
+# ------------------------------------------------------------------ objects
+
+
+def _movers(planned: Planned, snapshot: Snapshot) -> dict[str, list[tuple[str, bool]]]:
+    """Return for each object who moves it (activity, whether it drives), by planned time."""
+    found: dict[str, list[tuple[str, bool]]] = {}
+    driven = {(t.activity, t.object) for t in snapshot.tasks}
+    for task in snapshot.tasks:
+        if task.activity in planned.times:
+            found.setdefault(task.object, []).append((task.activity, True))
+    for change in snapshot.changes:
+        if change.activity in planned.times and (change.activity, change.object) not in driven:
+            found.setdefault(change.object, []).append((change.activity, False))
+    for movers in found.values():
+        movers.sort(key=lambda m: planned.times[m[0]][0 if m[1] else 1])
+    return found
+
+
+def _lives(planned: Planned, snapshot: Snapshot) -> Iterator[Order]:
+    """One motion or change of an object after the other."""
+    for name, movers in _movers(planned, snapshot).items():
+        for (one, _), (two, drives) in zip(movers[:-1], movers[1:], strict=True):
+            then = ("start" if drives else "end", two)
+            need = Difference(("end", one), then, 0, strict=True)
+            yield Order(need, "object", f"{one} and {two} both move {name}")
+
+
+def _resting(planned: Planned, snapshot: Snapshot) -> Iterator[Order]:
+    """Static obstacles rest from the start to the end of the motion that lists them."""
+    movers = _movers(planned, snapshot)
+    for task in snapshot.tasks:
+        if task.activity not in planned.times:
+            continue
+        start, end = planned.times[task.activity]
+        for obstacle in sorted(task.static or ()):
+            for name, drives in movers.get(obstacle, ()):
+                if name == task.activity:
+                    continue
+                begin, stop = planned.times[name]
+                why = f"{obstacle} rests during {task.activity}, {name} moves it"
+                if stop <= start:
+                    need = Difference(("end", name), ("start", task.activity), 0)
+                    yield Order(need, "static obstacle", why)
+                elif end <= (begin if drives else stop):
+                    then = ("start" if drives else "end", name)
+                    need = Difference(("end", task.activity), then, 0)
+                    yield Order(need, "static obstacle", why)
+                else:
+                    raise ProblemError(f"in the plan {why} at the same time")
+
+
+def performers(planned: Planned, snapshot: Snapshot) -> Mapping[str, tuple[str, ...]]:
+    """Return which driven objects each activity mentions: who does it."""
+    movers = {t.object for t in snapshot.tasks}
+    found: dict[str, dict[str, None]] = {name: {} for name in planned.times}
+    for task in snapshot.tasks:
+        if task.activity in found:
+            found[task.activity][task.object] = None
+    mentions: list[tuple[str | None, Expr]] = []
+    mentions += [(c.owner, c.expression) for c in planned.problem.conditions]
+    mentions += [(e.owner, e.fluent) for e in planned.problem.effects]
+    for owner, e in mentions:
+        if owner not in found:
+            continue
+        for sub in subexpressions(e):
+            value = planned.value(sub) if sub[0] in ("obj", "par") else None
+            if isinstance(value, str) and value in movers:
+                found[owner][value] = None
+    return {name: tuple(sorted(who)) for name, who in found.items()}
+
+
+__all__ = ["ZERO", "Order", "orders_of", "performers"]

@@ -1,0 +1,49 @@
+"""How fast robots really are, as a share of what their limits allow."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from up_samp.execution.state import Way
+
+MEMORY = 20.0
+"""Seconds of free driving over which a robot's pace is averaged."""
+
+LEAST = 0.05
+"""No robot is believed to be slower than this share."""
+
+
+class Pace(Mapping[str, float]):
+    """Each robot's pace, from what it told while nothing held it up (1: as fast as allowed)."""
+
+    def __init__(self) -> None:
+        self._driven: dict[str, float] = {}
+        self._needed: dict[str, float] = {}
+        self._last: dict[str, tuple[str, float, float]] = {}
+
+    def told(self, way: Way, progress: float, now: float, until: float) -> None:
+        """Take in where a robot is. What it drives on its way to a closed gate does not count."""
+        name = way.object
+        before = self._last.get(name)
+        self._last[name] = (way.activity, progress, now)
+        if before is None or before[0] != way.activity or now <= before[2]:
+            return
+        brake = way.travel.speed_at(progress) ** 2 / (2 * way.travel.accel)
+        if until < way.length and progress + 1.5 * brake + 0.5 >= until:
+            return
+        ideal = way.travel.time_at(progress) - way.travel.time_at(before[1])
+        seconds = now - before[2]
+        fade = max(0.0, 1.0 - seconds / MEMORY)
+        self._driven[name] = fade * self._driven.get(name, MEMORY / 4) + ideal
+        self._needed[name] = fade * self._needed.get(name, MEMORY / 4) + seconds
+
+    def __getitem__(self, name: str) -> float:
+        if name not in self._driven:
+            raise KeyError(name)
+        return min(1.0, max(LEAST, self._driven[name] / self._needed[name]))
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._driven)
+
+    def __len__(self) -> int:
+        return len(self._driven)

@@ -1,0 +1,84 @@
+"""What was driven, as a plan dictionary that pictures and judges can read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from up_samp.execution.lives import Drive, Life
+from up_samp.io.plan_dict import PlanDict
+
+Drivings = dict[tuple[str, str], list[tuple[float, float]]]
+"""(time, progress) of each motion (activity, object)."""
+
+Spans = Mapping[str, tuple[float, float | None]]
+
+
+def record_of(
+    plan: PlanDict, lives: Mapping[str, Life], spans: Spans, drivings: Drivings, now: float
+) -> PlanDict:
+    """Return a plan-like record: real starts and ends (units, not whole), driven motions, changes.
+
+    Activities that did not begin are missing; those that did not end, end now.
+    """
+    unit = float(plan["seconds_per_unit"])
+    done = {n: (a, now if b is None else b) for n, (a, b) in spans.items()}
+    drives = {d.key: d for life in lives.values() for d in life.drives}
+    activities = []
+    for entry in plan["activities"]:
+        if entry["name"] in done:
+            start, end = done[entry["name"]]
+            activities.append(
+                {**entry, "start": round(start / unit, 6), "end": round(end / unit, 6)}
+            )
+    activities.sort(key=lambda a: (a["start"], a["end"]))
+    motions = [
+        {"activity": key[0], "object": key[1], "samples": _rows(drives[key], trace)}
+        | ({"avoid": sorted(drives[key].avoid)} if drives[key].avoid is not None else {})
+        for key, trace in drivings.items()
+    ]
+    motions.sort(key=lambda m: m["samples"][0][0])
+    changes = [
+        {**c, "time": round(done[c["activity"]][1], 6)}
+        for c in plan["changes"]
+        if spans.get(c["activity"], (0.0, None))[1] is not None
+    ]
+    record = {k: v for k, v in plan.items() if k not in ("dependencies", "minor")}
+    record.update(
+        engine=f"{plan['engine']} (executed)",
+        lower_bound=None,
+        makespan=round(max((end for _, end in done.values()), default=0.0) / unit, 6),
+        activities=activities,
+        motions=motions,
+        changes=sorted(changes, key=lambda c: c["time"]),
+    )
+    return record
+
+
+def _rows(drive: Drive, trace: list[tuple[float, float]]) -> list[list[float]]:
+    """Return samples [t, x, y, theta]; where the path's curvature changes there is one, too."""
+    times = np.array([t for t, _ in trace])
+    s = np.array([p for _, p in trace])
+    path = drive.path
+    kinks = path.s[path.kink]
+    kinks = kinks[(kinks > s[0] + 1e-6) & (kinks < s[-1] - 1e-6)]
+    if len(kinks):
+        at = np.searchsorted(s, kinks, side="right")
+        before, after = s[at - 1], s[at]
+        apart = (kinks - before > 1e-5) & (after - kinks > 1e-5)
+        kinks, at, before, after = kinks[apart], at[apart], before[apart], after[apart]
+        share = (kinks - before) / (after - before)
+        crossed = times[at - 1] + share * (times[at] - times[at - 1])
+        times = np.concatenate([times, crossed])
+        s = np.concatenate([s, kinks])
+        order = np.argsort(times, kind="stable")
+        times, s = times[order], s[order]
+    poses = path.poses_at(s)
+    rows: list[list[float]] = []
+    for t, pose in zip(times, poses, strict=True):
+        row = [round(float(t), 6), *(round(float(v), 6) + 0.0 for v in pose)]
+        if rows and row[0] <= rows[-1][0]:
+            continue
+        rows.append(row)
+    return rows

@@ -1,0 +1,69 @@
+"""Transitive reduction: edges that follow from others are dropped.
+
+Events lie on chains (a motion's points, and its activity's start and end), so what happened before
+an event is told by one position for each chain, as in vector clocks (Mattern 1989). An edge is
+redundant where another edge into the same event tells as much.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.execution.graph import STRICT, Edge, Graph
+
+Clock = npt.NDArray[np.int32]
+"""The latest place on each chain that is known to come before (-1: none)."""
+
+
+def reduced(graph: Graph) -> list[Edge]:
+    """Return the edges that do not follow from the others. Those with a lag of their own are all
+    kept; "strictly after" follows from any way that has a lag.
+    """
+    chain, place, count = _chains(graph)
+    nobody = np.full(count, -1, dtype=np.int32)
+    clocks: list[Clock] = [nobody] * len(graph.events)
+    strictly: list[Clock] = [nobody] * len(graph.events)
+    into: dict[int, list[Edge]] = defaultdict(list)
+    for edge in graph.edges:
+        into[edge.then].append(edge)
+    before: dict[int, list[int]] = defaultdict(list)
+    for first, then in graph.implied:
+        before[then].append(first)
+    rank = {event: k for k, event in enumerate(graph.order)}
+    kept = []
+    for event in graph.order:
+        clock, strict = nobody.copy(), nobody.copy()
+        for first in before[event]:
+            np.maximum(clock, clocks[first], out=clock)
+            np.maximum(strict, strictly[first], out=strict)
+        # latest first: what comes before it follows from it
+        for edge in sorted(into[event], key=lambda e: (-rank[e.first], -e.lag)):
+            known = clock if edge.lag <= 0.0 else strict
+            if edge.lag > STRICT or known[chain[edge.first]] < place[edge.first]:
+                kept.append(edge)
+                np.maximum(clock, clocks[edge.first], out=clock)
+                source = strictly if edge.lag <= 0.0 else clocks
+                np.maximum(strict, source[edge.first], out=strict)
+        clock[chain[event]] = place[event]
+        clocks[event], strictly[event] = clock, strict
+    return kept
+
+
+def _chains(graph: Graph) -> tuple[list[int], list[int], int]:
+    """Cover the events with chains along implied pairs: (chain, place in it) of each event."""
+    chain, place = [-1] * len(graph.events), [0] * len(graph.events)
+    after: dict[int, list[int]] = defaultdict(list)
+    for first, then in graph.implied:
+        after[first].append(then)
+    count = 0
+    for event in graph.order:
+        if chain[event] < 0:
+            chain[event], count = count, count + 1
+        for then in after[event]:
+            if chain[then] < 0:
+                chain[then], place[then] = chain[event], place[event] + 1
+                break
+    return chain, place, count

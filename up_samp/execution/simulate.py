@@ -1,0 +1,239 @@
+"""Plans on a simulated floor with delays: how long it takes, who waits, whether anybody collides."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from up_samp.execution.build import Dependencies
+from up_samp.execution.commands import Do, Go
+from up_samp.execution.delays import Delays, Luck, draw
+from up_samp.execution.executor import Executor
+from up_samp.execution.judge import Contact, contacts_of
+from up_samp.execution.record import Drivings, record_of
+from up_samp.execution.robot import Robot
+from up_samp.execution.timetable import Timetable
+from up_samp.execution.travel import Travel, travel_of
+from up_samp.io.plan_dict import PlanDict
+
+TICK = 0.1
+"""Seconds between two looks at the floor."""
+
+PATIENCE = 30.0
+"""A run may take so many times as long as planned."""
+
+STILL = 5.0
+"""Seconds in which nothing happens, though nothing is disturbed, before it is a deadlock."""
+
+Policy = Literal["timed", "coarse", "staircase", "reorder"]
+
+
+@dataclass(frozen=True)
+class Run:
+    """One execution. Times in s; ``waiting`` is the share of all robots' time until the end of their
+    last activity that they stood because of others; ``waits`` are (robot, from, until, for whom).
+    """
+
+    policy: str
+    seed: int
+    planned: float
+    makespan: float
+    waiting: float
+    finished: bool
+    deadlock: bool
+    overruns: int
+    reorders: int
+    replans: int
+    contacts: tuple[Contact, ...]
+    record: PlanDict
+    waits: tuple[tuple[str, float, float, str], ...] = ()
+
+    @property
+    def ratio(self) -> float:
+        """Realised over planned makespan."""
+        return self.makespan / self.planned if self.planned else 1.0
+
+    @property
+    def collisions(self) -> int:
+        """How many pairs of motions, or of a motion and a resting object, met."""
+        return len(self.contacts)
+
+
+@dataclass
+class Floor:
+    """The simulated world: robots, tasks under way, what was driven and who waited."""
+
+    executive: Executor | Timetable
+    dependencies: Dependencies
+    luck: Luck
+    tick: float = TICK
+    now: float = 0.0
+    drivings: Drivings = field(default_factory=dict)
+    ends: dict[str, float] = field(default_factory=dict)
+    """When tasks under way will be over (s)."""
+    waits: list[list[Any]] = field(default_factory=list)
+    idle: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.travels: dict[tuple[str, str], Travel] = {}
+        self.robots: dict[str, Robot] = {}
+        for life in self.dependencies.lives.values():
+            for drive in life.drives:
+                self.travels[drive.key] = travel_of(drive.path)
+            if life.drives:
+                name = life.object
+                halt = self.luck.halt
+                mine = None if halt is None or halt[0] != name else (halt[1], halt[2])
+                pace, stops = self.luck.pace.get(name, 1.0), self.luck.stops.get(name, ())
+                self.robots[name] = Robot(name, pace, stops, mine)
+        self.waiting: dict[str, float] = dict.fromkeys(self.robots, 0.0)
+        self.last: dict[str, float] = dict.fromkeys(self.robots, 0.0)
+
+    def step(self) -> None:
+        """Let one tick pass: do what is commanded, and tell what happened."""
+        commands = self.executive.commands(self.now)
+        before = self._state()
+        disturbed = False
+        for robot in self.robots.values():
+            self._drive(robot, commands.get(robot.name))
+            disturbed |= self.now < robot.held_until
+        self.now = round(self.now + self.tick, 9)
+        for robot in self.robots.values():
+            if robot.motion is not None:
+                self.executive.update(
+                    robot.name, progress=robot.s, now=self.now, motion=robot.motion
+                )
+        self._tasks(commands)
+        still = not disturbed and not self.ends and before == self._state()
+        self.idle = self.idle + self.tick if still else 0.0
+
+    def _state(self) -> tuple[Any, ...]:
+        spans = self.executive.times()
+        ended = sum(end is not None for _, end in spans.values())
+        return len(spans), ended, tuple((r.motion, r.s) for r in self.robots.values())
+
+    def _drive(self, robot: Robot, command: Any) -> None:
+        name, executive = robot.name, self.executive
+        if isinstance(command, Go):
+            if robot.motion != command.motion:
+                self.keep(robot)
+                robot.begin(command.motion, self.travels[command.motion, name], self.now)
+            robot.until = command.until
+        if robot.motion is None:
+            self._wait(robot, command)
+            return
+        ceiling = float("inf")
+        if isinstance(executive, Timetable):
+            ceiling = executive.ceiling(robot.motion, name, self.now + self.tick)
+        was = robot.s
+        robot.step(self.now, self.tick, ceiling)
+        if robot.s > was:
+            self.last[name] = self.now
+        elif self.now >= robot.held_until:
+            self._wait(robot, command)
+
+    def _wait(self, robot: Robot, command: Any) -> None:
+        if isinstance(command, Do):
+            self.last[robot.name] = self.now
+            return
+        for whom in self.executive.waits_for(robot.name)[:1]:
+            self.waiting[robot.name] += self.tick
+            last = self.waits[-1] if self.waits else None
+            mine = [w for w in self.waits[-12:] if w[0] == robot.name]
+            last = mine[-1] if mine else None
+            if last is not None and last[3] == whom and last[2] >= self.now - 1e-6:
+                last[2] = self.now + self.tick
+            else:
+                self.waits.append([robot.name, self.now, self.now + self.tick, whom])
+
+    def keep(self, robot: Robot) -> None:
+        """Put what a robot has driven on record."""
+        if robot.motion is not None:
+            self.drivings[robot.motion, robot.name] = list(robot.trace)
+
+    def _tasks(self, commands: Mapping[str, Any]) -> None:
+        may = {c.activity: c.may_end for c in commands.values() if isinstance(c, Do)}
+        tasks = self.dependencies.graph.tasks
+        for name in may:
+            if name not in self.ends:
+                longer = self.luck.longer.get(name, 1.0)
+                self.ends[name] = self.now - self.tick + tasks[name].expected * longer
+        for name, end in list(self.ends.items()):
+            if end <= self.now + 1e-9 and may.get(name, False):
+                self.executive.done(name, self.now)
+                del self.ends[name]
+
+
+def simulate(
+    dependencies: Dependencies,
+    plan: PlanDict,
+    delays: Delays,
+    seed: int = 0,
+    *,
+    policy: Policy = "staircase",
+    judged: bool = True,
+    tick: float = TICK,
+    watch: Callable[[Executor], int] | None = None,
+) -> Run:
+    """Execute a plan once with the delays of ``seed``, which are the same for every policy.
+
+    ``policy``: "timed" follows the clock; "staircase" the graph; "coarse" is the same on a graph made
+    with ``coarse=True``; "reorder" also changes who goes first. ``judged``: look for collisions.
+    ``watch`` is called about every second with the executor and returns how often it changed an order.
+    """
+    tasks = dependencies.graph.tasks
+    planned = max((t.planned[1] for t in tasks.values()), default=0.0)
+    robots = [life.object for life in dependencies.lives.values() if life.drives]
+    luck = draw(delays, robots, tasks, planned, seed)
+    executive: Executor | Timetable
+    if policy == "timed":
+        executive = Timetable(dependencies)
+    else:
+        executive = Executor(plan, dependencies=dependencies)
+    if policy == "reorder" and watch is None:
+        from up_samp.execution.reorder import Reorderer
+
+        watch = Reorderer()
+    floor = Floor(executive, dependencies, luck, tick)
+    reorders = 0
+    looked = 0.0
+    while not executive.finished and floor.now < PATIENCE * planned + 60.0 and floor.idle < STILL:
+        floor.step()
+        if watch is not None and isinstance(executive, Executor) and floor.now >= looked + 1.0:
+            looked = floor.now
+            reorders += watch(executive)
+    for robot in floor.robots.values():
+        floor.keep(robot)
+    return _run(floor, plan, policy, seed, planned, reorders, judged)
+
+
+def _run(
+    floor: Floor,
+    plan: PlanDict,
+    policy: str,
+    seed: int,
+    planned: float,
+    reorders: int,
+    judged: bool,
+) -> Run:
+    spans = floor.executive.times()
+    makespan = max((end for _, end in spans.values() if end is not None), default=0.0)
+    record = record_of(plan, floor.dependencies.lives, spans, floor.drivings, floor.now)
+    total = sum(floor.last.values()) + sum(floor.waiting.values())
+    finished = floor.executive.finished
+    return Run(
+        policy=policy,
+        seed=seed,
+        planned=planned,
+        makespan=makespan,
+        waiting=sum(floor.waiting.values()) / max(1e-9, len(floor.robots) * makespan),
+        finished=finished,
+        deadlock=not finished and floor.idle >= STILL,
+        overruns=sum(r.overruns for r in floor.robots.values()),
+        reorders=reorders,
+        replans=0,
+        contacts=tuple(contacts_of(record)) if judged else (),
+        record=record,
+        waits=tuple((str(w[0]), w[1], w[2], str(w[3])) for w in floor.waits),
+    )

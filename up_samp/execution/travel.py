@@ -1,0 +1,76 @@
+"""How long a body needs along its path when nothing holds it up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.motion.fleet.paths import Path
+
+FloatArray = npt.NDArray[np.float64]
+
+STEP = 0.1
+"""Length (m) of the stretches on which speeds are bounded."""
+
+
+@dataclass(frozen=True, eq=False)
+class Travel:
+    """The fastest drive along a path, rest to rest: arrays over ``progress`` (m): ``speed`` (m/s),
+    ``time`` (s). ``cap`` bounds the speed where the body may not choose it freely.
+    """
+
+    progress: FloatArray
+    speed: FloatArray
+    time: FloatArray
+    cap: FloatArray
+    accel: float
+    stops: tuple[float, ...]
+    """Progress (m) of cusps and corners, where the body must rest; the path's end is the last."""
+
+    def time_at(self, progress: float) -> float:
+        """Return when it comes there (s from its start)."""
+        return float(np.interp(progress, self.progress, self.time))
+
+    def speed_at(self, progress: float) -> float:
+        """Return how fast it is there (m/s)."""
+        return float(np.interp(progress, self.progress, self.speed))
+
+
+def travel_of(path: Path) -> Travel:
+    """Return the fastest drive along a path within the body's limits (forward and backward pass).
+
+    Where the body's speed cannot be chosen freely (hard bends, equations of its own) it is bounded by
+    that of the planned trajectory.
+    """
+    kin = path.body.kinematics
+    stops = path.s[path.stop]
+    stops = tuple(float(x) for x in stops[stops > 1e-9]) or (path.length,)
+    count = max(2, int(np.ceil(path.length / STEP)) + 1)
+    grid = np.unique(np.concatenate([np.linspace(0.0, path.length, count), [0.0], stops]))
+    cap = np.full(len(grid), kin.v_max)
+    if not path.tunable:
+        cap = np.minimum(cap, _planned_speed(path, grid))
+    speed = cap.copy()
+    speed[np.isin(grid, [0.0, *stops])] = 0.0
+    gaps = np.diff(grid)
+    for i in range(len(gaps)):
+        speed[i + 1] = min(speed[i + 1], np.sqrt(speed[i] ** 2 + 2 * kin.a_max * gaps[i]))
+    for i in range(len(gaps) - 1, -1, -1):
+        speed[i] = min(speed[i], np.sqrt(speed[i + 1] ** 2 + 2 * kin.a_max * gaps[i]))
+    mean = 0.5 * (speed[1:] + speed[:-1])
+    slow = np.sqrt(kin.a_max * gaps) / 2  # from rest to rest within one stretch
+    time = np.concatenate([[0.0], np.cumsum(gaps / np.maximum(mean, slow))])
+    return Travel(grid, speed, time, cap, kin.a_max, stops)
+
+
+def _planned_speed(path: Path, grid: FloatArray) -> FloatArray:
+    times, s = path.natural.times, np.maximum.accumulate(path.natural_s)
+    rates = np.diff(s) / np.diff(times)
+    moving = rates > 1e-6
+    if not moving.any():
+        return np.full(len(grid), path.body.kinematics.v_max)
+    middle = 0.5 * (s[1:] + s[:-1])[moving]
+    least = 0.05 * path.body.kinematics.v_max
+    return np.asarray(np.maximum(np.interp(grid, middle, rates[moving]), least))
