@@ -1,6 +1,29 @@
-"""Plans that survive the floor: what depends on what, what to do now, what to do when it is late."""
+"""Plans that survive the floor: what depends on what, and what to do now."""
 
 from up_samp.execution.build import Dependencies, dependencies_of
+from up_samp.execution.commands import Command, Do, Go, Hold
+from up_samp.execution.delays import Delays
+from up_samp.execution.executor import Executor
+from up_samp.execution.files import with_dependencies
 from up_samp.execution.graph import At, Bound, Edge, Event, Graph, Task
+from up_samp.execution.simulate import Run, simulate
 
-__all__ = ["At", "Bound", "Dependencies", "Edge", "Event", "Graph", "Task", "dependencies_of"]
+__all__ = [
+    "At",
+    "Bound",
+    "Command",
+    "Delays",
+    "Dependencies",
+    "Do",
+    "Edge",
+    "Event",
+    "Executor",
+    "Go",
+    "Graph",
+    "Hold",
+    "Run",
+    "Task",
+    "dependencies_of",
+    "simulate",
+    "with_dependencies",
+]

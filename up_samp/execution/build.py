@@ -6,7 +6,6 @@ import itertools
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from unified_planning.model.scheduling import SchedulingProblem
@@ -165,7 +164,12 @@ class Draft:
 
     def _edge(self, first: Event, then: Event, lag: float, kind: str, why: str) -> None:
         task = self.tasks.get(then.activity)
-        if then.at is At.END and task is not None and not task.moves and first.activity != task.name:
+        if (
+            then.at is At.END
+            and task is not None
+            and not task.moves
+            and first.activity != task.name
+        ):
             # what lasts as long as it lasts can only be held back before it begins
             begun = Event(At.START, task.name)
             if self.time(first) > self.time(begun) + EPSILON:
@@ -224,9 +228,7 @@ class Draft:
         full = self._full(margin)
         events, lengths = full.events, full.lengths
         kept = {(full.events[e.first], full.events[e.then]): e for e in reduced(full)}
-        needed: dict[Event, None] = {
-            e: None for e in events if e.at not in (At.REACH, At.LEAVE)
-        }
+        needed: dict[Event, None] = {e: None for e in events if e.at not in (At.REACH, At.LEAVE)}
         for first, then in kept:
             needed[first] = needed[then] = None
         final = [(pair, (e.lag, e.kind, e.why)) for pair, e in kept.items()]

@@ -14,8 +14,8 @@ class Delays:
     """Delays as the field's benchmarks draw them.
 
     ``slow``: each robot drives at a share of its speed drawn from [1 - slow, 1].
-    ``stops``: random stops, on average so many for a minute of driving, each of a length drawn from an
-    exponential distribution with mean ``stop_seconds``.
+    ``stops``: random stops, on average so many for a minute of driving, each of a length drawn
+    from an exponential distribution with mean ``stop_seconds``.
     ``long_stop``: one robot stops once for so many seconds, at a random time.
     ``late``: tasks that drive nothing take up to this share longer.
     """
@@ -54,7 +54,7 @@ class Delays:
             except ValueError as error:
                 known = ", ".join(Delays.__dataclass_fields__)
                 raise ProblemError(
-                    f"delays '{part}': write a share such as 30%, or NAME=NUMBER with one of {known}"
+                    f"delays '{part}': write a share such as 30%, or NAME=NUMBER of {known}"
                 ) from error
         return delays
 

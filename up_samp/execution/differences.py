@@ -182,9 +182,7 @@ def _any(planned: Planned, parts: Any, positive: bool) -> list[Difference] | Non
 def _cost(planned: Planned, needs: list[Difference]) -> tuple[int, int, float]:
     """Prefer what asks for nothing, then what can be enforced, then what leaves most room."""
     loose = sum(planned.time(d.then) < planned.time(d.first) for d in needs)
-    room = min(
-        (planned.time(d.then) - planned.time(d.first) - d.lag for d in needs), default=0
-    )
+    room = min((planned.time(d.then) - planned.time(d.first) - d.lag for d in needs), default=0)
     return loose, len(needs), -room
 
 

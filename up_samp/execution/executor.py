@@ -56,7 +56,9 @@ class Executor:
             self.dependencies = dependencies_from_plan(plan)
         graph = self.dependencies.graph
         travels = {
-            d.key: travel_of(d.path) for life in self.dependencies.lives.values() for d in life.drives
+            d.key: travel_of(d.path)
+            for life in self.dependencies.lives.values()
+            for d in life.drives
         }
         self.state = State(graph, travels, tolerance)
         self.routes = routes_of(graph, self.state.ways)
@@ -75,9 +77,7 @@ class Executor:
         """The latest time told (s)."""
         return self.state.now
 
-    def update(
-        self, robot: str, *, progress: float, now: float, motion: str | None = None
-    ) -> None:
+    def update(self, robot: str, *, progress: float, now: float, motion: str | None = None) -> None:
         """Note that ``robot`` is ``progress`` m along its motion under way, at ``now`` s.
 
         ``motion`` says which one is meant: what is told late of a motion that is over is ignored.
@@ -266,7 +266,7 @@ class Executor:
         return found
 
     def missed(self) -> dict[str, float]:
-        """Return by how much (s) deadlines, windows and longest durations are, or will be, missed."""
+        """Return by how much (s) deadlines, windows and longest durations will be missed."""
         ahead = self.retime()
         found: dict[str, float] = {}
         for bound in self.state.graph.bounds:

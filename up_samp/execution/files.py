@@ -1,4 +1,4 @@
-"""Dependencies in plan files (``dependencies`` of version 1.1, see docs/plan-format.md), and back."""
+"""Dependencies in plan files (version 1.1, see docs/plan-format.md), and back."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def event_from_list(item: Any) -> Event:
 
 
 def dependencies_from_plan(plan: PlanDict) -> Dependencies:
-    """Return what a plan file says of its dependencies; the geometry is made again from its motions.
+    """Return what a plan file says; the geometry is made again from its motions.
 
     Raises :class:`ProblemError` for plans without dependencies.
     """
@@ -111,7 +111,9 @@ def dependencies_from_plan(plan: PlanDict) -> Dependencies:
     who = {t["activity"]: tuple(t["who"]) for t in data["tasks"]}
     tasks = tasks_of(plan, who)
     expected = {t["activity"]: float(t["expected"]) for t in data["tasks"]}
-    tasks = {n: Task(n, t.planned, expected.get(n, t.expected), t.who, t.moves) for n, t in tasks.items()}
+    tasks = {
+        n: Task(n, t.planned, expected.get(n, t.expected), t.who, t.moves) for n, t in tasks.items()
+    }
     graph = _graph(data, tasks, drives)
     _ = graph.order
     return Dependencies(graph, lives, tuple(meetings_of(lives, float(data["margin"]))))

@@ -9,6 +9,8 @@ Times and lags in s, progress in m along a path (the parameter ``s`` of
 from __future__ import annotations
 
 import enum
+import heapq
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -146,7 +148,7 @@ def _implied(events: Sequence[Event], tasks: Mapping[str, Task]) -> list[tuple[i
     for (activity, _), inner in on_path.items():
         ordered = sorted(inner, key=lambda k: (events[k].progress, events[k].at is At.LEAVE))
         chain = [number[Event(At.START, activity)], *ordered, number[Event(At.END, activity)]]
-        pairs += zip(chain[:-1], chain[1:], strict=True)
+        pairs += itertools.pairwise(chain)
     return pairs
 
 
@@ -156,8 +158,6 @@ def topological(
     """Return the numbers 0 .. count - 1 so that each pair's first comes first, ``None`` on a cycle
     (Kahn 1962). Of those that could come next, the one with the least planned time does.
     """
-    import heapq
-
     after: list[list[int]] = [[] for _ in range(count)]
     missing = [0] * count
     for first, then in pairs:

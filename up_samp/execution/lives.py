@@ -1,7 +1,8 @@
 """Every object's life as a row of cells: stretches of its paths, and where it rests in between.
 
-The progress of two objects along their lives spans a plane (O'Donnell & Lozano-Perez, "Deadlock-free
-and collision-free coordination of two robot manipulators", ICRA 1989); the cells cut it into a grid.
+The progress of two objects along their lives spans a plane (O'Donnell & Lozano-Perez,
+"Deadlock-free and collision-free coordination of two robot manipulators", ICRA 1989); the cells
+cut it into a grid.
 """
 
 from __future__ import annotations

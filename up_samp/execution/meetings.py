@@ -1,11 +1,11 @@
 """Where two objects' motions exclude each other, and who goes first.
 
-For two motions the *obstacle* is the set of cell pairs in which the swept footprints, with the margin,
-are not shown to be apart (conservative, :mod:`up_samp.motion.fleet.conflicts`). The plan is a monotone
-curve that passes each connected component of it on one side; all curves that pass every component on
-the same side as the plan are one homotopy class, and the sides say who has priority (Gregoire,
-Bonnabel & de La Fortelle, "Priority-based coordination of robots", 2014, and "Robust multirobot
-coordination using priority encoded homotopic constraints", 2013).
+For two motions the *obstacle* is the set of cell pairs in which the swept footprints, with the
+margin, are not shown to be apart (conservative, :mod:`up_samp.motion.fleet.conflicts`). The plan
+is a monotone curve that passes each connected component of it on one side; all curves that pass
+every component on the same side as the plan are one homotopy class, and the sides say who has
+priority (Gregoire, Bonnabel & de La Fortelle, "Priority-based coordination of robots", 2014, and
+"Robust multirobot coordination using priority encoded homotopic constraints", 2013).
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ LATE = 2e-3
 class Meeting:
     """The obstacle of two pieces ``a`` of ``one`` and ``b`` of ``other`` (cells from 0).
 
-    ``rows`` (n, 3) are (cell of a, first cell of b, last cell of b); ``one_first`` (n,) says whether
-    the plan lets ``a`` leave its cell before ``b`` enters; ``component`` (n,) numbers the connected
-    components of the two lives' whole obstacle.
+    ``rows`` (n, 3) are (cell of a, first cell of b, last cell of b); ``one_first`` (n,) says
+    whether the plan lets ``a`` leave its cell before ``b`` enters; ``component`` (n,) numbers the
+    connected components of the two lives' whole obstacle.
     """
 
     one: Life
@@ -104,9 +104,7 @@ def _meeting(one: Life, k: int, other: Life, m: int, margin: float) -> Meeting |
         last = leave_b[rows[:, 2]] <= enter_a[rows[:, 0]] + LATE
         if np.all(first | last):
             nothing = np.zeros(len(rows), dtype=np.int64)
-            return Meeting(
-                one, k, other, m, path_a, path_b, rows, first, margin * share, nothing
-            )
+            return Meeting(one, k, other, m, path_a, path_b, rows, first, margin * share, nothing)
     at = float(enter_a[rows[np.argmin(first | last), 0]])
     raise ProblemError(
         f"the plan lets '{one.object}' and '{other.object}' meet at about {at:.2f} s "
@@ -179,7 +177,7 @@ def _numbered(meetings: list[Meeting]) -> list[Meeting]:
 
 
 def _on_lives(meetings: list[Meeting]) -> FloatArray:
-    """Return all rows as (low, high, low, high) of both lives' progress: piece number plus share."""
+    """Return all rows as (low, high, low, high): piece number plus share, of both lives."""
     parts = []
     for meeting in meetings:
         n, m = max(1, meeting.path_a.cells), max(1, meeting.path_b.cells)

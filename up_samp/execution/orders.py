@@ -1,9 +1,10 @@
-"""What the problem asks of the order of activities, as differences: constraints, fluents, resources,
-objects that rest, one thing after the other for each robot.
+"""What the problem asks of the order of activities, as differences: constraints, fluents,
+resources, objects that rest, one motion after the other for each robot.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -171,9 +172,11 @@ def _reads(planned: Planned) -> dict[Expr, list[_Read]]:
 
 
 def _dense(first: Point, then: Point, lag: int) -> Difference:
-    """Return "at least ``lag`` instants later" as the floor means it: one instant later is after."""
-    return Difference(first, then, max(lag - 1, 0), strict=True) if lag >= 1 else Difference(
-        first, then, lag
+    """Return "``lag`` instants later" as the floor means it: one instant later is after."""
+    return (
+        Difference(first, then, max(lag - 1, 0), strict=True)
+        if lag >= 1
+        else Difference(first, then, lag)
     )
 
 
@@ -205,7 +208,7 @@ def _around(
 def _in_order(planned: Planned, key: Expr, writes: list[_Write]) -> Iterator[Order]:
     """Changes of one fluent happen in the plan's order."""
     instants = sorted({w.time for w in writes})
-    for one, two in zip(instants[:-1], instants[1:], strict=True):
+    for one, two in itertools.pairwise(instants):
         for w in (w for w in writes if w.time == one):
             for v in (v for v in writes if v.time == two):
                 if w.owner != v.owner or w.owner is None:
@@ -236,9 +239,7 @@ def _capacity(planned: Planned, key: Expr, writes: list[_Write]) -> int | None:
     return int(initial - (type_[1] if type_[1] is not None else 0))
 
 
-def _chained(
-    planned: Planned, key: Expr, writes: list[_Write], capacity: int
-) -> Iterator[Order]:
+def _chained(planned: Planned, key: Expr, writes: list[_Write], capacity: int) -> Iterator[Order]:
     """Whose units an activity takes over (chaining: Policella et al. 2004)."""
     amount: dict[str, int] = {}
     for w in writes:
@@ -287,7 +288,7 @@ def _movers(planned: Planned, snapshot: Snapshot) -> dict[str, list[tuple[str, b
 def _lives(planned: Planned, snapshot: Snapshot) -> Iterator[Order]:
     """One motion or change of an object after the other."""
     for name, movers in _movers(planned, snapshot).items():
-        for (one, _), (two, drives) in zip(movers[:-1], movers[1:], strict=True):
+        for (one, _), (two, drives) in itertools.pairwise(movers):
             then = ("start" if drives else "end", two)
             need = Difference(("end", one), then, 0, strict=True)
             yield Order(need, "object", f"{one} and {two} both move {name}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -33,11 +34,7 @@ def record_of(
                 {**entry, "start": round(start / unit, 6), "end": round(end / unit, 6)}
             )
     activities.sort(key=lambda a: (a["start"], a["end"]))
-    motions = [
-        {"activity": key[0], "object": key[1], "samples": _rows(drives[key], trace)}
-        | ({"avoid": sorted(drives[key].avoid)} if drives[key].avoid is not None else {})
-        for key, trace in drivings.items()
-    ]
+    motions = [_motion(drives[key], trace) for key, trace in drivings.items()]
     motions.sort(key=lambda m: m["samples"][0][0])
     changes = [
         {**c, "time": round(done[c["activity"]][1], 6)}
@@ -54,6 +51,17 @@ def record_of(
         changes=sorted(changes, key=lambda c: c["time"]),
     )
     return record
+
+
+def _motion(drive: Drive, trace: list[tuple[float, float]]) -> dict[str, Any]:
+    motion: dict[str, Any] = {
+        "activity": drive.activity,
+        "object": drive.object,
+        "samples": _rows(drive, trace),
+    }
+    if drive.avoid is not None:
+        motion["avoid"] = sorted(drive.avoid)
+    return motion
 
 
 def _rows(drive: Drive, trace: list[tuple[float, float]]) -> list[list[float]]:

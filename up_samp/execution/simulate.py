@@ -1,4 +1,4 @@
-"""Plans on a simulated floor with delays: how long it takes, who waits, whether anybody collides."""
+"""Plans on a simulated floor with delays: how long it takes, who waits, who collides."""
 
 from __future__ import annotations
 
@@ -26,13 +26,14 @@ PATIENCE = 30.0
 STILL = 5.0
 """Seconds in which nothing happens, though nothing is disturbed, before it is a deadlock."""
 
-Policy = Literal["timed", "coarse", "staircase", "reorder"]
+Policy = Literal["timed", "coarse", "staircase"]
 
 
 @dataclass(frozen=True)
 class Run:
-    """One execution. Times in s; ``waiting`` is the share of all robots' time until the end of their
-    last activity that they stood because of others; ``waits`` are (robot, from, until, for whom).
+    """One execution. Times in s; ``waiting`` is the share of all robots' time until the end of
+    their last activity that they stood because of others; ``waits`` are (robot, from, until, for
+    whom).
     """
 
     policy: str
@@ -178,9 +179,10 @@ def simulate(
 ) -> Run:
     """Execute a plan once with the delays of ``seed``, which are the same for every policy.
 
-    ``policy``: "timed" follows the clock; "staircase" the graph; "coarse" is the same on a graph made
-    with ``coarse=True``; "reorder" also changes who goes first. ``judged``: look for collisions.
-    ``watch`` is called about every second with the executor and returns how often it changed an order.
+    ``policy``: "timed" follows the clock; "staircase" the graph; "coarse" is the same on a graph
+    made with ``coarse=True``; ``judged``: look for collisions.
+    ``watch`` is called about every second with the executor and returns how often it changed an
+    order.
     """
     tasks = dependencies.graph.tasks
     planned = max((t.planned[1] for t in tasks.values()), default=0.0)
@@ -191,10 +193,6 @@ def simulate(
         executive = Timetable(dependencies)
     else:
         executive = Executor(plan, dependencies=dependencies)
-    if policy == "reorder" and watch is None:
-        from up_samp.execution.reorder import Reorderer
-
-        watch = Reorderer()
     floor = Floor(executive, dependencies, luck, tick)
     reorders = 0
     looked = 0.0
@@ -220,7 +218,6 @@ def _run(
     spans = floor.executive.times()
     makespan = max((end for _, end in spans.values() if end is not None), default=0.0)
     record = record_of(plan, floor.dependencies.lives, spans, floor.drivings, floor.now)
-    total = sum(floor.last.values()) + sum(floor.waiting.values())
     finished = floor.executive.finished
     return Run(
         policy=policy,

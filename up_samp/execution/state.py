@@ -42,9 +42,7 @@ class State:
         self.now = 0.0
         self.phase = dict.fromkeys(graph.tasks, Phase.WAITING)
         self.fired: dict[Event, float] = {}
-        self.ways = {
-            key: Way(*key, length, travels[key]) for key, length in graph.lengths.items()
-        }
+        self.ways = {key: Way(*key, length, travels[key]) for key, length in graph.lengths.items()}
         self.of_object: dict[str, Way] = {}
         self.ways_of: dict[str, list[Way]] = {name: [] for name in graph.tasks}
         for way in self.ways.values():

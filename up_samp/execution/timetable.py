@@ -34,9 +34,7 @@ class Timetable:
         """Return when activities that have begun started and ended (s)."""
         return dict(self.spans)
 
-    def update(
-        self, robot: str, *, progress: float, now: float, motion: str | None = None
-    ) -> None:
+    def update(self, robot: str, *, progress: float, now: float, motion: str | None = None) -> None:
         """Note where a robot is."""
         self.now = now
         for name, left in list(self.running.items()):

@@ -41,12 +41,12 @@ class Travel:
 def travel_of(path: Path) -> Travel:
     """Return the fastest drive along a path within the body's limits (forward and backward pass).
 
-    Where the body's speed cannot be chosen freely (hard bends, equations of its own) it is bounded by
-    that of the planned trajectory.
+    Where the body's speed cannot be chosen freely (hard bends, equations of its own) it is bounded
+    by that of the planned trajectory.
     """
     kin = path.body.kinematics
-    stops = path.s[path.stop]
-    stops = tuple(float(x) for x in stops[stops > 1e-9]) or (path.length,)
+    rests = path.s[path.stop]
+    stops = tuple(float(x) for x in rests[rests > 1e-9]) or (path.length,)
     count = max(2, int(np.ceil(path.length / STEP)) + 1)
     grid = np.unique(np.concatenate([np.linspace(0.0, path.length, count), [0.0], stops]))
     cap = np.full(len(grid), kin.v_max)

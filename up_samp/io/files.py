@@ -46,12 +46,20 @@ def dump_plan(plan: PlanDict) -> str:
     """Return a plan dictionary as JSON text that people can read: one entry a line."""
     lines = []
     for key, value in plan.items():
-        if isinstance(value, list):
-            entries = ",\n".join(f"  {_compact(entry)}" for entry in value)
-            lines.append(f'"{key}": [\n{entries}\n ]' if value else f'"{key}": []')
+        if isinstance(value, dict) and any(isinstance(v, list) for v in value.values()):
+            inner = ",\n  ".join(f'"{k}": {_listed(v, "   ")}' for k, v in value.items())
+            lines.append(f'"{key}": {{\n  {inner}\n }}')
         else:
-            lines.append(f'"{key}": {_compact(value)}')
+            lines.append(f'"{key}": {_listed(value, "  ")}')
     return "{\n " + ",\n ".join(lines) + "\n}\n"
+
+
+def _listed(value: Any, indent: str) -> str:
+    """Return a value on a line, or a list with an entry a line."""
+    if not isinstance(value, list) or not value:
+        return _compact(value)
+    entries = ",\n".join(f"{indent}{_compact(entry)}" for entry in value)
+    return f"[\n{entries}\n{indent[:-1]}]"
 
 
 def _compact(value: Any) -> str:
@@ -83,6 +91,11 @@ def check_plan(plan: Any, label: str) -> None:
         raise ProblemError(f"{label} is no plan: its 'format' must be '{FORMAT}'")
     if plan.get("version") != VERSION:
         raise ProblemError(f"{label} has version {plan.get('version')}; only {VERSION} is known")
+    minor = plan.get("minor", 0)
+    if not isinstance(minor, int) or isinstance(minor, bool) or minor < 0:
+        raise ProblemError(f"{label}: 'minor' must be a whole number, not {minor!r}")
+    if not isinstance(plan.get("dependencies", {}), dict):
+        raise ProblemError(f"{label}: 'dependencies' cannot be {plan['dependencies']!r}")
     for key, kind in _KEYS.items():
         if key not in plan:
             raise ProblemError(f"{label} lacks '{key}'")

@@ -1,0 +1,278 @@
+"""Random plans without a planner: robots on arcs in an empty hall, put in time one after the other.
+
+Every plan is valid by construction (each motion is placed by the validator's swept check), and has
+what executives have to heed: crossings and robots that follow each other, rests, a gate that is set
+aside, tasks, a shared resource, precedences, exclusions and fluents.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import random
+
+import handmade
+import numpy as np
+from PIL import Image
+from unified_planning.model import ClosedTimeInterval, Fluent, TimePointInterval, Timing
+from unified_planning.model.motion import (
+    SE2,
+    ActivityWaypoints,
+    ConfigurationKind,
+    ConfigurationObject,
+    MotionModels,
+    MovableObject,
+    OccupancyMap,
+    SchedulingMotionProblem,
+)
+from unified_planning.shortcuts import LT, TRUE, BoolType, ConfigurationType, MovableType, Or
+
+from up_samp.execution.judge import contacts_of
+from up_samp.io import plan_from_dict
+from up_samp.io.sampling import trajectory_rows
+from up_samp.validation.schedule import judge_schedule
+
+SIZE = 12.0
+BOX = ((-0.4, -0.25), (0.4, -0.25), (0.4, 0.25), (-0.4, 0.25))
+BAR = ((-0.1, -0.6), (0.1, -0.6), (0.1, 0.6), (-0.1, 0.6))
+CLEAR = 0.015
+"""Clearance (m) of every motion as planned."""
+
+
+def hall(folder):
+    Image.new("L", (120, 120), 254).save(folder / "empty.png")
+    path = folder / "empty.yaml"
+    path.write_text(
+        "image: empty.png\nresolution: 0.1\norigin: [0.0, 0.0, 0.0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    return path
+
+
+class Plan:
+    """A plan dictionary under construction."""
+
+    def __init__(self, rng, yaml):
+        self.rng = rng
+        self.robots = [f"r{k}" for k in range(rng.choice((2, 3, 3, 4)))]
+        self.speed = {r: rng.choice((0.8, 1.0, 1.5)) for r in self.robots}
+        self.model = {r: rng.choice(("REEDSSHEPP", "SE2")) for r in self.robots}
+        self.ready = dict.fromkeys(self.robots, 0)
+        self.pose = {}
+        self.tasks: list[dict] = []
+        self.data = {
+            "format": "up-samp-plan", "version": 1, "problem": "floor", "engine": "made",
+            "status": "SOLVED_SATISFICING", "makespan": 0, "lower_bound": None,
+            "seconds_per_unit": 1, "map": {"yaml": str(yaml)}, "objects": [], "activities": [],
+            "motions": [], "changes": [],
+        }  # fmt: skip
+        for robot in self.robots:
+            self._place(robot)
+
+    def _object(self, name, kind, footprint, model, pose, v_max):
+        self.data["objects"].append(
+            {
+                "name": name, "type": kind, "footprint": [list(c) for c in footprint],
+                "model": model, "turning_radius": 1.0, "v_max": v_max, "a_max": 0.5,
+                "initial": list(pose), "omega_max": 2.0,
+            }
+        )  # fmt: skip
+
+    def _place(self, robot):
+        while True:
+            pose = (self.rng.uniform(1, 11), self.rng.uniform(1, 11), self.rng.uniform(-3, 3))
+            if all(math.dist(pose[:2], p[:2]) > 1.2 for p in self.pose.values()):
+                break
+        self.pose[robot] = pose
+        self._object(robot, "robot", BOX, self.model[robot], pose, self.speed[robot])
+
+    def clear(self, data):
+        """Whether nobody meets, with some clearance."""
+        grown = []
+        for entry in data["objects"]:
+            scale = [(math.copysign(abs(x) + CLEAR, x), math.copysign(abs(y) + CLEAR, y))
+                     for x, y in entry["footprint"]]  # fmt: skip
+            grown.append({**entry, "footprint": scale})
+        return not contacts_of({**data, "objects": grown})
+
+    def gate(self):
+        """Put a bar into the hall that a task sets aside."""
+        pose = (self.rng.uniform(3, 9), self.rng.uniform(3, 9), self.rng.uniform(-3, 3))
+        if any(math.dist(pose[:2], p[:2]) < 1.5 for p in self.pose.values()):
+            return
+        self._object("bar", "gate", BAR, "SE2", pose, 1.0)
+        end = self.rng.randint(4, 14)
+        self.data["activities"].append({"name": "set_aside", "start": end - 2, "end": end})
+        self.data["changes"].append(
+            {"activity": "set_aside", "object": "bar", "time": end,
+             "configuration": [0.3, 11.4, math.pi]}
+        )  # fmt: skip
+
+    def move(self, robot):
+        """Add a motion of ``robot`` at the earliest time at which nobody is in its way."""
+        for _ in range(6):
+            pieces = self._pieces(robot)
+            if pieces is None:
+                continue
+            for wait in range(0, 40, self.rng.choice((1, 2))):
+                start = self.ready[robot] + wait
+                entry, motion, end = self._timed(robot, pieces, start)
+                data = {
+                    **self.data,
+                    "activities": [*self.data["activities"], entry],
+                    "motions": [*self.data["motions"], motion],
+                }
+                if self.clear(data):
+                    self.data = data
+                    self.ready[robot] = end + 1
+                    self.pose[robot] = tuple(motion["samples"][-1][1:])
+                    return True
+        return False
+
+    def _pieces(self, robot):
+        # a free body also accelerates sideways in a bend
+        bends = (0.0, 0.0, 0.4, -0.4, 0.7) if self.model[robot] == "REEDSSHEPP" else (0.0, 0.2)
+        parts = [
+            (self.rng.uniform(1.0, 4.0), self.rng.choice(bends))
+            for _ in range(self.rng.randint(1, 3))
+        ]
+        length = sum(p[0] for p in parts)
+        spots = [handmade.along(self.pose[robot], parts, s) for s in np.linspace(0, length, 30)]
+        inside = all(0.8 < x < SIZE - 0.8 and 0.8 < y < SIZE - 0.8 for x, y, _ in spots)
+        return parts if inside else None
+
+    def _timed(self, robot, pieces, start):
+        a_max = 0.5 if self.model[robot] == "REEDSSHEPP" else 0.3
+        top = min(self.speed[robot], 1.0 if a_max < 0.5 else 9.0)
+        trajectory = handmade.drive(self.pose[robot], pieces, float(start), top, a_max)
+        end = start + math.ceil(trajectory.duration) + self.rng.randint(0, 1)
+        count = sum(m["object"] == robot for m in self.data["motions"])
+        name = f"move_{robot}_{count}"
+        motion = {"activity": name, "object": robot, "samples": trajectory_rows(trajectory)}
+        return {"name": name, "start": start, "end": end}, motion, end
+
+    def work(self, robot):
+        """Add a task of ``robot`` that takes one of two crews."""
+        name = f"work_{robot}_{len(self.tasks)}"
+        length = self.rng.randint(1, 3)
+        start = self.ready[robot]
+        while any(
+            sum(t["start"] <= at < t["end"] for t in self.tasks) >= 2
+            for at in range(start, start + length)
+        ):
+            start += 1
+        entry = {"name": name, "start": start, "end": start + length, "robot": robot}
+        self.tasks.append(entry)
+        self.data["activities"].append({k: v for k, v in entry.items() if k != "robot"})
+        self.ready[robot] = start + length + 1
+
+
+def random_floor(seed, yaml):
+    """Return (problem, plan dictionary)."""
+    rng = random.Random(seed)
+    plan = Plan(rng, yaml)
+    if rng.random() < 0.4:
+        plan.gate()
+    for _ in range(rng.randint(3, 8)):
+        robot = rng.choice(plan.robots)
+        plan.move(robot)
+        if rng.random() < 0.5:
+            plan.work(robot)
+    data = plan.data
+    data["activities"].sort(key=lambda a: a["start"])
+    data["motions"].sort(key=lambda m: m["samples"][0][0])
+    data["makespan"] = max(a["end"] for a in data["activities"])
+    return _problem(rng, plan, yaml), data
+
+
+def _problem(rng, plan, yaml):
+    problem = SchedulingMotionProblem("floor")
+    kinds = {"robot": MovableType("robot"), "gate": MovableType("gate")}
+    pose_type = ConfigurationType("pose", OccupancyMap(str(yaml), (0, 0)), ConfigurationKind.SE2)
+    items = {}
+    for entry in plan.data["objects"]:
+        limits = {"v_max": entry["v_max"], "a_max": 0.5}
+        if entry["model"] == "REEDSSHEPP":
+            limits["turning_radius"] = 1.0
+        else:
+            limits["omega_max"] = 2.0
+        item = MovableObject(
+            entry["name"],
+            kinds[entry["type"]],
+            footprint=[tuple(c) for c in entry["footprint"]],
+            motion_model=MotionModels[entry["model"]],
+            motion_parameters=limits,
+        )
+        items[entry["name"]] = item
+        problem.add_object(item)
+        place = ConfigurationObject(f"start_{item.name}", pose_type, SE2(*entry["initial"]))
+        problem.add_object(place)
+        problem.set_initial_configuration(item, place)
+    crew = problem.add_resource("crew", 2)
+    activities = {}
+    for entry in plan.data["activities"]:
+        name = entry["name"]
+        motion = next((m for m in plan.data["motions"] if m["activity"] == name), None)
+        if motion is not None:
+            a = problem.add_motion_activity(name)
+            a.set_duration_bounds(1, 400)
+            ends = []
+            for which, row in (("from", motion["samples"][0]), ("to", motion["samples"][-1])):
+                place = ConfigurationObject(f"{name}_{which}", pose_type, SE2(*row[1:]))
+                problem.add_object(place)
+                ends.append(place)
+            a.add_motion_constraint(ActivityWaypoints(items[motion["object"]], ends[0], [ends[1]]))
+        elif name == "set_aside":
+            a = problem.add_motion_activity(name, 2)
+            place = ConfigurationObject("aside", pose_type, SE2(0.3, 11.4, math.pi))
+            problem.add_object(place)
+            a.add_motion_effect(items["bar"], place)
+        else:
+            a = problem.add_activity(name, duration=entry["end"] - entry["start"])
+            a.uses(crew, 1)
+        activities[name] = a
+    _constrain(rng, plan, problem, activities)
+    return problem
+
+
+def _constrain(rng, plan, problem, activities):
+    spans = {e["name"]: (e["start"], e["end"]) for e in plan.data["activities"]}
+    for robot in plan.robots:
+        mine = sorted((n for n in spans if f"_{robot}_" in n), key=lambda n: spans[n])
+        for one, two in itertools.pairwise(mine):
+            a, b = activities[one], activities[two]
+            if rng.random() < 0.5:
+                problem.add_constraint(LT(a.end, b.start))
+            else:
+                problem.add_constraint(Or(LT(a.end, b.start), LT(b.end, a.start)))
+    names = sorted(spans)
+    lamp = Fluent("lamp", BoolType())
+    problem.add_fluent(lamp, default_initial_value=False)
+    lit = None
+    for _ in range(4):
+        one, two = rng.sample(names, 2) if len(names) > 1 else (names[0], names[0])
+        if spans[one][1] >= spans[two][0]:
+            continue
+        a, b = activities[one], activities[two]
+        if lit is None and rng.random() < 0.5:
+            lit = one
+            a.add_effect(a.end, lamp, TRUE())
+            if rng.random() < 0.5:
+                b.add_condition(TimePointInterval(Timing(0, b.start)), lamp)
+            else:
+                span = ClosedTimeInterval(Timing(0, b.start), Timing(0, b.end))
+                b.add_condition(span, lamp)
+        else:
+            problem.add_constraint(Or(LT(a.end, b.start), LT(b.end, a.start)))
+
+
+def order_violations(problem, record):
+    """What the validator says of a record's order: its times are replaced by their ranks, so that
+    durations do not count, but constraints, conditions, effects and resources do.
+    """
+    times = sorted({t for a in record["activities"] for t in (a["start"], a["end"])})
+    rank = {t: k for k, t in enumerate(times)}
+    ranked = [{**a, "start": rank[a["start"]], "end": rank[a["end"]]} for a in record["activities"]]
+    plan = plan_from_dict(problem, {**record, "activities": ranked})
+    verdict = judge_schedule(problem, plan).verdict
+    return [v for v in verdict.violations if v.kind != "duration"]

@@ -1,0 +1,94 @@
+"""Random plans under random delays: nobody collides, nobody waits for ever, every order is kept."""
+
+import dataclasses
+import random
+
+import floors
+import pytest
+
+from up_samp.execution.build import dependencies_of
+from up_samp.execution.delays import Delays
+from up_samp.execution.simulate import simulate
+from up_samp.io import plan_from_dict
+from up_samp.validation import validate_plan
+
+PATTERNS = (
+    Delays(),
+    Delays.of_share(0.3),
+    Delays(slow=0.7, late=1.0),
+    Delays(stops=6.0, stop_seconds=4.0),
+    Delays(slow=0.2, long_stop=30.0),
+)
+
+
+@pytest.fixture(scope="module")
+def yaml(tmp_path_factory):
+    return floors.hall(tmp_path_factory.mktemp("hall"))
+
+
+def check(run, problem):
+    """All that has to hold of a run."""
+    assert run.finished, f"deadlock: {run.deadlock}"
+    assert run.contacts == ()
+    assert run.overruns == 0
+    assert floors.order_violations(problem, run.record) == []
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_plans_are_what_they_should_be(yaml, seed):
+    problem, plan = floors.random_floor(seed, yaml)
+    verdict = validate_plan(problem, plan_from_dict(problem, plan))
+    assert verdict.valid, verdict.violations
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_delays_do_no_harm(yaml, seed):
+    problem, plan = floors.random_floor(seed, yaml)
+    found = dependencies_of(problem, plan)
+    check(simulate(found, plan, PATTERNS[seed % 5], seed), problem)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("block", range(20))
+def test_a_thousand_runs(yaml, block):
+    for seed in range(100 + 10 * block, 110 + 10 * block):
+        problem, plan = floors.random_floor(seed, yaml)
+        found = dependencies_of(problem, plan)
+        for k, pattern in enumerate(PATTERNS):
+            check(simulate(found, plan, pattern, seed + k), problem)
+
+
+def without(found, gone):
+    """The dependencies without some edges."""
+    edges = tuple(e for e in found.graph.edges if e not in gone)
+    return dataclasses.replace(found, graph=dataclasses.replace(found.graph, edges=edges))
+
+
+def steps(found, edge):
+    """An edge with the other steps of the same staircase."""
+    events = found.graph.events
+    pair = (events[edge.first].activity, events[edge.then].activity)
+    return {
+        e
+        for e in found.graph.edges
+        if e.kind == edge.kind and (events[e.first].activity, events[e.then].activity) == pair
+    }
+
+
+def test_missing_edges_are_caught(yaml):
+    """Without an edge somebody collides or breaks an order, if the one to wait for is late."""
+    caught = {"meeting": 0, "other": 0}
+    late = Delays(slow=0.7, stops=4.0, late=1.0, long_stop=30.0)
+    for seed in range(14):
+        problem, plan = floors.random_floor(seed, yaml)
+        found = dependencies_of(problem, plan)
+        edges = [e for e in found.graph.edges if e.kind != "duration"]
+        for edge in random.Random(seed).sample(edges, min(4, len(edges))):
+            gone = steps(found, edge) if edge.kind == "meeting" else {edge}
+            for draw in range(3):
+                run = simulate(without(found, gone), plan, late, draw)
+                if run.contacts or floors.order_violations(problem, run.record):
+                    caught["meeting" if edge.kind == "meeting" else "other"] += 1
+                    break
+    assert caught["meeting"] >= 3, caught
+    assert caught["other"] >= 3, caught
