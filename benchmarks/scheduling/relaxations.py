@@ -20,6 +20,7 @@ from typing import Any
 from unified_planning.model import ClosedTimeInterval, Timing
 
 from up_samp.benchmarks import instances as frozen_instances
+from up_samp.benchmarks.builder import ENCODINGS
 from up_samp.benchmarks.logistics import logistics
 from up_samp.model import Deadline
 from up_samp.scheduling.cpsat import CpsatSession
@@ -124,7 +125,7 @@ def main() -> None:
     """Run the families and write one JSON line per instance; what is there already is kept."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--family", choices=["all", "logistics", "jobshop"], default="all")
-    parser.add_argument("--encoding", default="lean", choices=["lean", "lean-no-fluents"])
+    parser.add_argument("--encodings", dest="encoding", default="lean", choices=ENCODINGS)
     parser.add_argument("--seconds", type=float, default=60)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--match", default="", help="only instances with this in their name")

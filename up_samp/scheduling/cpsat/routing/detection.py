@@ -42,6 +42,12 @@ class Entry:
     lead: int
 
 
+Still = dict[Key, tuple[int, int]]
+"""State variables that nobody may change in the midst of any move -> (a, b): an effect comes by
+``begin + a``, or from ``end + b`` on. Both are 0 where effects are at the ends of activities, and
+-1 where they are a unit early."""
+
+
 @dataclass
 class Route:
     """One traveller. ``stops`` are (activity, places where it may happen)."""
@@ -55,8 +61,7 @@ class Route:
     late: frozenset[str] = frozenset()
     """Stops that need their place only after their start: a move may end when they begin."""
     entries: dict[int, list[Entry]] = field(default_factory=dict)
-    still: frozenset[Key] = frozenset()
-    """State variables that nobody may change in the midst of any move."""
+    still: Still = field(default_factory=dict)
     returns: dict[str, frozenset[int]] = field(default_factory=dict)
     """Stops after which the traveller has to come to one of these places some time."""
     lag: int = 1
@@ -355,36 +360,42 @@ def _find_entries(model: ScheduleModel, route: Route, timeline: Timeline) -> Non
             route.entries.setdefault(place, []).append(Entry(key, allowed, max(0, lead)))
 
 
-def _find_still(model: ScheduleModel, timeline: Timeline) -> frozenset[Key]:
-    """Return what every transition keeps as it is, strictly between its start and its end."""
-    # what lasts one unit has no midst
-    owners = {
-        link.write.owner
-        for link in timeline.linked.values()
-        if model.states.activity(link.write.owner or 0).least > 1
-    }
-    found = set()
+def _find_still(model: ScheduleModel, timeline: Timeline) -> Still:
+    """Return what every transition keeps as it is between its start and its end."""
+    owners = {link.write.owner for link in timeline.linked.values()}
+    found: Still = {}
     for state in model.states.vars.values():
         if state is timeline.state or not state.writes or state.numeric:
             continue
-        if any(write.owner is None for write in state.writes):
+        if any(write.owner is None or write.owner in owners for write in state.writes):
             continue  # nothing is kept apart from what the problem itself changes
-        keepers = {
-            read.owner
-            for read in state.reads
-            if read.owner is not None
-            and read.owner in owners
-            and _keeps(model, model.states.activity(read.owner), read)
-        }
-        if owners and keepers == owners:
-            found.add(state.key)
-    return frozenset(found)
+        spans: dict[int, tuple[int, int]] = {}
+        for read in state.reads:
+            if read.owner is not None and read.owner in owners:
+                span = _kept(model, model.states.activity(read.owner), read)
+                known = spans.get(read.owner)
+                if span is not None and (known is None or _width(span) > _width(known)):
+                    spans[read.owner] = span
+        if not spans:
+            continue
+        common = max(s[0] for s in spans.values()), min(s[1] for s in spans.values())
+        others = [model.states.activity(o or 0) for o in owners - spans.keys()]
+        # what lasts one unit has no midst
+        if not others or (_width(common) <= 0 and all(a.least <= 1 for a in others)):
+            found[state.key] = common
+    return found
 
 
-def _keeps(model: ScheduleModel, activity: ActivityVars, read: Read) -> bool:
-    early = model.states.difference(read.lo, activity.start)[1] <= 1
-    late = model.states.difference(activity.end, read.hi)[1] <= 1
-    return early and late and read.active == activity.present
+def _width(span: tuple[int, int]) -> int:
+    return span[1] - span[0]
+
+
+def _kept(model: ScheduleModel, activity: ActivityVars, read: Read) -> tuple[int, int] | None:
+    """Return (a, b): effects on what is read come by ``start + a`` or from ``end + b`` on."""
+    after = model.states.difference(read.lo, activity.start)[1] - 1
+    before = 1 - model.states.difference(activity.end, read.hi)[1]
+    near = after <= 0 and before >= -1
+    return (after, before) if near and read.active == activity.present else None
 
 
 def find_unit_places(model: ScheduleModel, routes: list[Route]) -> list[UnitPlace]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from up_samp.scheduling.cpsat.encode.statevars import Key, StateVar
 from up_samp.scheduling.cpsat.encode.store import Form, Lin, Literal, Store, constant, disjunction
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
-from up_samp.scheduling.cpsat.routing.detection import Entry, Route, UnitPlace
+from up_samp.scheduling.cpsat.routing.detection import Entry, Route, Still, UnitPlace
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Leg:
 
     begin: Lin
     end: Lin
-    still: frozenset[Key]
+    still: Still
     travels: list[Literal] = field(default_factory=list)
     opened: set[Key] = field(default_factory=set)
     """State variables that have changed before it starts."""
@@ -60,7 +60,7 @@ class Legs:
         self._meetings = {name for name, count in counts.items() if count > 1}
         self.limit = limit
         self.units = units
-        self.legs: dict[tuple[int, frozenset[Key], Key | None], Leg] = {}
+        self.legs: dict[tuple[int, frozenset[tuple[Key, tuple[int, int]]], Key | None], Leg] = {}
         self._since: dict[
             tuple[UnitPlace, int, int, Key | None], tuple[Lin, Lin, list[Literal]]
         ] = {}
@@ -75,7 +75,7 @@ class Legs:
         if not route.still or not any(arc.last for arc in arcs):
             return None
         store = self.store
-        key = (stop.start.terms[0][0], route.still, self._who(route, stop))
+        key = (stop.start.terms[0][0], frozenset(route.still.items()), self._who(route, stop))
         leg = self.legs.get(key)
         if leg is None:
             begin, end = (Lin(((store.integer(0, self.limit), 1),)) for _ in range(2))
@@ -106,7 +106,7 @@ class Legs:
             leg.opened.add(entry.state)
             for arc in arcs:
                 if arc.last:
-                    self.when(time.le(leg.begin), arc.literal)
+                    self.when(time.le(leg.begin.shift(leg.still[entry.state][0])), arc.literal)
 
     def keep_still(self, states: dict[Key, StateVar]) -> None:
         """Let nothing that moves keep as it is change strictly inside a leg."""
@@ -120,16 +120,18 @@ class Legs:
                 events.setdefault(write.time._replace(needs=()), []).append(write.active)
             for time, active in events.items():
                 happens = store.any_of(active)
-                for (start, still, _), leg in self.legs.items():
+                for (start, _, _), leg in self.legs.items():
                     own = any(v == start for v, _ in time.terms)
-                    if key in still and not own and not (key in leg.opened and len(events) == 1):
-                        self._apart(leg, time, happens)
+                    done = key in leg.opened and len(events) == 1
+                    if key in leg.still and not own and not done:
+                        self._apart(leg, key, time, happens)
 
-    def _apart(self, leg: Leg, time: Lin, happens: Literal) -> None:
+    def _apart(self, leg: Leg, key: Key, time: Lin, happens: Literal) -> None:
         store = self.store
         before, after = store.boolean(), store.boolean()
-        self.when(time.le(leg.begin), before)
-        self.when(leg.end.le(time), after)
+        first, last = leg.still[key]
+        self.when(time.le(leg.begin.shift(first)), before)
+        self.when(leg.end.shift(last).le(time), after)
         store.clause([before, after, ~store.any_of(leg.travels), ~happens])
 
     # -- places for one ------------------------------------------------------------------------

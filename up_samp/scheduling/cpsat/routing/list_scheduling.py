@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 from up_samp.model import CandidateSchedule
 from up_samp.scheduling.cpsat.encode.statevars import Key
-from up_samp.scheduling.cpsat.routing.detection import Entry, Move, Route, UnitPlace
+from up_samp.scheduling.cpsat.routing.detection import Entry, Move, Route, Still, UnitPlace
 from up_samp.scheduling.cpsat.routing.dispatch import Task, Work
 
 Step = tuple[int, int]
@@ -51,7 +51,7 @@ class Decoder:
         self.order: list[int] = []
         self.times: dict[str, tuple[int, int]] = {}
         self.changed: dict[Key, list[tuple[int, int]]] = {}
-        self.legs: list[tuple[int, int, frozenset[Key]]] = []
+        self.legs: list[tuple[int, int, Still]] = []
         self.left: dict[UnitPlace, int] = {}
         self.inside: dict[UnitPlace, int] = {}
         for number, robot in enumerate(self.robots):
@@ -136,8 +136,11 @@ class Decoder:
             again = False
             for key, _, delay in task.changes:
                 for begin, end, still in self.legs:
-                    if key in still and begin < start + delay < end:
-                        start, again = end - delay, True
+                    if key not in still:
+                        continue
+                    first, last = still[key]
+                    if begin + first < start + delay < end + last:
+                        start, again = end + last - delay, True
         return start
 
     def _provided(self, number: int, entry: Entry, depth: int) -> int | None:
@@ -205,9 +208,13 @@ class Decoder:
 
     def _calm(self, route: Route, start: int, length: int) -> int:
         """Return the first time from ``start`` on at which nothing changes during a move."""
-        events = sorted(t for key in route.still for t, _ in self.changed.get(key, ()))
-        for time in events:
-            if start < time < start + length:
+        events = sorted(
+            (time - first, last - first)
+            for key, (first, last) in route.still.items()
+            for time, _ in self.changed.get(key, ())
+        )
+        for time, more in events:
+            if start < time < start + length + more:
                 start = time
         return start
 
