@@ -48,14 +48,16 @@ def run(args: argparse.Namespace) -> list[dict]:
             args.out.write_text(json.dumps(rows))
             for line in found.wrong:
                 print(f"seed {seed} {engine}: {line}", flush=True)
+            for line in found.faster:
+                print(f"seed {seed} {engine}: (another seed is faster) {line}", flush=True)
     return rows
 
 
 def report(rows: list[dict]) -> None:
     print(
-        "| engine | problems | statuses | proofs attacked | attacks | wrong | median s | overrun |"
+        "| engine | problems | statuses | proofs attacked | attacks | wrong | faster by seed | s | late |"
     )
-    print("|---|---|---|---|---|---|---|---|")
+    print("|---|---|---|---|---|---|---|---|---|")
     for engine in sorted({r["engine"] for r in rows}):
         own = [r for r in rows if r["engine"] == engine]
         statuses = Counter(r["status"].lower() for r in own)
@@ -63,6 +65,7 @@ def report(rows: list[dict]) -> None:
         print(
             f"| {engine} | {len(own)} | {told} | {sum(r['attacks'] > 0 for r in own)} | "
             f"{sum(r['attacks'] for r in own)} | {sum(bool(r['wrong']) for r in own)} | "
+            f"{sum(bool(r['faster']) for r in own)} | "
             f"{statistics.median(r['seconds'] for r in own):.1f} | "
             f"{max(0.0, *(r['overrun'] for r in own), 0.0):.1f} |"
         )
