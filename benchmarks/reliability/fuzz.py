@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> list[dict]:
 
 def report(rows: list[dict]) -> None:
     print(
-        "| engine | problems | statuses | proofs attacked | attacks | wrong | faster by seed | s | late |"
+        "| engine | problems | statuses | attacked | attacks | wrong | faster by seed | s | late |"
     )
     print("|---|---|---|---|---|---|---|---|---|")
     for engine in sorted({r["engine"] for r in rows}):
