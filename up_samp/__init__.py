@@ -1,14 +1,40 @@
 """Scheduling And Motion Planning (SAMP) as a plugin of Unified Planning.
 
-Importing the package registers its engines in UP's global environment.
+Importing the package registers its engines in UP's global environment by name; what they need is
+imported when it is used.
 """
 
-from up_samp.engines.registration import register
-from up_samp.model import SampError, Trajectory
-from up_samp.upio.plan import trajectories
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING
+
+from up_samp.engines.registration import register, register_globally
+
+if TYPE_CHECKING:
+    from up_samp.model import SampError, Trajectory
+    from up_samp.upio.plan import trajectories
 
 __version__ = "0.1.0"
 
-register()
+_HOMES = {
+    "SampError": "up_samp.model",
+    "Trajectory": "up_samp.model",
+    "trajectories": "up_samp.upio.plan",
+}
+
+register_globally()
 
 __all__ = ["SampError", "Trajectory", "__version__", "register", "trajectories"]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'up_samp' has no attribute '{name}'")
+    value = getattr(importlib.import_module(_HOMES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-
-from matplotlib.axes import Axes
+from typing import TYPE_CHECKING
 
 from up_samp.io import PlanDict, write_plan
-from up_samp.plotting import plot_gantt, plot_map, write_gif, write_html
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 def write_outputs(
@@ -22,6 +23,8 @@ def write_outputs(
     """Write ``plan.json`` and the pictures; return the files. Pictures of the map are left out
     where the plan has no objects to show on it.
     """
+    from up_samp.plotting import plot_gantt, plot_map, write_gif, write_html  # matplotlib is slow
+
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     if plan_file:

@@ -6,7 +6,7 @@ import argparse
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from unified_planning.engines import PlanGenerationResult
 from unified_planning.exceptions import UPNoRequestedEngineAvailableException
@@ -20,9 +20,10 @@ from up_samp.cli.progress import Progress
 from up_samp.cli.table import schedule_table
 from up_samp.io import result_to_dict
 from up_samp.model import EngineError
-from up_samp.plotting import places_of
 from up_samp.search.params import PRESETS
-from up_samp.validation import Verdict, validate_plan, validate_schedule
+
+if TYPE_CHECKING:
+    from up_samp.validation import Verdict
 
 DEFAULT_ENGINE = "cpsat"
 """The scheduler that the commands wrap unless told otherwise."""
@@ -95,6 +96,8 @@ def solve_and_show(problem: SchedulingProblem, args: argparse.Namespace) -> int:
     verdict = judge(problem, result.plan, args.seconds_per_unit)
     print(describe(verdict))
     if args.out is not None:
+        from up_samp.plotting import places_of
+
         files = write_outputs(plan, args.out, places=places_of(problem), gif=args.gif)
         print(f"written to {args.out}{_slash(args.out)}: {', '.join(f.name for f in files)}")
     return 0 if verdict.valid else 1
@@ -130,6 +133,8 @@ def _solve(problem: SchedulingProblem, args: argparse.Namespace) -> PlanGenerati
 
 def judge(problem: SchedulingProblem, plan: Schedule, seconds_per_unit: float = 1.0) -> Verdict:
     """Return the independent validator's verdict."""
+    from up_samp.validation import validate_plan, validate_schedule
+
     if isinstance(problem, SchedulingMotionProblem):
         return validate_plan(problem, plan, seconds_per_unit=seconds_per_unit)
     return validate_schedule(problem, plan)

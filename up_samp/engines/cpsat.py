@@ -5,7 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Iterator
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 from unified_planning.engines import (
     Credits,
@@ -32,9 +32,12 @@ from up_samp.model import (
     ScheduleStatus,
     UnsupportedError,
 )
-from up_samp.scheduling.cpsat import CpsatSession
-from up_samp.upio.plan import build_schedule
-from up_samp.validation import validate_schedule
+
+if TYPE_CHECKING:
+    from up_samp.scheduling.cpsat import CpsatSession
+
+# OR-Tools and the validator are imported when a problem is solved: UP imports this module when it
+# is asked for its engines
 
 _FEATURES = [
     "SCHEDULING",
@@ -268,6 +271,8 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
     def _session(self, problem: Any) -> CpsatSession:
         if not isinstance(problem, SchedulingProblem):
             raise ProblemError("cpsat schedules scheduling problems only")
+        from up_samp.scheduling.cpsat import CpsatSession
+
         return CpsatSession(problem, seed=self.seed, workers=self.workers)
 
     def _unsupported(self, error: UnsupportedError) -> PlanGenerationResult:
@@ -278,6 +283,9 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
     def _result(
         self, problem: Any, report: ScheduleReport, final: bool = True
     ) -> PlanGenerationResult:
+        from up_samp.upio.plan import build_schedule
+        from up_samp.validation import validate_schedule
+
         status, plan = _STATUSES[report.status], None
         messages = [LogMessage(LogLevel.INFO, report.message)] if report.message else []
         metrics = {"engine_internal_time": f"{report.seconds:.3f}"}

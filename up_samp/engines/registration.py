@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import importlib
+from typing import Any
 
-import unified_planning as up
+import unified_planning.environment as up_environment
 from unified_planning.environment import Environment
-
-from up_samp.scheduling import known_engines
 
 ENGINES = (
     ("cpsat", "up_samp.engines.cpsat", "CpsatEngine"),
@@ -22,7 +21,9 @@ def register(environment: Environment | None = None) -> None:
     ``environment`` is UP's global environment by default. Calling it twice does no harm. Engines
     whose packages are not installed are left out.
     """
-    env = environment or up.environment.get_environment()
+    from up_samp.scheduling.quirks import known_engines
+
+    env = environment or up_environment.get_environment()
     factory = env.factory
     for name, module, cls in (*ENGINES, *known_engines()):
         if name in factory.engines:
@@ -37,3 +38,50 @@ def register(environment: Environment | None = None) -> None:
     for name, module, cls in META_ENGINES:
         if not any(e.startswith(f"{name}[") for e in factory.engines):
             factory.add_meta_engine(name, module, cls)
+
+
+def register_globally() -> None:
+    """Register in UP's global environment: now if it is there already, else when it is first used.
+
+    UP makes it when it is first asked for, with all engines that it knows, which takes half a
+    second; it has no hook for others.
+    """
+    if up_environment.GLOBAL_ENVIRONMENT is None:
+        up_environment.GLOBAL_ENVIRONMENT = _Unmade()
+    else:
+        register(up_environment.GLOBAL_ENVIRONMENT)
+
+
+class _Unmade(Environment):  # type: ignore[misc]
+    """UP's global environment until something of it is used: then it is made, becomes a plain
+    ``Environment`` and gets our engines.
+    """
+
+    def __init__(self) -> None:
+        pass
+
+    def _make(self) -> None:
+        self.__class__ = Environment  # type: ignore[assignment]
+        try:
+            Environment.__init__(self)
+            register(self)
+        except BaseException:
+            if up_environment.GLOBAL_ENVIRONMENT is self:
+                up_environment.GLOBAL_ENVIRONMENT = None  # the next one who asks is told, too
+            raise
+
+    def __getattr__(self, name: str) -> Any:
+        # only for what is not there yet: the fields that the properties of an environment read
+        if name.startswith("__"):
+            raise AttributeError(name)
+        self._make()
+        return getattr(self, name)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name != "__class__":
+            self._make()
+        object.__setattr__(self, name, value)
+
+    def __getstate__(self) -> Any:
+        self._make()
+        return self.__getstate__()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 from unified_planning.engines import (
     Credits,
@@ -23,18 +23,19 @@ from unified_planning.plans import Plan, Schedule
 
 from up_samp.engines.direct import DirectFace
 from up_samp.engines.kinds import engine_kind, samp_kind
-from up_samp.engines.plain import schedule_plainly
 from up_samp.model import Deadline, EngineError, MotionModel
 from up_samp.model.refinement import Layer
-from up_samp.motion.compile import precompile
-from up_samp.scheduling import is_compatible
-from up_samp.search.context import Context, Incumbent
-from up_samp.search.history import History, ProgressEvent
-from up_samp.search.loop import Conclusion, InvalidPlanError, SearchResult
+from up_samp.scheduling.quirks import is_compatible
 from up_samp.search.params import split_parameters
-from up_samp.search.session import open_search, run, to_plan
-from up_samp.upio import SampSchedule
-from up_samp.validation import validate_plan, validate_schedule
+
+if TYPE_CHECKING:
+    from up_samp.search.context import Context, Incumbent
+    from up_samp.search.history import History, ProgressEvent
+    from up_samp.search.loop import SearchResult
+    from up_samp.upio import SampSchedule
+
+# schedulers, motion planners and the validator are imported when a problem is solved: UP imports
+# this module when it is asked for its engines
 
 credits = Credits(
     "samp-refine",
@@ -48,13 +49,14 @@ credits = Credits(
 )
 
 _STATUSES = {
-    Conclusion.OPTIMAL: PlanGenerationResultStatus.SOLVED_OPTIMALLY,
-    Conclusion.SOLVED: PlanGenerationResultStatus.SOLVED_SATISFICING,
-    Conclusion.UNSOLVABLE: PlanGenerationResultStatus.UNSOLVABLE_PROVEN,
-    Conclusion.EXHAUSTED: PlanGenerationResultStatus.UNSOLVABLE_INCOMPLETELY,
-    Conclusion.OUT_OF_TIME: PlanGenerationResultStatus.TIMEOUT,
-    Conclusion.FAILED: PlanGenerationResultStatus.INTERNAL_ERROR,
+    "OPTIMAL": PlanGenerationResultStatus.SOLVED_OPTIMALLY,
+    "SOLVED": PlanGenerationResultStatus.SOLVED_SATISFICING,
+    "UNSOLVABLE": PlanGenerationResultStatus.UNSOLVABLE_PROVEN,
+    "EXHAUSTED": PlanGenerationResultStatus.UNSOLVABLE_INCOMPLETELY,
+    "OUT_OF_TIME": PlanGenerationResultStatus.TIMEOUT,
+    "FAILED": PlanGenerationResultStatus.INTERNAL_ERROR,
 }
+"""UP's status for each :class:`up_samp.search.loop.Conclusion`, by its name."""
 
 
 class SampResult(PlanGenerationResult):  # type: ignore[misc]
@@ -177,13 +179,21 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         self, problem: Any, timeout: float | None, stream: IO[str] | None, optimal: bool
     ) -> Iterator[PlanGenerationResult]:
         """Yield each better plan as INTERMEDIATE, and last the final result."""
-        if isinstance(problem, SchedulingMotionProblem) and problem.motion_activities:
+        moves = isinstance(problem, SchedulingMotionProblem) and problem.motion_activities
+        # imports, too, are made before the clock runs
+        from up_samp.engines.plain import schedule_plainly
+        from up_samp.search.loop import InvalidPlanError
+        from up_samp.search.session import run
+
+        if moves:
+            from up_samp.motion.compile import precompile
+
             # once per machine, before the clock runs
             movable = [o for o in problem.all_objects if isinstance(o, MovableObject)]
             models = {MotionModel[o.motion_model.name] for o in movable}
             precompile(models, several=len(movable) > 1)
         deadline = Deadline.after(timeout)
-        if not isinstance(problem, SchedulingMotionProblem) or not problem.motion_activities:
+        if not moves:
             yield schedule_plainly(self, problem, deadline, optimal)
             return
         context = self._open(problem, deadline, stream)
@@ -202,6 +212,9 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
     def _open(
         self, problem: SchedulingMotionProblem, deadline: Deadline, stream: IO[str] | None
     ) -> Context:
+        from up_samp.search.session import open_search
+        from up_samp.validation import validate_plan, validate_schedule
+
         params = self.params
         if stream is not None and params.progress is None:
             params = _with_progress(params, stream)
@@ -229,16 +242,21 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
     def _intermediate(
         self, problem: SchedulingMotionProblem, context: Context, incumbent: Incumbent
     ) -> PlanGenerationResult:
+        from up_samp.search.session import to_plan
+
         plan = to_plan(problem, context.snapshot, incumbent)
         return self._result(PlanGenerationResultStatus.INTERMEDIATE, plan, context, "")
 
     def _final(
         self, problem: SchedulingMotionProblem, context: Context, ending: SearchResult
     ) -> PlanGenerationResult:
+        from up_samp.search.loop import Conclusion
+        from up_samp.search.session import to_plan
+
         plan = None
         if context.incumbent is not None:
             plan = to_plan(problem, context.snapshot, context.incumbent)
-        status = _STATUSES[ending.conclusion]
+        status = _STATUSES[ending.conclusion.name]
         solved = PlanGenerationResultStatus.SOLVED_SATISFICING
         if status is PlanGenerationResultStatus.SOLVED_OPTIMALLY and not problem.quality_metrics:
             status = solved
@@ -252,6 +270,8 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         """Return what went wrong, and the best plan until then, if there is one."""
         if context.incumbent is None:
             return self._result(PlanGenerationResultStatus.INTERNAL_ERROR, None, context, why)
+        from up_samp.search.loop import Conclusion, SearchResult
+
         return self._final(problem, context, SearchResult(Conclusion.FAILED, why))
 
     def _result(

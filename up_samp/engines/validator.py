@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from unified_planning.engines import (
     Credits,
@@ -23,7 +23,9 @@ from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.plans import PlanKind, Schedule
 
 from up_samp.model import ProblemError
-from up_samp.validation import Violation, judge_plan
+
+if TYPE_CHECKING:
+    from up_samp.validation import Violation
 
 _FEATURES = re.findall(
     r"\w+",
@@ -97,6 +99,8 @@ class SampValidator(Engine, PlanValidatorMixin):
         return None
 
     def _validate(self, problem: Any, plan: Any) -> ValidationResult:
+        from up_samp.validation import judge_plan
+
         if not isinstance(problem, SchedulingProblem) or not isinstance(plan, Schedule):
             raise ProblemError("samp-validator judges schedules of scheduling problems")
         motion = isinstance(problem, SchedulingMotionProblem)

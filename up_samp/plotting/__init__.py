@@ -1,9 +1,24 @@
 """Pictures of plans. Everything is drawn from the plan dictionary of :mod:`up_samp.io`."""
 
-from up_samp.plotting.animation import animation_html, write_html
-from up_samp.plotting.gantt import plot_gantt
-from up_samp.plotting.gif import write_gif
-from up_samp.plotting.map_picture import places_of, plot_map
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from up_samp.plotting.animation import animation_html, write_html
+    from up_samp.plotting.gantt import plot_gantt
+    from up_samp.plotting.gif import write_gif
+    from up_samp.plotting.map_picture import places_of, plot_map
+
+_HOMES = {
+    "animation_html": "animation",
+    "places_of": "map_picture",
+    "plot_gantt": "gantt",
+    "plot_map": "map_picture",
+    "write_gif": "gif",
+    "write_html": "animation",
+}
 
 __all__ = [
     "animation_html",
@@ -13,3 +28,10 @@ __all__ = [
     "write_gif",
     "write_html",
 ]
+
+
+def __getattr__(name: str) -> object:
+    # Matplotlib takes half a second to import, and not every command draws
+    if name not in _HOMES:
+        raise AttributeError(f"module 'up_samp.plotting' has no attribute '{name}'")
+    return getattr(importlib.import_module(f"up_samp.plotting.{_HOMES[name]}"), name)
