@@ -82,6 +82,6 @@ class _Unmade(Environment):  # type: ignore[misc]
             self._make()
         object.__setattr__(self, name, value)
 
-    def __getstate__(self) -> Any:
+    def __reduce_ex__(self, protocol: Any) -> Any:  # for copies
         self._make()
-        return self.__getstate__()
+        return self.__reduce_ex__(protocol)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-import importlib
+import functools
+import importlib.util
+import logging
 from collections.abc import Callable
 from typing import Any
 
 from up_samp.geometry import Scene
 from up_samp.model import Body, MotionModel, ProblemError, UnsupportedError
 from up_samp.motion.protocol import MotionPlanner
+
+log = logging.getLogger(__name__)
 
 Factory = Callable[[Scene, int], MotionPlanner]
 
@@ -84,4 +88,16 @@ def planner_names(name: str, body: Body) -> tuple[str, ...]:
     model = body.kinematics.model
     if model not in DEFAULTS:
         raise UnsupportedError(f"no motion planner for the motion model {model.name}")
-    return (DEFAULTS[model], *SECOND_OPINIONS.get(model, ()))
+    others = SECOND_OPINIONS.get(model, ())
+    if others and not has_ompl():
+        others = tuple(n for n in others if n in PLANNERS)
+    return (DEFAULTS[model], *others)
+
+
+@functools.cache
+def has_ompl() -> bool:
+    """Return whether OMPL is installed; say once what is left out where it is not."""
+    if importlib.util.find_spec("ompl") is not None:
+        return True
+    log.warning("OMPL is not installed: no second opinions where a motion planner finds nothing")
+    return False

@@ -22,7 +22,16 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def _load() -> tuple[Any, Any, Any, Any]:
-    root: Any = importlib.import_module("ompl")
+    try:
+        root: Any = importlib.import_module("ompl")
+    except ModuleNotFoundError as error:
+        if error.name != "ompl":
+            raise
+        raise UnsupportedError(
+            "OMPL is not installed (there are packages of it for Linux and macOS, not for "
+            "Windows): motion models SE3 and CONTROL, OMPL's planners by name and preset 'paper' "
+            "need it; cars and omnidirectional bodies do without it"
+        ) from error
     if hasattr(root, "dll_loader"):  # 1.7 crashes at exit if it loads its libraries by itself
         root.dll_loader = lambda *args, **kwargs: None
     return (

@@ -9,7 +9,6 @@ from dataclasses import replace
 
 from up_samp.model import MotionModel, PathQuery, Placed, ScheduledMotion
 from up_samp.model.refinement import Layer, Refinement, Strength
-from up_samp.motion.planners.ompl import explore
 from up_samp.refinement import rules
 from up_samp.search.cases import MotionCase, case_of
 from up_samp.search.context import Context
@@ -55,6 +54,8 @@ def _explored(
     planar = body.kinematics.model in (MotionModel.REEDSSHEPP, MotionModel.SE2)
     if not planar or len(motion.poses) != 2:
         return [], frozenset()
+    from up_samp.motion.planners.ompl import explore  # not everywhere is OMPL
+
     same = [s for s in context.by_signature if s[0] == body and len(s[1]) == 2]
     targets = {str(pose): pose for s in same for pose in s[1]}
     deadline = context.deadline.within(EXPLORE_SHARE * context.query_seconds)
