@@ -1,10 +1,11 @@
-"""How long the first use takes: kernels compiled for the first time, and read from numba's cache.
+"""How long the first use takes, and every later one.
 
-    python benchmarks/motion/start_up.py
+    python benchmarks/motion/start_up.py [PACKAGE ...]
 
-Copies the package to an empty folder, so that nothing is compiled, and uses it from there in fresh
-processes. Processor seconds, so that they can be read on a busy machine; by the clock it is less
-where two processes compile side by side.
+Copies each package folder (by default the installed one; name another checkout's ``up_samp`` to
+compare) to an empty folder with an empty cache, and runs it there in fresh processes: once cold,
+then again, the fastest of three. Seconds by the clock, and of the processors in brackets: on a busy
+machine compare these.
 """
 
 from __future__ import annotations
@@ -15,51 +16,70 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import up_samp
 
+SMALLEST = "jobshop-r1-j1-m1"
+RUN = "import sys; from up_samp.cli import main; sys.exit(main({arguments!r}))"
+OTHERS = """
+import unified_planning.shortcuts as s; s.get_environment().factory
+from ortools.sat.python import cp_model
+from scipy import ndimage; from scipy.sparse import csgraph
+import shapely, numba.core.registry as r; r.cpu_target.target_context.refresh()
+"""
 STEPS = {
-    "import up_samp": "import up_samp",
-    "compile for cars": "from up_samp.motion.compile import precompile as p; p()",
-    "compile for omnidirectional bodies, too": (
-        "from up_samp.motion.compile import precompile as p; "
-        "from up_samp.model import MotionModel as m; p((m.REEDSSHEPP, m.SE2))"
+    "`import unified_planning.shortcuts`, its environment used": (
+        "import unified_planning.shortcuts as s; s.get_environment().factory"
     ),
-    "first car query": (
-        "import math; from up_samp.geometry import OccupancyGrid; import numpy as np; "
-        "from up_samp.model import *; from up_samp.motion import MotionService; "
-        "cells = np.zeros((200, 300), dtype=bool); cells[:120, 148:152] = True; "
-        "box = ((-1., -.5), (1., -.5), (1., .5), (-1., .5)); "
-        "body = Body(box, Kinematics(MotionModel.REEDSSHEPP)); "
-        "query = PathQuery(body, ((4., 4., 0.), (25., 4., math.pi / 2))); "
-        "report = MotionService(OccupancyGrid(cells, 0.1)).plan(query, Deadline.never()); "
-        "assert report.trajectory is not None"
-    ),
+    "all imports of others that a solve needs": OTHERS,
+    "`import up_samp`": "import up_samp",
+    "`up-samp --version`": RUN.format(arguments=["--version"]),
+    "`up-samp demo`, with pictures and GIF": RUN.format(arguments=["demo", "--out", "out"]),
+    f"`up-samp solve {SMALLEST}`": RUN.format(arguments=["solve", SMALLEST]),
 }
 
 
-def seconds(code: str, folder: Path) -> float:
-    """Return the processor time of a fresh process that uses the package in ``folder``."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    env = {**os.environ, "PYTHONPATH": str(folder)}
-    subprocess.run([sys.executable, "-c", code], cwd=folder, env=env, check=True)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+def seconds(code: str, folder: Path) -> tuple[float, float]:
+    """Return the clock's and the processors' time of a fresh process that uses the package in
+    ``folder``.
+    """
+    env = {
+        **os.environ,
+        "PYTHONPATH": str(folder),
+        "UP_SAMP_CACHE_DIR": str(folder / "cache"),
+        "HOME": str(folder),
+    }
+    before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=folder, env=env, capture_output=True, text=True
+    )
+    if done.returncode != 0:
+        raise SystemExit(f"{code}\nfailed: {done.stderr}")
+    clock, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
+    used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return clock, used
+
+
+def measure(package: Path) -> None:
+    """Print a Markdown table for one package folder."""
+    print(f"\n{package}\n\n| a fresh process that does | cold, s | again, s |\n|---|---|---|")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        ignored = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(package, folder / "up_samp", ignore=ignored)
+        for step, code in STEPS.items():
+            cold = seconds(code, folder)
+            again = min(seconds(code, folder) for _ in range(3))
+            cells = " | ".join(f"{clock:.2f} ({used:.2f})" for clock, used in (cold, again))
+            print(f"| {step} | {cells} |", flush=True)
 
 
 def main() -> None:
-    """Print a Markdown table."""
-    package = Path(up_samp.__file__).parent
-    print("| a fresh process that does | nothing compiled (s) | again (s) |\n|---|---|---|")
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        ignored = shutil.ignore_patterns("__pycache__", "*.nbi", "*.nbc")
-        shutil.copytree(package, folder / "up_samp", ignore=ignored)
-        for step, code in STEPS.items():
-            first = seconds(code, folder)
-            again = min(seconds(code, folder) for _ in range(3))
-            print(f"| {step} | {first:.1f} | {again:.2f} |", flush=True)
+    """Measure every package that the command line names."""
+    for name in sys.argv[1:] or [Path(up_samp.__file__).parent]:
+        measure(Path(name).resolve())
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -133,9 +134,42 @@ def _uses(engine: type[Engine]) -> str:
     return "; ".join(what)
 
 
+def add_warmup(commands: Subparsers) -> None:
+    """Add ``warmup``."""
+    parser = commands.add_parser(
+        "warmup", help="compile the motion kernels now, so that no first solve waits for them"
+    )
+    parser.set_defaults(run=_warmup)
+
+
+def _warmup(args: argparse.Namespace) -> int:
+    from up_samp.geometry import kernel_cache
+    from up_samp.motion.compile import PARTS_FOR, missing, parts_for, precompile
+
+    def report(ready: int, of: int) -> None:
+        print(f"{ready} of {of} parts compiled", file=sys.stderr, flush=True)
+
+    wanted = parts_for(PARTS_FOR)
+    if missing(wanted) and not kernel_cache.can_write():
+        return 1
+    seconds = precompile(PARTS_FOR, report=report)
+    left = missing(wanted)
+    print(f"kernels are in {kernel_cache.folder()} ({seconds:.0f} s)")
+    return 1 if left else 0
+
+
 def add_bench(commands: Subparsers) -> None:
     """Add ``bench`` (see :mod:`up_samp.benchmarks.cli`)."""
     bench.add_parser(commands)
 
 
-COMMANDS = (add_demo, add_solve, add_validate, add_draw, add_export, add_engines, add_bench)
+COMMANDS = (
+    add_demo,
+    add_solve,
+    add_validate,
+    add_draw,
+    add_export,
+    add_engines,
+    add_warmup,
+    add_bench,
+)
