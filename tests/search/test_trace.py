@@ -8,7 +8,7 @@ from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.shortcuts import OneshotPlanner, get_environment
 
 from tests.upio.hall import Hall
-from up_samp.engines import samp
+from up_samp.search import session
 from up_samp.search.loop import InvalidPlanError
 
 get_environment().credits_stream = None
@@ -62,8 +62,8 @@ def test_a_failure_does_not_lose_the_plan_found_before_it(tmp_path, monkeypatch)
         yield next(search)
         raise InvalidPlanError("made up by the test")
 
-    run = samp.run
-    monkeypatch.setattr(samp, "run", fails_later)
+    run = session.run
+    monkeypatch.setattr(session, "run", fails_later)
     with OneshotPlanner(name="samp-refine[cpsat]") as planner:
         result = planner.solve(problem, timeout=60)
     assert result.status is Status.SOLVED_SATISFICING
