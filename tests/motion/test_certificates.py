@@ -11,6 +11,9 @@ from up_samp.motion import MotionService
 from up_samp.motion.guides.visibility import Visibility
 from up_samp.motion.proofs.bounds import Bounds
 from up_samp.motion.proofs.certificates import Certifier
+from up_samp.validation.collisions import Shape as JudgedShape
+from up_samp.validation.collisions import hits_body
+from up_samp.validation.tracks import Track
 
 START = (25.0, 59.0, math.pi / 2)
 
@@ -203,3 +206,37 @@ def test_the_same_without_a_map():
     assert certifier.prove(ROBOT, ((0, 0, 0.0), (10, 0, 0.0)), (parked,)) is None
     assert certifier.prove(ROBOT, ((0, 0, 0.0), (5, 0.2, 0.0)), (parked,)) is not None
     assert certifier.prove(ROBOT, ((0, 0, 0.0), (5, 0, 1.0)), (parked,)) is not None
+
+
+def test_contact_is_no_proof():
+    """Bodies pushed into each other by hardly anything: what is proven, the validator refuses."""
+    rng = np.random.default_rng(11)
+    proven = clear = 0
+    for trial in range(300):
+        sharp = float(rng.uniform(0.02, 0.6))
+        spike = ((0.0, 0.0), (-1.0, sharp), (-1.0, -sharp))  # its tip is the reference point
+        body, wall = Body(spike, CAR), Body(((0.0, -3.0), (2.0, -3.0), (2.0, 3.0), (0.0, 3.0)), CAR)
+        depth = float(rng.choice([0.0, 5e-7, 1e-6, 1.5e-6, 3e-6, 1e-5, 1e-4, 1e-3]))
+        heading = float(rng.uniform(-0.5, 0.5))
+        pose, rest = (depth, float(rng.uniform(-1, 1)), heading), (0.0, 0.0, 0.0)
+        obstacle = Placed("wall", wall, rest)
+        proof = MotionService(None).certificate(body, ((-5.0, 0.0, 0.0), pose), (obstacle,))
+        shapes = [JudgedShape(n, np.array(b.footprint)) for n, b in (("a", body), ("b", wall))]
+        tracks = [
+            Track(np.array([0.0]), np.array([p]), s.radius)
+            for p, s in zip((pose, rest), shapes, strict=True)
+        ]
+        meets = hits_body(shapes[0], tracks[0], shapes[1], tracks[1], 0.0, 1.0) is not None
+        assert meets or proof is None, f"trial {trial}: {depth} m deep is called proven"
+        proven += proof is not None
+        clear += not meets
+    assert proven > 50
+    assert clear > 50
+
+
+def test_a_robot_that_touches_a_wall_is_not_in_it():
+    grid = box_map(12, 8)
+    service = MotionService(grid)
+    for gap, inside in ((0.0, False), (-1e-6, False), (-1e-3, True)):
+        blocked, _ = service.pose_blockers(ROBOT, (1.2 + gap, 4.0, 0.0), ())
+        assert blocked is inside

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -16,6 +16,8 @@ from up_samp.model import Body, ProblemError
 FloatArray = npt.NDArray[np.float64]
 Point = tuple[float, float]
 
+CORE = 2e-6
+"""How much thinner (m) the core of a footprint is: twice what the validator takes for rounding."""
 SLACK_MIN, SLACK_MAX = 1e-4, 0.2
 """Smallest and largest extra inflation (m) that the swept checks use in tight places."""
 
@@ -100,6 +102,23 @@ def _shape(footprint: tuple[Point, ...], margin: float) -> Shape:
         inner=inner,
         discs=np.concatenate([_covering_discs(part) for part in parts]),
     )
+
+
+@lru_cache(maxsize=1024)
+def core_of(body: Body) -> Body:
+    """Return the body with its footprint thinner by ``CORE`` m all round.
+
+    What its core meets, the body meets by more than any judge takes for rounding: proofs that
+    something is in the way are made for it. A footprint too thin for that has no such proofs.
+    """
+    polygon = shapely.Polygon(_checked(body.footprint))
+    thin = polygon.buffer(-CORE, join_style="mitre", mitre_limit=1e3)
+    if thin.is_empty or thin.geom_type != "Polygon":
+        raise ProblemError(
+            f"the footprint {body.footprint} is thinner than {2 * CORE:g} m somewhere"
+        )
+    ring = tuple((float(x), float(y)) for x, y in thin.exterior.coords[:-1])
+    return replace(body, footprint=ring)
 
 
 def _checked(footprint: tuple[Point, ...]) -> list[Point]:

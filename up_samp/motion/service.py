@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from up_samp.geometry import OccupancyGrid, Scene
+from up_samp.geometry.shapes import core_of
 from up_samp.model import (
     Body,
     Configuration,
@@ -24,7 +25,7 @@ from up_samp.model import (
 from up_samp.motion.cache import MotionCache
 from up_samp.motion.legs import Legs, Settings, parking_clears
 from up_samp.motion.proofs.bounds import Bounds
-from up_samp.motion.proofs.certificates import TOUCH, Certifier
+from up_samp.motion.proofs.certificates import Certifier
 from up_samp.motion.protocol import Leg, LegQuery
 from up_samp.motion.stringing import strung
 from up_samp.motion.warm import warm_up
@@ -126,7 +127,10 @@ class MotionService:
             from up_samp.geometry.meshes import bodies_meet
 
             return bodies_meet(body_a, pose_a, body_b, pose_b)
-        return self.scene.distance(body_a, pose_a, body_b, pose_b) < -TOUCH
+        # either may be the one that moves, and has to be clear by its core
+        return self.scene.overlap(core_of(body_a), pose_a, body_b, pose_b) and self.scene.overlap(
+            body_a, pose_a, core_of(body_b), pose_b
+        )
 
     def parking_clears(
         self, trajectory: Trajectory, body: Body, placed: Placed, clearance: float = 0.0

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from up_samp.geometry import shape_of
+from up_samp.geometry.shapes import core_of, shape_of
 from up_samp.model import Body, Configuration, Kinematics, MotionModel, Placed
 from up_samp.motion.proofs.certificates import Certifier, Regions
 
@@ -40,6 +40,7 @@ class AfterOpening:
         # nothing is known of how fast a body under its own equations of motion can be
         if self._certifier.scene.grid is None or body.kinematics.model is MotionModel.CONTROL:
             return 0.0
+        body = core_of(body)
         regions, _ = self._certifier._at(body, (placed,))
         labels = [self._certifier._label(regions, body, p) for p in poses]
         for index in range(len(poses) - 1):

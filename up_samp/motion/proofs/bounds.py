@@ -13,7 +13,7 @@ from collections import OrderedDict
 from collections.abc import Sequence
 
 from up_samp.geometry import Scene
-from up_samp.geometry.shapes import shape_of
+from up_samp.geometry.shapes import core_of, shape_of
 from up_samp.model import Body, Configuration, MotionModel, Placed
 from up_samp.motion.curves.reeds_shepp import run_time, shortest
 from up_samp.motion.guides.visibility import Visibility
@@ -81,7 +81,7 @@ class Bounds:
         """Return metres that no way of the reference point between two planar poses can beat."""
         straight = math.dist(start[:2], goal[:2])
         grid = self.scene.grid
-        radius = shape_of(body).inscribed
+        radius = shape_of(core_of(body)).inscribed
         if grid is None or radius <= 0.0:
             return straight
         a, b = self._cells(start), self._cells(goal)

@@ -26,7 +26,7 @@ from scipy import ndimage
 from up_samp.geometry import Scene
 from up_samp.geometry.compiled import kernel
 from up_samp.geometry.kernels import PolyData
-from up_samp.geometry.shapes import shape_of
+from up_samp.geometry.shapes import core_of, shape_of
 from up_samp.model import Body, Configuration, Deadline, Outcome, PathReport, Placed
 from up_samp.motion.guides.cost_to_go import point_to_convex
 from up_samp.motion.proofs.heading_slices import separated
@@ -35,8 +35,6 @@ BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int32]
 
 EIGHT = np.ones((3, 3), dtype=np.int8)
-TOUCH = 1e-6
-"""Overlaps shallower than this (m) are no proof: to the validator they are rounding."""
 MOST_ALTERNATIVES = 16
 
 
@@ -120,7 +118,11 @@ class Regions:
 
 
 class Certifier:
-    """Proves motions impossible in one scene. Caches components by body size and obstacles."""
+    """Proves motions impossible in one scene. Caches components by body size and obstacles.
+
+    All proofs are made for the body's core (:func:`up_samp.geometry.shapes.core_of`): contact, and
+    overlaps that are rounding to the validator, prove nothing.
+    """
 
     def __init__(self, scene: Scene, size: int = 64) -> None:
         self.scene = scene
@@ -149,11 +151,15 @@ class Certifier:
         self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]
     ) -> PathReport | None:
         """Return a report that driving through ``poses`` is impossible, or None (no proof)."""
+        body = core_of(body)
         for pose in poses:
-            if self.hits_map(body, pose):
+            if self.scene.grid is not None and not self.scene.map_free(body, pose):
                 where = ", ".join(f"{v:g}" for v in pose[:3])
                 return _impossible(f"the configuration ({where}) collides with the map", (), ())
-        hit = [self._hit(body, pose, obstacles) for pose in poses]
+        hit = [
+            frozenset(p.name for p in obstacles if self.scene.overlap(body, at, p.body, p.pose))
+            for at in poses
+        ]
         must = frozenset().union(*hit)
         gaps = self._gaps(body, poses, obstacles)
         if gaps is None:
@@ -206,6 +212,7 @@ class Certifier:
         """
         if self.scene.grid is None or self.scene.grid.shape[0] == 0:
             return None
+        body = core_of(body)
 
         def apart(among: Sequence[Placed]) -> bool:
             return separated(self.scene, self.nearest, body, start, goal, tuple(among), deadline)
@@ -248,16 +255,7 @@ class Certifier:
         """Return whether a pose surely overlaps the map's blocked cells or its outside."""
         if self.scene.grid is None:
             return False
-        return not self.scene.map_free(body, pose)
-
-    def _hit(self, body: Body, pose: Configuration, obstacles: Sequence[Placed]) -> frozenset[str]:
-        return frozenset(
-            p.name for p in obstacles if self.scene.distance(body, pose, p.body, p.pose) < -TOUCH
-        )
-
-    def collides(self, body: Body, pose: Configuration, obstacles: Sequence[Placed]) -> bool:
-        """Return whether a pose surely overlaps the map or an obstacle."""
-        return self.hits_map(body, pose) or bool(self._hit(body, pose, obstacles))
+        return not self.scene.map_free(core_of(body), pose)
 
     def _label(self, regions: Regions, body: Body, pose: Configuration) -> int:
         """Return the region of the inner disc's centre (0: none, says nothing)."""
