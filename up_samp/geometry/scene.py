@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import OrderedDict
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 
@@ -14,6 +13,7 @@ from scipy import ndimage
 from up_samp.geometry import kernels
 from up_samp.geometry.kernels import GridData, PolyData
 from up_samp.geometry.maps import OccupancyGrid
+from up_samp.geometry.memory import Memory
 from up_samp.geometry.shapes import Shape, shape_of
 from up_samp.model import Body, Configuration, Placed
 
@@ -78,7 +78,7 @@ class Scene:
             raise ValueError(f"the margin must be a finite number >= 0 m, not {margin!r}")
         self.grid = grid
         self.margin = margin
-        self._polys: OrderedDict[tuple[tuple[object, ...], ...], PolyData] = OrderedDict()
+        self._polys: Memory[PolyData] = Memory(512)
 
     @cached_property
     def data(self) -> GridData:
@@ -98,11 +98,7 @@ class Scene:
         """Return resting objects as kernel data (cached by their bodies and poses, in order)."""
         obstacles = tuple(obstacles)
         key = tuple((p.body.footprint, tuple(p.pose)) for p in obstacles)
-        if key not in self._polys:
-            self._polys[key] = poly_data(obstacles)
-            if len(self._polys) > 512:
-                self._polys.popitem(last=False)
-        return self._polys[key]
+        return self._polys.get_or(key, lambda: poly_data(obstacles))
 
     def pose_free(
         self,

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from up_samp.geometry.memory import Memory
 from up_samp.model import Body, Configuration, Placed, ProblemError, Trajectory
-from up_samp.motion.memory import Memory
 
 log = logging.getLogger(__name__)
 

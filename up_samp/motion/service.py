@@ -37,6 +37,9 @@ class MotionService:
     ``planner``: a name of :data:`up_samp.motion.registry.PLANNERS`, or ``"default"``: chosen by
     what each body needs. ``margin`` (m): clearance that plans keep from walls and objects; less
     where a start or a goal is closer than that. Same seed, same answers. ``cache`` may be shared.
+
+    Nothing here is guarded by locks: one service belongs to one thread (OMPL's random numbers even
+    to one process). Several services may share a folder on disk, not a ``cache`` object.
     """
 
     def __init__(

@@ -345,17 +345,25 @@ def conflict_runs(
 
 @kernel
 def separation(
-    p: FloatArray, va: FloatArray, ca: IntArray, q: FloatArray, vb: FloatArray, cb: IntArray
+    p: FloatArray,
+    va: FloatArray,
+    ca: IntArray,
+    q: FloatArray,
+    vb: FloatArray,
+    cb: IntArray,
+    enough: float,
 ) -> float:
-    """Return the largest gap (m) between two placed bodies along an edge normal (<= 0: overlap)."""
+    """Return the largest gap (m) between two placed bodies along an edge normal (<= 0: overlap);
+    ``enough`` where it is more than that.
+    """
     a, b = np.zeros(9), np.zeros(9)
     a[0], a[1], a[2], a[3] = p[0], p[1], np.cos(p[2]), np.sin(p[2])
     b[0], b[1], b[2], b[3] = q[0], q[1], np.cos(q[2]), np.sin(q[2])
-    worst = np.inf
+    worst = enough
     for i in range(len(ca)):
         for j in range(len(cb)):
             # bisect the margin at which the parts stop being apart: cheap, and done rarely
-            low, high = 0.0, 1.0
+            low, high = 0.0, enough
             if _apart(a, va[i], ca[i], 0.0, b, vb[j], cb[j], 0.0, low) == 0:
                 return 0.0
             if _apart(a, va[i], ca[i], 0.0, b, vb[j], cb[j], 0.0, high) == 0:

@@ -19,8 +19,6 @@ from up_samp.model import Body, Configuration, Trajectory
 
 FloatArray = npt.NDArray[np.float64]
 
-MARGIN = 0.01
-"""Clearance (m) kept between two flyers, less where they rest closer to each other than that."""
 TOUCH = 5e-5
 """Clearance (m) that counts as none; path planners keep more."""
 SKY = 1e4
@@ -89,18 +87,22 @@ def gap(a: Flight, pose_a: Configuration, b: Flight, pose_b: Configuration) -> f
     return surface_distance(a.mesh, transform(pose_a), b.mesh, transform(pose_b))
 
 
-def margin_of(a: Flight, b: Flight) -> float:
-    """Return the clearance (m) that two moving bodies keep: less where they rest closer."""
+def margin_of(a: Flight, b: Flight, wish: float) -> float:
+    """Return the clearance (m) that two moving bodies keep: less than ``wish`` where they rest
+    closer to each other than that.
+    """
     if len(a.trajectory.times) == 1 or len(b.trajectory.times) == 1:
         return 0.0  # the path planner kept its margin from what rests
     least = min(
         gap(a, a._standing(p), b, b._standing(q)) for p, q in itertools.product(a.ends, b.ends)
     )
-    return min(MARGIN, 0.5 * least)
+    return min(wish, 0.5 * least)
 
 
-def first_contact(a: Flight, b: Flight) -> float:
-    """Return when (s) two bodies first come closer than they may (inf: never)."""
+def first_contact(a: Flight, b: Flight, wish: float) -> float:
+    """Return when (s) two bodies first come closer than they may (inf: never): ``wish`` m, or less
+    where they rest closer than that.
+    """
     if a.object == b.object:
         return math.inf
     spans = [x.busy for x, y in ((a, b), (b, a)) if x.busy is not None and x.heeds(y)]
@@ -109,7 +111,7 @@ def first_contact(a: Flight, b: Flight) -> float:
         low, high = max(low, a.since, b.since), min(high, a.until, b.until)
         if low >= high:
             continue
-        margin = margin_of(a, b) if margin < 0.0 else margin
+        margin = margin_of(a, b, wish) if margin < 0.0 else margin
         at = _contact_within(a, b, low, high, margin)
         if at < math.inf:
             return at

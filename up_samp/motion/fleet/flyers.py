@@ -36,10 +36,11 @@ from up_samp.model import (
     Trajectory,
     UnsupportedError,
 )
-from up_samp.motion.fleet.flyer_contacts import MARGIN, Flight, first_contact, gap
+from up_samp.motion.fleet.flyer_contacts import Flight, first_contact, gap
 
 if TYPE_CHECKING:
-    from up_samp.motion.fleet.workspace import PathPlanner
+    from up_samp.motion.fleet.margins import wished
+from up_samp.motion.fleet.workspace import PathPlanner
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -72,6 +73,11 @@ class Airspace:
     """Why a motion has no path, the last time that happened."""
     complete: bool = True
     """Whether no path's search was cut short."""
+
+    @property
+    def margin(self) -> float:
+        """The clearance (m) to keep between two bodies."""
+        return wished(getattr(self.service, "scene", None))
 
     def plan(self, query: PathQuery) -> PathReport:
         """Ask the service for a path."""
@@ -165,9 +171,9 @@ class Airspace:
         ghosts = self.ghosts.setdefault(motion.name, [])
         before = len(ghosts)
         for other in others:
-            at = first_contact(flight, other)
+            at = first_contact(flight, other, self.margin)
             if at < math.inf and len(other.trajectory.times) > 1:
-                ghosts += _ghosts(flight, other, at)
+                ghosts += _ghosts(flight, other, at, self.margin)
         if len(ghosts) == before or self.deadline.expired():
             return None
         ever = self._rests(motion, window[1])
@@ -190,7 +196,9 @@ class Airspace:
         start = release
         while not self.deadline.expired():
             flight = _flight(motion, path, since, start)
-            hit = next((o for o in others if first_contact(flight, o) < math.inf), None)
+            hit = next(
+                (o for o in others if first_contact(flight, o, self.margin) < math.inf), None
+            )
             if hit is None:
                 return flight
             self.met.setdefault(motion.name, set()).add(hit.name)
@@ -215,7 +223,7 @@ def _flight(motion: TimedMotion, path: Trajectory, since: float, start: float) -
     )
 
 
-def _ghosts(flight: Flight, other: Flight, at: float) -> list[Placed]:
+def _ghosts(flight: Flight, other: Flight, at: float, margin: float) -> list[Placed]:
     """Return copies of ``other`` where it is while ``flight`` is near it about the time ``at``,
     but for those that stand where the flight starts or ends.
     """
@@ -227,7 +235,7 @@ def _ghosts(flight: Flight, other: Flight, at: float) -> list[Placed]:
         pose = other.trajectory.at(float(t))
         if found and math.dist(pose[:3], found[-1].pose[:3]) < GHOST_STEP * other.mesh.radius:
             continue
-        if all(gap(flight, end, other, pose) > 2 * MARGIN for end in flight.ends):
+        if all(gap(flight, end, other, pose) > 2 * margin for end in flight.ends):
             found.append(Placed(f"{other.object}~{len(found)}", other.body, pose))
     return found
 

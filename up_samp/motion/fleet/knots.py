@@ -21,12 +21,12 @@ import shapely
 from up_samp.geometry.scene import Scene
 from up_samp.model import Body, Configuration, Deadline, Placed, TimedMotion
 from up_samp.motion.fleet.abilities import abilities_of
-from up_samp.motion.fleet.conflicts import separation
 from up_samp.motion.fleet.lacam import Agent, Joint
+from up_samp.motion.fleet.margins import kept
 from up_samp.motion.fleet.moves import Move, drive
 from up_samp.motion.fleet.paths import Path, hull_of, path_of
 from up_samp.motion.fleet.roadmap import Edge, Roadmap
-from up_samp.motion.fleet.timed_path import MARGIN, Run, avoids
+from up_samp.motion.fleet.timed_path import Run, avoids
 from up_samp.motion.fleet.waiting import parked_all_the_time
 from up_samp.motion.fleet.workspace import Workspace
 
@@ -88,7 +88,7 @@ class Knot:
     static: list[tuple[Placed, ...]] = field(init=False)
 
     def __post_init__(self) -> None:
-        self.margin = _margin(self.motions)
+        self.margin = _margin(self.workspace.margin, self.motions)
         self.static = [tuple(parked_all_the_time(m, self.world)) for m in self.motions]
 
     @property
@@ -134,15 +134,13 @@ def untie(
     return None
 
 
-def _margin(motions: Sequence[TimedMotion]) -> float:
+def _margin(wish: float, motions: Sequence[TimedMotion]) -> float:
     """Return the clearance to keep: less than usual where robots start or end closer than that."""
-    margin = MARGIN
+    margin = wish
     for a, b in itertools.combinations(motions, 2):
         g, h = hull_of(a.body), hull_of(b.body)
-        for p, q in ((a.poses[0], b.poses[0]), (a.poses[-1], b.poses[-1])):
-            gap = separation(np.array(p), g.verts, g.counts, np.array(q), h.verts, h.counts)
-            if 0.0 < gap < 2 * margin:
-                margin = 0.5 * gap
+        for i in (0, -1):
+            margin = kept(margin, [np.array(a.poses[i])], g, [np.array(b.poses[i])], h)
     return margin
 
 

@@ -11,12 +11,12 @@ import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.geometry.shapes import shape_of
+from up_samp.geometry.shapes import Shape, shape_of
 from up_samp.model import Body, Configuration, MotionModel, Trajectory
 from up_samp.motion.fleet.cell_times import occupancy
 from up_samp.motion.fleet.conflicts import DEPTH, sweep_table
@@ -55,23 +55,21 @@ class Hull:
     core: float
 
 
-_hulls: dict[Ring, Hull] = {}
-
-
 def hull_of(body: Body) -> Hull:
     """Return the (cached) convex parts of a planar body."""
-    key = body.footprint
-    if key not in _hulls:
-        shape = shape_of(body)
-        most = max(len(part) for part in shape.parts)
-        verts = np.zeros((len(shape.parts), most, 2))
-        counts = np.zeros(len(shape.parts), dtype=np.int64)
-        for i, part in enumerate(shape.parts):
-            verts[i, : len(part)] = part
-            verts[i, len(part) :] = part[-1]
-            counts[i] = len(part)
-        _hulls[key] = Hull(verts, counts, float(shape.circumscribed), float(shape.inscribed))
-    return _hulls[key]
+    return _hull(shape_of(body))
+
+
+@lru_cache(maxsize=1024)
+def _hull(shape: Shape) -> Hull:
+    most = max(len(part) for part in shape.parts)
+    verts = np.zeros((len(shape.parts), most, 2))
+    counts = np.zeros(len(shape.parts), dtype=np.int64)
+    for i, part in enumerate(shape.parts):
+        verts[i, : len(part)] = part
+        verts[i, len(part) :] = part[-1]
+        counts[i] = len(part)
+    return Hull(verts, counts, float(shape.circumscribed), float(shape.inscribed))
 
 
 @dataclass(frozen=True, eq=False)

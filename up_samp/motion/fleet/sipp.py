@@ -16,9 +16,10 @@ from up_samp.motion.curves.reeds_shepp import fastest
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.fleet import sipp_kernel as search
 from up_samp.motion.fleet import strrt
+from up_samp.motion.fleet.margins import kept
 from up_samp.motion.fleet.movers import Me, Movers
 from up_samp.motion.fleet.paths import Path, hull_of, path_of
-from up_samp.motion.fleet.timed_path import MARGIN, Run, pair_flags
+from up_samp.motion.fleet.timed_path import Run, pair_flags
 from up_samp.motion.guides.cost_to_go import Fields
 from up_samp.motion.planners.car_shortcuts import improve, settle
 
@@ -94,7 +95,7 @@ class Roundabout:
             return []
         shape = self.scene.shape(body).data
         grid, polys = self.scene.data, self.scene.polys(static)
-        me = self._me(motion, release, goal_free)
+        me = self._me(motion, others, release, goal_free)
         movers = movers_of(motion, others, release)
         start, goal = (np.array(p[:3], dtype=np.float64) for p in motion.poses)
         fastest_time, _ = fastest(motion.poses[0], motion.poses[1], *limits_of(body.kinematics))
@@ -133,10 +134,16 @@ class Roundabout:
         points = np.array([grid.point_of(r, c) for r, c in corners])
         return np.concatenate([points.min(axis=0), points.max(axis=0)])
 
-    def _me(self, motion: TimedMotion, release: float, goal_free: float) -> Me:
+    def _me(
+        self, motion: TimedMotion, others: Sequence[Run], release: float, goal_free: float
+    ) -> Me:
         hull = hull_of(motion.body)
         radius, v, a = limits_of(motion.body.kinematics)
-        numbers = np.array([hull.radius, MARGIN, radius, v, a, release, goal_free])
+        margin, ends = self.scene.margin, [np.array(p[:3]) for p in motion.poses]
+        for other in others:
+            if other.object != motion.object:
+                margin = kept(margin, ends, hull, other.path.poses[[0, -1]], other.path.hull)
+        numbers = np.array([hull.radius, margin, radius, v, a, release, goal_free])
         return Me(hull.verts, hull.counts, numbers)
 
     def _search(
@@ -156,7 +163,7 @@ class Roundabout:
         shape = self.scene.shape(body).data
         grid, polys = self.scene.data, self.scene.polys(static)
         radius = limits_of(body.kinematics)[0]
-        me = self._me(motion, release, goal_free)
+        me = self._me(motion, others, release, goal_free)
         movers = movers_of(motion, others, release)
         start, goal = (np.array(p[:3], dtype=np.float64) for p in motion.poses)
         field = self.fields.toward(self.scene.shape(body), motion.poses[1], static)

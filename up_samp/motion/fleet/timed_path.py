@@ -31,9 +31,6 @@ if TYPE_CHECKING:
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-MARGIN = 0.01
-"""Clearance (m) kept between two bodies, less where they rest closer to each other than that."""
-
 
 @dataclass(frozen=True, eq=False)
 class Run:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections import OrderedDict
-from collections.abc import Hashable, Iterable
+import weakref
+from collections.abc import Iterable
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol
 from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
 
+from up_samp.geometry.memory import Memory
 from up_samp.geometry.scene import Scene
 from up_samp.model import (
     Body,
@@ -31,10 +32,11 @@ from up_samp.motion.fleet.cell_times import (
     forbidden,
     stay_far,
 )
-from up_samp.motion.fleet.conflicts import conflict_runs, separation
+from up_samp.motion.fleet.conflicts import conflict_runs
 from up_samp.motion.fleet.lanes import shifted_lane
-from up_samp.motion.fleet.paths import Hull, Path, path_of, resting_path
-from up_samp.motion.fleet.timed_path import MARGIN, NOBODY, Run, pair_flags, planar, pose_at
+from up_samp.motion.fleet.margins import kept, wished
+from up_samp.motion.fleet.paths import Path, path_of, resting_path
+from up_samp.motion.fleet.timed_path import NOBODY, Run, pair_flags, planar, pose_at
 from up_samp.motion.fleet.timings import Timing
 from up_samp.motion.protocol import LegQuery
 
@@ -73,29 +75,6 @@ class PathPlanner(Protocol):
         ...
 
 
-Value = TypeVar("Value")
-
-
-class _Memory(OrderedDict[Hashable, Value]):
-    """A dictionary that forgets what was used longest ago."""
-
-    def __init__(self, most: int) -> None:
-        super().__init__()
-        self.most = most
-
-    def recall(self, key: Hashable) -> Value | None:
-        if key in self:
-            self.move_to_end(key)
-            return self[key]
-        return None
-
-    def keep(self, key: Hashable, value: Value) -> Value:
-        self[key] = value
-        while len(self) > self.most:
-            self.popitem(last=False)
-        return value
-
-
 def _is_cleared(path: Path, rest: Path) -> bool:
     return rest.cells == 0 and (rest.body.footprint, pose_at(rest, 0)) in path.cleared
 
@@ -104,14 +83,22 @@ class Workspace:
     """Paths and their conflicts, remembered across queries of one motion service."""
 
     def __init__(self, service: PathPlanner) -> None:
-        self.service = service
+        self._service = weakref.ref(service)  # the service owns its workspace, not the other way
         self.truncated = 0
         """How often a path's search was cut short; what came of it is not remembered."""
-        self._paths: _Memory[Path | PathReport] = _Memory(PATHS)
-        self._drives: _Memory[Path] = _Memory(PATHS)
-        self._lanes: _Memory[Path | None] = _Memory(PATHS)
-        self._rests: _Memory[Path] = _Memory(PATHS)
-        self._conflicts: _Memory[IntArray] = _Memory(DIAGRAMS)
+        self._paths: Memory[Path | PathReport] = Memory(PATHS)
+        self._drives: Memory[Path] = Memory(PATHS)
+        self._lanes: Memory[Path | None] = Memory(PATHS)
+        self._rests: Memory[Path] = Memory(PATHS)
+        self._conflicts: Memory[IntArray] = Memory(DIAGRAMS)
+
+    @property
+    def service(self) -> PathPlanner:
+        """The motion service that paths are asked from."""
+        service = self._service()
+        if service is None:
+            raise ReferenceError("the motion service of this workspace is gone")
+        return service
 
     @cached_property
     def roundabout(self) -> Roundabout | None:
@@ -132,7 +119,7 @@ class Workspace:
         obstacles = tuple(obstacles)
         around = frozenset((p.body.footprint, p.pose) for p in obstacles)
         key = (body, poses, around)
-        known = self._paths.recall(key)
+        known = self._paths.get(key)
         if known is not None:
             return known
         report = self.service.plan(PathQuery(body, poses, obstacles), deadline)
@@ -141,11 +128,11 @@ class Workspace:
             return report
         # the same path is often the answer to several questions: conflicts are known by path
         drive = (body, poses, report.trajectory.poses.tobytes())
-        path = self._drives.recall(drive)
-        path = path or self._drives.keep(drive, path_of(report.trajectory, body, poses))
+        motion = report.trajectory
+        path = self._drives.get_or(drive, lambda: path_of(motion, body, poses))
         path.cleared.update(around)
         if report.complete:
-            return self._paths.keep(key, path)
+            return self._paths.put(key, path)
         self.truncated += 1
         return path
 
@@ -166,7 +153,7 @@ class Workspace:
         obstacles = tuple(obstacles)
         around = frozenset((p.body.footprint, p.pose) for p in obstacles)
         key = (body, poses, around, "detour")
-        known = self._paths.recall(key)
+        known = self._paths.get(key)
         if known is None:
             parts, complete = [], True
             for start, goal in itertools.pairwise(poses):
@@ -181,7 +168,7 @@ class Workspace:
                 known = path_of(driven_through(parts, body.kinematics), body, poses)
                 known.cleared.update(around)
             if complete:
-                self._paths.keep(key, known)
+                self._paths.put(key, known)
         return known if isinstance(known, Path) else None
 
     @cached_property
@@ -196,33 +183,36 @@ class Workspace:
         """The map that the service plans in, if it tells."""
         return getattr(self.service, "scene", None)
 
+    @property
+    def margin(self) -> float:
+        """The clearance (m) to keep between two bodies."""
+        return wished(self.scene)
+
     def lane(self, path: Path, first: float, last: float, offset: float) -> Path | None:
         """Return ``path`` moved sideways by ``offset`` m on [first, last] m, if the map allows."""
         if self.scene is None:
             return None
         key = (path.number, first, last, offset)
-        if key not in self._lanes:
-            lane = shifted_lane(self.scene, path, first, last, offset)
-            self._lanes.keep(key, lane)
-        return self._lanes[key]
+        scene = self.scene
+        return self._lanes.get_or(key, lambda: shifted_lane(scene, path, first, last, offset))
 
     def resting(self, body: Body, pose: Configuration) -> Path:
         """Return the path of a body that stays at ``pose``."""
         planar(body)
         key = (body.footprint, pose)
-        return self._rests.recall(key) or self._rests.keep(key, resting_path(body, pose))
+        return self._rests.get_or(key, lambda: resting_path(body, pose))
 
     def conflicts(self, a: Path, b: Path) -> IntArray:
         """Return the conflicting cells of two paths as rows (i, j first, j last)."""
         if _is_cleared(a, b) or _is_cleared(b, a):
             return NOTHING
         key = (a.number, b.number)
-        known = self._conflicts.recall(key)
+        known = self._conflicts.get(key)
         if known is not None:
             return known
         p, q = a.box, b.box
         if p[0] > q[2] or q[0] > p[2] or p[1] > q[3] or q[1] > p[3]:
-            return self._conflicts.keep(key, NOTHING)
+            return self._conflicts.put(key, NOTHING)
         g, h = a.hull, b.hull
         rows = conflict_runs(
             a.table,
@@ -233,21 +223,10 @@ class Workspace:
             h.verts,
             h.counts,
             h.radius,
-            self._margin(a, b, g, h),
+            kept(self.margin, a.poses[[0, -1]], g, b.poses[[0, -1]], h),
             g.core + h.core,
         )
-        return self._conflicts.keep(key, rows)
-
-    @staticmethod
-    def _margin(a: Path, b: Path, g: Hull, h: Hull) -> float:
-        """Return the clearance to keep: less than usual where both may rest closer than that."""
-        margin = MARGIN
-        for p in (a.poses[0], a.poses[-1]):
-            for q in (b.poses[0], b.poses[-1]):
-                gap = separation(p, g.verts, g.counts, q, h.verts, h.counts)
-                if 0.0 < gap < 2 * margin:
-                    margin = 0.5 * gap
-        return margin
+        return self._conflicts.put(key, rows)
 
     def forbidden(
         self, path: Path, name: str, avoid: frozenset[str] | None, others: Iterable[Run]
@@ -274,18 +253,18 @@ class Workspace:
             return math.inf, -1, -1
         if a.held[-1] <= b.held[0] or b.held[-1] <= a.held[0]:
             return math.inf, -1, -1
-        if (a.path.number, b.path.number) not in self._conflicts and _stay_far(a, b):
+        if (a.path.number, b.path.number) not in self._conflicts and _stay_far(a, b, self.margin):
             return math.inf, -1, -1
         runs = self.conflicts(a.path, b.path)
         return first_meeting(runs, a.held, b.held, flags)
 
 
-def _stay_far(a: Run, b: Run) -> bool:
+def _stay_far(a: Run, b: Run, margin: float) -> bool:
     """Return whether two runs cannot meet, by their distance over time alone."""
     p, q = a.timing.trajectory, b.timing.trajectory
     low = max(a.held[0], b.held[0], -1e9)
     high = min(a.held[-1], b.held[-1], 1e9)
-    reach = a.path.hull.radius + b.path.hull.radius + 2 * MARGIN + CHORD
+    reach = a.path.hull.radius + b.path.hull.radius + 2 * margin + CHORD
     # a slack millisecond step moves less than the chord's allowance
     speed = max(1e-6, a.speed + b.speed)
     return bool(stay_far(p.times, p.poses, q.times, q.poses, low, high, reach, speed))

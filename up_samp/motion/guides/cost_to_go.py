@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import OrderedDict
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy.typing as npt
 from up_samp.geometry import Scene, Shape
 from up_samp.geometry.compiled import inner, kernel
 from up_samp.geometry.kernels import PolyData
+from up_samp.geometry.memory import Memory
 from up_samp.model import Placed
 from up_samp.motion.guides.visibility import sees
 from up_samp.motion.planners.hybrid_astar import Field
@@ -182,9 +182,8 @@ class Fields:
 
     def __init__(self, scene: Scene, size: int = 256) -> None:
         self.scene = scene
-        self._size = size
-        self._coarse: dict[int, FloatArray] = {}
-        self._fields: OrderedDict[tuple[object, ...], Field] = OrderedDict()
+        self._coarse: Memory[FloatArray] = Memory(8)
+        self._fields: Memory[Field] = Memory(size)
 
     def toward(self, shape: Shape, goal: Sequence[float], obstacles: tuple[Placed, ...]) -> Field:
         """Return the distances (m) of the reference point's disc to ``goal``."""
@@ -196,11 +195,7 @@ class Fields:
             float(goal[1]),
             frozenset((p.body.footprint, p.pose) for p in obstacles),
         )
-        if key not in self._fields:
-            self._fields[key] = self._build(shape, goal, obstacles)
-            if len(self._fields) > self._size:
-                self._fields.popitem(last=False)
-        return self._fields[key]
+        return self._fields.get_or(key, lambda: self._build(shape, goal, obstacles))
 
     def _build(self, shape: Shape, goal: Sequence[float], obstacles: tuple[Placed, ...]) -> Field:
         grid = self.scene.grid
@@ -210,7 +205,7 @@ class Fields:
         factor = max(factor, math.ceil(math.sqrt(rows * cols / MAX_CELLS)))
         frame = self.scene.data.frame.copy()
         frame[5] *= factor
-        clear = self._coarsened(factor)
+        clear = self._coarse.get_or(factor, lambda: self._coarsened(factor))
         # a fine cell's value is for its worst point; its best may be a diagonal better
         blocked = clear + grid.resolution * math.sqrt(2.0) < shape.inscribed
         reach = max(shape.inscribed - frame[5] * math.sqrt(0.5), 0.02)
@@ -229,11 +224,9 @@ class Fields:
 
     def _coarsened(self, factor: int) -> FloatArray:
         """Return the largest clearance (m) within each block of ``factor`` x ``factor`` cells."""
-        if factor not in self._coarse:
-            fine = self.scene.data.clearance
-            rows, cols = (math.ceil(n / factor) for n in fine.shape)
-            padded = np.full((rows * factor, cols * factor), -1.0, dtype=np.float32)
-            padded[: fine.shape[0], : fine.shape[1]] = fine
-            blocks = padded.reshape(rows, factor, cols, factor)
-            self._coarse[factor] = blocks.max(axis=(1, 3)).astype(np.float64)
-        return self._coarse[factor]
+        fine = self.scene.data.clearance
+        rows, cols = (math.ceil(n / factor) for n in fine.shape)
+        padded = np.full((rows * factor, cols * factor), -1.0, dtype=np.float32)
+        padded[: fine.shape[0], : fine.shape[1]] = fine
+        blocks = padded.reshape(rows, factor, cols, factor)
+        return np.asarray(blocks.max(axis=(1, 3)).astype(np.float64))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import threading
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry import Scene, Shape, sweeps
+from up_samp.geometry.memory import Memory
 from up_samp.model import Body, Configuration, Deadline, Placed
 from up_samp.motion.budget import Budget
 from up_samp.motion.curves.arcs import merged, path_time, reversed_arcs
@@ -74,14 +74,12 @@ class CarPlanner:
         self.seed = seed
         self.settings = settings or CarSettings()
         self.fields = Fields(scene)
-        self._trees: dict[tuple[int, int], hybrid.Tree] = {}
-        self._lock = threading.Lock()
+        self._trees: Memory[hybrid.Tree] = Memory(4)
 
     def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a fast motion between two poses among resting obstacles."""
         budget = Budget(deadline, query.effort)
-        with self._lock:
-            arcs, reason = self.path(query, budget)
+        arcs, reason = self.path(query, budget)
         complete = not budget.cut
         if arcs is None:
             return Leg(None, reason, budget.used, complete)
@@ -196,11 +194,7 @@ class CarPlanner:
         return arcs, count, state == 2
 
     def _tree(self, nodes: int, keys: int) -> hybrid.Tree:
-        if (nodes, keys) not in self._trees:
-            if len(self._trees) >= 4:
-                self._trees.pop(next(iter(self._trees)))
-            self._trees[nodes, keys] = hybrid.new_tree(nodes, keys)
-        return self._trees[nodes, keys]
+        return self._trees.get_or((nodes, keys), lambda: hybrid.new_tree(nodes, keys))
 
     def _smooth(
         self,

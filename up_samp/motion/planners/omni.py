@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import threading
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,27 +53,25 @@ class PlanarPlanner:
         self.seed = seed
         self.settings = settings or PlanarSettings()
         self.fields = Fields(scene)
-        self._lock = threading.Lock()
 
     def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a fast motion between two poses among resting obstacles."""
         body, start, goal, obstacles = query.body, query.start, query.goal, query.obstacles
         budget = Budget(deadline, query.effort)
-        with self._lock:
-            shape = widest_shape(self.scene, body, (start, goal), obstacles)
-            if shape is None:
-                reason = "the start or the goal touches the map or an obstacle"
-                return Leg(None, reason, complete=True)
-            chain, reason = self._chain(body, shape, start, goal, obstacles, budget)
-            if chain is None:
-                return Leg(None, reason, budget.used, not budget.cut)
-            glider = Glider(self.scene, body, shape, obstacles)
-            found = glider.glide(chain, goal)
-            if found is None:
-                reason = "no safe timing along the path found"
-                return Leg(None, reason, budget.used, not budget.cut)
-            motion, chain = self._rounded(glider, chain, goal, found[0], budget)
-            return Leg(motion, "", budget.used, not budget.cut, chain)
+        shape = widest_shape(self.scene, body, (start, goal), obstacles)
+        if shape is None:
+            reason = "the start or the goal touches the map or an obstacle"
+            return Leg(None, reason, complete=True)
+        chain, reason = self._chain(body, shape, start, goal, obstacles, budget)
+        if chain is None:
+            return Leg(None, reason, budget.used, not budget.cut)
+        glider = Glider(self.scene, body, shape, obstacles)
+        found = glider.glide(chain, goal)
+        if found is None:
+            reason = "no safe timing along the path found"
+            return Leg(None, reason, budget.used, not budget.cut)
+        motion, chain = self._rounded(glider, chain, goal, found[0], budget)
+        return Leg(motion, "", budget.used, not budget.cut, chain)
 
     def _chain(
         self,

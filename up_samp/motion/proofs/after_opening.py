@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from up_samp.geometry.memory import Memory
 from up_samp.geometry.shapes import core_of, shape_of
 from up_samp.model import Body, Configuration, Kinematics, MotionModel, Placed
 from up_samp.motion.proofs.certificates import Certifier, Regions
@@ -28,7 +29,7 @@ class AfterOpening:
 
     def __init__(self, certifier: Certifier) -> None:
         self._certifier = certifier
-        self._distances: dict[tuple[int, int], tuple[Regions, FloatArray]] = {}
+        self._distances: Memory[tuple[Regions, FloatArray]] = Memory(64)
 
     def seconds(
         self, body: Body, poses: Sequence[Configuration], placed: Placed, leg_length: LegLength
@@ -55,16 +56,18 @@ class AfterOpening:
         """Return the least distance (m) from the start's region to the goal's inner disc centre."""
         grid = self._certifier.scene.grid
         assert grid is not None
-        key = (id(regions), start)
-        if key not in self._distances:
+
+        def measured() -> tuple[Regions, FloatArray]:
             inside = np.isin(regions.labels, sorted(regions.reached(start, 0)))
-            # the regions are kept too: their id must not be used again
-            self._distances[key] = (regions, ndimage.distance_transform_edt(~inside))
+            return regions, ndimage.distance_transform_edt(~inside)
+
+        # the regions are kept with what is known of them: their id is not used again meanwhile
+        _, distances = self._distances.get_or((id(regions), start), measured)
         cx, cy, _ = shape_of(body).inner
         c, s = math.cos(goal[2]), math.sin(goal[2])
         point = (goal[0] + c * cx - s * cy, goal[1] + s * cx + c * cy)
         row, col = grid.cells_of([point])[0]
-        cells = float(self._distances[key][1][row, col])
+        cells = float(distances[row, col])
         # both points may lie anywhere in their cells
         return max(0.0, (cells - math.sqrt(2.0)) * grid.resolution)
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections import OrderedDict
 from collections.abc import Sequence
 
 from up_samp.geometry import Scene
+from up_samp.geometry.memory import Memory
 from up_samp.geometry.shapes import core_of, shape_of
 from up_samp.model import Body, Configuration, MotionModel, Placed
 from up_samp.motion.curves.reeds_shepp import run_time, shortest
@@ -26,8 +26,7 @@ class Bounds:
     def __init__(self, scene: Scene, certifier: Certifier | None = None, size: int = 64) -> None:
         self.scene = scene
         self.certifier = certifier or Certifier(scene)
-        self._size = size
-        self._known: OrderedDict[tuple[object, ...], Visibility] = OrderedDict()
+        self._known: Memory[Visibility] = Memory(size)
 
     def duration(
         self,
@@ -99,13 +98,11 @@ class Bounds:
             round(radius, 9),
             frozenset((p.body.footprint, tuple(p.pose)) for p in obstacles),
         )
-        if key not in self._known:
-            blocked = self.certifier.blocked(radius, obstacles)
-            assert self.scene.grid is not None
-            self._known[key] = Visibility(blocked, self.scene.grid.resolution)
-            if len(self._known) > self._size:
-                self._known.popitem(last=False)
-        return self._known[key]
+        return self._known.get_or(key, lambda: self._looked(radius, obstacles))
+
+    def _looked(self, radius: float, obstacles: Sequence[Placed]) -> Visibility:
+        assert self.scene.grid is not None
+        return Visibility(self.certifier.blocked(radius, obstacles), self.scene.grid.resolution)
 
 
 def _turn(model: MotionModel, start: Configuration, goal: Configuration) -> float:

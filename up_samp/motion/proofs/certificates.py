@@ -13,7 +13,6 @@ statements about whole cells: rounding to the grid never makes a false proof.
 from __future__ import annotations
 
 import math
-from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -26,6 +25,7 @@ from scipy import ndimage
 from up_samp.geometry import Scene
 from up_samp.geometry.compiled import kernel
 from up_samp.geometry.kernels import PolyData
+from up_samp.geometry.memory import Memory
 from up_samp.geometry.shapes import core_of, shape_of
 from up_samp.model import Body, Configuration, Deadline, Outcome, PathReport, Placed
 from up_samp.motion.guides.cost_to_go import point_to_convex
@@ -126,8 +126,7 @@ class Certifier:
 
     def __init__(self, scene: Scene, size: int = 64) -> None:
         self.scene = scene
-        self._size = size
-        self._regions: OrderedDict[tuple[object, ...], Regions] = OrderedDict()
+        self._regions: Memory[Regions] = Memory(size)
 
     @cached_property
     def _distance(self) -> npt.NDArray[np.float32]:
@@ -272,11 +271,8 @@ class Certifier:
         placed = sorted(obstacles, key=lambda p: p.name)[:62]  # more would not fit; still sound
         radius = shape_of(body).inner[2]
         key = (round(radius, 9), tuple((p.body.footprint, tuple(p.pose)) for p in placed))
-        if key not in self._regions:
-            self._regions[key] = self._build(radius, placed)
-            if len(self._regions) > self._size:
-                self._regions.popitem(last=False)
-        return self._regions[key], [p.name for p in placed]
+        regions = self._regions.get_or(key, lambda: self._build(radius, placed))
+        return regions, [p.name for p in placed]
 
     def blocked(self, radius: float, obstacles: Sequence[Placed]) -> BoolArray:
         """Return the cells in which the centre of a free disc of ``radius`` m can nowhere be."""

@@ -1,0 +1,35 @@
+"""How much clearance two bodies keep from each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.geometry.scene import Scene
+from up_samp.motion.fleet.conflicts import separation
+from up_samp.motion.fleet.paths import Hull
+
+FloatArray = npt.NDArray[np.float64]
+
+MARGIN = 0.01
+"""Clearance (m) kept where the service has no scene that tells another one."""
+
+
+def wished(scene: Scene | None) -> float:
+    """Return the clearance (m) asked for: that of the scene, from walls and from others alike."""
+    return MARGIN if scene is None else scene.margin
+
+
+def kept(wish: float, a: Iterable[FloatArray], g: Hull, b: Iterable[FloatArray], h: Hull) -> float:
+    """Return the clearance (m) that two bodies keep: ``wish``, less where poses at which they rest
+    (``a`` and ``b``, (3,) each) are closer to each other than that.
+    """
+    margin = wish
+    for p, q in product(a, b):
+        gap = separation(p, g.verts, g.counts, q, h.verts, h.counts, 2 * margin)
+        if 0.0 < gap < 2 * margin:
+            margin = 0.5 * gap
+    return margin
