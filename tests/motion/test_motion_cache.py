@@ -133,7 +133,7 @@ def test_wrong_but_well_formed_files_are_not_used(tmp_path, what, body):
         return
     assert service.cache.hits == 0
     assert np.array_equal(found.poses, first.poses)
-    again, service = plan(tmp_path, body)
+    _, service = plan(tmp_path, body)
     assert service.cache.hits == 1, "the right one has taken its place"
 
 
@@ -180,7 +180,7 @@ def test_a_file_in_place_of_the_folder(tmp_path):
 
 
 def test_a_truncated_leg_gives_way_to_a_finished_one(tmp_path):
-    best, service = plan(tmp_path)
+    best, _ = plan(tmp_path)
     slow = type(best)(best.times * 2.0, best.poses.copy())
     other = MotionService(GRID, cache=MotionCache())
     query = LegQuery(ROBOT, *POSES)
