@@ -24,8 +24,8 @@ from up_samp.execution.graph import (
 from up_samp.execution.lives import Life, lives_of
 from up_samp.execution.meetings import MARGIN, Meeting, meetings_of
 from up_samp.execution.orders import Order, orders_of, performers
-from up_samp.execution.reduce import reduced
-from up_samp.execution.staircase import Step, steps_of
+from up_samp.execution.reduce import MEETING, reduced
+from up_samp.execution.staircase import Step, steps_of, switched
 from up_samp.io.plan_dict import PlanDict, snapshot_of
 from up_samp.model.snapshot import Snapshot
 from up_samp.scheduling.compilers.read import read_problem as read_plain
@@ -143,7 +143,7 @@ class Draft:
     def add_meeting(self, meeting: Meeting) -> None:
         """Add the steps of a meeting."""
         for step in steps_of(meeting):
-            self._edge(step.first, step.then, 0.0, "meeting", _why(meeting, step))
+            self._edge(step.first, step.then, 0.0, MEETING, _why(meeting, step))
 
     def coarsen(self, meetings: Iterable[Meeting]) -> None:
         """Let motions that meet wait for each other as a whole, where one goes first all the way
@@ -159,7 +159,7 @@ class Draft:
         for meeting in meetings:
             whole = _whole(steps_of(meeting))
             if whole is not None and not _leads(after, whole.then, whole.first):
-                self._put(whole.first, whole.then, 0.0, "meeting", _why(meeting, whole))
+                self.put(whole.first, whole.then, 0.0, MEETING, _why(meeting, whole))
                 after.setdefault(whole.first, []).append(whole.then)
 
     def _edge(self, first: Event, then: Event, lag: float, kind: str, why: str) -> None:
@@ -176,9 +176,10 @@ class Draft:
                 self.tight.append((first, then, lag, kind, why))
                 return
             then, lag = begun, max(0.0, lag - task.expected)
-        self._put(first, then, lag, kind, why)
+        self.put(first, then, lag, kind, why)
 
-    def _put(self, first: Event, then: Event, lag: float, kind: str, why: str) -> None:
+    def put(self, first: Event, then: Event, lag: float, kind: str, why: str) -> None:
+        """Add an edge, unless there is a stronger one already."""
         if first == ORIGIN and lag <= 0.0:
             return
         known = self.edges.get((first, then))
@@ -191,7 +192,7 @@ class Draft:
             begun = Event(At.START, then.activity)
             if not self._follows(begun, first):
                 then, lag = begun, max(0.0, lag - self.tasks[then.activity].expected)
-            self._put(first, then, lag, kind, why)
+            self.put(first, then, lag, kind, why)
         self.tight = []
 
     def _follows(self, first: Event, then: Event) -> bool:
@@ -225,16 +226,60 @@ class Draft:
     def graph(self, margin: float) -> Graph:
         """Return the finished graph."""
         self._settle()
-        full = self._full(margin)
-        events, lengths = full.events, full.lengths
-        kept = {(full.events[e.first], full.events[e.then]): e for e in reduced(full)}
-        needed: dict[Event, None] = {e: None for e in events if e.at not in (At.REACH, At.LEAVE)}
-        for first, then in kept:
-            needed[first] = needed[then] = None
-        final = [(pair, (e.lag, e.kind, e.why)) for pair, e in kept.items()]
-        graph = _graph(self, list(needed), final, margin, lengths, len(full.edges))
-        _ = graph.order  # a cycle is an error now, not on the floor
-        return graph
+        return _finished(self._full(margin))
+
+
+def _finished(full: Graph) -> Graph:
+    """Return a graph reduced, with the events that are left, and seen to have no cycle."""
+    edges = reduced(full)
+    needed = {k for e in edges for k in (e.first, e.then)}
+    inner = (At.REACH, At.LEAVE)
+    kept = [k for k, e in enumerate(full.events) if k in needed or e.at not in inner]
+    number = {k: i for i, k in enumerate(kept)}
+    graph = Graph(
+        full.tasks,
+        tuple(full.events[k] for k in kept),
+        tuple(full.times[k] for k in kept),
+        tuple(Edge(number[e.first], number[e.then], e.lag, e.kind, e.why) for e in edges),
+        tuple(Bound(number[b.first], number[b.then], b.most, b.why) for b in full.bounds),
+        len(full.edges),
+        full.margin,
+        full.lengths,
+    )
+    _ = graph.order  # a cycle is an error now, not on the floor
+    return graph
+
+
+Side = Mapping[tuple[str, str, int], bool]
+"""Who goes first in a component of two objects' obstacle: (one, other, component) -> whether
+one.
+"""
+
+
+def with_sides(dependencies: Dependencies, sides: Side) -> Graph:
+    """Return the graph with other sides for some components; :class:`ProblemError` on a cycle."""
+    old = dependencies.graph
+    draft = Draft(old.tasks, dependencies.lives)
+    for edge in old.edges:
+        if edge.kind != MEETING:
+            pair = (old.events[edge.first], old.events[edge.then])
+            draft.edges[pair] = (edge.lag, edge.kind, edge.why)
+    for bound in old.bounds:
+        pair = (old.events[bound.first], old.events[bound.then])
+        draft.bounds.append((*pair, bound.most, bound.why))
+    for meeting in dependencies.meetings:
+        for step in steps_by(meeting, sides):
+            draft.put(step.first, step.then, 0.0, MEETING, _why(meeting, step))
+    return _finished(draft._full(old.margin))
+
+
+def steps_by(meeting: Meeting, sides: Side) -> list[Step]:
+    """Return a meeting's steps, with other sides than planned for some components."""
+    own = {c: sides[(*meeting.pair, c)] for c in meeting.components if (*meeting.pair, c) in sides}
+    found = [] if own and len(own) == len(meeting.components) else steps_of(meeting, without=own)
+    for component, one_first in own.items():
+        found += switched(meeting, component, one_first)
+    return found
 
 
 def _graph(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 from unified_planning.model.scheduling import SchedulingProblem
@@ -15,6 +16,7 @@ from up_samp.execution.forecast import Forecast, forecast, routes_of
 from up_samp.execution.graph import At, Event
 from up_samp.execution.meetings import MARGIN
 from up_samp.execution.pace import Pace
+from up_samp.execution.sides import planned_sides
 from up_samp.execution.state import Phase, State, Way
 from up_samp.execution.travel import travel_of
 from up_samp.io.plan_dict import PlanDict, plan_to_dict
@@ -63,12 +65,25 @@ class Executor:
         self.state = State(graph, travels, tolerance)
         self.routes = routes_of(graph, self.state.ways)
         self.pace = Pace()
+        self.sides: dict[tuple[str, str, int], bool] = {}
+        """Components that are passed on another side than planned (see ``reorder``)."""
         self._running: dict[str, None] = {}
         self._ready = dict.fromkeys(sorted(graph.tasks, key=lambda n: graph.tasks[n].planned))
         self._of_robot: dict[str, list[str]] = {}
         for name in self._ready:
             for who in graph.tasks[name].who:
                 self._of_robot.setdefault(who, []).append(name)
+
+    @cached_property
+    def open_sides(self) -> dict[tuple[str, str, int], bool]:
+        """The components that could be passed on either side, with the plan's side."""
+        return planned_sides(self.dependencies)
+
+    def reorder(self, *, horizon: float = 60.0, seconds: float = 1.0) -> int:
+        """Decide again who goes first, see :func:`up_samp.execution.reorder.reorder`."""
+        from up_samp.execution.reorder import reorder
+
+        return reorder(self, horizon=horizon, seconds=seconds)
 
     # ------------------------------------------------------------------ what is told
 

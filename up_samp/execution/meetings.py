@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -53,6 +54,16 @@ class Meeting:
     one_first: npt.NDArray[np.bool_]
     margin: float
     component: IntArray
+
+    @cached_property
+    def components(self) -> tuple[int, ...]:
+        """The numbers of the components that it is part of."""
+        return tuple(sorted({int(c) for c in self.component}))
+
+    @property
+    def pair(self) -> tuple[str, str]:
+        """The names of the two objects."""
+        return self.one.object, self.other.object
 
     @property
     def a(self) -> Piece:

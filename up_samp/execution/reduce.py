@@ -18,10 +18,28 @@ Clock = npt.NDArray[np.int32]
 """The latest place on each chain that is known to come before (-1: none)."""
 
 
+MEETING = "meeting"
+"""The kind of edges that say who goes first where two bodies would meet."""
+
+
 def reduced(graph: Graph) -> list[Edge]:
     """Return the edges that do not follow from the others. Those with a lag of their own are all
     kept; "strictly after" follows from any way that has a lag.
+
+    What the problem asks for is dropped only where it follows from other things that the problem
+    asks for: who goes first where bodies would meet may still change.
     """
+    orders = [e for e in graph.edges if e.kind != MEETING]
+    alone = Graph(graph.tasks, graph.events, graph.times, tuple(orders), lengths=graph.lengths)
+    kept = set(_needed(alone, frozenset()))
+    meetings = [e for e in graph.edges if e.kind == MEETING]
+    both = Graph(graph.tasks, graph.events, graph.times, (*kept, *meetings), lengths=graph.lengths)
+    needed = set(_needed(both, frozenset(kept)))
+    return [e for e in graph.edges if e in needed]
+
+
+def _needed(graph: Graph, always: frozenset[Edge]) -> list[Edge]:
+    """Return the edges ``always`` kept, and those others that do not follow."""
     chain, place, count = _chains(graph)
     nobody = np.full(count, -1, dtype=np.int32)
     clocks: list[Clock] = [nobody] * len(graph.events)
@@ -33,23 +51,24 @@ def reduced(graph: Graph) -> list[Edge]:
     for first, then in graph.implied:
         before[then].append(first)
     rank = {event: k for k, event in enumerate(graph.order)}
-    kept = []
+    found = []
     for event in graph.order:
         clock, strict = nobody.copy(), nobody.copy()
         for first in before[event]:
             np.maximum(clock, clocks[first], out=clock)
             np.maximum(strict, strictly[first], out=strict)
         # latest first: what comes before it follows from it
-        for edge in sorted(into[event], key=lambda e: (-rank[e.first], -e.lag)):
+        for edge in sorted(into[event], key=lambda e: (e not in always, -rank[e.first], -e.lag)):
             known = clock if edge.lag <= 0.0 else strict
-            if edge.lag > STRICT or known[chain[edge.first]] < place[edge.first]:
-                kept.append(edge)
+            missing = known[chain[edge.first]] < place[edge.first]
+            if edge in always or edge.lag > STRICT or missing:
+                found.append(edge)
                 np.maximum(clock, clocks[edge.first], out=clock)
                 source = strictly if edge.lag <= 0.0 else clocks
                 np.maximum(strict, source[edge.first], out=strict)
         clock[chain[event]] = place[event]
         clocks[event], strictly[event] = clock, strict
-    return kept
+    return found
 
 
 def _chains(graph: Graph) -> tuple[list[int], list[int], int]:

@@ -12,6 +12,7 @@ from up_samp.execution.delays import Delays, Luck, draw
 from up_samp.execution.executor import Executor
 from up_samp.execution.judge import Contact, contacts_of
 from up_samp.execution.record import Drivings, record_of
+from up_samp.execution.reorder import Reorderer
 from up_samp.execution.robot import Robot
 from up_samp.execution.timetable import Timetable
 from up_samp.execution.travel import Travel, travel_of
@@ -26,7 +27,7 @@ PATIENCE = 30.0
 STILL = 5.0
 """Seconds in which nothing happens, though nothing is disturbed, before it is a deadlock."""
 
-Policy = Literal["timed", "coarse", "staircase"]
+Policy = Literal["timed", "coarse", "staircase", "reorder"]
 
 
 @dataclass(frozen=True)
@@ -180,7 +181,8 @@ def simulate(
     """Execute a plan once with the delays of ``seed``, which are the same for every policy.
 
     ``policy``: "timed" follows the clock; "staircase" the graph; "coarse" is the same on a graph
-    made with ``coarse=True``; ``judged``: look for collisions.
+    made with ``coarse=True``; "reorder" also changes who goes first. ``judged``: look for
+    collisions.
     ``watch`` is called about every second with the executor and returns how often it changed an
     order.
     """
@@ -193,6 +195,8 @@ def simulate(
         executive = Timetable(dependencies)
     else:
         executive = Executor(plan, dependencies=dependencies)
+    if policy == "reorder" and watch is None:
+        watch = Reorderer()
     floor = Floor(executive, dependencies, luck, tick)
     reorders = 0
     looked = 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,24 +32,33 @@ class Step:
     where: tuple[float, float]
 
 
-def steps_of(meeting: Meeting, *, stride: float | None = None) -> list[Step]:
+def steps_of(
+    meeting: Meeting, *, stride: float | None = None, without: Container[int] = ()
+) -> list[Step]:
     """Return the steps of a meeting on the side on which the plan passes it.
 
     Steps less than ``stride`` m apart (default: half of the body's radius) are joined where
-    the plan allows: the later exit is waited for at the earlier entry.
+    the plan allows: the later exit is waited for at the earlier entry. Components ``without`` are
+    left out.
     """
-    found = list(_side(meeting, meeting.one_first, True, stride))
-    return found + list(_side(meeting, ~meeting.one_first, False, stride))
+    wanted = np.array([int(c) not in without for c in meeting.component], dtype=np.bool_)
+    found = list(_side(meeting, meeting.one_first & wanted, True, stride))
+    return found + list(_side(meeting, ~meeting.one_first & wanted, False, stride))
 
 
 def switched(meeting: Meeting, component: int, one_first: bool) -> list[Step]:
-    """Return the steps of one component with the given side, not joined."""
+    """Return the steps of one component on the given side, whatever the plan does."""
     chosen = meeting.component == component
-    return list(_side(meeting, chosen, one_first, 0.0))
+    return list(_side(meeting, chosen, one_first, None, planned=False))
 
 
 def _side(
-    meeting: Meeting, chosen: npt.NDArray[np.bool_], one_first: bool, stride: float | None
+    meeting: Meeting,
+    chosen: npt.NDArray[np.bool_],
+    one_first: bool,
+    stride: float | None,
+    *,
+    planned: bool = True,
 ) -> Iterator[Step]:
     rows = meeting.rows[chosen]
     if len(rows) == 0:
@@ -67,7 +76,8 @@ def _side(
     out_times = cell_times(leaver, p)[1]
     in_times = cell_times(enterer, q)[0]
     reach = 0.5 * min(life.hull.radius, follower.hull.radius) if stride is None else stride
-    for gone, entered in _joined(steps, p, out_times, in_times, reach):
+    allowed = in_times if planned else np.full(len(in_times), np.inf)
+    for gone, entered in _joined(steps, p, out_times, allowed, reach):
         first, then = _exit(leaver, p, gone), _entry(enterer, q, entered)
         if first is None or then is None:
             continue
@@ -75,7 +85,7 @@ def _side(
         entered_at, gone_at = float(in_times[entered]), float(out_times[gone])
         if isinstance(enterer, Drive):
             entered_at = float(enterer.left(np.array([then.progress]))[0])
-        if gone_at > entered_at + 2 * LATE:
+        if planned and gone_at > entered_at + 2 * LATE:
             raise UnsupportedError(
                 f"'{follower.object}' cannot stop on its way, but the plan lets it begin before "
                 f"{first}: no executive could hold it back"
