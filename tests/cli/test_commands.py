@@ -11,6 +11,7 @@ import up_samp.cli
 from up_samp.cli import main, solving
 from up_samp.cli.progress import Progress
 from up_samp.cli.table import schedule_table, table
+from up_samp.execution import with_dependencies
 from up_samp.io import plan_to_dict, read_plan, write_plan
 
 SCRIPT = """
@@ -275,3 +276,23 @@ def test_the_command_is_installed():
         [sys.executable, "-m", "up_samp", "--version"], capture_output=True, text=True, check=True
     )
     assert done.stdout.strip() == f"up-samp {up_samp.__version__}"
+
+
+def test_simulate_prints_a_table_and_writes_files(made, tmp_path, capsys):
+    plan = write_plan(
+        tmp_path / "plan.json",
+        with_dependencies(made.problem, plan_to_dict(made.problem, made.plan)),
+    )
+    out = tmp_path / "out"
+    code = main(["simulate", str(plan), "--delays", "30%", "--runs", "2", "--out", str(out)])
+    assert code == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines[2:5]] == ["timed", "staircase", "reorder"]
+    assert len((out / "runs.csv").read_text().splitlines()) == 7
+    record = read_plan(out / "executed-staircase.json")
+    assert len(record["activities"]) == 6
+    assert (out / "makespans.png").stat().st_size > 1000
+    assert (out / "executed-staircase.png").stat().st_size > 1000
+    assert main(["draw", str(out / "executed-staircase.json"), "--out", str(tmp_path / "d")]) == 0
+    assert main(["simulate", str(plan), "--delays", "fast=2"]) == 2
+    assert "NAME=NUMBER of slow" in capsys.readouterr().err

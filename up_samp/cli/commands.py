@@ -19,6 +19,7 @@ from up_samp.benchmarks.builder import ENCODINGS
 from up_samp.cli.exporting import add_export
 from up_samp.cli.outputs import write_outputs
 from up_samp.cli.problems import add_problem_arguments, find_problem
+from up_samp.cli.simulating import add_simulate
 from up_samp.cli.solving import add_solver_arguments, describe, judge, solve_and_show
 from up_samp.cli.table import table
 from up_samp.io import plan_from_dict, read_plan
@@ -168,6 +169,7 @@ COMMANDS = (
     add_solve,
     add_validate,
     add_draw,
+    add_simulate,
     add_export,
     add_engines,
     add_warmup,

@@ -18,8 +18,8 @@ from unified_planning.shortcuts import OneshotPlanner
 from up_samp.cli.outputs import write_outputs
 from up_samp.cli.progress import Progress
 from up_samp.cli.table import schedule_table
-from up_samp.io import result_to_dict
-from up_samp.model import EngineError
+from up_samp.io import PlanDict, result_to_dict
+from up_samp.model import EngineError, UnsupportedError
 from up_samp.search.params import PRESETS
 
 if TYPE_CHECKING:
@@ -90,6 +90,8 @@ def solve_and_show(problem: SchedulingProblem, args: argparse.Namespace) -> int:
         _explain_failure(problem, result, seconds)
         return 1
     plan = result_to_dict(problem, result)
+    if args.out is not None:
+        plan = _with_dependencies(problem, plan)
     print(schedule_table(plan))
     print()
     print(_summary(plan, result, seconds))
@@ -101,6 +103,17 @@ def solve_and_show(problem: SchedulingProblem, args: argparse.Namespace) -> int:
         files = write_outputs(plan, args.out, places=places_of(problem), gif=args.gif)
         print(f"written to {args.out}{_slash(args.out)}: {', '.join(f.name for f in files)}")
     return 0 if verdict.valid else 1
+
+
+def _with_dependencies(problem: SchedulingProblem, plan: PlanDict) -> PlanDict:
+    """Return the plan with what depends on what, where that can be told."""
+    from up_samp.execution import with_dependencies
+
+    try:
+        return with_dependencies(problem, plan)
+    except UnsupportedError as error:
+        print(f"no dependencies in the plan file: {error}", file=sys.stderr)
+        return plan
 
 
 def _slash(folder: Path) -> str:

@@ -1,11 +1,12 @@
 """Plans that survive the floor: what depends on what, and what to do now."""
 
-from up_samp.execution.build import Dependencies, dependencies_of
+from up_samp.execution.build import Dependencies, coarse, dependencies_of
 from up_samp.execution.commands import Command, Do, Go, Hold
 from up_samp.execution.delays import Delays
 from up_samp.execution.executor import Executor
-from up_samp.execution.files import with_dependencies
+from up_samp.execution.files import dependencies_from_plan, with_dependencies
 from up_samp.execution.graph import At, Bound, Edge, Event, Graph, Task
+from up_samp.execution.reorder import Reorderer
 from up_samp.execution.simulate import Run, simulate
 
 __all__ = [
@@ -21,8 +22,11 @@ __all__ = [
     "Go",
     "Graph",
     "Hold",
+    "Reorderer",
     "Run",
     "Task",
+    "coarse",
+    "dependencies_from_plan",
     "dependencies_of",
     "simulate",
     "with_dependencies",

@@ -44,12 +44,11 @@ class Dependencies:
 
 
 def dependencies_of(
-    problem: SchedulingProblem, plan: PlanDict, *, margin: float = MARGIN, coarse: bool = False
+    problem: SchedulingProblem, plan: PlanDict, *, margin: float = MARGIN
 ) -> Dependencies:
     """Return the dependency graph of a valid plan: acyclic, transitively reduced, with reasons.
 
-    ``coarse``: motions that meet wait for each other as a whole (as a baseline), wherever one of
-    them goes first all the way. Raises :class:`ProblemError` where the plan breaks the problem,
+    Raises :class:`ProblemError` where the plan breaks the problem,
     :class:`UnsupportedError` for what no executive can keep.
     """
     unit = float(plan["seconds_per_unit"])
@@ -63,8 +62,6 @@ def dependencies_of(
         draft.add_order(order, unit)
     for meeting in meetings:
         draft.add_meeting(meeting)
-    if coarse:
-        draft.coarsen(meetings)
     return Dependencies(draft.graph(margin), lives, tuple(meetings))
 
 
@@ -258,6 +255,27 @@ one.
 
 def with_sides(dependencies: Dependencies, sides: Side) -> Graph:
     """Return the graph with other sides for some components; :class:`ProblemError` on a cycle."""
+    draft = _orders_again(dependencies)
+    for meeting in dependencies.meetings:
+        for step in steps_by(meeting, sides):
+            draft.put(step.first, step.then, 0.0, MEETING, _why(meeting, step))
+    return draft.graph(dependencies.graph.margin)
+
+
+def coarse(dependencies: Dependencies) -> Dependencies:
+    """Return the baseline in which motions that meet wait for each other as a whole, wherever one
+    of them goes first all the way and no cycle comes of it.
+    """
+    draft = _orders_again(dependencies)
+    for meeting in dependencies.meetings:
+        draft.add_meeting(meeting)
+    draft.coarsen(dependencies.meetings)
+    graph = draft.graph(dependencies.graph.margin)
+    return Dependencies(graph, dependencies.lives, dependencies.meetings)
+
+
+def _orders_again(dependencies: Dependencies) -> Draft:
+    """Return a draft with everything but who goes first where bodies would meet."""
     old = dependencies.graph
     draft = Draft(old.tasks, dependencies.lives)
     for edge in old.edges:
@@ -267,10 +285,7 @@ def with_sides(dependencies: Dependencies, sides: Side) -> Graph:
     for bound in old.bounds:
         pair = (old.events[bound.first], old.events[bound.then])
         draft.bounds.append((*pair, bound.most, bound.why))
-    for meeting in dependencies.meetings:
-        for step in steps_by(meeting, sides):
-            draft.put(step.first, step.then, 0.0, MEETING, _why(meeting, step))
-    return _finished(draft._full(old.margin))
+    return draft
 
 
 def steps_by(meeting: Meeting, sides: Side) -> list[Step]:

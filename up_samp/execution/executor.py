@@ -163,15 +163,14 @@ class Executor:
         self._begin()
         found: dict[str, Command] = {}
         for name in self._running:
+            for way in self.state.ways_of[name]:
+                found[way.object] = self._drive(way)
+        for name in self._running:
             task = self.state.graph.tasks[name]
-            if task.moves:
-                for way in self.state.ways_of[name]:
-                    found[way.object] = self._drive(way)
-                continue
-            command = Do(name, self.state.open(self.state.end_number[name]))
-            free = [w for w in task.who if w not in found]
-            for who in free or [name]:
-                found[who] = command
+            if not task.moves:
+                command = Do(name, self.state.open(self.state.end_number[name]))
+                for who in [w for w in task.who if w not in found] or [name]:
+                    found[who] = command
         for robot, names in self._of_robot.items():
             if robot not in found:
                 found[robot] = Hold(self._waits(names))

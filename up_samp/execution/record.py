@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,11 +13,19 @@ from up_samp.io.plan_dict import PlanDict
 Drivings = dict[tuple[str, str], list[tuple[float, float]]]
 """(time, progress) of each motion (activity, object)."""
 
+Waits = Sequence[tuple[str, float, float, str]]
+"""(robot, from, until, for whom)."""
+
 Spans = Mapping[str, tuple[float, float | None]]
 
 
 def record_of(
-    plan: PlanDict, lives: Mapping[str, Life], spans: Spans, drivings: Drivings, now: float
+    plan: PlanDict,
+    lives: Mapping[str, Life],
+    spans: Spans,
+    drivings: Drivings,
+    waits: Waits,
+    now: float,
 ) -> PlanDict:
     """Return a plan-like record: real starts and ends (units, not whole), driven motions, changes.
 
@@ -42,6 +50,10 @@ def record_of(
         if spans.get(c["activity"], (0.0, None))[1] is not None
     ]
     record = {k: v for k, v in plan.items() if k not in ("dependencies", "minor")}
+    record["waits"] = [
+        {"object": w[0], "since": round(w[1], 6), "until": round(w[2], 6), "for": w[3]}
+        for w in waits
+    ]
     record.update(
         engine=f"{plan['engine']} (executed)",
         lower_bound=None,

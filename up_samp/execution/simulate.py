@@ -221,7 +221,8 @@ def _run(
 ) -> Run:
     spans = floor.executive.times()
     makespan = max((end for _, end in spans.values() if end is not None), default=0.0)
-    record = record_of(plan, floor.dependencies.lives, spans, floor.drivings, floor.now)
+    waits = tuple((str(w[0]), w[1], w[2], str(w[3])) for w in floor.waits)
+    record = record_of(plan, floor.dependencies.lives, spans, floor.drivings, waits, floor.now)
     finished = floor.executive.finished
     return Run(
         policy=policy,
@@ -236,5 +237,5 @@ def _run(
         replans=0,
         contacts=tuple(contacts_of(record)) if judged else (),
         record=record,
-        waits=tuple((str(w[0]), w[1], w[2], str(w[3])) for w in floor.waits),
+        waits=waits,
     )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from up_samp.plotting.animation import animation_html, write_html
+    from up_samp.plotting.executed import plot_executed, plot_makespans
     from up_samp.plotting.gantt import plot_gantt
     from up_samp.plotting.gif import write_gif
     from up_samp.plotting.map_picture import places_of, plot_map
@@ -14,7 +15,9 @@ if TYPE_CHECKING:
 _HOMES = {
     "animation_html": "animation",
     "places_of": "map_picture",
+    "plot_executed": "executed",
     "plot_gantt": "gantt",
+    "plot_makespans": "executed",
     "plot_map": "map_picture",
     "write_gif": "gif",
     "write_html": "animation",
@@ -23,7 +26,9 @@ _HOMES = {
 __all__ = [
     "animation_html",
     "places_of",
+    "plot_executed",
     "plot_gantt",
+    "plot_makespans",
     "plot_map",
     "write_gif",
     "write_html",

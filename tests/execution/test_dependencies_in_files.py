@@ -1,0 +1,79 @@
+import json
+from importlib.resources import files
+
+import floors
+import jsonschema
+import pytest
+
+from up_samp.execution import Delays, Executor, dependencies_of, simulate, with_dependencies
+from up_samp.io import check_plan, read_plan, write_plan
+from up_samp.model import ProblemError
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    yaml = floors.hall(tmp_path_factory.mktemp("hall"))
+    return floors.random_floor(3, yaml)
+
+
+@pytest.fixture(scope="module")
+def schema():
+    return json.loads((files("up_samp.io") / "plan.schema.json").read_text())
+
+
+def test_a_plan_with_dependencies_fits_the_schema(made, schema):
+    problem, plan = made
+    jsonschema.Draft202012Validator.check_schema(schema)
+    validator = jsonschema.Draft202012Validator(schema)
+    validator.validate(plan)  # version 1.0
+    full = with_dependencies(problem, plan)
+    assert full["minor"] == 1
+    assert full["dependencies"]["edges"]
+    validator.validate(full)
+    full["dependencies"]["edges"][0]["first"] = ["reach", "a", "b"]
+    with pytest.raises(jsonschema.ValidationError):
+        validator.validate(full)
+
+
+def test_a_plan_file_is_followed_like_the_plan_with_its_problem(made, tmp_path):
+    """The file alone says as much as plan and problem: the same run, second by second."""
+    problem, plan = made
+    found = dependencies_of(problem, plan)
+    path = write_plan(tmp_path / "plan.json", with_dependencies(problem, plan))
+    read = read_plan(path)
+    again = Executor(read).dependencies
+    delays = Delays.of_share(0.5)
+    for seed in range(3):
+        one = simulate(found, plan, delays, seed)
+        two = simulate(again, read, delays, seed)
+        assert one.makespan == two.makespan
+        assert one.record["activities"] == two.record["activities"]
+        assert one.record["motions"] == two.record["motions"]
+
+
+def test_progress_belongs_to_the_samples(made):
+    problem, plan = made
+    for motion in with_dependencies(problem, plan)["motions"]:
+        assert len(motion["progress"]) == len(motion["samples"])
+        assert motion["progress"] == sorted(motion["progress"])
+        assert motion["progress"][0] == 0.0
+
+
+def test_wrong_files_are_refused_by_name(made):
+    problem, plan = made
+    with pytest.raises(ProblemError, match="no dependencies: give its problem"):
+        Executor(plan)
+    full = with_dependencies(problem, plan)
+    with pytest.raises(ProblemError, match="'minor' must be a whole number"):
+        check_plan({**full, "minor": "1"}, "x")
+    with pytest.raises(ProblemError, match="'dependencies' cannot be"):
+        check_plan({**full, "dependencies": []}, "x")
+    broken = json.loads(json.dumps(full))
+    broken["dependencies"]["edges"][0]["then"] = ["start", "nobody"]
+    with pytest.raises(ProblemError, match="start of nobody, which is not in it"):
+        Executor(broken)
+    ring = json.loads(json.dumps(full))
+    for edge in list(ring["dependencies"]["edges"]):
+        ring["dependencies"]["edges"].append({**edge, "first": edge["then"], "then": edge["first"]})
+    with pytest.raises(ProblemError, match="cycle"):
+        Executor(ring)

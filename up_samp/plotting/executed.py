@@ -1,0 +1,160 @@
+"""What was planned beside what happened: a Gantt chart of both, and how long many runs took."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch, Rectangle
+
+from up_samp.plotting.colors import INK, OTHER, color_of, mixed
+from up_samp.plotting.rows import Row, rows_of
+from up_samp.plotting.tracks import horizon
+
+WAIT = "#C1121F"
+"""Colour of waiting for somebody."""
+
+SHORT = 0.5
+"""Waits shorter than this (s) are not drawn."""
+
+
+def plot_executed(plan: dict[str, Any], record: dict[str, Any], ax: Axes | None = None) -> Axes:
+    """Draw each object's planned activities above what was really done, with who waited for whom.
+
+    ``plan`` is a plan dictionary, ``record`` that of a run (:class:`up_samp.execution.Run`). The
+    time axis is in seconds. Returns the axes; without ``ax``, those of a new figure.
+    """
+    planned = {row.name: row for row in rows_of(plan)}
+    real = {row.name: row for row in rows_of(record)}
+    names = list(planned)
+    if ax is None:
+        figure = Figure(
+            figsize=(13.0, min(1.6 + 0.8 * len(names), 40.0)), layout="constrained", dpi=130
+        )
+        ax = figure.add_subplot()
+    end = max(horizon(plan), horizon(record))
+    ax.set_xlim(-0.004 * end, 1.012 * end)
+    ax.set_ylim(len(names), 0.0)
+    for top, name in enumerate(names):
+        ax.axhspan(top, top + 1, color="#F4F6F8" if top % 2 else "#FFFFFF", zorder=0, lw=0)
+        _bars(ax, planned[name], top + 0.10, 0.26, 0.6)
+        if name in real:
+            real[name].color = planned[name].color
+            _bars(ax, real[name], top + 0.44, 0.34, 0.0)
+        _changes(ax, planned[name], top + 0.23, 0.6)
+        if name in real:
+            _changes(ax, real[name], top + 0.61, 0.0)
+        _waits(ax, record, name, top + 0.80)
+    _axis(ax, plan, record, names, [planned[n].color for n in names])
+    return ax
+
+
+def _bars(ax: Axes, row: Row, top: float, tall: float, pale: float) -> None:
+    for bar in row.bars:
+        spans = bar.driving if bar.motion else ((bar.start, bar.end),)
+        whole = Rectangle(
+            (bar.start, top), bar.end - bar.start, tall, fc=mixed(row.color, 0.85),
+            ec=mixed(row.color, pale), lw=0.6, zorder=2,
+        )  # fmt: skip
+        ax.add_patch(whole)
+        for start, stop in spans:
+            color = mixed(row.color, pale)
+            ax.add_patch(Rectangle((start, top), stop - start, tall, fc=color, ec="none", zorder=3))
+
+
+def _changes(ax: Axes, row: Row, middle: float, pale: float) -> None:
+    """Mark when an object is put elsewhere in one instant."""
+    times = [] if row.track is None else [t for t, _ in row.track.changes]
+    if times:
+        ax.plot(
+            times, [middle] * len(times), "D", ms=6, mfc="white", mew=1.6, zorder=5,
+            mec=mixed(row.color, pale),
+        )  # fmt: skip
+
+
+def _waits(ax: Axes, record: dict[str, Any], name: str, top: float) -> None:
+    """Draw a row's waits, and for whom, as far as there is room for words."""
+    mine = [w for w in record.get("waits", ()) if w["object"] == name]
+    free = -np.inf
+    width = ax.get_xlim()[1]
+    for wait in mine:
+        length = wait["until"] - wait["since"]
+        if length < SHORT:
+            continue
+        ax.add_patch(Rectangle((wait["since"], top), length, 0.12, fc=WAIT, ec="none", zorder=4))
+        if wait["since"] >= free:
+            text = f"for {wait['for']}"
+            ax.text(
+                wait["since"], top - 0.005, text, fontsize=6.5, color=WAIT, va="bottom", zorder=6,
+                bbox={"boxstyle": "round,pad=0.08", "fc": "#FFFFFFD8", "ec": "none"},
+            )  # fmt: skip
+            free = wait["since"] + 0.0062 * width * len(text)
+
+
+def _axis(
+    ax: Axes,
+    plan: dict[str, Any],
+    record: dict[str, Any],
+    names: Sequence[str],
+    colors: Sequence[str],
+) -> None:
+    ax.set_yticks([i + 0.45 for i in range(len(names))], names)
+    for text, color in zip(ax.get_yticklabels(), colors, strict=True):
+        text.set_color(color)
+        text.set_fontweight("bold")
+    ax.tick_params(axis="y", length=0)
+    ax.set_xlabel("time [s]")
+    ax.xaxis.grid(True, color="#D5DAE0", lw=0.6, zorder=0.5)
+    for side in ("top", "right", "left"):
+        ax.spines[side].set_visible(False)
+    unit = plan["seconds_per_unit"]
+    ax.axvline(plan["makespan"] * unit, color=INK, lw=1.0, ls=":", zorder=4)
+    ax.axvline(record["makespan"] * unit, color=INK, lw=1.2, ls="--", zorder=4)
+    ax.set_title(
+        f"{plan['problem']}: planned {plan['makespan'] * unit:g} s (dotted), "
+        f"executed {record['makespan'] * unit:.1f} s (dashed)",
+        loc="left", fontsize=11, color=INK, pad=26,
+    )  # fmt: skip
+    keys = [
+        Patch(fc=mixed(OTHER, 0.6), label="planned (above)"),
+        Patch(fc=OTHER, label="executed (below)"),
+        Patch(fc=mixed(OTHER, 0.85), ec=OTHER, label="not moving"),
+        Patch(fc=WAIT, label="waiting, and for whom"),
+    ]
+    ax.legend(
+        handles=keys, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, frameon=False,
+        fontsize=8, borderaxespad=0.2,
+    )  # fmt: skip
+
+
+def plot_makespans(
+    makespans: Mapping[str, Sequence[float]], planned: float, ax: Axes | None = None
+) -> Axes:
+    """Draw a histogram of realised makespans (s) for each way of execution, with the planned
+    one.
+    """
+    if ax is None:
+        figure = Figure(figsize=(8.0, 4.0), layout="constrained", dpi=130)
+        ax = figure.add_subplot()
+    everything = [m for values in makespans.values() for m in values]
+    bins = np.histogram_bin_edges([planned, *everything], bins=24)
+    if bins[-1] - bins[0] < 1e-6:
+        bins = np.linspace(planned - 1, planned + 1, 25)
+    edges = [float(x) for x in bins]
+    for i, (name, values) in enumerate(makespans.items()):
+        color = color_of(i)
+        ax.hist(values, bins=edges, histtype="stepfilled", alpha=0.25, color=color)
+        ax.hist(values, bins=edges, histtype="step", lw=1.6, color=color, label=name)
+    ax.axvline(planned, color=INK, lw=1.2, ls=":")
+    ax.set_title(
+        f"realised makespans; planned: {planned:g} s (dotted)", loc="left", fontsize=11, color=INK
+    )
+    ax.set_xlabel("makespan [s]")
+    ax.set_ylabel("runs")
+    for side in ("top", "right"):
+        ax.spines[side].set_visible(False)
+    ax.legend(frameon=False, fontsize=9)
+    return ax
