@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING
 from up_samp.engines.registration import register, register_globally
 
 if TYPE_CHECKING:
+    from up_samp.fleet import Fleet
     from up_samp.model import SampError, Trajectory
     from up_samp.upio.plan import trajectories
 
 __version__ = "0.1.0"
 
 _HOMES = {
+    "Fleet": "up_samp.fleet",
     "SampError": "up_samp.model",
     "Trajectory": "up_samp.model",
     "trajectories": "up_samp.upio.plan",
@@ -25,7 +27,7 @@ _HOMES = {
 
 register_globally()
 
-__all__ = ["SampError", "Trajectory", "__version__", "register", "trajectories"]
+__all__ = ["Fleet", "SampError", "Trajectory", "__version__", "register", "trajectories"]
 
 
 def __getattr__(name: str) -> object:

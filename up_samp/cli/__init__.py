@@ -63,8 +63,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _message(error: Exception) -> str:
-    """Return what went wrong on one line; errors that are not the user's say so."""
-    text = " ".join(str(error).split()) or type(error).__name__
+    """Return what went wrong, a line a fault; errors that are not the user's say so."""
+    lines = (" ".join(line.split()) for line in str(error).splitlines())
+    text = "\n".join(filter(None, lines)) or type(error).__name__
     from unified_planning.exceptions import UPException
 
     if isinstance(error, SampError | UPException | OSError):

@@ -17,8 +17,9 @@ from up_samp.benchmarks import cli as bench
 from up_samp.benchmarks import logistics
 from up_samp.benchmarks.builder import ENCODINGS
 from up_samp.cli.exporting import add_export
+from up_samp.cli.fleets import add_check, add_new
 from up_samp.cli.outputs import write_outputs
-from up_samp.cli.problems import add_problem_arguments, find_problem
+from up_samp.cli.problems import add_problem_arguments, find_problem, unit_of
 from up_samp.cli.simulating import add_simulate
 from up_samp.cli.solving import add_solver_arguments, describe, judge, solve_and_show
 from up_samp.cli.table import table
@@ -49,6 +50,7 @@ def _demo(args: argparse.Namespace) -> int:
         sides=args.sides,
         encoding=args.encoding,
     )
+    args.seconds_per_unit = args.seconds_per_unit or 1.0
     return solve_and_show(problem, args)
 
 
@@ -57,7 +59,14 @@ def add_solve(commands: Subparsers) -> None:
     parser = commands.add_parser("solve", help="solve a problem of your own, or an instance")
     add_problem_arguments(parser)
     add_solver_arguments(parser, out=None, gif=False)
-    parser.set_defaults(run=lambda args: solve_and_show(_problem(args), args))
+    parser.set_defaults(run=_solve)
+
+
+def _solve(args: argparse.Namespace) -> int:
+    problem = _problem(args)
+    if args.seconds_per_unit is None:
+        args.seconds_per_unit = unit_of(args.problem)
+    return solve_and_show(problem, args)
 
 
 def _problem(args: argparse.Namespace) -> SchedulingMotionProblem:
@@ -166,6 +175,8 @@ def add_bench(commands: Subparsers) -> None:
 
 COMMANDS = (
     add_demo,
+    add_new,
+    add_check,
     add_solve,
     add_validate,
     add_draw,

@@ -23,8 +23,9 @@ def add_problem_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "problem",
         metavar="PROBLEM",
-        help="a Python script that defines 'problem' or 'get_problem()', or the name of a "
-        "benchmark instance such as logistics-dc-all-r2-i4 ('up-samp bench list' names them)",
+        help="a problem file (problem.yaml), a Python script that defines 'problem' or "
+        "'get_problem()', or the name of a benchmark instance such as logistics-dc-all-r2-i4 "
+        "('up-samp bench list' names them)",
     )
     parser.add_argument(
         "--encoding", choices=ENCODINGS, default="lean", help="of a benchmark instance"
@@ -32,13 +33,31 @@ def add_problem_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def find_problem(name: str, encoding: Encoding = "lean") -> SchedulingProblem:
-    """Return the problem of a script (``*.py``) or of a benchmark instance.
+    """Return the problem of a problem file, of a script (``*.py``) or of a benchmark instance.
 
     Raises :class:`ProblemError` that says what was looked for.
     """
+    if is_problem_file(name):
+        from up_samp.fleet import Fleet
+
+        return Fleet.from_file(name).problem
     if name.endswith(".py") or os.sep in name:
         return load_script(Path(name))
     return instance(name).build(encoding, True)
+
+
+def is_problem_file(name: str) -> bool:
+    """Return whether ``name`` is that of a problem file."""
+    return name.lower().endswith((".yaml", ".yml", ".json"))
+
+
+def unit_of(name: str) -> float:
+    """Return the length of a schedule unit (s) that a problem file asks for; 1 of all others."""
+    if not is_problem_file(name):
+        return 1.0
+    from up_samp.fleet import read_problem_file
+
+    return read_problem_file(name).seconds_per_unit
 
 
 def load_script(path: Path) -> SchedulingProblem:

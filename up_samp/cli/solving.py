@@ -47,7 +47,11 @@ def add_solver_arguments(parser: argparse.ArgumentParser, *, out: str | None, gi
     parser.add_argument("--timeout", type=_seconds, default=120.0, metavar="S", help="in seconds")
     parser.add_argument("--seed", type=int, default=0, metavar="N")
     parser.add_argument(
-        "--seconds-per-unit", type=_seconds, default=1.0, metavar="S", help="length of a time unit"
+        "--seconds-per-unit",
+        type=_seconds,
+        default=None,
+        metavar="S",
+        help="length of a time unit (default: 1, or what the problem file says)",
     )
     parser.add_argument(
         "--out",

@@ -1,0 +1,60 @@
+"""The commands for problem files: ``new`` and ``check``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
+
+
+def add_new(commands: Subparsers) -> None:
+    """Add ``new``."""
+    parser = commands.add_parser("new", help="write a problem file and a map to begin with")
+    parser.add_argument("folder", type=Path, metavar="DIR")
+    parser.set_defaults(run=_new)
+
+
+def _new(args: argparse.Namespace) -> int:
+    from up_samp.fleet.starter import write_starter
+
+    files = write_starter(args.folder)
+    print("\n".join(str(f) for f in files))
+    print(f"next: up-samp check {files[0]}")
+    return 0
+
+
+def add_check(commands: Subparsers) -> None:
+    """Add ``check``."""
+    parser = commands.add_parser(
+        "check", help="look at a problem file before solving: what overlaps, what is reachable"
+    )
+    parser.add_argument("problem", type=Path, metavar="PROBLEM.yaml")
+    parser.add_argument(
+        "--out", type=Path, default=None, metavar="FILE.png",
+        help="the picture (default: beside the problem file)",
+    )  # fmt: skip
+    parser.set_defaults(run=_check)
+
+
+def _check(args: argparse.Namespace) -> int:
+    """Return 0 where nothing is wrong, 1 where something is."""
+    from up_samp.fleet import read_problem_file
+    from up_samp.fleet.checks import Level, check_fleet
+    from up_samp.fleet.picture import draw_fleet
+
+    records, folder = read_problem_file(args.problem), args.problem.parent
+    findings = check_fleet(records, folder)
+    for finding in findings:
+        print(finding)
+    figure = draw_fleet(records, folder, findings).get_figure(root=True)
+    assert figure is not None
+    picture = args.out or args.problem.with_suffix(".check.png")
+    figure.savefig(picture)
+    errors = sum(f.level is Level.ERROR for f in findings)
+    warnings = sum(f.level is Level.WARNING for f in findings)
+    what = f"{len(records.robots)} robots, {len(records.orders)} orders, {len(records.tasks)} tasks"
+    print(f"{what}: {errors} errors, {warnings} warnings; see {picture}")
+    return 1 if errors else 0

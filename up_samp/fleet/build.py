@@ -1,0 +1,388 @@
+"""Write the records of a fleet problem as an ordinary UP problem, in the form that is solved best.
+
+- Each robot has a fluent for its place. Moves need it at their start and set it at their end; what
+  is done at places needs it over ``(start, end]``, so that it may begin as a move ends.
+- What one robot does is kept apart pair by pair, which the scheduler reads as "one at a time".
+- What can be done by several robots is one optional activity each, exactly one of them present.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from unified_planning.model import (
+    Fluent,
+    FNode,
+    GlobalEndTiming,
+    TimePointInterval,
+    Timing,
+)
+from unified_planning.model.motion import (
+    SE2,
+    ActivityWaypoints,
+    ConfigurationKind,
+    ConfigurationObject,
+    MotionModels,
+    MovableObject,
+    OccupancyMap,
+    SchedulingMotionProblem,
+)
+from unified_planning.model.scheduling import Activity
+from unified_planning.model.timing import LeftOpenTimeInterval
+from unified_planning.shortcuts import (
+    FALSE,
+    LE,
+    TRUE,
+    And,
+    BoolType,
+    ConfigurationType,
+    Equals,
+    IntType,
+    MinimizeMakespan,
+    MovableType,
+    Not,
+    Or,
+)
+
+from up_samp.fleet.records import FleetRecords, Order, Outline, Pose, RobotType, Stop, Task
+from up_samp.fleet.visits import WORK, Role, Successions, Visit, fits, moves_needed, visits_of
+from up_samp.geometry import load_map
+from up_samp.model import UnsupportedError
+
+MODELS = {"car": MotionModels.REEDSSHEPP, "omni": MotionModels.SE2}
+
+
+def build_problem(records: FleetRecords, folder: Path) -> SchedulingMotionProblem:
+    """Return the UP problem of ``records``; their map is relative to ``folder``.
+
+    :raises UnsupportedError: where something cannot be said to the engines.
+    """
+    return _Writer(records, folder).write()
+
+
+def corners(outline: Outline) -> list[tuple[float, float]]:
+    """Return the corners of a footprint, m."""
+    if len(outline) == 2 and not isinstance(outline[0], tuple):
+        length, width = outline
+        x, y = float(length) / 2, float(width) / 2  # type: ignore[arg-type]
+        return [(-x, -y), (x, -y), (x, y), (-x, y)]
+    return [(float(x), float(y)) for x, y in outline]  # type: ignore[misc]
+
+
+def at_start(a: Activity) -> TimePointInterval:
+    """Return the instant at which ``a`` starts."""
+    return TimePointInterval(Timing(0, a.start))
+
+
+def while_there(a: Activity) -> LeftOpenTimeInterval:
+    """Return ``(start, end]`` of ``a``: a move may end as it begins."""
+    return LeftOpenTimeInterval(Timing(0, a.start), Timing(0, a.end))
+
+
+class _Writer:
+    """A UP problem that grows record by record."""
+
+    def __init__(self, records: FleetRecords, folder: Path) -> None:
+        self.records = records
+        self.problem = SchedulingMotionProblem(records.name)
+        self.map = str(folder / records.map)
+        site = OccupancyMap(self.map, SE2(0.0, 0.0, 0.0))
+        self.pose_type = ConfigurationType("pose", site, ConfigurationKind.SE2)
+        self.places: dict[str, ConfigurationObject] = {}
+        self.robots: dict[str, MovableObject] = {}
+        self.doors: dict[str, MovableObject] = {}
+        self.keep_out: dict[str, list[MovableObject]] = {}
+        self.resources: dict[str, Fluent] = {}
+        self.visits: dict[str, list[Visit]] = {r: visits_of(records, r) for r in records.robots}
+        self.activities: dict[Visit, Activity] = {}
+        self.machines: dict[str, Activity] = {}
+        self.busy: dict[str, list[Activity]] = {r: [] for r in records.robots}
+        self.robot_at: dict[str, FNode] = {}
+
+    def write(self) -> SchedulingMotionProblem:
+        for name, place in self.records.places.items():
+            self.places[name] = self._pose(name, place.pose)
+        for name, resource in self.records.resources.items():
+            self.resources[name] = self.problem.add_resource(name, resource.capacity)
+        self._robots()
+        self._doors()
+        self._zones()
+        for visits in self.visits.values():
+            for visit in visits:
+                if visit.role in WORK:
+                    self._work(visit)
+        for task in self.records.tasks:
+            if not task.at:
+                self._machine(task)
+        for name in self.records.robots:
+            self._moves(name)
+            self._loads(name)
+        self._jobs()
+        self._after()
+        self._priorities()
+        for activities in self.busy.values():
+            self._one_at_a_time(activities)
+        if self.records.objective == "makespan":
+            self.problem.add_quality_metric(MinimizeMakespan())
+        return self.problem
+
+    # -- what there is -------------------------------------------------------------------------
+    def _pose(self, name: str, pose: Pose) -> ConfigurationObject:
+        found = ConfigurationObject(name, self.pose_type, SE2(*pose))
+        self.problem.add_object(found)
+        return found
+
+    def _robots(self) -> None:
+        types = {name: MovableType(name) for name in self.records.robot_types}
+        for name, robot in self.records.robots.items():
+            kind = self.records.robot_types[robot.type]
+            movable = MovableObject(
+                name,
+                types[robot.type],
+                footprint=corners(kind.footprint),
+                motion_model=MODELS[kind.model],
+                motion_parameters=_limits(kind),
+            )
+            self.problem.add_object(movable)
+            self.problem.set_initial_configuration(movable, self.places[robot.start])
+            self.robots[name] = movable
+            fluent = Fluent(f"{name}_at", self.pose_type)
+            self.problem.add_fluent(fluent, default_initial_value=self.places[robot.start])
+            self.robot_at[name] = fluent()
+            if robot.end is not None:
+                end = Equals(self.robot_at[name], self.places[robot.end])
+                self.problem.add_condition(TimePointInterval(GlobalEndTiming()), end)
+
+    def _fixture(self, name: str, outline: Outline, pose: ConfigurationObject) -> MovableObject:
+        fixture = MovableObject(
+            name, MovableType("fixture"), footprint=corners(outline), motion_model=MotionModels.SE2
+        )
+        self.problem.add_object(fixture)
+        self.problem.set_initial_configuration(fixture, pose)
+        return fixture
+
+    def _doors(self) -> None:
+        for name, door in self.records.doors.items():
+            closed = self._pose(f"{name}.closed", door.closed)
+            opened = self._pose(f"{name}.open", door.open)
+            self.doors[name] = self._fixture(name, door.leaf, closed)
+            self.places[closed.name], self.places[opened.name] = closed, opened
+            fluent = Fluent(f"{name}_at", self.pose_type)
+            self.problem.add_fluent(fluent, default_initial_value=closed)
+            self.robot_at[name] = fluent()
+
+    def _zones(self) -> None:
+        for name, zone in self.records.zones.items():
+            if zone.max_robots is not None:
+                raise UnsupportedError(f"zone '{name}': max_robots is not supported yet")
+            here = self._pose(f"{name}.here", (0.0, 0.0, 0.0))
+            area = self._fixture(name, zone.polygon, here)
+            for kind in zone.keep_out:
+                self.keep_out.setdefault(kind, []).append(area)
+
+    # -- what happens at places ----------------------------------------------------------------
+    def _work(self, visit: Visit) -> None:
+        """Add what a robot does at one of a visit's places."""
+        length, window, resources = self._figures(visit)
+        units = self._up(length)
+        if visit.role is Role.OPEN:
+            a: Any = self.problem.add_motion_activity(visit.name, units, optional=True)
+            opened, state = self.places[f"{visit.what}.open"], self.robot_at[visit.what]
+            a.add_motion_effect(self.doors[visit.what], opened)
+            a.add_condition(at_start(a), Equals(state, self.places[f"{visit.what}.closed"]))
+            a.add_effect(a.end, state, opened)
+        else:
+            a = self.problem.add_activity(visit.name, duration=units, optional=True)
+        at = self.robot_at[visit.robot]
+        here = [Equals(at, self.places[p]) for p in visit.places]
+        a.add_condition(while_there(a), here[0] if len(here) == 1 else Or(here))
+        self._limit(a, window, resources)
+        self.activities[visit] = a
+        self.busy[visit.robot].append(a)
+
+    def _machine(self, task: Task) -> None:
+        """Add what no robot does."""
+        units = self._up(task.duration)
+        a = self.problem.add_activity(task.id, duration=units, optional=task.optional)
+        self._limit(a, task.window, task.resources)
+        self.machines[task.id] = a
+
+    def _figures(self, visit: Visit) -> tuple[float, tuple[float, float] | None, tuple[str, ...]]:
+        """Return how long a visit lasts (s), its window and its resources."""
+        if visit.role is Role.OPEN:
+            return self.records.doors[visit.what].seconds, None, ()
+        if visit.role is Role.TASK:
+            task = next(t for t in self.records.tasks if t.id == visit.what)
+            return task.duration, task.window, task.resources
+        order = next(o for o in self.records.orders if o.id == visit.what)
+        stop: Stop = order.pickup if visit.role is Role.PICKUP else order.delivery
+        return stop.service, stop.window, stop.resources
+
+    def _limit(
+        self, a: Activity, window: tuple[float, float] | None, resources: Iterable[str]
+    ) -> None:
+        if window is not None:
+            a.add_release_date(self._up(window[0]) if window[0] else 0)
+            a.add_deadline(math.floor(window[1] / self.records.seconds_per_unit + 1e-9))
+        for resource in resources:
+            a.uses(self.resources[resource])
+
+    def _up(self, seconds: float) -> int:
+        """Return seconds as whole units, rounded up, at least one."""
+        return max(1, math.ceil(seconds / self.records.seconds_per_unit - 1e-9))
+
+    # -- moves -----------------------------------------------------------------------------------
+    def _moves(self, robot: str) -> None:
+        kind = self.records.robot_types[self.records.robots[robot].type]
+        needed = moves_needed(self.visits[robot], Successions(self.records, kind))
+        longest = self._longest(kind)
+        for (origin, to), copies in needed.items():
+            for number in range(1, copies + 1):
+                name = f"move_{robot}_{origin}_to_{to}" + (f"_{number}" if number > 1 else "")
+                self._move(robot, origin, to, name, longest)
+
+    def _move(self, robot: str, origin: str, to: str, name: str, longest: int) -> None:
+        movable = self.robots[robot]
+        a = self.problem.add_motion_activity(name, optional=True)
+        a.set_duration_bounds(1, longest)
+        static = [*self.doors.values(), *self.keep_out.get(movable.type.name, ())]
+        a.add_motion_constraint(
+            ActivityWaypoints(
+                movable,
+                self.places[origin],
+                [self.places[to]],
+                static_obstacles=static,
+                dynamic_obstacles_at_start=[r for r in self.robots.values() if r is not movable],
+            )
+        )
+        a.add_motion_effect(movable, self.places[to])
+        a.add_condition(at_start(a), Equals(self.robot_at[robot], self.places[origin]))
+        a.add_effect(a.end, self.robot_at[robot], self.places[to])
+        self.busy[robot].append(a)
+
+    def _longest(self, kind: RobotType) -> int:
+        """Return how long a move may take (units): four times along the map's edges, and a
+        quarter of an hour, in which others can get out of the way.
+        """
+        width, height = load_map(self.map).size
+        return self._up(8 * (width + height) / kind.v_max + 900)
+
+    # -- what binds visits together ------------------------------------------------------------
+    def _loads(self, robot: str) -> None:
+        """State what fits on a robot at a time."""
+        kind = self.records.robot_types[self.records.robots[robot].type]
+        mine = {v.what for v in self.visits[robot] if v.role is Role.PICKUP}
+        orders = [o for o in self.records.orders if o.id in mine]
+        if len(orders) > 1 and not any(
+            fits(pair, kind.capacity) for pair in itertools.combinations(orders, 2)
+        ):
+            self._hands(robot, orders)
+            return
+        for load in sorted({k for o in orders for k in o.load}):
+            if sum(o.load.get(load, 0) for o in orders) > kind.capacity.get(load, 0):
+                self._level(robot, load, kind.capacity[load], orders)
+
+    def _hands(self, robot: str, orders: Sequence[Order]) -> None:
+        """One order at a time: the robot's hands are free or not."""
+        fluent = Fluent(f"{robot}_free", BoolType())
+        self.problem.add_fluent(fluent, default_initial_value=TRUE())
+        for order in orders:
+            pick, deliver = self._pair(robot, order)
+            pick.add_condition(at_start(pick), fluent())
+            pick.add_effect(pick.end, fluent(), FALSE())
+            deliver.add_effect(deliver.end, fluent(), TRUE())
+
+    def _level(self, robot: str, load: str, capacity: int, orders: Sequence[Order]) -> None:
+        """Room for loads of a kind: taken as a pickup begins, given back as a delivery ends."""
+        fluent = Fluent(f"{robot}_room_{load}", IntType(0, capacity))
+        self.problem.add_fluent(fluent, default_initial_value=capacity)
+        for order in orders:
+            amount = order.load.get(load, 0)
+            if amount:
+                pick, deliver = self._pair(robot, order)
+                pick.add_decrease_effect(pick.start, fluent(), amount)
+                deliver.add_increase_effect(deliver.end, fluent(), amount)
+
+    def _pair(self, robot: str, order: Order) -> tuple[Activity, Activity]:
+        pick = Visit(robot, Role.PICKUP, order.id, order.pickup.at)
+        deliver = Visit(robot, Role.DELIVERY, order.id, order.delivery.at)
+        return self.activities[pick], self.activities[deliver]
+
+    def _jobs(self) -> None:
+        """Each job is done by exactly one robot, and orders are delivered by whom picked them."""
+        for order in self.records.orders:
+            pairs = [self._pair(v.robot, order) for v in self._visits(order.id, Role.PICKUP)]
+            self._exactly_one([pick for pick, _ in pairs])
+            self._exactly_one([deliver for _, deliver in pairs])
+            for pick, deliver in pairs:
+                self._together(pick, deliver)
+                order_kept = LE(pick.end, deliver.start)
+                self.problem.add_constraint(order_kept, [pick.present, deliver.present])
+        for task in self.records.tasks:
+            if task.at:
+                found = self._visits(task.id, Role.TASK)
+                self._exactly_one([self.activities[v] for v in found])
+
+    def _visits(self, what: str, role: Role) -> list[Visit]:
+        return [v for v in self.activities if v.what == what and v.role is role]
+
+    def _exactly_one(self, activities: Sequence[Activity]) -> None:
+        self.problem.add_constraint(Or([a.present for a in activities]))
+        for a, b in itertools.combinations(activities, 2):
+            self.problem.add_constraint(Or(Not(a.present), Not(b.present)))
+
+    def _together(self, a: Activity, b: Activity) -> None:
+        self.problem.add_constraint(Or(Not(a.present), b.present))
+        self.problem.add_constraint(Or(Not(b.present), a.present))
+
+    def _ends(self, job: str) -> list[Activity]:
+        """Return the activities of which one ends a job."""
+        if job in self.machines:
+            return [self.machines[job]]
+        roles = (Role.DELIVERY, Role.TASK)
+        return [a for v, a in self.activities.items() if v.what == job and v.role in roles]
+
+    def _begins(self, job: str) -> list[Activity]:
+        if job in self.machines:
+            return [self.machines[job]]
+        roles = (Role.PICKUP, Role.TASK)
+        return [a for v, a in self.activities.items() if v.what == job and v.role in roles]
+
+    def _after(self) -> None:
+        for job in self.records.jobs:
+            for earlier in job.after:
+                for a, b in itertools.product(self._ends(earlier), self._begins(job.id)):
+                    self.problem.add_constraint(LE(a.end, b.start), _present(a, b))
+
+    def _priorities(self) -> None:
+        """Who has a higher priority begins no later."""
+        jobs = self.records.jobs
+        levels = sorted({j.priority for j in jobs}, reverse=True)
+        for high, low in itertools.pairwise(levels):
+            firsts = [a for j in jobs if j.priority == high for a in self._begins(j.id)]
+            others = [a for j in jobs if j.priority == low for a in self._begins(j.id)]
+            for a, b in itertools.product(firsts, others):
+                self.problem.add_constraint(LE(a.start, b.start), _present(a, b))
+
+    def _one_at_a_time(self, activities: Sequence[Activity]) -> None:
+        for a, b in itertools.combinations(activities, 2):
+            apart = Or(LE(a.end, b.start), LE(b.end, a.start))
+            self.problem.add_constraint(apart, _present(a, b))
+
+
+def _present(*activities: Activity) -> list[FNode]:
+    return [a.present for a in activities if a.optional]
+
+
+def _limits(kind: RobotType) -> dict[str, float]:
+    limits = {"v_max": kind.v_max, "a_max": kind.a_max}
+    if kind.model == "car":
+        return limits | {"turning_radius": kind.turning_radius}
+    return limits | {"omega_max": kind.omega_max}
+
+
+__all__ = ["And", "build_problem", "corners"]

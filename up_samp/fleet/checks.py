@@ -1,0 +1,211 @@
+"""Look at a fleet problem before any solving: poses, doors, and what can be reached at all."""
+
+from __future__ import annotations
+
+import enum
+import itertools
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from up_samp.fleet.build import corners
+from up_samp.fleet.faults import able, carries, needs_robot
+from up_samp.fleet.records import FleetRecords, Order, Pose, RobotType, Task
+from up_samp.fleet.visits import Role, visits_of
+from up_samp.geometry import load_map
+from up_samp.model import (
+    Body,
+    Deadline,
+    Kinematics,
+    MotionModel,
+    Outcome,
+    PathQuery,
+    Placed,
+)
+from up_samp.motion import MotionService
+from up_samp.motion.compile import precompile
+
+MODELS = {"car": MotionModel.REEDSSHEPP, "omni": MotionModel.SE2}
+
+
+class Level(enum.Enum):
+    """How bad a finding is."""
+
+    ERROR = "error"
+    WARNING = "warning"
+    NOTE = "note"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that was found about ``subject`` (a place, a robot, an order)."""
+
+    level: Level
+    subject: str
+    what: str
+
+    def __str__(self) -> str:
+        return f"{self.level.value}: {self.subject}: {self.what}"
+
+
+def check_fleet(
+    records: FleetRecords, folder: Path, *, seconds_per_drive: float = 2.0
+) -> list[Finding]:
+    """Return what is wrong or remarkable, errors first.
+
+    An error is a proof: no schedule can be right. A warning is something that was not found in
+    ``seconds_per_drive`` s.
+    """
+    checker = _Checker(records, folder, seconds_per_drive)
+    findings = list(itertools.chain(checker.poses(), checker.pairs(), checker.ways()))
+    return sorted(findings, key=lambda f: list(Level).index(f.level))
+
+
+def body_of(kind: RobotType) -> Body:
+    """Return what robots of a type are to the motion planners."""
+    model = MODELS[kind.model]
+    limits = Kinematics(model, kind.turning_radius, kind.v_max, kind.a_max, kind.omega_max)
+    return Body(tuple(corners(kind.footprint)), limits)
+
+
+def _still(outline: Iterable[tuple[float, float]]) -> Body:
+    return Body(tuple(outline), Kinematics(MotionModel.SE2))
+
+
+class _Checker:
+    def __init__(self, records: FleetRecords, folder: Path, seconds: float) -> None:
+        self.records = records
+        precompile({MODELS[t.model] for t in records.robot_types.values()})
+        self.service = MotionService(load_map(folder / records.map))
+        self.seconds = seconds
+        self.bodies = {name: body_of(kind) for name, kind in records.robot_types.items()}
+        self.places = {name: p.pose for name, p in records.places.items()}
+        self.used: dict[str, set[str]] = {}
+        for robot in records.robots:
+            kind = records.robots[robot].type
+            for visit in visits_of(records, robot):
+                self.used.setdefault(kind, set()).update(visit.places)
+
+    def doors(self) -> tuple[Placed, ...]:
+        return tuple(
+            Placed(name, _still(corners(d.leaf)), tuple(d.closed))
+            for name, d in self.records.doors.items()
+        )
+
+    def zones(self, kind: str) -> tuple[Placed, ...]:
+        return tuple(
+            Placed(name, _still(zone.polygon), (0.0, 0.0, 0.0))
+            for name, zone in self.records.zones.items()
+            if kind in zone.keep_out
+        )
+
+    def poses(self) -> Iterator[Finding]:
+        """Where robots would stand in walls, doors or zones."""
+        for kind, places in sorted(self.used.items()):
+            for name in sorted(places):
+                pose = self.places[name]
+                at = f"at {_show(pose)} a robot of type '{kind}'"
+                wall, hit = self.service.pose_blockers(
+                    self.bodies[kind], pose, (*self.doors(), *self.zones(kind))
+                )
+                if wall:
+                    text = f"{at} would stand in a wall, in unknown cells or outside the map"
+                    yield Finding(Level.ERROR, name, text)
+                for other in sorted(hit):
+                    if other in self.records.zones:
+                        text = f"{at} would be in the zone '{other}', which it must keep out of"
+                        yield Finding(Level.ERROR, name, text)
+                    else:
+                        text = f"{at} would stand in the closed door '{other}'"
+                        yield Finding(Level.WARNING, name, text)
+
+    def pairs(self) -> Iterator[Finding]:
+        """Which places hold one robot between them."""
+        uses = [(k, p) for k, places in sorted(self.used.items()) for p in sorted(places)]
+        starts = {r.start for r in self.records.robots.values()}
+        seen: set[frozenset[str]] = set()
+        for (kind_a, a), (kind_b, b) in itertools.combinations(uses, 2):
+            both = frozenset((a, b))
+            if a == b or both in seen:
+                continue
+            if not self.service.overlap(
+                self.bodies[kind_a], self.places[a], self.bodies[kind_b], self.places[b]
+            ):
+                continue
+            seen.add(both)
+            if both <= starts:
+                text = f"robots that start here and at '{b}' would overlap; move one of them"
+                yield Finding(Level.ERROR, a, text)
+            elif len(self.records.robots) > 1:
+                text = f"overlaps '{b}': one robot at a time is at one of them"
+                yield Finding(Level.NOTE, a, text)
+
+    def ways(self) -> Iterator[Finding]:
+        """What robots can reach, and who can do what."""
+        reach: dict[str, set[str]] = {}
+        for robot in self.records.robots:
+            reach[robot] = set()
+            yield from self._ways(robot, reach[robot])
+        for job in self.records.jobs:
+            yield from self._job(job, reach)
+
+    def _ways(self, robot: str, reach: set[str]) -> Iterator[Finding]:
+        mine = self.records.robots[robot]
+        body, start = self.bodies[mine.type], self.places[mine.start]
+        zones = self.zones(mine.type)
+        used: dict[str, set[Role]] = {}
+        for visit in visits_of(self.records, robot):
+            for place in visit.places:
+                used.setdefault(place, set()).add(visit.role)
+        for place, roles in used.items():
+            goal = self.places[place]
+            if place == mine.start or self.service.certificate(body, (start, goal), zones) is None:
+                reach.add(place)
+            else:
+                level = Level.ERROR if Role.END in roles else Level.WARNING
+                text = f"robot '{robot}' can never get there from '{mine.start}' (proven)"
+                yield Finding(level, place, text)
+                continue
+            yield from self._doors_on(robot, place, start, goal)
+            report = self.service.plan(
+                PathQuery(body, (start, goal), zones), Deadline.after(self.seconds)
+            )
+            if report.outcome is Outcome.OUT_OF_TIME:
+                text = f"no drive of robot '{robot}' from '{mine.start}' was found in time"
+                yield Finding(Level.WARNING, place, text)
+
+    def _doors_on(self, robot: str, place: str, start: Pose, goal: Pose) -> Iterator[Finding]:
+        """Which doors have to be open for a drive."""
+        kind = self.records.robots[robot].type
+        for door in self.doors():
+            placed = (*self.zones(kind), door)
+            proof = self.service.certificate(self.bodies[kind], (start, goal), placed)
+            if proof is None:
+                continue
+            text = f"robot '{robot}' gets there only once door '{door.name}' is open"
+            yield Finding(Level.NOTE, place, text)
+
+    def _job(self, job: Order | Task, reach: dict[str, set[str]]) -> Iterator[Finding]:
+        if not needs_robot(job):
+            return
+        stops = (
+            [("pickup", job.pickup.at), ("delivery", job.delivery.at)]
+            if isinstance(job, Order)
+            else [("place", job.at)]
+        )
+        fit = [
+            r
+            for r in able(self.records, job)
+            if not isinstance(job, Order)
+            or carries(self.records.robot_types[self.records.robots[r].type], job)
+        ]
+        if any(all(reach[r] & set(at) for _, at in stops) for r in fit):
+            return
+        lost = [what for what, at in stops if not any(reach[r] & set(at) for r in fit)]
+        what = f"its {' and its '.join(lost)}" if lost else "both its ends"
+        text = f"no robot that may do it ({', '.join(fit)}) can reach {what}"
+        yield Finding(Level.NOTE if job.optional else Level.ERROR, job.id, text)
+
+
+def _show(pose: Pose) -> str:
+    return "(" + ", ".join(f"{v:g}" for v in pose) + ")"

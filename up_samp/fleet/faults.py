@@ -1,0 +1,248 @@
+"""What is wrong with the records of a fleet problem, told with its place and what to do."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from up_samp.fleet.records import FleetRecords, Order, RobotType, Stop, Task
+from up_samp.model import ProblemError
+
+Path = tuple[str | int, ...]
+"""Where in a problem file: keys and indices from its top."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Something wrong at ``path``."""
+
+    path: Path
+    what: str
+
+    def __str__(self) -> str:
+        return f"{show_path(self.path)}: {self.what}" if self.path else self.what
+
+
+class FleetError(ProblemError):
+    """A fleet problem is wrong; ``faults`` tells all that is."""
+
+    def __init__(self, faults: Iterable[Fault], text: str | None = None) -> None:
+        self.faults = tuple(faults)
+        super().__init__(text or "\n".join(map(str, self.faults)))
+
+
+def show_path(path: Path) -> str:
+    """Return ``orders[3].pickup`` for ``("orders", 3, "pickup")``."""
+    text = ""
+    for part in path:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
+    return text
+
+
+def missing(kind: str, name: str, known: Collection[str]) -> str:
+    """Return that there is no such name, and what may have been meant."""
+    ranked = [(-difflib.SequenceMatcher(None, name, other).ratio(), other) for other in known]
+    far, near = min(ranked, default=(0.0, ""))
+    if far <= -0.6:
+        return f"no {kind} '{name}'; did you mean '{near}'?"
+    there = f"there are {', '.join(sorted(known)[:8])}" if known else f"there is no {kind} at all"
+    return f"no {kind} '{name}'; {there}"
+
+
+def find_faults(records: FleetRecords) -> list[Fault]:
+    """Return all that is wrong with the names and figures of ``records``."""
+    return [fault for check in CHECKS for fault in check(records)]
+
+
+def _same_names(records: FleetRecords) -> Iterator[Fault]:
+    """Everything with a name has one of its own: they share the namespace of the UP problem."""
+    kinds: list[tuple[str, Mapping[str, Any]]] = [
+        ("robot_types", records.robot_types),
+        ("robots", records.robots),
+        ("places", records.places),
+        ("doors", records.doors),
+        ("zones", records.zones),
+        ("resources", records.resources),
+    ]
+    seen: dict[str, str] = {}
+    for kind, named in kinds:
+        for name in named:
+            if name in seen:
+                yield Fault((kind, name), f"the name is taken by {seen[name]}.{name}")
+            seen.setdefault(name, kind)
+    ids: dict[str, str] = {}
+    for position, job in enumerate(records.jobs):
+        late = position - len(records.orders)
+        where: Path = ("orders", position) if late < 0 else ("tasks", late)
+        if job.id in ids:
+            yield Fault((*where, "id"), f"the id '{job.id}' is taken by {ids[job.id]}")
+        ids.setdefault(job.id, show_path(where))
+
+
+def _robots(records: FleetRecords) -> Iterator[Fault]:
+    if not records.robots:
+        yield Fault(("robots",), "there is no robot; add one")
+    starts: dict[str, str] = {}
+    for name, robot in records.robots.items():
+        path: Path = ("robots", name)
+        if robot.type not in records.robot_types:
+            text = missing("robot type", robot.type, records.robot_types)
+            yield Fault((*path, "type"), text)
+        for key in ("start", "end"):
+            place = getattr(robot, key)
+            if place is not None and place not in records.places:
+                yield Fault((*path, key), missing("place", place, records.places))
+        if robot.start in starts:
+            text = f"robot '{starts[robot.start]}' starts at '{robot.start}', too"
+            yield Fault((*path, "start"), text + "; give each a place of its own")
+        starts.setdefault(robot.start, name)
+
+
+def _doors(records: FleetRecords) -> Iterator[Fault]:
+    for name, door in records.doors.items():
+        path: Path = ("doors", name, "opened_from")
+        if not door.opened_from:
+            yield Fault(path, "name the place from which a robot opens the door")
+        yield from _known(records.places, "place", door.opened_from, path)
+        if door.opened_from and not _able(records, door.skills, ()):
+            yield Fault(("doors", name, "skills"), f"no robot has {_and(door.skills)}")
+
+
+def _zones(records: FleetRecords) -> Iterator[Fault]:
+    for name, zone in records.zones.items():
+        path: Path = ("zones", name)
+        if not zone.keep_out and zone.max_robots is None:
+            yield Fault(path, "say keep_out: [robot types], or max_robots: number")
+        if zone.keep_out and zone.max_robots is not None:
+            yield Fault(path, "keep_out and max_robots are two zones; write two")
+        yield from _known(records.robot_types, "robot type", zone.keep_out, (*path, "keep_out"))
+
+
+def _orders(records: FleetRecords) -> Iterator[Fault]:
+    for i, order in enumerate(records.orders):
+        path: Path = ("orders", i)
+        yield from _stop(records, order.pickup, (*path, "pickup"))
+        yield from _stop(records, order.delivery, (*path, "delivery"))
+        yield from _job(records, order, path)
+        yield from _loads(records, order, path)
+
+
+def _tasks(records: FleetRecords) -> Iterator[Fault]:
+    for i, task in enumerate(records.tasks):
+        path: Path = ("tasks", i)
+        yield from _known(records.places, "place", task.at, (*path, "at"))
+        yield from _known(records.resources, "resource", task.resources, (*path, "resources"))
+        yield from _window(task.window, task.duration, path)
+        if not task.at and (task.skills or task.robots):
+            yield Fault((*path, "at"), "a robot does it, so say where: at: a place, or several")
+        yield from _job(records, task, path)
+
+
+def _stop(records: FleetRecords, stop: Stop, path: Path) -> Iterator[Fault]:
+    yield from _known(records.places, "place", stop.at, path)
+    yield from _known(records.resources, "resource", stop.resources, (*path, "resources"))
+    yield from _window(stop.window, stop.service, path)
+
+
+def _window(window: tuple[float, float] | None, length: float, path: Path) -> Iterator[Fault]:
+    if window is not None and window[1] - window[0] < length:
+        text = f"{window[0]:g} s to {window[1]:g} s is too short for {length:g} s"
+        yield Fault((*path, "window"), text)
+
+
+def _job(records: FleetRecords, job: Order | Task, path: Path) -> Iterator[Fault]:
+    """What orders and tasks have in common."""
+    jobs = {j.id for j in records.jobs}
+    yield from _known(jobs, "order or task", job.after, (*path, "after"))
+    if job.id in job.after:
+        yield Fault((*path, "after"), f"'{job.id}' cannot come after itself")
+    yield from _known(records.robots, "robot", job.robots, (*path, "robots"))
+    if records.robots and needs_robot(job) and not _able(records, job.skills, job.robots):
+        who = _and(job.robots) if job.robots else "any robot"
+        text = f"it needs {_and(job.skills)}, which {who} does not have"
+        yield Fault((*path, "skills"), text)
+    if job.optional and job.penalty is None:
+        text = "say how many seconds of makespan leaving it out counts as (penalty: 100)"
+        yield Fault((*path, "penalty"), text)
+    if job.penalty is not None and not job.optional:
+        yield Fault((*path, "penalty"), "only what is optional: true has a penalty")
+
+
+def _loads(records: FleetRecords, order: Order, path: Path) -> Iterator[Fault]:
+    types = {records.robots[r].type for r in able(records, order) if r in records.robots}
+    known = [records.robot_types[t] for t in sorted(types) if t in records.robot_types]
+    if known and not any(carries(t, order) for t in known):
+        load = ", ".join(f"{n} {k}" for k, n in order.load.items())
+        text = f"no robot that may do it can carry {load}; see capacity of its robot type"
+        yield Fault((*path, "load"), text)
+
+
+def carries(kind: RobotType, order: Order) -> bool:
+    """Return whether a robot of this type can carry the order's load."""
+    return all(kind.capacity.get(k, 0) >= n for k, n in order.load.items())
+
+
+def needs_robot(job: Order | Task) -> bool:
+    """Return whether a robot does it."""
+    return not isinstance(job, Task) or bool(job.at)
+
+
+def able(records: FleetRecords, job: Order | Task) -> list[str]:
+    """Return the robots that have the skills and are among those named."""
+    return _able(records, job.skills, job.robots)
+
+
+def _able(records: FleetRecords, skills: Iterable[str], robots: Collection[str]) -> list[str]:
+    needed = set(skills)
+    return [
+        name
+        for name, robot in records.robots.items()
+        if (not robots or name in robots) and needed <= set(robot.skills)
+    ]
+
+
+def _known(names: Collection[str], kind: str, wanted: Iterable[str], path: Path) -> Iterator[Fault]:
+    for name in wanted:
+        if name not in names:
+            yield Fault(path, missing(kind, name, names))
+
+
+def _and(names: Iterable[str]) -> str:
+    return " and ".join(f"'{n}'" for n in names)
+
+
+def _circles(records: FleetRecords) -> Iterator[Fault]:
+    """``after`` leads nowhere back."""
+    after = {j.id: j.after for j in records.jobs}
+    done: set[str] = set()
+
+    def visit(name: str, trail: tuple[str, ...]) -> list[str]:
+        if name in trail:
+            return [*trail[trail.index(name) :], name]
+        if name in done:
+            return []
+        for earlier in after.get(name, ()):
+            found = visit(earlier, (*trail, name))
+            if found:
+                return found
+        done.add(name)
+        return []
+
+    for name in after:
+        circle = visit(name, ())
+        if len(circle) > 2:
+            yield Fault((), f"'after' goes round in a circle: {' after '.join(circle)}")
+            return
+
+
+CHECKS: tuple[Callable[[FleetRecords], Iterator[Fault]], ...] = (
+    _same_names,
+    _robots,
+    _doors,
+    _zones,
+    _orders,
+    _tasks,
+    _circles,
+)

@@ -1,0 +1,174 @@
+"""Problem files: ``problem.yaml`` and ``problem.json``."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path as File
+from typing import Any
+
+import yaml
+
+from up_samp.fleet.faults import Fault, FleetError, Path, find_faults
+from up_samp.fleet.reading import read_record
+from up_samp.fleet.records import FleetRecords
+
+MOST_BYTES = 16_000_000
+MOST_ALIASES = 1_000
+DEEPEST = 40
+ENDINGS = (".yaml", ".yml", ".json")
+
+
+def is_problem_file(name: str) -> bool:
+    """Return whether ``name`` ends like a problem file."""
+    return name.lower().endswith(ENDINGS)
+
+
+def read_problem_file(file: str | File) -> FleetRecords:
+    """Read a problem file and check all names in it.
+
+    :raises FleetError: that names the file, and line and place of each fault.
+    """
+    path = File(file)
+    text = _text(path)
+    root = _compose(path, text)
+    data = _plain(path, root)
+    lines = _Lines(path, root)
+    try:
+        records: FleetRecords = read_record(FleetRecords, data)
+        faults = find_faults(records)
+    except FleetError as error:
+        raise lines.error(error.faults) from error
+    if faults:
+        raise lines.error(faults)
+    return records
+
+
+def write_problem_file(file: str | File, records: FleetRecords) -> File:
+    """Write ``records`` as JSON or YAML (by the file's ending), without what is as by default."""
+    path = File(file)
+    data = to_plain(records)
+    if path.suffix == ".json":
+        text = json.dumps(data, indent=1) + "\n"
+    else:
+        text = yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=100)
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def to_plain(records: FleetRecords) -> dict[str, Any]:
+    """Return records as a problem file holds them, format and version first."""
+    return {"format": records.format, "version": records.version, **_slim(records)}
+
+
+def _slim(value: Any) -> Any:
+    """Return dataclasses as dictionaries without their defaults, tuples as lists."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {
+            f.name: _slim(getattr(value, f.name))
+            for f in dataclasses.fields(value)
+            if getattr(value, f.name) != _default(f)
+        }
+    if isinstance(value, dict):
+        return {k: _slim(v) for k, v in value.items()}
+    return [_slim(v) for v in value] if isinstance(value, list | tuple) else value
+
+
+def _default(field: Any) -> Any:
+    if field.default_factory is not dataclasses.MISSING:
+        return field.default_factory()
+    return field.default
+
+
+def _text(path: File) -> str:
+    if not path.is_file():
+        raise FleetError(
+            (), f"there is no file '{path}'; 'up-samp new DIR' writes one to begin with"
+        )
+    if path.stat().st_size > MOST_BYTES:
+        raise FleetError((), f"{path}: larger than {MOST_BYTES // 1_000_000} MB")
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise FleetError((), f"{path}: is not UTF-8 text") from error
+
+
+def _compose(path: File, text: str) -> yaml.Node:
+    """Return the tree of nodes with their lines (JSON is YAML, too)."""
+    try:
+        aliases = sum(isinstance(t, yaml.AliasToken) for t in yaml.scan(text, yaml.SafeLoader))
+        if aliases > MOST_ALIASES:
+            raise FleetError((), f"{path}: more than {MOST_ALIASES} aliases")
+        root = yaml.compose(text, yaml.SafeLoader)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f":{mark.line + 1}" if mark is not None else ""
+        what = getattr(error, "problem", None) or str(error)
+        raise FleetError((), f"{path}{line}: not readable as YAML or JSON: {what}") from error
+    except RecursionError as error:
+        raise FleetError((), f"{path}: nested too deeply") from error
+    if not isinstance(root, yaml.MappingNode):
+        raise FleetError((), f"{path}: a problem file has keys such as map, robots and orders")
+    return root
+
+
+def _plain(path: File, root: yaml.Node) -> Any:
+    """Return the tree as plain data. Every alias is expanded, up to a size."""
+    loader = yaml.SafeLoader("")
+    budget = [MOST_BYTES // 16]
+
+    def visit(node: yaml.Node, depth: int) -> Any:
+        budget[0] -= 1
+        if budget[0] < 0 or depth > DEEPEST:
+            line = node.start_mark.line + 1
+            raise FleetError((), f"{path}:{line}: too large or nested too deeply (aliases?)")
+        if isinstance(node, yaml.MappingNode):
+            found: dict[Any, Any] = {}
+            for key, value in node.value:
+                name = visit(key, depth + 1)
+                line = key.start_mark.line + 1
+                if not isinstance(name, str):
+                    raise FleetError((), f"{path}:{line}: the key {name!r} must be text: quote it")
+                if name in found:
+                    raise FleetError((), f"{path}:{line}: the key '{name}' is there twice")
+                found[name] = visit(value, depth + 1)
+            return found
+        if isinstance(node, yaml.SequenceNode):
+            return [visit(item, depth + 1) for item in node.value]
+        return loader.construct_object(node)
+
+    try:
+        return visit(root, 0)
+    except yaml.YAMLError as error:
+        raise FleetError((), f"{path}: {error}") from error
+    finally:
+        loader.dispose()
+
+
+class _Lines:
+    """Where in the file a path leads."""
+
+    def __init__(self, path: File, root: yaml.Node) -> None:
+        self.path = path
+        self.root = root
+
+    def error(self, faults: tuple[Fault, ...] | list[Fault]) -> FleetError:
+        """Return an error that tells file and line of each fault."""
+        lines = [f"{self.path}:{self.line(fault.path)}: {fault}" for fault in faults]
+        return FleetError(faults, "\n".join(lines))
+
+    def line(self, path: Path) -> int:
+        """Return the line of the deepest part of ``path`` that is written in the file."""
+        node, line = self.root, self.root.start_mark.line
+        for part in path:
+            if isinstance(node, yaml.MappingNode):
+                found = next(((k, v) for k, v in node.value if k.value == str(part)), None)
+                if found is None:
+                    break
+                line, node = found[0].start_mark.line, found[1]
+            elif isinstance(node, yaml.SequenceNode) and isinstance(part, int):
+                node = node.value[part]
+                line = node.start_mark.line
+            else:
+                break
+        return int(line) + 1

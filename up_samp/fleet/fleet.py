@@ -1,0 +1,170 @@
+"""``Fleet``: state a problem in the words of those who have it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any
+
+from unified_planning.model.motion import SchedulingMotionProblem
+
+from up_samp.fleet.build import build_problem
+from up_samp.fleet.faults import Fault, FleetError, find_faults
+from up_samp.fleet.files import read_problem_file, write_problem_file
+from up_samp.fleet.reading import read_record
+from up_samp.fleet.records import (
+    Door,
+    FleetRecords,
+    Order,
+    Place,
+    Resource,
+    Robot,
+    RobotType,
+    Task,
+    Zone,
+)
+from up_samp.fleet.result import FleetResult, solve_problem
+
+Names = str | Sequence[str]
+
+
+class Fleet:
+    """A map, robots, and what they have to do. Lengths in m, angles in rad, times in s.
+
+    Every ``add_...`` checks what it is given at once and raises :class:`FleetError` that names the
+    thing and what to do; nothing is added then. ``problem`` is at any time the ordinary UP
+    problem.
+
+    :param map: a ROS ``map_server`` YAML file.
+    :param objective: ``"makespan"`` or ``"none"``.
+    """
+
+    def __init__(
+        self,
+        map: str | PathLike[str],
+        *,
+        name: str = "fleet",
+        objective: str = "makespan",
+        seconds_per_unit: float = 1.0,
+    ) -> None:
+        data = {
+            "map": fspath(map),
+            "name": name,
+            "objective": objective,
+            "seconds_per_unit": seconds_per_unit,
+        }
+        self._records: FleetRecords = read_record(FleetRecords, data)
+        self._folder = Path()
+        self._problem: SchedulingMotionProblem | None = None
+
+    @classmethod
+    def from_file(cls, file: str | PathLike[str]) -> Fleet:
+        """Read a problem file (YAML or JSON)."""
+        path = Path(file)
+        fleet = cls.__new__(cls)
+        fleet._records, fleet._folder, fleet._problem = read_problem_file(path), path.parent, None
+        return fleet
+
+    def save(self, file: str | PathLike[str]) -> Path:
+        """Write a problem file (YAML or JSON, by its ending) and return its path."""
+        path = Path(file)
+        where = (self._folder / self._records.map).resolve()
+        home = path.resolve().parent
+        map_file = where.relative_to(home) if where.is_relative_to(home) else where
+        return write_problem_file(path, dataclasses.replace(self._records, map=str(map_file)))
+
+    @property
+    def records(self) -> FleetRecords:
+        """All that was said, as frozen records."""
+        return self._records
+
+    @property
+    def folder(self) -> Path:
+        """The folder that the map's file is relative to."""
+        return self._folder
+
+    # -- what there is -------------------------------------------------------------------------
+    def add_robot_type(self, name: str, footprint: Any, **options: Any) -> None:
+        """Add a type of robots: see :class:`RobotType` for the options.
+
+        ``footprint``: ``(length, width)``, or the corners of a polygon, heading along +x.
+        """
+        self._named("robot_types", RobotType, name, {"footprint": footprint, **options})
+
+    def add_robot(self, name: str, type: str, start: str, **options: Any) -> None:
+        """Add a robot that is at the place ``start`` at first; options: ``end``, ``skills``."""
+        self._named("robots", Robot, name, {"type": type, "start": start, **options})
+
+    def add_place(
+        self, name: str, x: float, y: float, theta: float = 0.0, *, park: int = 0
+    ) -> None:
+        """Add a pose. ``park``: how often each robot may rest here to be out of the way."""
+        self._named("places", Place, name, {"pose": (x, y, theta), "park": park})
+
+    def add_door(self, name: str, leaf: Any, closed: Any, open: Any, **options: Any) -> None:
+        """Add a closed door; options: ``opened_from`` (places), ``seconds``, ``skills``."""
+        self._named("doors", Door, name, {"leaf": leaf, "closed": closed, "open": open, **options})
+
+    def add_zone(self, name: str, polygon: Any, **options: Any) -> None:
+        """Add a part of the floor that robots of some types must ``keep_out`` of."""
+        self._named("zones", Zone, name, {"polygon": polygon, **options})
+
+    def add_resource(self, name: str, capacity: int = 1) -> None:
+        """Add something of which stops and tasks use one unit each."""
+        self._named("resources", Resource, name, {"capacity": capacity})
+
+    # -- what there is to do -------------------------------------------------------------------
+    def add_order(self, id: str, pickup: Any, delivery: Any, **options: Any) -> None:
+        """Add a transport from ``pickup`` to ``delivery``: a place, several, or a dictionary with
+        ``at``, ``service``, ``window`` and ``resources``. Options: see :class:`Order`.
+        """
+        self._listed("orders", Order, {"id": id, "pickup": pickup, "delivery": delivery, **options})
+
+    def add_task(self, id: str, at: Names = (), *, duration: float, **options: Any) -> None:
+        """Add something to do at a place (or one of several), or by no robot where none is named.
+        Options: see :class:`Task`.
+        """
+        self._listed("tasks", Task, {"id": id, "at": at, "duration": duration, **options})
+
+    # -- what comes of it ------------------------------------------------------------------------
+    @property
+    def problem(self) -> SchedulingMotionProblem:
+        """The ordinary UP problem: for all engines, validators and tools.
+
+        It is written anew after each change; what you change in it, this fleet does not see.
+        """
+        if self._problem is None:
+            faults = find_faults(self._records)
+            if faults:
+                raise FleetError(faults)
+            self._problem = build_problem(self._records, self._folder)
+        return self._problem
+
+    def solve(self, timeout: float | None = 60.0, **params: Any) -> FleetResult:
+        """Solve it. ``params`` are those of the engine (``optimal=True``, ``seed=1``, ...);
+        ``engine="aries"`` takes another scheduler.
+        """
+        unit = self._records.seconds_per_unit
+        return solve_problem(self.problem, timeout, {"seconds_per_unit": unit, **params})
+
+    def _named(self, kind: str, record: type, name: str, data: dict[str, Any]) -> None:
+        known = getattr(self._records, kind)
+        if name in known:
+            raise FleetError([Fault((kind, name), "is there already")])
+
+        self._take(kind, {**known, name: read_record(record, data, (kind, name))}, (kind, name))
+
+    def _listed(self, kind: str, record: type, data: dict[str, Any]) -> None:
+        known = getattr(self._records, kind)
+        path = (kind, len(known))
+        self._take(kind, (*known, read_record(record, data, path)), path)
+
+    def _take(self, kind: str, value: Any, path: tuple[str | int, ...]) -> None:
+        """Keep what was added, unless something in it is wrong."""
+        changed = dataclasses.replace(self._records, **{kind: value})
+        faults = [f for f in find_faults(changed) if f.path[: len(path)] == path]
+        if faults:
+            raise FleetError(faults)
+        self._records, self._problem = changed, None

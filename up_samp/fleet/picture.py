@@ -1,0 +1,100 @@
+"""A picture of a fleet problem: the map with all places, doors, zones and robots."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch, Polygon
+
+from up_samp.fleet.build import corners
+from up_samp.fleet.checks import Finding, Level
+from up_samp.fleet.records import FleetRecords, Outline, Pose
+from up_samp.plotting.background import background_of
+from up_samp.plotting.colors import FIXTURE, INK, color_of, mixed
+from up_samp.plotting.labels import Label, place_labels
+
+WRONG = "#c1121f"
+
+
+def draw_fleet(
+    records: FleetRecords, folder: Path, findings: Iterable[Finding] = (), ax: Axes | None = None
+) -> Axes:
+    """Draw what ``records`` say; what errors are about is red. Returns the axes."""
+    site = {"yaml": str(folder / records.map)}
+    ground = background_of({"map": site, "objects": [], "motions": [], "changes": []})
+    left, right, bottom, top = ground.extent
+    if ax is None:
+        height = min(max(11.0 * (top - bottom) / (right - left), 3.0), 16.0) + 1.0
+        ax = Figure(figsize=(12.0, height), layout="constrained", dpi=120).add_subplot()
+    ax.imshow(ground.pixels, extent=ground.extent, interpolation="nearest", zorder=0)
+    ax.set(xlim=(left, right), ylim=(bottom, top), xlabel="x [m]", ylabel="y [m]")
+    ax.set_aspect("equal")
+    bad = {f.subject for f in findings if f.level is Level.ERROR}
+    labels: list[Label] = []
+    for name, zone in records.zones.items():
+        here = np.asarray(zone.polygon, dtype=np.float64)
+        ax.add_patch(Polygon(here, fc=mixed(WRONG, 0.8), ec=WRONG, lw=0.8, ls=":", alpha=0.6))
+        x, y = (float(v) for v in here.mean(axis=0))
+        labels.append(Label(name, x, y, WRONG, False, (0.3, 0.3)))
+    for name, door in records.doors.items():
+        leaf, opened = placed(door.leaf, door.closed), placed(door.leaf, door.open)
+        ax.add_patch(Polygon(opened, fc="none", ec=FIXTURE, ls="--"))
+        ax.add_patch(Polygon(leaf, fc=FIXTURE, ec=INK))
+        labels.append(_label(name, door.closed, leaf, FIXTURE))
+    starts = {r.start: name for name, r in records.robots.items()}
+    order = list(records.robots)
+    shape = _usual(records)
+    for name, place in records.places.items():
+        color = WRONG if name in bad else INK
+        robot = starts.get(name)
+        if robot is not None:
+            shape_here = records.robot_types[records.robots[robot].type].footprint
+            outline = placed(shape_here, place.pose)
+            fill = color_of(order.index(robot))
+            ax.add_patch(Polygon(outline, fc=WRONG if name in bad else fill, ec=INK, zorder=3))
+        else:
+            outline = placed(shape, place.pose)
+            ax.add_patch(Polygon(outline, fc=mixed(color, 0.85), ec=color, lw=1.0, zorder=2))
+        x, y, theta = place.pose
+        reach = float(np.abs(outline - (x, y)).max())
+        tip = (x + reach * math.cos(theta), y + reach * math.sin(theta))
+        ax.plot([x, tip[0]], [y, tip[1]], color=color, lw=1.2, zorder=4)
+        text = name if robot is None else f"{robot} at {name}"
+        labels.append(_label(text, place.pose, outline, color))
+    ax.set_title(f"{records.name}: {len(records.robots)} robots, {len(records.orders)} orders, "
+                 f"{len(records.tasks)} tasks", loc="left", fontsize=11, color=INK)  # fmt: skip
+    keys = [
+        Patch(fc=mixed(INK, 0.85), ec=INK, label="place"),
+        Patch(fc=FIXTURE, label="door, closed"),
+    ]
+    if bad:
+        keys.append(Patch(fc=WRONG, label="wrong: see the list"))
+    ax.legend(handles=keys, loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=4.5,
+              frameon=False, ncols=3, fontsize=8)  # fmt: skip
+    place_labels(ax, labels, avoid=[])
+    return ax
+
+
+def placed(outline: Outline, pose: Pose) -> npt.NDArray[np.float64]:
+    """Return an outline's corners at a pose, shape (n, 2)."""
+    x, y, theta = pose
+    c, s = math.cos(theta), math.sin(theta)
+    return np.asarray([(x + c * u - s * v, y + s * u + c * v) for u, v in corners(outline)])
+
+
+def _usual(records: FleetRecords) -> Outline:
+    """Return the footprint of most robots."""
+    kinds = [r.type for r in records.robots.values()]
+    most = max(sorted(set(kinds)), key=kinds.count)
+    return records.robot_types[most].footprint
+
+
+def _label(text: str, pose: Pose, outline: npt.NDArray[np.float64], color: str) -> Label:
+    reach = np.abs(outline - pose[:2]).max(axis=0)
+    return Label(text, pose[0], pose[1], color, False, (float(reach[0]), float(reach[1])))

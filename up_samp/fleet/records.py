@@ -1,0 +1,225 @@
+"""What a fleet problem says, as frozen records: the one source of ``Fleet`` and of problem files.
+
+Lengths in m, angles in rad, times in s; poses are ``(x, y, theta)`` in the map's world frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal
+
+from annotated_types import Ge, Gt, MinLen
+from pydantic import BeforeValidator, ConfigDict, StringConstraints
+
+FORMAT = "up-samp-problem"
+VERSION = 1
+
+STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
+"""Unknown keys are errors, and so are numbers that are none."""
+
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_.-]*$", max_length=80)]
+Count = Annotated[int, Gt(0)]
+Positive = Annotated[float, Gt(0)]
+Seconds = Annotated[float, Gt(0)]
+Moment = Annotated[float, Ge(0)]
+Pose = tuple[float, float, float]
+Point = tuple[float, float]
+Window = tuple[Moment, Moment]
+Polygon = Annotated[tuple[Point, ...], MinLen(3)]
+
+
+def _outline(value: Any) -> Any:
+    """Let only one of the two forms through, so that errors are about that one."""
+    if isinstance(value, list | tuple):
+        numbers = all(isinstance(v, int | float) and v > 0 for v in value)
+        corners = all(isinstance(v, list | tuple) and len(v) == 2 for v in value)
+        if (numbers and len(value) == 2) or (corners and len(value) >= 3):
+            return value
+    raise ValueError("give [length, width] in m, or three or more corners [x, y]")
+
+
+Outline = Annotated[
+    tuple[Positive, Positive] | Polygon,
+    BeforeValidator(_outline, json_schema_input_type=tuple[Positive, Positive] | Polygon),
+]
+"""``(length, width)`` of a rectangle around the reference point, or the corners of a polygon."""
+
+
+def _names(value: Any) -> Any:
+    return [value] if isinstance(value, str) else value
+
+
+Names = Annotated[tuple[Name, ...], BeforeValidator(_names, json_schema_input_type=Any)]
+
+
+@dataclass(frozen=True)
+class RobotType:
+    """What robots of a type have in common.
+
+    ``model``: ``car`` drives forwards and backwards on curves no tighter than ``turning_radius``;
+    ``omni`` drives in any direction. ``capacity``: how many loads of a kind fit on it at a time.
+    """
+
+    __pydantic_config__ = STRICT
+    footprint: Outline
+    model: Literal["car", "omni"] = "car"
+    turning_radius: Positive = 1.0
+    v_max: Positive = 1.0
+    a_max: Positive = 1.0
+    omega_max: Positive = 1.0
+    capacity: Mapping[Name, Count] = field(default_factory=lambda: {"item": 1})
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A robot, where it is at first (``start``) and in the end (``end``; none: anywhere)."""
+
+    __pydantic_config__ = STRICT
+    type: Name
+    start: Name
+    end: Name | None = None
+    skills: Names = ()
+
+
+@dataclass(frozen=True)
+class Place:
+    """A pose at which something is done. ``park``: how often each robot may come to rest here
+    without doing anything, to be out of the way.
+    """
+
+    __pydantic_config__ = STRICT
+    pose: Pose
+    park: Annotated[int, Ge(0)] = 0
+
+
+@dataclass(frozen=True)
+class Door:
+    """A leaf that stands at ``closed`` until a robot at ``opened_from`` opens it for good."""
+
+    __pydantic_config__ = STRICT
+    leaf: Outline
+    closed: Pose
+    open: Pose
+    opened_from: Names
+    seconds: Seconds = 1.0
+    skills: Names = ()
+
+
+@dataclass(frozen=True)
+class Zone:
+    """A part of the floor: ``keep_out`` names the robot types that may not touch it."""
+
+    __pydantic_config__ = STRICT
+    polygon: Polygon
+    keep_out: Names = ()
+    max_robots: Count | None = None
+
+
+@dataclass(frozen=True)
+class Resource:
+    """Something that ``capacity`` stops and tasks can use at a time: a lift table, an operator."""
+
+    __pydantic_config__ = STRICT
+    capacity: Count = 1
+
+
+@dataclass(frozen=True)
+class Stop:
+    """A pickup or a delivery, at one of the places ``at``; it lasts ``service`` s.
+
+    ``window``: it begins no earlier and ends no later.
+    """
+
+    __pydantic_config__ = STRICT
+    at: Annotated[Names, MinLen(1)]
+    service: Seconds = 1.0
+    window: Window | None = None
+    resources: Names = ()
+
+
+def _stop(value: Any) -> Any:
+    return {"at": value} if isinstance(value, str | list | tuple) else value
+
+
+AnyStop = Annotated[Stop, BeforeValidator(_stop, json_schema_input_type=Stop | Name | list[Name])]
+
+
+def _place(value: Any) -> Any:
+    if not isinstance(value, list | tuple):
+        return value
+    if len(value) != 3:
+        raise ValueError("a pose is [x, y, theta]")
+    return {"pose": value}
+
+
+AnyPlace = Annotated[Place, BeforeValidator(_place, json_schema_input_type=Place | Pose)]
+
+
+@dataclass(frozen=True)
+class Order:
+    """One robot takes a load from ``pickup`` to ``delivery``.
+
+    ``load``: how many of each kind it takes up of the robot's capacity. ``skills``: what the robot
+    must have; ``robots``: who may do it (none named: all). ``after``: orders and tasks that have
+    ended before. ``priority``: an order of a higher one begins no later than those of lower ones.
+    ``optional``: it may be left out, which counts as ``penalty`` more seconds of makespan.
+    """
+
+    __pydantic_config__ = STRICT
+    id: Name
+    pickup: AnyStop
+    delivery: AnyStop
+    load: Mapping[Name, Count] = field(default_factory=lambda: {"item": 1})
+    skills: Names = ()
+    robots: Names = ()
+    after: Names = ()
+    priority: int = 0
+    optional: bool = False
+    penalty: Positive | None = None
+
+
+@dataclass(frozen=True)
+class Task:
+    """Something that lasts ``duration`` s: done by one robot at one of the places ``at``, or, where
+    none is named, by no robot (a machine that works by itself on its ``resources``).
+    """
+
+    __pydantic_config__ = STRICT
+    id: Name
+    duration: Seconds
+    at: Names = ()
+    skills: Names = ()
+    robots: Names = ()
+    after: Names = ()
+    resources: Names = ()
+    window: Window | None = None
+    priority: int = 0
+    optional: bool = False
+    penalty: Positive | None = None
+
+
+@dataclass(frozen=True)
+class FleetRecords:
+    """All that a fleet problem says. ``map``: a ROS ``map_server`` YAML file."""
+
+    __pydantic_config__ = STRICT
+    map: str
+    name: Name = "fleet"
+    seconds_per_unit: Seconds = 1.0
+    robot_types: Mapping[Name, RobotType] = field(default_factory=dict)
+    robots: Mapping[Name, Robot] = field(default_factory=dict)
+    places: Mapping[Name, AnyPlace] = field(default_factory=dict)
+    doors: Mapping[Name, Door] = field(default_factory=dict)
+    zones: Mapping[Name, Zone] = field(default_factory=dict)
+    resources: Mapping[Name, Resource] = field(default_factory=dict)
+    orders: tuple[Order, ...] = ()
+    tasks: tuple[Task, ...] = ()
+    objective: Literal["makespan", "none"] = "makespan"
+    format: Literal["up-samp-problem"] = "up-samp-problem"
+    version: Literal[1] = 1
+
+    @property
+    def jobs(self) -> tuple[Order | Task, ...]:
+        """All orders and tasks."""
+        return (*self.orders, *self.tasks)

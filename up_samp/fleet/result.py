@@ -1,0 +1,128 @@
+"""What came of solving a fleet problem: the plan, its pictures, and why."""
+
+from __future__ import annotations
+
+import tempfile
+import webbrowser
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from matplotlib.axes import Axes
+from unified_planning.engines import PlanGenerationResult
+from unified_planning.model.motion import SchedulingMotionProblem
+from unified_planning.plans import Plan
+from unified_planning.shortcuts import OneshotPlanner
+
+from up_samp.engines.registration import register
+from up_samp.io import PlanDict, result_to_dict, write_plan
+from up_samp.model import SampError
+from up_samp.plotting import places_of, plot_gantt, plot_map, write_html
+
+
+@dataclass(frozen=True, eq=False)
+class FleetResult:
+    """A solver's answer. ``outcome`` is UP's own result."""
+
+    problem: SchedulingMotionProblem
+    outcome: PlanGenerationResult
+    seconds_per_unit: float = 1.0
+
+    @property
+    def status(self) -> str:
+        """The name of UP's status, such as ``SOLVED_OPTIMALLY``."""
+        return str(self.outcome.status.name)
+
+    @property
+    def plan(self) -> Plan | None:
+        """UP's plan, or None."""
+        return self.outcome.plan
+
+    @property
+    def makespan(self) -> float:
+        """When all is over, s.
+
+        :raises SampError: where there is no plan.
+        """
+        return float(self.data["makespan"]) * self.seconds_per_unit
+
+    @cached_property
+    def data(self) -> PlanDict:
+        """The plan as a dictionary (docs/plan-format.md)."""
+        if self.plan is None:
+            raise SampError(f"there is no plan ({self.status}); explain() tells why")
+        return result_to_dict(self.problem, self.outcome, seconds_per_unit=self.seconds_per_unit)
+
+    def gantt(self, file: str | PathLike[str] | None = None) -> Axes:
+        """Draw who does what when; with ``file``, save the picture there."""
+        return _saved(plot_gantt(self.data), file)
+
+    def map(self, file: str | PathLike[str] | None = None) -> Axes:
+        """Draw the paths on the map; with ``file``, save the picture there."""
+        return _saved(plot_map(self.data, places=places_of(self.problem)), file)
+
+    def save(self, folder: str | PathLike[str]) -> list[Path]:
+        """Write ``plan.json``, ``gantt.png``, ``map.png`` and ``animation.html``."""
+        target = Path(folder)
+        target.mkdir(parents=True, exist_ok=True)
+        self.gantt(target / "gantt.png")
+        self.map(target / "map.png")
+        page = write_html(self.data, target / "animation.html", places=places_of(self.problem))
+        plan = write_plan(target / "plan.json", self.data)
+        return [plan, target / "gantt.png", target / "map.png", page]
+
+    def show(self, folder: str | PathLike[str] | None = None, *, browser: bool = True) -> Path:
+        """Write the animated page (to ``folder``, or a temporary one) and open it in a browser;
+        return the page's file.
+        """
+        target = Path(folder or tempfile.mkdtemp(prefix="up-samp-"))
+        target.mkdir(parents=True, exist_ok=True)
+        file = target / "animation.html"
+        page = Path(write_html(self.data, file, places=places_of(self.problem)))
+        if browser:
+            webbrowser.open(page.resolve().as_uri())
+        return page
+
+    def explain(self) -> str:
+        """Tell in words what came out, and why there is no plan if there is none."""
+        messages = [m.message for m in self.outcome.log_messages or []]
+        if self.plan is None:
+            return "\n".join([f"no plan: {self.status}", *messages])
+        metrics = self.outcome.metrics or {}
+        unit = self.seconds_per_unit
+        bound = float(metrics.get("lower_bound", 0)) * unit
+        lines = [f"{self.status}: all is over after {self.makespan:g} s"]
+        if bound:
+            kind = metrics.get("bound_kind", "")
+            lines.append(f"no plan can take less than {bound:g} s ({kind})")
+        drives: dict[str, float] = {}
+        for motion in self.data["motions"]:
+            samples = motion["samples"]
+            took = samples[-1][0] - samples[0][0]
+            drives[motion["object"]] = drives.get(motion["object"], 0.0) + took
+        lines += [f"{name} is on the way for {took:.0f} s" for name, took in drives.items()]
+        return "\n".join([*lines, *messages])
+
+
+def solve_problem(
+    problem: SchedulingMotionProblem, timeout: float | None, params: Mapping[str, Any]
+) -> FleetResult:
+    """Solve ``problem``; ``params["engine"]`` names the scheduler (``cpsat`` if it is absent)."""
+    register()
+    rest = {k: v for k, v in params.items() if k != "engine"}
+    name = f"samp-refine[{params.get('engine', 'cpsat')}]"
+    problem.environment.credits_stream = None
+    with OneshotPlanner(name=name, params=rest) as planner:
+        outcome = planner.solve(problem, timeout=timeout)
+    return FleetResult(problem, outcome, float(rest.get("seconds_per_unit", 1.0)))
+
+
+def _saved(ax: Axes, file: str | PathLike[str] | None) -> Axes:
+    if file is not None:
+        figure = ax.get_figure(root=True)
+        assert figure is not None
+        figure.savefig(file)
+    return ax

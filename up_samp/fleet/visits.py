@@ -1,0 +1,139 @@
+"""What each robot may do where, and which moves that takes.
+
+A *visit* is something a robot does at one of several places. How often a robot may have to drive
+from one place to another follows from which visits can come right after each other: a move is an
+activity that happens once at most, so there are as many of it as may be needed, and no more.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from up_samp.fleet.faults import able, carries, needs_robot
+from up_samp.fleet.records import FleetRecords, Order, RobotType
+
+
+class Role(enum.Enum):
+    """What a visit is for."""
+
+    START = "start"
+    END = "end"
+    PARK = "park"
+    PICKUP = "pick"
+    DELIVERY = "deliver"
+    TASK = "task"
+    OPEN = "open"
+
+
+@dataclass(frozen=True)
+class Visit:
+    """``what`` (an order, a task, a door) is done by ``robot`` at one of ``places``.
+
+    ``number`` tells visits apart that are alike (parking).
+    """
+
+    robot: str
+    role: Role
+    what: str
+    places: tuple[str, ...]
+    number: int = 0
+
+    @property
+    def name(self) -> str:
+        """The name of its activity."""
+        if self.role is Role.TASK:
+            return f"{self.what}_{self.robot}"
+        return f"{self.role.value}_{self.what}_{self.robot}"
+
+
+WORK = (Role.PICKUP, Role.DELIVERY, Role.TASK, Role.OPEN)
+"""Roles that are activities; at the others a robot only is."""
+
+
+def visits_of(records: FleetRecords, robot: str) -> list[Visit]:
+    """Return all visits that ``robot`` may make, its start first."""
+    mine = records.robots[robot]
+    kind = records.robot_types[mine.type]
+    visits = [Visit(robot, Role.START, mine.start, (mine.start,))]
+    for order in records.orders:
+        if robot in able(records, order) and carries(kind, order):
+            visits.append(Visit(robot, Role.PICKUP, order.id, order.pickup.at))
+            visits.append(Visit(robot, Role.DELIVERY, order.id, order.delivery.at))
+    for task in records.tasks:
+        if needs_robot(task) and robot in able(records, task):
+            visits.append(Visit(robot, Role.TASK, task.id, task.at))
+    for name, door in records.doors.items():
+        if set(door.skills) <= set(mine.skills):
+            visits.append(Visit(robot, Role.OPEN, name, door.opened_from))
+    for place in _parking(records, robot):
+        times = max(1, records.places[place].park)
+        visits += [Visit(robot, Role.PARK, place, (place,), i) for i in range(times)]
+    if mine.end is not None:
+        visits.append(Visit(robot, Role.END, mine.end, (mine.end,)))
+    return visits
+
+
+def _parking(records: FleetRecords, robot: str) -> list[str]:
+    """Return where a robot may rest: its own start, and what is for parking."""
+    own = records.robots[robot].start
+    places = [p for p, place in records.places.items() if place.park]
+    return list(dict.fromkeys([own, *places]))
+
+
+class Successions:
+    """Which visits of a robot can come right after each other."""
+
+    def __init__(self, records: FleetRecords, kind: RobotType) -> None:
+        self._orders: Mapping[str, Order] = {o.id: o for o in records.orders}
+        self._after = {j.id: set(j.after) for j in records.jobs}
+        self._capacity = kind.capacity
+
+    def possible(self, a: Visit, b: Visit) -> bool:
+        """Return whether ``b`` may be the next visit after ``a``."""
+        if a == b or b.role is Role.START or a.role is Role.END:
+            return False
+        if a.role is Role.START and b.role is Role.DELIVERY:
+            return False
+        if a.role is b.role is Role.PARK:
+            return False
+        if a.what in self._orders and a.what == b.what:
+            return a.role is Role.PICKUP
+        if a.role in WORK and b.what in self._after.get(a.what, ()):
+            return False
+        if a.what in self._orders and b.what in self._orders:
+            apart = a.role is Role.DELIVERY and b.role is Role.PICKUP
+            return apart or self.together(a.what, b.what)
+        return not (b.role is Role.END and a.role is Role.PICKUP)
+
+    def together(self, a: str, b: str) -> bool:
+        """Return whether the robot can carry both orders' loads at the same time."""
+        return fits([self._orders[a], self._orders[b]], self._capacity)
+
+
+def fits(orders: Iterable[Order], capacity: Mapping[str, int]) -> bool:
+    """Return whether the loads of all ``orders`` fit at a time."""
+    total: dict[str, int] = {}
+    for order in orders:
+        for kind, amount in order.load.items():
+            total[kind] = total.get(kind, 0) + amount
+    return all(amount <= capacity.get(kind, 0) for kind, amount in total.items())
+
+
+def moves_needed(visits: list[Visit], successions: Successions) -> dict[tuple[str, str], int]:
+    """Return how often a robot may have to drive from one place to another.
+
+    No schedule needs more: each drive leads from one visit to the next one, and each visit is made
+    once.
+    """
+    follows = [(a, b) for a in visits for b in visits if successions.possible(a, b)]
+    leave: dict[tuple[str, str], set[Visit]] = {}
+    reach: dict[tuple[str, str], set[Visit]] = {}
+    for a, b in follows:
+        for p in a.places:
+            for q in b.places:
+                if p != q:
+                    leave.setdefault((p, q), set()).add(a)
+                    reach.setdefault((p, q), set()).add(b)
+    return {pair: min(len(leave[pair]), len(reach[pair])) for pair in leave}
