@@ -60,7 +60,7 @@ def _doors(names: list[str], snapshot: Any) -> set[str]:
     rooms = [n.removeprefix("machine") for n in names if n.startswith("machine")]
     passed = {f"door{r}" for r in rooms}
     if any(n.endswith("in") and n.startswith("item") for n in names):
-        passed |= {d for d in doors if d == "door"}
+        passed |= doors
     return passed & doors
 
 

@@ -291,6 +291,11 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
         metrics = {"engine_internal_time": f"{report.seconds:.3f}"}
         if report.bound is not None:
             metrics["lower_bound"] = str(report.bound)
+        if report.recognised or report.left_over:
+            metrics["recognised"] = "; ".join(report.recognised)
+            metrics["left_over"] = "; ".join(report.left_over)
+            told = f"recognised: {metrics['recognised']}. Left over: {metrics['left_over'] or '-'}"
+            messages.append(LogMessage(LogLevel.INFO, told))
         if report.schedule is not None:
             plan = build_schedule(problem, report.schedule)
             metrics["makespan"] = str(report.schedule.makespan)

@@ -310,6 +310,9 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
             "seconds_total": f"{context.deadline.elapsed():.3f}",
             "seconds_per_unit": repr(self.params.seconds_per_unit),
         }
+        if history.recognised or history.left_over:
+            metrics["recognised"] = "; ".join(history.recognised)
+            metrics["left_over"] = "; ".join(history.left_over)
         if context.incumbent is not None:
             makespan = context.incumbent.schedule.makespan
             metrics["makespan"] = str(makespan)

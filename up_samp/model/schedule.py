@@ -42,6 +42,7 @@ class ScheduleStatus(enum.Enum):
 class ScheduleReport:
     """A scheduler's answer. ``bound`` is a proven lower bound on the makespan if there is one.
     ``late`` says of a schedule that it is the best at the deadline, and the search was not over.
+    ``recognised`` and ``left_over`` tell which structures the scheduler found in the problem.
     """
 
     status: ScheduleStatus
@@ -50,6 +51,8 @@ class ScheduleReport:
     message: str = ""
     seconds: float = 0.0
     late: bool = False
+    recognised: tuple[str, ...] = ()
+    left_over: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,10 @@ class History:
     seconds_scheduler: float = 0.0
     seconds_motion: float = 0.0
     restarts: int = 0
+    recognised: tuple[str, ...] = ()
+    """Structures that the scheduler found in the problem ..."""
+    left_over: tuple[str, ...] = ()
+    """... and what it took as it is written."""
 
     def count(self, layer: Layer) -> int:
         """Return how many refinements a layer gave."""

@@ -109,6 +109,9 @@ def get_schedule(context: Context, *, optimal: bool) -> ScheduleReport:
         lower_bound=None if context.heuristic else context.lower_bound,
     )
     context.history.seconds_scheduler += report.seconds
+    if report.recognised or report.left_over:
+        context.history.recognised = report.recognised
+        context.history.left_over = report.left_over
     if report.bound is not None and not context.heuristic:
         context.lower_bound = max(context.lower_bound, report.bound)
     return report

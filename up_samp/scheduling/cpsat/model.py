@@ -59,6 +59,8 @@ class ScheduleModel:
         self.parameters: dict[str, tuple[int, Any, str | None]] = {}
         self.timelines: dict[Any, Timeline | NumericTimeline] = {}
         self.follow_ups: list[FollowUp] = []
+        self.unread: list[Precondition] = []
+        """What is said with precedences and is no state variable."""
         self.read_counts: dict[Any, int] = {}
         self.replaced: set[Any] = set()
         """State variables that disjunctions say as well: they have no timeline."""
@@ -352,7 +354,15 @@ class ScheduleModel:
         """Take what is said by precedences as conditions on state variables, where that is the
         same; return what has to be stated as it is written.
         """
-        found = find_histories(preconditions, self.world.activities, self.disjunctions.gap)
+        found = find_histories(
+            preconditions,
+            self.world.activities,
+            self.disjunctions.gap,
+            [s for k, s in self.states.vars.items() if k[0] in self.states.dynamic],
+        )
+        self.unread = found.left
+        for state, reads in found.reads:
+            state.reads += reads
         for state in (*found.states, *found.milestones):
             self.states.vars[state.key] = state
             self.states.dynamic.add(state.key[0])

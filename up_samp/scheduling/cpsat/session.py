@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 import threading
+from dataclasses import replace
 
 from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.model import CandidateSchedule, Deadline, ScheduleReport, ScheduleStatus
+from up_samp.scheduling.cpsat.explain import Explanation, explain
 from up_samp.scheduling.cpsat.model import OutOfTimeError, ScheduleModel
 from up_samp.scheduling.cpsat.problem import Watcher
 from up_samp.scheduling.cpsat.solve.runner import Run
@@ -45,6 +47,8 @@ class CpsatSession:
         self._watcher = Watcher(problem)
         self._model: ScheduleModel | None = None
         self._last: CandidateSchedule | None = None
+        self.explanation = Explanation((), ())
+        """What was recognised when the model was last built."""
         self._interrupted = threading.Event()
 
     @property
@@ -94,7 +98,11 @@ class CpsatSession:
         if not deadline.expired():
             guess = hint if hint is not None else self._last
             search.run(lambda: Watcher(self.problem).look(), guess)
-        return self._report(search, wants_optimum, deadline.elapsed() - started)
+        if search.routes is not None:
+            self.explanation = explain(model, search.routes)
+        report = self._report(search, wants_optimum, deadline.elapsed() - started)
+        told = self.explanation
+        return replace(report, recognised=told.recognised, left_over=told.left_over)
 
     def interrupt(self) -> None:
         """Stop a :meth:`solve` that runs in another thread."""

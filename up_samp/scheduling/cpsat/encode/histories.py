@@ -32,13 +32,22 @@ class Histories:
     states: list[StateVar] = field(default_factory=list)
     milestones: list[StateVar] = field(default_factory=list)
     left: list[Precondition] = field(default_factory=list)
+    reads: list[tuple[StateVar, list[Read]]] = field(default_factory=list)
+    """Conditions on state variables that are there already, and tell the same."""
 
 
 def find_histories(
-    preconditions: Iterable[Precondition], activities: dict[str, ActivityVars], gap: Gap
+    preconditions: Iterable[Precondition],
+    activities: dict[str, ActivityVars],
+    gap: Gap,
+    states: Iterable[StateVar] = (),
 ) -> Histories:
-    """Return the state variables that the preconditions speak of."""
+    """Return the state variables that the preconditions speak of.
+
+    :param states: those of the problem; where one of them tells the same, it is read.
+    """
     found = Histories()
+    known = _last_effects(states, activities)
     disturbed = []
     by_helpers: dict[frozenset[str], list[Precondition]] = {}
     for precondition in preconditions:
@@ -50,11 +59,59 @@ def find_histories(
     for number, some in enumerate(by_helpers.values()):
         found.milestones.append(_milestone(("#milestone", number), some, activities))
     for number, (writers, some) in enumerate(_by_writers(disturbed).items()):
-        if _said_by_order(writers, some, activities, gap):
-            found.states.append(_history(("#history", number), writers, some, activities))
-        else:
+        if not _said_by_order(writers, some, activities, gap):
             found.left += some
+            continue
+        reads = _told(known.get(frozenset(activities[w].index for w in writers)), some, activities)
+        if reads is not None:
+            found.reads.append(reads)
+        else:
+            found.states.append(_history(("#history", number), writers, some, activities))
     return found
+
+
+def _last_effects(
+    states: Iterable[StateVar], activities: dict[str, ActivityVars]
+) -> dict[frozenset[int], StateVar]:
+    """Return the state variables that each of some activities sets once, a unit before its end."""
+    index = {a.index: a for a in activities.values()}
+    found: dict[frozenset[int], StateVar] = {}
+    for state in states:
+        plain = state.initial is not None and all(
+            w.owner is not None
+            and not w.add
+            and not w.value.terms
+            and w.active == index[w.owner].present
+            and w.time == index[w.owner].end.shift(-1)._replace(needs=())
+            for w in state.writes
+        )
+        owners = frozenset(w.owner for w in state.writes if w.owner is not None)
+        if plain and len(owners) == len(state.writes):
+            found.setdefault(owners, state)
+    return found
+
+
+def _told(
+    state: StateVar | None, preconditions: list[Precondition], activities: dict[str, ActivityVars]
+) -> tuple[StateVar, list[Read]] | None:
+    """Return what the preconditions ask of a state variable, if they ask just for values of it."""
+    if state is None:
+        return None
+    values = {w.owner: w.value.const for w in state.writes}
+    reads = []
+    for precondition in preconditions:
+        mine = activities[precondition.activity].index
+        helpers = {activities[h].index for h in precondition.helpers}
+        allowed = {values[h] for h in helpers}
+        if precondition.initially is not None and state.initial is not None:
+            allowed.add(state.initial)
+        for owner, value in values.items():
+            if owner != mine and (value in allowed) != (owner in helpers):
+                return None
+        if (state.initial in allowed) != (precondition.initially is not None):
+            return None
+        reads.append(_read(activities[precondition.activity], frozenset(allowed)))
+    return state, reads
 
 
 def _writers(precondition: Precondition) -> frozenset[str]:

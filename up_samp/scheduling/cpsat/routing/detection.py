@@ -218,32 +218,78 @@ class UnitPlace:
 def find_routes(model: ScheduleModel) -> list[Route]:
     """Return the routes of a model that can be collapsed together."""
     routes = []
-    cliques = [(g, {a.index for a in members}) for g, members in model.disjunctions.cliques]
+    cliques = _cliques(model)
     for timeline in model.timelines.values():
-        if isinstance(timeline, Timeline):
-            route = _route(model, timeline, cliques)
-            if route is not None:
-                route.measure()
-                routes.append(route)
+        if isinstance(timeline, Timeline) and refusal(model, timeline, cliques) is None:
+            routes.append(_route(model, timeline, cliques))
     # what happens at a place on one route stays: it cannot be a move of another that is collapsed
     stops = {name for route in routes for name, _ in route.stops}
-    return [r for r in routes if not any(move.name in stops for move in r.moves)]
+    routes = [r for r in routes if not any(move.name in stops for move in r.moves)]
+    for route in routes:
+        route.measure()
+    return routes
 
 
-def _route(
-    model: ScheduleModel, timeline: Timeline, cliques: list[tuple[int, set[int]]]
-) -> Route | None:
+Cliques = list[tuple[int, set[int]]]
+"""Sets of activities that are done one at a time, each with its gap."""
+
+
+def _cliques(model: ScheduleModel) -> Cliques:
+    return [(g, {a.index for a in members}) for g, members in model.disjunctions.cliques]
+
+
+def refusals(model: ScheduleModel, routes: list[Route]) -> dict[Key, str]:
+    """Return why the object-valued state variables that several activities change are no routes."""
+    cliques, known = _cliques(model), {route.key for route in routes}
+    found = {}
+    for key, timeline in model.timelines.items():
+        if key in known or not isinstance(timeline, Timeline):
+            continue
+        state = timeline.state
+        owners = {w.owner for w in state.writes} - {None}
+        if len(state.values or ()) > 2 and len(owners) > 2:
+            why = refusal(model, timeline, cliques)
+            found[key] = why or "what happens at its places moves somebody else"
+    return found
+
+
+def refusal(model: ScheduleModel, timeline: Timeline, cliques: Cliques) -> str | None:
+    """Return why a state variable is no traveller's place (``None``: it is)."""
     state = timeline.state
-    if not timeline.linked or len(timeline.linked) < len(state.writes) or state.initial is None:
-        return None
+    if state.initial is None:
+        return "it has no initial value"
     owners = {w.owner for w in state.writes}
+    readers = {r.owner for r in state.reads if r.allowed is not None}
+    for owner in sorted(owners - readers, key=str):
+        return f"{_name(model, owner)} changes it wherever it was"
+    clique = _clique(owners, cliques)
+    if clique is None:
+        return "nothing keeps all that changes it one at a time"
+    for i, write in enumerate(state.writes):
+        link = timeline.linked.get(i)
+        if link is None or not _plain(model, link):
+            name = _name(model, write.owner)
+            return f"{name} does not lead from a place at its start to one place in the end"
+    if not _stops(model, state, clique[1] - {o for o in owners if o is not None})[0]:
+        return "nothing that is kept apart from its moves happens at its places"
+    return None
+
+
+def _name(model: ScheduleModel, owner: int | None) -> str:
+    return "the problem itself" if owner is None else model.states.activity(owner).name
+
+
+def _clique(owners: set[int | None], cliques: Cliques) -> tuple[int, set[int]] | None:
+    fitting = (c for c in cliques if owners <= c[1])
+    return max(fitting, key=lambda c: len(c[1]), default=None)
+
+
+def _route(model: ScheduleModel, timeline: Timeline, cliques: Cliques) -> Route:
+    """Return the route of a state variable that :func:`refusal` has nothing against."""
+    state = timeline.state
     links = list(timeline.linked.values())
-    if not all(_plain(model, link) for link in links):
-        return None
-    found = max((c for c in cliques if owners <= c[1]), key=lambda c: len(c[1]), default=None)
-    if found is None:
-        return None
-    gap, members = found
+    owners = {w.owner for w in state.writes}
+    gap, members = _clique(owners, cliques) or (0, set())
     moves = [
         Move(
             model.states.activity(link.write.owner or 0).name,
@@ -251,14 +297,12 @@ def _route(
             link.write.value.const,
             model.states.activity(link.write.owner or 0).least,
         )
-        for link in timeline.linked.values()
+        for link in links
     ]
     stops, late = _stops(model, state, members - {o for o in owners if o is not None})
-    if not stops:
-        return None
     lag = 1 + min(_delay(model, link) for link in links)
     final = _final(model, state)
-    route = Route(state.key, gap, state.initial, final, moves, stops, late, lag=lag)
+    route = Route(state.key, gap, state.initial or 0, final, moves, stops, late, lag=lag)
     _find_returns(model, route)
     _find_entries(model, route, timeline)
     route.still = _find_still(model, timeline)

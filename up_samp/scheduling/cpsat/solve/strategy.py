@@ -56,6 +56,8 @@ class Search:
     """Effort that is left for all stages together (``None``: no limit)."""
     value: int = 0
     """The makespan of ``best``, with the way home where moves were taken out."""
+    routes: list[Route] | None = None
+    """What was found when they were looked for."""
     _known: dict[int, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -76,7 +78,7 @@ class Search:
             if self._met() or self._over() or self._swiftly():
                 return
         base = guess.makespan if guess is not None else 0
-        routes = find_routes(self.model) if self.minimizes_makespan else []
+        routes = self.routes = find_routes(self.model) if self.minimizes_makespan else []
         base = max(base, self._collapse(parts, routes))
         if not routes and not self._over():
             self._climb()
