@@ -258,6 +258,8 @@ def refusal(model: ScheduleModel, timeline: Timeline, cliques: Cliques) -> str |
     state = timeline.state
     if state.initial is None:
         return "it has no initial value"
+    if not state.writes:
+        return "nothing changes it"
     owners = {w.owner for w in state.writes}
     readers = {r.owner for r in state.reads if r.allowed is not None}
     for owner in sorted(owners - readers, key=str):
