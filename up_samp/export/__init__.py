@@ -15,6 +15,7 @@ from up_samp.model import ProblemError
 FORMATS = {
     "csv": "up_samp.export.tables",
     "vda5050": "up_samp.export.vda5050",
+    "vda5050-3": "up_samp.export.vda5050_later",
     "mcap": "up_samp.export.mcap_file",
     "nav2": "up_samp.export.nav2",
 }

@@ -1,0 +1,207 @@
+"""Orders for robots: valid by the published schemas, and safe to follow in any tempo."""
+
+import itertools
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from unified_planning.shortcuts import OneshotPlanner
+
+from tests.export.plans import door_plan
+from tests.fuzz.problems import SECONDS, build, random_case
+from up_samp.execution import with_dependencies
+from up_samp.export import export_plan
+from up_samp.export.steps import steps_of
+from up_samp.export.vda5050 import nurbs
+from up_samp.io import result_to_dict
+from up_samp.model import ProblemError
+
+SCHEMAS = Path(__file__).parents[3] / "shared" / "data" / "vda5050"
+SEEDS = (101, 104, 113, 120)
+"""Small problems with two robots or more whose plans have dependencies."""
+
+
+@pytest.fixture(scope="module", params=SEEDS)
+def plan(request, tmp_path_factory):
+    problem = build(random_case(request.param), tmp_path_factory.mktemp("floor"))
+    params = {"seconds_per_unit": SECONDS}
+    with OneshotPlanner(name="samp-refine[cpsat]", params=params) as planner:
+        result = planner.solve(problem, timeout=20.0)
+    if result.plan is None:
+        pytest.skip(f"no plan ({result.status.name})")
+    return with_dependencies(problem, result_to_dict(problem, result))
+
+
+def read(path):
+    return json.loads(path.read_text())
+
+
+def messages_of(folder):
+    releases = read(folder / "releases.json")
+    return [(m, read(folder / m["file"])) for m in releases["messages"]]
+
+
+@pytest.mark.parametrize(
+    ("form", "schema"), [("vda5050", "2.1.0"), ("vda5050-3", "main")], ids=["2.1", "3.0"]
+)
+def test_every_message_obeys_the_published_schema(plan, tmp_path, form, schema):
+    jsonschema = pytest.importorskip("jsonschema")
+    file = SCHEMAS / schema / "order.schema"
+    if not file.exists():
+        pytest.skip("the schemas of VDA 5050 are not beside the project")
+    export_plan(plan, form, tmp_path)
+    validator = jsonschema.Draft202012Validator(read(file))
+    for _, message in messages_of(tmp_path):
+        validator.validate(message)
+        known = {"maximumSpeed", "maxSpeed", "length", "trajectory"}
+        assert all(known & set(edge) for edge in message["edges"])
+
+
+def test_an_order_grows_from_update_to_update(plan, tmp_path):
+    export_plan(plan, "vda5050", tmp_path)
+    last: dict[str, tuple[int, int]] = {}
+    for entry, message in messages_of(tmp_path):
+        robot = entry["serialNumber"]
+        nodes, edges = message["nodes"], message["edges"]
+        assert [n["sequenceId"] for n in nodes] == list(
+            range(nodes[0]["sequenceId"], nodes[-1]["sequenceId"] + 1, 2)
+        )
+        for a, edge, b in zip(nodes, edges, nodes[1:], strict=False):
+            assert (edge["startNodeId"], edge["endNodeId"]) == (a["nodeId"], b["nodeId"])
+            assert edge["sequenceId"] == a["sequenceId"] + 1
+        flags = [x["released"] for pair in itertools.zip_longest(nodes, edges) for x in pair if x]
+        assert flags == sorted(flags, reverse=True), "nothing is released after a gap"
+        number, stitched = last.get(robot, (-1, 0))
+        assert message["orderUpdateId"] == number + 1
+        assert nodes[0]["sequenceId"] == stitched
+        base = max(n["sequenceId"] for n in nodes if n["released"])
+        last[robot] = (number + 1, base)
+        assert nodes[-1]["released"] or base < nodes[-1]["sequenceId"]
+    for robot, (_, base) in last.items():
+        whole = max(
+            n["sequenceId"] for e, m in messages_of(tmp_path) if e["serialNumber"] == robot
+            for n in m["nodes"]
+        )  # fmt: skip
+        assert base == whole, f"{robot} is never released to its end"
+
+
+def test_the_robots_drive_what_the_plan_says(plan, tmp_path):
+    """Joined, the edges of an order are the robot's way, within a centimetre."""
+    export_plan(plan, "vda5050", tmp_path)
+    first = {e["serialNumber"]: m for e, m in reversed(messages_of(tmp_path))}
+    for robot, message in first.items():
+        driven = [np.asarray(m["samples"])[:, 1:3] for m in plan["motions"] if m["object"] == robot]
+        told = [
+            np.array([[c["x"], c["y"]] for c in e["trajectory"]["controlPoints"]])
+            for e in message["edges"]
+            if "trajectory" in e
+        ]
+        assert np.allclose(told[0][0], driven[0][0], atol=1e-5)
+        assert np.allclose(told[-1][-1], driven[-1][-1], atol=1e-5)
+        for a, b in itertools.pairwise(told):
+            assert np.allclose(a[-1], b[0], atol=1e-3)
+        for point in np.vstack(driven)[::5]:
+            assert min(_gap(point, t) for t in told) < 0.02
+
+
+def _gap(point, line):
+    gaps = [float(np.hypot(*(point - line[0])))]
+    for a, b in itertools.pairwise(line):
+        span = max(float((b - a) @ (b - a)), 1e-300)
+        foot = a + np.clip((point - a) @ (b - a) / span, 0, 1) * (b - a)
+        gaps.append(float(np.hypot(*(point - foot))))
+    return min(gaps)
+
+
+def test_no_step_begins_before_what_it_depends_on(plan):
+    """Follow the steps as late as each robot likes: every dependency of the plan holds."""
+    steps = steps_of(plan)
+    for seed in range(20):
+        when = follow(steps, np.random.default_rng(seed))
+        assert when is not None, "the steps wait for each other"
+        for edge in plan["dependencies"]["edges"]:
+            first, then = tuple(edge["first"]), tuple(edge["then"])
+            if first in when and then in when:
+                early = when[then] - when[first] - edge["lag"]
+                assert early > -5e-3, edge
+
+
+def follow(steps, random):
+    """Return when each event happens if robots take 1 to 3 times as long as planned."""
+    when = {("origin",): 0.0}
+    clock = dict.fromkeys(steps, 0.0)
+    todo = {robot: list(own) for robot, own in steps.items()}
+    while any(todo.values()):
+        moved = False
+        for robot, own in todo.items():
+            if not own or any(w.event not in when for w in own[0].waits):
+                continue
+            step = own.pop(0)
+            ready = [when[w.event] + w.lag for w in step.waits]
+            begin = max([clock[robot], *ready])
+            planned = step.seconds
+            if step.piece is not None:
+                planned = float(step.piece.rows[-1, 0] - step.piece.rows[0, 0])
+            clock[robot] = begin + planned * random.uniform(1.0, 3.0)
+            for event in step.begins:
+                when.setdefault(event, begin)
+            for event in step.happens:
+                when[event] = max(clock[robot], when.get(event, 0.0))
+            moved = True
+        if not moved:
+            return None
+    return when
+
+
+def test_releases_come_in_an_order_that_works(plan, tmp_path):
+    """Whatever a message waits for is released by messages before it."""
+    export_plan(plan, "vda5050", tmp_path)
+    released: dict[str, int] = {}
+    for entry, message in messages_of(tmp_path):
+        for condition in entry["after"]:
+            for sign in condition["seen"]:
+                if "lastNodeSequenceId" in sign:
+                    assert released[sign["serialNumber"]] >= sign["lastNodeSequenceId"]
+        base = max(n["sequenceId"] for n in message["nodes"] if n["released"])
+        released[entry["serialNumber"]] = base
+
+
+def test_legs_for_nav2_tell_paths_and_what_to_wait_for(plan, tmp_path):
+    steps = steps_of(plan)
+    files = export_plan(plan, "nav2", tmp_path)
+    assert {f.stem for f in files} == {r or "others" for r in steps}
+    for file in files:
+        data = yaml.safe_load(file.read_text())
+        own = steps[data["robot"]]
+        assert [leg["activity"] for leg in data["legs"]] == [s.activity for s in own]
+        for leg, step in zip(data["legs"], own, strict=True):
+            assert len(leg["wait_for"]) == len(step.waits)
+            if step.piece is None:
+                assert leg["do"] == step.activity
+                continue
+            end, row = leg["path"][-1], step.piece.rows[-1]
+            assert end["position"]["x"] == pytest.approx(row[1], abs=1e-3)
+            yaw = 2 * math.atan2(end["orientation"]["z"], end["orientation"]["w"])
+            assert math.cos(yaw - row[3]) == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("form", ["vda5050", "nav2"])
+def test_plans_without_dependencies_are_refused(tmp_path, form):
+    with pytest.raises(ProblemError, match="no dependencies, without which such orders are unsafe"):
+        export_plan(door_plan(), form, tmp_path)
+
+
+def test_a_nurbs_of_degree_one_is_its_polyline():
+    angles = np.linspace(0, math.pi, 50)
+    points = np.column_stack([np.cos(angles), np.sin(angles)])
+    curve = nurbs(points)
+    count = len(curve["controlPoints"])
+    assert len(curve["knotVector"]) == count + curve["degree"] + 1
+    assert curve["knotVector"] == sorted(curve["knotVector"])
+    assert curve["knotVector"][:2] == [0.0, 0.0]
+    assert curve["knotVector"][-2:] == [1.0, 1.0]
+    line = np.array([[c["x"], c["y"]] for c in curve["controlPoints"]])
+    assert max(_gap(p, line) for p in points) <= 0.011

@@ -1,0 +1,206 @@
+"""A plan as steps of each robot, and what each step has to wait for.
+
+A step drives a stretch of a motion without a stop that the plan asks for, or does an activity on
+the spot. Stretches end where the plan's dependencies speak of a point of the path, and where the
+direction of travel changes. Whoever follows the steps, each robot in its order and each step only
+when all that it waits for has happened, keeps the plan's promises however late robots are.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from up_samp.export.legs import FloatArray, Piece, pieces_of
+from up_samp.io import PlanDict
+from up_samp.model import ProblemError
+
+NEAR = 1e-6
+"""Points of a path (m) that are the same."""
+AT_ONCE = 2e-3
+"""Lags (s) up to which a robot that does one thing after the other keeps them by itself."""
+
+
+@dataclass(frozen=True)
+class Wait:
+    """An event that has to come first, and for how long (s) at least.
+
+    ``event`` is as in the plan file: ``("end", activity)``, ``("reach", activity, object, m)``.
+    """
+
+    event: tuple[Any, ...]
+    lag: float
+    why: str
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """``piece`` is None for an activity on the spot, which then lasts ``seconds``.
+
+    ``happens`` are the events, in the plan file's words, that are true when the step is done;
+    ``begins`` those that are true once it has begun.
+    """
+
+    robot: str
+    activity: str
+    waits: tuple[Wait, ...]
+    begins: tuple[tuple[Any, ...], ...]
+    happens: tuple[tuple[Any, ...], ...]
+    piece: Piece | None = None
+    seconds: float = 0.0
+
+
+def steps_of(plan: PlanDict) -> dict[str, list[Step]]:
+    """Return each robot's steps in order; under "" the activities that no robot does.
+
+    Raises :class:`ProblemError` for plans without dependencies: nobody could follow them safely
+    without keeping to their times.
+    """
+    if not isinstance(plan.get("dependencies"), dict):
+        raise ProblemError(
+            f"the plan of '{plan['problem']}' has no dependencies, without which such orders are "
+            "unsafe; solve the problem again, or add them with up_samp.execution"
+        )
+    return _Reader(plan).read()
+
+
+class _Reader:
+    """Reads one plan."""
+
+    def __init__(self, plan: PlanDict) -> None:
+        self.plan = plan
+        self.unit = float(plan["seconds_per_unit"])
+        self.waits: dict[tuple[Any, ...], list[Wait]] = {}
+        self.points: dict[tuple[str, str], set[float]] = {}
+        self.tasks = {t["activity"]: t for t in plan["dependencies"]["tasks"]}
+        self.motions: dict[str, list[Mapping[str, Any]]] = {}
+        for motion in plan["motions"]:
+            self.motions.setdefault(motion["activity"], []).append(motion)
+        for edge in plan["dependencies"]["edges"]:
+            if not self._kept_anyway(edge):
+                wait = Wait(tuple(edge["first"]), float(edge["lag"]), edge["why"])
+                self.waits.setdefault(tuple(edge["then"]), []).append(wait)
+            for event in (edge["first"], edge["then"]):
+                if event[0] in ("reach", "leave"):
+                    self.points.setdefault((event[1], event[2]), set()).add(float(event[3]))
+
+    def _kept_anyway(self, edge: Mapping[str, Any]) -> bool:
+        """Return whether a robot that does its steps in order cannot break an edge."""
+        first, then, lag = edge["first"], edge["then"], float(edge["lag"])
+        if edge["kind"] == "duration":
+            rows = [m["samples"] for m in self.motions.get(first[1], ())]
+            driven = min((r[-1][0] - r[0][0] for r in rows), default=None)
+            takes = float(self.tasks[first[1]]["expected"]) if driven is None else driven
+            return bool(takes >= lag - AT_ONCE)
+        if first[0] == "origin" or lag > AT_ONCE:
+            return False
+        own = [self._robots(event) for event in (first, then)]
+        return len(own[0]) == 1 and own[0] == own[1]
+
+    def _robots(self, event: Sequence[Any]) -> frozenset[str]:
+        """Return who makes an event happen."""
+        if len(event) > 2:
+            return frozenset({str(event[2])})
+        moves = {m["object"] for m in self.motions.get(event[1], ())}
+        return frozenset(moves | set(self.tasks[event[1]]["who"]))
+
+    def read(self) -> dict[str, list[Step]]:
+        found: dict[str, list[Step]] = {}
+        late: dict[str, list[Wait]] = {}
+        for activity in sorted(self.plan["activities"], key=lambda a: (a["start"], a["end"])):
+            name = activity["name"]
+            moves = {m["object"] for m in self.motions.get(name, ())}
+            for robot in sorted(moves | set(self.tasks[name]["who"])) or [""]:
+                steps = self._steps(robot, activity)
+                waits = (*late.pop(robot, ()), *steps[0].waits)
+                steps[0] = _with_waits(steps[0], waits)
+                found.setdefault(robot, []).extend(steps)
+                late[robot] = self.waits.get(("end", name), [])
+        return found
+
+    def _steps(self, robot: str, activity: Mapping[str, Any]) -> list[Step]:
+        name = activity["name"]
+        motion = next((m for m in self.motions.get(name, ()) if m["object"] == robot), None)
+        seconds = float(self.tasks[name]["expected"])
+        begin = tuple(self.waits.get(("start", name), ()))
+        started, done = ("start", name), ("end", name)
+        if motion is None:
+            return [Step(robot, name, begin, (started,), (done,), None, seconds)]
+        steps: list[Step] = []
+        for piece, low, high in _stretches(motion, self.points.get((name, robot), set())):
+            waits = () if steps else begin
+            waits += self._at("leave", name, robot, low)
+            begins = tuple(self._events("leave", name, robot, low))
+            happens = tuple(self._events("reach", name, robot, high))
+            steps.append(Step(robot, name, waits, begins, happens, piece))
+        if not steps:  # it stays where it is
+            return [Step(robot, name, begin, (started,), (done,), None, seconds)]
+        steps[0] = _with_begins(steps[0], (started, *steps[0].begins))
+        steps[-1] = _with_happens(steps[-1], (*steps[-1].happens, done))
+        return steps
+
+    def _events(self, kind: str, name: str, robot: str, at: float) -> list[tuple[Any, ...]]:
+        points = self.points.get((name, robot), ())
+        return [(kind, name, robot, p) for p in sorted(points) if abs(p - at) <= NEAR]
+
+    def _at(self, kind: str, name: str, robot: str, at: float) -> tuple[Wait, ...]:
+        events = self._events(kind, name, robot, at)
+        return tuple(w for e in events for w in self.waits.get(e, ()))
+
+
+def _with_waits(step: Step, waits: Sequence[Wait]) -> Step:
+    return Step(**{**vars(step), "waits": tuple(dict.fromkeys(waits))})
+
+
+def _with_begins(step: Step, begins: tuple[tuple[Any, ...], ...]) -> Step:
+    return Step(**{**vars(step), "begins": begins})
+
+
+def _with_happens(step: Step, happens: tuple[tuple[Any, ...], ...]) -> Step:
+    return Step(**{**vars(step), "happens": happens})
+
+
+def _stretches(motion: Mapping[str, Any], points: set[float]) -> list[tuple[Piece, float, float]]:
+    """Return the pieces of a motion, cut at ``points`` (m of progress), with their ends (m)."""
+    rows = np.asarray(motion["samples"], dtype=np.float64)
+    progress = np.asarray(motion["progress"], dtype=np.float64)
+    found = []
+    for piece in pieces_of(dict(motion)):
+        low, high = (float(np.interp(piece.rows[k, 0], rows[:, 0], progress)) for k in (0, -1))
+        inner = sorted(p for p in points if low + NEAR < p < high - NEAR)
+        for a, b in itertools.pairwise([low, *inner, high]):
+            found.append(
+                (
+                    Piece(
+                        piece.activity,
+                        _between(piece.rows, rows[:, 0], progress, a, b),
+                        piece.direction,
+                    ),
+                    a,
+                    b,
+                )
+            )
+    return found
+
+
+def _between(
+    piece: FloatArray, times: FloatArray, progress: FloatArray, low: float, high: float
+) -> FloatArray:
+    """Return the rows of a piece from progress ``low`` to ``high``, both ends included."""
+    here = np.interp(piece[:, 0], times, progress)
+    inner = piece[(here > low + NEAR) & (here < high - NEAR)]
+    ends = [_row(piece, here, s) for s in (low, high)]
+    return np.vstack([ends[0], inner, ends[1]])
+
+
+def _row(piece: FloatArray, progress: FloatArray, s: float) -> FloatArray:
+    """Return the row of a piece at which the progress is ``s`` (linear between samples)."""
+    k = int(np.clip(np.searchsorted(progress, s), 1, len(progress) - 1))
+    gap = progress[k] - progress[k - 1]
+    share = 0.0 if gap <= 0 else float(np.clip((s - progress[k - 1]) / gap, 0.0, 1.0))
+    row: FloatArray = piece[k - 1] + share * (piece[k] - piece[k - 1])
+    return row
