@@ -1,4 +1,4 @@
-"""A plan as VDA 5050 orders (2.1, or 3.0): for each robot an order and its updates, and when to send them.
+"""A plan as VDA 5050 orders (2.1 or 3.0): an order with updates a robot, and when to send them.
 
 Orders carry no time. What keeps robots apart is which part of an order is *released*: an update
 releases the next stretch once everything that it waits for has happened. ``releases.json`` lists
