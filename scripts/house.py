@@ -31,7 +31,7 @@ class Figures:
     branches: int = 0
     constants: int = 0
     files_with_constants: int = 0
-    circles: int = 0
+    circles: list[list[str]] = field(default_factory=list)
     said_twice: int = 0
     imports: dict[str, set[str]] = field(default_factory=dict)
 
@@ -45,7 +45,7 @@ class Figures:
         yield f"functions with over {MOST_PARAMETERS} parameters", str(self.wide_functions)
         yield "branches per 100 lines of code", f"{100 * self.branches / max(1, self.lines):.0f}"
         yield "numeric module constants", f"{self.constants} in {self.files_with_constants} files"
-        yield "import circles", str(self.circles)
+        yield "import circles", str(len(self.circles))
         yield f"places that share {SAME_LINES} lines with another", str(self.said_twice)
 
 
@@ -113,15 +113,14 @@ def imported(tree: ast.Module, known: set[str]) -> set[str]:
     return found & known
 
 
-def circles(imports: dict[str, set[str]]) -> int:
-    """Return the number of strongly connected groups of two modules or more (Tarjan, 1972)."""
+def circles(imports: dict[str, set[str]]) -> list[list[str]]:
+    """Return the strongly connected groups of two modules or more (Tarjan, 1972)."""
     index: dict[str, int] = {}
     low: dict[str, int] = {}
     stack: list[str] = []
-    count = 0
+    found: list[list[str]] = []
 
     def visit(module: str) -> None:
-        nonlocal count
         index[module] = low[module] = len(index)
         stack.append(module)
         for other in sorted(imports[module]):
@@ -134,12 +133,13 @@ def circles(imports: dict[str, set[str]]) -> int:
             group = [stack.pop()]
             while group[-1] != module:
                 group.append(stack.pop())
-            count += len(group) > 1
+            if len(group) > 1:
+                found.append(sorted(group))
 
     for module in sorted(imports):
         if module not in index:
             visit(module)
-    return count
+    return found
 
 
 def repeated(files: list[list[str]]) -> int:

@@ -27,7 +27,7 @@ def folder(tmp_path, monkeypatch):
 
         return work
 
-    monkeypatch.setattr(module, "PARTS", {p: compiles(p) for p in module.PARTS})
+    monkeypatch.setattr(module, "workload", compiles)
     return kernels
 
 
@@ -73,11 +73,15 @@ def test_a_part_that_fails_leaves_no_mark(folder, monkeypatch):
     def fails():
         raise RuntimeError("no compiler")
 
-    monkeypatch.setitem(module.PARTS, "paths", fails)
+    monkeypatch.setattr(module, "workload", lambda part: fails)
     with pytest.raises(RuntimeError, match="no compiler"):
         module.compile_part("paths")
     assert module.missing(["paths"]) == ("paths",)
     assert not module.is_compiling()
+
+
+def test_every_part_has_a_workload():
+    assert all(callable(module.workload(part)) for part in module.PARTS)
 
 
 def test_parts_are_those_that_a_problem_needs():
@@ -103,7 +107,7 @@ def test_a_folder_that_cannot_be_written_costs_a_word_and_no_more(tmp_path, monk
     monkeypatch.setenv(folders.VARIABLE, str(blocked / "cache"))
     monkeypatch.setattr(module, "_compiled_here", set())
     ran = []
-    monkeypatch.setattr(module, "PARTS", {p: lambda p=p: ran.append(p) for p in module.PARTS})
+    monkeypatch.setattr(module, "workload", lambda part: lambda: ran.append(part))
     with caplog.at_level(logging.WARNING):
         module.precompile(several=False)
         module.precompile(several=False)

@@ -12,11 +12,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from ortools.sat.python import cp_model
 
 from up_samp.execution.build import steps_by, with_sides
-from up_samp.execution.executor import Executor
 from up_samp.execution.forecast import Forecast, routes_of
 from up_samp.execution.graph import At, Event, Graph
 from up_samp.execution.meetings import Meeting
@@ -25,6 +25,9 @@ from up_samp.execution.sides import Key
 from up_samp.execution.staircase import Step, steps_of, switched
 from up_samp.execution.state import Phase, State
 from up_samp.model import ProblemError
+
+if TYPE_CHECKING:
+    from up_samp.execution.executor import Executor
 
 SCALE = 100
 """Ticks a second in the model."""

@@ -10,9 +10,9 @@ from __future__ import annotations
 import functools
 import gc
 import hashlib
+import importlib
 import json
 import logging
-import math
 import os
 import signal
 import subprocess
@@ -23,111 +23,18 @@ from pathlib import Path
 from typing import IO
 
 import llvmlite.binding
-import numpy as np
 
-from up_samp.geometry import OccupancyGrid, Scene, kernel_cache
-from up_samp.geometry.maps import BoolArray
-from up_samp.model import (
-    Body,
-    Configuration,
-    Deadline,
-    FixedMotion,
-    GroupQuery,
-    Kinematics,
-    MotionModel,
-    Outcome,
-    PathQuery,
-    PathReport,
-    Placed,
-    Rest,
-    TimedMotion,
-    Trajectory,
-)
-from up_samp.motion.service import MotionService
+from up_samp.geometry import kernel_cache
+from up_samp.model import MotionModel
 from up_samp.system import child
 
 log = logging.getLogger(__name__)
 
-_BODY = Body(
-    ((-0.5, -0.3), (0.5, -0.3), (0.5, 0.3), (-0.5, 0.3)), Kinematics(MotionModel.REEDSSHEPP)
-)
 _MOST_SECONDS = 600.0
 
 
-class _Straight:
-    """Plans straight drives, so that comparing and tuning paths needs no path kernels."""
-
-    def plan(self, query: PathQuery, deadline: Deadline) -> PathReport:
-        """Return a straight drive (for compiling only: it heeds nothing)."""
-        drive = _drive(query.poses[0], query.poses[-1])
-        return PathReport(Outcome.FOUND, drive, planner="straight")
-
-
-def _drive(start: Configuration, goal: Configuration) -> Trajectory:
-    times = np.linspace(0.0, 8.0, 161)
-    shares = 0.5 - 0.5 * np.cos(np.linspace(0.0, math.pi, 161))
-    poses = np.array(start) + shares[:, None] * (np.array(goal) - np.array(start))
-    return Trajectory(times, poses)
-
-
-def _hall() -> OccupancyGrid:
-    """Return a hall of 12 x 8 m with a wall in it."""
-    cells: BoolArray = np.zeros((40, 60), dtype=np.bool_)
-    cells[:20, 28:32] = True
-    return OccupancyGrid(cells, 0.2)
-
-
-def compile_paths() -> None:
-    """Run what bounds, refutes and plans single cars, once."""
-    service = MotionService(_hall())
-    start, goal = (3.0, 2.0, 0.0), (9.0, 2.0, math.pi / 2)
-    parked = (Placed("parked", _BODY, (3.0, 6.5, 0.0)),)
-    service.lower_bound(_BODY, start, goal)
-    service.plan(PathQuery(_BODY, (start, goal), parked), Deadline.never())
-
-
-def _motion(name: str, *poses: tuple[float, float, float]) -> TimedMotion:
-    return TimedMotion(name, name, _BODY, poses, 0.0, 8.5)
-
-
-def compile_groups() -> None:
-    """Run what coordinates cars, once: two that cross where a third one rests."""
-    from up_samp.motion.fleet import coordinate
-
-    east = _motion("east", (1.0, 4.0, 0.0), (7.0, 4.0, 0.0))
-    north = _motion("north", (4.0, 1.0, math.pi / 2), (4.0, 7.0, math.pi / 2))
-    third = Rest("third", _BODY, (1.0, 7.5, 0.0), -math.inf, math.inf)
-    straight = _Straight()
-    coordinate(straight, GroupQuery((east, north), (third,)), Deadline.never())
-
-
-def compile_search() -> None:
-    """Run the searches for one car around movers, once: safe intervals, and samples."""
-    from up_samp.motion.fleet.sipp import Roundabout
-    from up_samp.motion.fleet.timed_path import fixed_run
-
-    mover = fixed_run(FixedMotion("west", "west", _BODY, _drive((11.0, 6.0, math.pi), (7, 6, 3))))
-    around = _motion("around", (2.0, 6.0, 0.0), (10.0, 6.0, 0.0))
-    roundabout = Roundabout(Scene(_hall(), 0.01))
-    roundabout.paths(around, 0.0, (), [mover], 8.0, Deadline.never())
-    roundabout.sampled(around, 0.0, (), [mover], 8.0, Deadline.never())
-
-
-def compile_planar() -> None:
-    """Run what plans single omnidirectional bodies, once."""
-    service = MotionService(_hall())
-    body = Body(_BODY.footprint, Kinematics(MotionModel.SE2))
-    start, goal = (3.0, 2.0, 0.0), (9.0, 2.0, math.pi / 2)
-    service.lower_bound(body, start, goal)
-    service.plan(PathQuery(body, (start, goal)), Deadline.never())
-
-
-PARTS = {
-    "paths": compile_paths,
-    "groups": compile_groups,
-    "search": compile_search,
-    "planar": compile_planar,
-}
+PARTS = ("paths", "groups", "search", "planar")
+"""Parts that are compiled each in a process of its own."""
 
 PARTS_FOR: dict[MotionModel, tuple[str, ...]] = {
     MotionModel.REEDSSHEPP: ("paths", "groups", "search"),
@@ -205,13 +112,20 @@ def _state_of_code() -> str:
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:32]
 
 
+def workload(part: str) -> Callable[[], None]:
+    """Return what is run to compile a part (imported only for that: it needs all of motion)."""
+    workloads = importlib.import_module("up_samp.motion.workloads")
+    work: Callable[[], None] = getattr(workloads, f"compile_{part}")
+    return work
+
+
 def compile_part(part: str) -> None:
     """Compile a part and leave a mark that says so."""
     before = dict(kernel_cache.used)
     kernel_cache.used.clear()
     _compiling.append(part)
     try:
-        PARTS[part]()
+        workload(part)()
         needed = dict(kernel_cache.used)
     finally:
         _compiling.pop()
