@@ -37,7 +37,6 @@ from unified_planning.shortcuts import (
     FALSE,
     LE,
     TRUE,
-    And,
     BoolType,
     ConfigurationType,
     Equals,
@@ -48,10 +47,12 @@ from unified_planning.shortcuts import (
     Or,
 )
 
+from up_samp.fleet.crowds import Crowd, Passing
+from up_samp.fleet.faults import Fault, FleetError
+from up_samp.fleet.outlines import corners
 from up_samp.fleet.records import FleetRecords, Order, Outline, Pose, RobotType, Stop, Task
 from up_samp.fleet.visits import WORK, Role, Successions, Visit, fits, moves_needed, visits_of
 from up_samp.geometry import load_map
-from up_samp.model import UnsupportedError
 
 MODELS = {"car": MotionModels.REEDSSHEPP, "omni": MotionModels.SE2}
 
@@ -62,15 +63,6 @@ def build_problem(records: FleetRecords, folder: Path) -> SchedulingMotionProble
     :raises UnsupportedError: where something cannot be said to the engines.
     """
     return _Writer(records, folder).write()
-
-
-def corners(outline: Outline) -> list[tuple[float, float]]:
-    """Return the corners of a footprint, m."""
-    if len(outline) == 2 and not isinstance(outline[0], tuple):
-        length, width = outline
-        x, y = float(length) / 2, float(width) / 2  # type: ignore[arg-type]
-        return [(-x, -y), (x, -y), (x, y), (-x, y)]
-    return [(float(x), float(y)) for x, y in outline]  # type: ignore[misc]
 
 
 def at_start(a: Activity) -> TimePointInterval:
@@ -89,6 +81,7 @@ class _Writer:
     def __init__(self, records: FleetRecords, folder: Path) -> None:
         self.records = records
         self.problem = SchedulingMotionProblem(records.name)
+        self.folder = folder
         self.map = str(folder / records.map)
         site = OccupancyMap(self.map, SE2(0.0, 0.0, 0.0))
         self.pose_type = ConfigurationType("pose", site, ConfigurationKind.SE2)
@@ -96,10 +89,13 @@ class _Writer:
         self.robots: dict[str, MovableObject] = {}
         self.doors: dict[str, MovableObject] = {}
         self.keep_out: dict[str, list[MovableObject]] = {}
+        self.crowds: list[Crowd] = []
+        self.rooms: dict[str, tuple[MovableObject, FNode]] = {}
         self.resources: dict[str, Fluent] = {}
         self.visits: dict[str, list[Visit]] = {r: visits_of(records, r) for r in records.robots}
         self.activities: dict[Visit, Activity] = {}
         self.machines: dict[str, Activity] = {}
+        self.leaving: dict[str, Activity] = {}
         self.busy: dict[str, list[Activity]] = {r: [] for r in records.robots}
         self.robot_at: dict[str, FNode] = {}
 
@@ -124,6 +120,7 @@ class _Writer:
         self._jobs()
         self._after()
         self._priorities()
+        self._left_out()
         for activities in self.busy.values():
             self._one_at_a_time(activities)
         if self.records.objective == "makespan":
@@ -177,12 +174,23 @@ class _Writer:
 
     def _zones(self) -> None:
         for name, zone in self.records.zones.items():
-            if zone.max_robots is not None:
-                raise UnsupportedError(f"zone '{name}': max_robots is not supported yet")
             here = self._pose(f"{name}.here", (0.0, 0.0, 0.0))
             area = self._fixture(name, zone.polygon, here)
             for kind in zone.keep_out:
                 self.keep_out.setdefault(kind, []).append(area)
+            if zone.max_robots is not None:
+                self.crowds.append(Crowd(self.records, self.folder, name))
+                self._room(name, area, zone.max_robots)
+
+    def _room(self, name: str, area: MovableObject, most: int) -> None:
+        """How many more robots may come into a zone."""
+        inside = sum(self.crowds[-1].starts_inside(r) for r in self.records.robots)
+        if inside > most:
+            what = f"{inside} robots start in it; it takes {most}"
+            raise FleetError([Fault(("zones", name, "max_robots"), what)])
+        room = Fluent(f"{name}_room", IntType(0, most))
+        self.problem.add_fluent(room, default_initial_value=most - inside)
+        self.rooms[name] = (area, room())
 
     # -- what happens at places ----------------------------------------------------------------
     def _work(self, visit: Visit) -> None:
@@ -250,6 +258,15 @@ class _Writer:
         a = self.problem.add_motion_activity(name, optional=True)
         a.set_duration_bounds(1, longest)
         static = [*self.doors.values(), *self.keep_out.get(movable.type.name, ())]
+        for crowd in self.crowds:
+            area, room = self.rooms[crowd.zone]
+            passing = crowd.passing(robot, origin, to)
+            if passing is Passing.AROUND:
+                static.append(area)
+            if passing in (Passing.IN, Passing.THROUGH):
+                a.add_decrease_effect(a.start, room, 1)
+            if passing in (Passing.OUT, Passing.THROUGH):
+                a.add_increase_effect(a.end, room, 1)
         a.add_motion_constraint(
             ActivityWaypoints(
                 movable,
@@ -316,8 +333,8 @@ class _Writer:
         """Each job is done by exactly one robot, and orders are delivered by whom picked them."""
         for order in self.records.orders:
             pairs = [self._pair(v.robot, order) for v in self._visits(order.id, Role.PICKUP)]
-            self._exactly_one([pick for pick, _ in pairs])
-            self._exactly_one([deliver for _, deliver in pairs])
+            self._done_once(order, [pick for pick, _ in pairs])
+            self._done_once(order, [deliver for _, deliver in pairs])
             for pick, deliver in pairs:
                 self._together(pick, deliver)
                 order_kept = LE(pick.end, deliver.start)
@@ -325,10 +342,35 @@ class _Writer:
         for task in self.records.tasks:
             if task.at:
                 found = self._visits(task.id, Role.TASK)
-                self._exactly_one([self.activities[v] for v in found])
+                self._done_once(task, [self.activities[v] for v in found])
+            elif task.optional:
+                self._done_once(task, [self.machines[task.id]])
 
     def _visits(self, what: str, role: Role) -> list[Visit]:
         return [v for v in self.activities if v.what == what and v.role is role]
+
+    def _done_once(self, job: Order | Task, activities: Sequence[Activity]) -> None:
+        """Exactly one of ``activities`` is there, or the one that stands for leaving it out."""
+        ways = [*activities]
+        if job.optional and job.penalty is not None:
+            ways.append(self._leaving(job.id, job.penalty))
+        self._exactly_one(ways)
+
+    def _leaving(self, job: str, penalty: float) -> Activity:
+        if job not in self.leaving:
+            units = self._up(penalty)
+            a = self.problem.add_activity(f"leave_out_{job}", duration=units, optional=True)
+            self.leaving[job] = a
+        return self.leaving[job]
+
+    def _left_out(self) -> None:
+        """What is left out counts as seconds of makespan: it comes after all else, one by one."""
+        last = set(self.leaving.values())
+        for leaving in self.leaving.values():
+            for a in self.problem.activities:
+                if a not in last:
+                    self.problem.add_constraint(LE(a.end, leaving.start), _present(a, leaving))
+        self._one_at_a_time(list(self.leaving.values()))
 
     def _exactly_one(self, activities: Sequence[Activity]) -> None:
         self.problem.add_constraint(Or([a.present for a in activities]))
@@ -355,8 +397,16 @@ class _Writer:
     def _after(self) -> None:
         for job in self.records.jobs:
             for earlier in job.after:
+                if earlier in self.leaving:
+                    self._only_with(job, earlier)
                 for a, b in itertools.product(self._ends(earlier), self._begins(job.id)):
                     self.problem.add_constraint(LE(a.end, b.start), _present(a, b))
+
+    def _only_with(self, job: Order | Task, earlier: str) -> None:
+        """Where ``earlier`` is left out, ``job`` is, too."""
+        skipped = Not(self.leaving[earlier].present)
+        own = [self.leaving[job.id].present] if job.id in self.leaving else []
+        self.problem.add_constraint(Or([skipped, *own]))
 
     def _priorities(self) -> None:
         """Who has a higher priority begins no later."""
@@ -383,6 +433,3 @@ def _limits(kind: RobotType) -> dict[str, float]:
     if kind.model == "car":
         return limits | {"turning_radius": kind.turning_radius}
     return limits | {"omega_max": kind.omega_max}
-
-
-__all__ = ["And", "build_problem", "corners"]

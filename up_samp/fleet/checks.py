@@ -4,28 +4,23 @@ from __future__ import annotations
 
 import enum
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from up_samp.fleet.build import corners
 from up_samp.fleet.faults import able, carries, needs_robot
-from up_samp.fleet.records import FleetRecords, Order, Pose, RobotType, Task
+from up_samp.fleet.outlines import MODELS, body_of, still
+from up_samp.fleet.records import FleetRecords, Order, Pose, Task
 from up_samp.fleet.visits import Role, visits_of
 from up_samp.geometry import load_map
 from up_samp.model import (
-    Body,
     Deadline,
-    Kinematics,
-    MotionModel,
     Outcome,
     PathQuery,
     Placed,
 )
 from up_samp.motion import MotionService
 from up_samp.motion.compile import precompile
-
-MODELS = {"car": MotionModel.REEDSSHEPP, "omni": MotionModel.SE2}
 
 
 class Level(enum.Enum):
@@ -61,17 +56,6 @@ def check_fleet(
     return sorted(findings, key=lambda f: list(Level).index(f.level))
 
 
-def body_of(kind: RobotType) -> Body:
-    """Return what robots of a type are to the motion planners."""
-    model = MODELS[kind.model]
-    limits = Kinematics(model, kind.turning_radius, kind.v_max, kind.a_max, kind.omega_max)
-    return Body(tuple(corners(kind.footprint)), limits)
-
-
-def _still(outline: Iterable[tuple[float, float]]) -> Body:
-    return Body(tuple(outline), Kinematics(MotionModel.SE2))
-
-
 class _Checker:
     def __init__(self, records: FleetRecords, folder: Path, seconds: float) -> None:
         self.records = records
@@ -88,13 +72,12 @@ class _Checker:
 
     def doors(self) -> tuple[Placed, ...]:
         return tuple(
-            Placed(name, _still(corners(d.leaf)), tuple(d.closed))
-            for name, d in self.records.doors.items()
+            Placed(name, still(d.leaf), tuple(d.closed)) for name, d in self.records.doors.items()
         )
 
     def zones(self, kind: str) -> tuple[Placed, ...]:
         return tuple(
-            Placed(name, _still(zone.polygon), (0.0, 0.0, 0.0))
+            Placed(name, still(zone.polygon), (0.0, 0.0, 0.0))
             for name, zone in self.records.zones.items()
             if kind in zone.keep_out
         )

@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Polygon
 
-from up_samp.fleet.build import corners
 from up_samp.fleet.checks import Finding, Level
+from up_samp.fleet.outlines import placed
 from up_samp.fleet.records import FleetRecords, Outline, Pose
 from up_samp.plotting.background import background_of
 from up_samp.plotting.colors import FIXTURE, INK, color_of, mixed
@@ -79,13 +79,6 @@ def draw_fleet(
               frameon=False, ncols=3, fontsize=8)  # fmt: skip
     place_labels(ax, labels, avoid=[])
     return ax
-
-
-def placed(outline: Outline, pose: Pose) -> npt.NDArray[np.float64]:
-    """Return an outline's corners at a pose, shape (n, 2)."""
-    x, y, theta = pose
-    c, s = math.cos(theta), math.sin(theta)
-    return np.asarray([(x + c * u - s * v, y + s * u + c * v) for u, v in corners(outline)])
 
 
 def _usual(records: FleetRecords) -> Outline:

@@ -49,6 +49,13 @@ class FleetResult:
         """
         return float(self.data["makespan"]) * self.seconds_per_unit
 
+    @property
+    def left_out(self) -> list[str]:
+        """The ids of optional orders and tasks that are not done; each adds to the makespan."""
+        prefix = "leave_out_"
+        names = [a["name"] for a in self.data["activities"]]
+        return [n.removeprefix(prefix) for n in names if n.startswith(prefix)]
+
     @cached_property
     def data(self) -> PlanDict:
         """The plan as a dictionary (docs/plan-format.md)."""
@@ -98,6 +105,8 @@ class FleetResult:
         if bound:
             kind = metrics.get("bound_kind", "")
             lines.append(f"no plan can take less than {bound:g} s ({kind})")
+        if self.left_out:
+            lines.append(f"left out, which counts in that time: {', '.join(self.left_out)}")
         drives: dict[str, float] = {}
         for motion in self.data["motions"]:
             samples = motion["samples"]

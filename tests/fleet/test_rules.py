@@ -1,0 +1,159 @@
+"""What records ask for is what plans do: each rule against what must come of it."""
+
+from pathlib import Path
+
+import pytest
+from shapely.geometry import Polygon
+
+from up_samp.fleet import Fleet, FleetError
+from up_samp.fleet.outlines import placed
+from up_samp.fleet.visits import Successions, moves_needed, visits_of
+from up_samp.plotting.tracks import tracks_of
+from up_samp.validation import validate_plan
+
+MAPS = Path(__file__).parents[2] / "examples" / "maps"
+FOOTPRINT = (1.2, 0.8)
+
+
+def one_room(robots=1, capacity=1, **options):
+    """The left room of two, no door; every drive is a few seconds."""
+    fleet = Fleet(MAPS / "two_rooms.yaml", **options)
+    fleet.add_robot_type(
+        "agv", FOOTPRINT, model="omni", v_max=2.0, a_max=1.0, omega_max=2.0,
+        capacity={"item": capacity},
+    )  # fmt: skip
+    for i in range(robots):
+        fleet.add_place(f"home{i}", 2, 3 + 4 * i)
+        fleet.add_robot(f"r{i}", "agv", f"home{i}", end=f"home{i}")
+    fleet.add_place("a", 7, 3)
+    fleet.add_place("b", 7, 12)
+    fleet.add_place("c", 12, 12)
+    return fleet
+
+
+def solved(fleet, **params):
+    result = fleet.solve(optimal=True, **params)
+    assert result.status == "SOLVED_OPTIMALLY", result.explain()
+    assert validate_plan(fleet.problem, result.plan, seconds_per_unit=result.seconds_per_unit).valid
+    return result, {a["name"]: (a["start"], a["end"]) for a in result.data["activities"]}
+
+
+def test_windows_services_and_order():
+    fleet = one_room()
+    fleet.add_order("o1", {"at": "a", "service": 4}, {"at": "b", "window": (40, 60)})
+    fleet.add_task("t", "c", duration=5, after="o1")
+    _, times = solved(fleet)
+    assert times["pick_o1_r0"][1] - times["pick_o1_r0"][0] == 4
+    assert times["deliver_o1_r0"][0] >= 40
+    assert times["deliver_o1_r0"][1] <= times["t_r0"][0]
+
+
+def test_priority_goes_first():
+    for favoured in ("o1", "o2"):
+        fleet = one_room()
+        for name, place in (("o1", "a"), ("o2", "b")):
+            fleet.add_order(name, place, "c", priority=int(name == favoured))
+        _, times = solved(fleet)
+        first = min(("o1", "o2"), key=lambda o: times[f"pick_{o}_r0"])
+        assert first == favoured
+
+
+@pytest.mark.parametrize(("penalty", "left"), [(5, ["far"]), (400, [])])
+def test_what_is_optional_is_left_out_where_that_is_cheaper(penalty, left):
+    fleet = one_room()
+    fleet.add_order("near", "a", "b")
+    fleet.add_order("far", "c", "a", optional=True, penalty=penalty)
+    result, times = solved(fleet)
+    assert result.left_out == left
+    assert result.makespan == max(end for _, end in times.values())
+    assert ("pick_far_r0" in times) == (not left)
+
+
+@pytest.mark.parametrize("capacity", [1, 2])
+def test_capacity_is_kept_and_used(capacity):
+    fleet = one_room(capacity=capacity)
+    for name in ("o1", "o2"):
+        fleet.add_order(name, "b", "a")
+    result, times = solved(fleet)
+    picks = [times[f"pick_{o}_r0"] for o in ("o1", "o2")]
+    drops = [times[f"deliver_{o}_r0"] for o in ("o1", "o2")]
+    assert (max(picks)[0] < min(drops)[0]) == (capacity == 2)
+
+
+def test_skills_and_names_choose_the_robot():
+    fleet = one_room(2)
+    fleet.add_place("home9", 2, 12)
+    fleet.add_robot("r9", "agv", "home9", skills="lift")
+    fleet.add_task("heavy", "c", duration=3, skills="lift")
+    fleet.add_task("light", "c", duration=3, robots="r1")
+    _, times = solved(fleet)
+    assert {"heavy_r9", "light_r1"} <= times.keys()
+
+
+def test_a_machine_works_by_itself_one_at_a_time():
+    fleet = one_room()
+    fleet.add_resource("press")
+    fleet.add_order("bring", "a", "b")
+    fleet.add_task("first", duration=20, after="bring", resources="press")
+    fleet.add_task("second", duration=20, resources="press")
+    fleet.add_order("take", "b", "a", after="first")
+    _, times = solved(fleet)
+    assert times["deliver_bring_r0"][1] <= times["first"][0]
+    assert times["first"][1] <= times["pick_take_r0"][0]
+    assert times["first"][1] <= times["second"][0] or times["second"][1] <= times["first"][0]
+
+
+def test_time_units_of_half_a_second():
+    fleet = one_room(seconds_per_unit=0.5)
+    fleet.add_task("t", "c", duration=1.5, window=(0, 100))
+    result, times = solved(fleet)
+    assert times["t_r0"][1] - times["t_r0"][0] == 3
+    assert result.makespan == result.data["makespan"] / 2
+
+
+def inside(plan, polygon, when):
+    return [
+        t.name
+        for t in tracks_of(plan)
+        if t.moves and polygon.intersects(Polygon(placed(FOOTPRINT, t.at(when))))
+    ]
+
+
+def test_a_zone_holds_no_more_than_it_says_and_keeps_out_whom_it_names():
+    crowd = [(5, 1), (9, 1), (9, 13.5), (5, 13.5)]
+    fleet = one_room(2)
+    fleet.add_zone("busy", crowd, max_robots=1)
+    fleet.add_task("t1", "a", duration=5, robots="r0")
+    fleet.add_task("t2", "b", duration=5, robots="r1")
+    result, _ = solved(fleet)
+    polygon = Polygon(crowd)
+    ticks = [0.25 * i for i in range(int(4 * result.makespan) + 1)]
+    counts = [len(inside(result.data, polygon, t)) for t in ticks]
+    assert max(counts) == 1
+    free = one_room(2)
+    free.add_task("t1", "a", duration=5, robots="r0")
+    free.add_task("t2", "b", duration=5, robots="r1")
+    quick, _ = solved(free)
+    assert quick.makespan < result.makespan
+    crowded = [len(inside(quick.data, polygon, 0.25 * i)) for i in range(int(4 * quick.makespan))]
+    assert max(crowded) == 2
+
+
+def test_moves_are_as_many_as_may_be_needed():
+    fleet = one_room()
+    for i in range(3):
+        fleet.add_order(f"o{i}", "a", "b")
+    records = fleet.records
+    needed = moves_needed(
+        visits_of(records, "r0"), Successions(records, records.robot_types["agv"])
+    )
+    assert needed["a", "b"] == 3
+    assert needed["b", "a"] == 3
+    assert needed["home0", "a"] == 2  # the start, and one rest there
+    assert ("home0", "b") in needed  # rest while loaded
+    assert ("a", "c") not in needed
+    with pytest.raises(FleetError, match="2 robots start in it; it takes 1"):
+        two = one_room(2)
+        two.add_zone("all", [(0, 0), (14, 0), (14, 15), (0, 15)], max_robots=1)
+        two.add_task("t", "a", duration=1)
+        assert two.problem
