@@ -74,7 +74,7 @@ def test_capacity_is_kept_and_used(capacity):
     fleet = one_room(capacity=capacity)
     for name in ("o1", "o2"):
         fleet.add_order(name, "b", "a")
-    result, times = solved(fleet)
+    _, times = solved(fleet)
     picks = [times[f"pick_{o}_r0"] for o in ("o1", "o2")]
     drops = [times[f"deliver_{o}_r0"] for o in ("o1", "o2")]
     assert (max(picks)[0] < min(drops)[0]) == (capacity == 2)
@@ -152,8 +152,11 @@ def test_moves_are_as_many_as_may_be_needed():
     assert needed["home0", "a"] == 2  # the start, and one rest there
     assert ("home0", "b") in needed  # rest while loaded
     assert ("a", "c") not in needed
+
+
+def test_a_zone_in_which_too_many_start_is_refused():
+    fleet = one_room(2)
+    fleet.add_zone("all", [(0, 0), (14, 0), (14, 15), (0, 15)], max_robots=1)
+    fleet.add_task("t", "a", duration=1)
     with pytest.raises(FleetError, match="2 robots start in it; it takes 1"):
-        two = one_room(2)
-        two.add_zone("all", [(0, 0), (14, 0), (14, 15), (0, 15)], max_robots=1)
-        two.add_task("t", "a", duration=1)
-        assert two.problem
+        fleet.problem  # noqa: B018

@@ -17,7 +17,7 @@ from up_samp.benchmarks import cli as bench
 from up_samp.benchmarks import logistics
 from up_samp.benchmarks.builder import ENCODINGS
 from up_samp.cli.exporting import add_export
-from up_samp.cli.fleets import add_check, add_new
+from up_samp.cli.fleets import add_check, add_import, add_new
 from up_samp.cli.outputs import write_outputs
 from up_samp.cli.problems import add_problem_arguments, find_problem, unit_of
 from up_samp.cli.simulating import add_simulate
@@ -177,6 +177,7 @@ COMMANDS = (
     add_demo,
     add_new,
     add_check,
+    add_import,
     add_solve,
     add_validate,
     add_draw,

@@ -58,3 +58,29 @@ def _check(args: argparse.Namespace) -> int:
     what = f"{len(records.robots)} robots, {len(records.orders)} orders, {len(records.tasks)} tasks"
     print(f"{what}: {errors} errors, {warnings} warnings; see {picture}")
     return 1 if errors else 0
+
+
+def add_import(commands: Subparsers) -> None:
+    """Add ``import``."""
+    parser = commands.add_parser(
+        "import", help="make a problem file from a Moving AI, LIF, RMF, JSPLIB, DXF ... file"
+    )
+    parser.add_argument("source", type=Path, metavar="FILE")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--kind", default=None, help="what it is, where its name does not tell")
+    parser.add_argument("--cell", type=float, default=1.0, metavar="M", help="a cell or unit, in m")
+    parser.add_argument("--map", type=Path, default=None, metavar="MAP.yaml", help="for LIF")
+    parser.add_argument("--robots", type=int, default=2, metavar="N", help="take so many at most")
+    parser.add_argument("--jobs", type=int, default=4, metavar="N", help="take so many at most")
+    parser.set_defaults(run=_import)
+
+
+def _import(args: argparse.Namespace) -> int:
+    from up_samp.fleet.importers import Options, import_file
+
+    options = Options(args.cell, args.map, args.robots, args.jobs)
+    found = import_file(args.source, args.out, args.kind, options)
+    for note in found.notes:
+        print(note)
+    print(f"written: {found.problem}\nnext: up-samp check {found.problem}")
+    return 0

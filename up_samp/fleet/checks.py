@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from up_samp.fleet.faults import able, carries, needs_robot
+from up_samp.fleet.faults import NO_ROBOT, able, carries, needs_robot
 from up_samp.fleet.outlines import MODELS, body_of, still
 from up_samp.fleet.records import FleetRecords, Order, Pose, Task
 from up_samp.fleet.visits import Role, visits_of
@@ -51,6 +51,8 @@ def check_fleet(
     An error is a proof: no schedule can be right. A warning is something that was not found in
     ``seconds_per_drive`` s.
     """
+    if not records.robots:
+        return [Finding(Level.ERROR, "robots", NO_ROBOT.what)]
     checker = _Checker(records, folder, seconds_per_drive)
     findings = list(itertools.chain(checker.poses(), checker.pairs(), checker.ways()))
     return sorted(findings, key=lambda f: list(Level).index(f.level))

@@ -51,6 +51,10 @@ def missing(kind: str, name: str, known: Collection[str]) -> str:
     return f"no {kind} '{name}'; {there}"
 
 
+NO_ROBOT = Fault(("robots",), "there is no robot; add one")
+"""What layouts without robots lack to be problems."""
+
+
 def find_faults(records: FleetRecords) -> list[Fault]:
     """Return all that is wrong with the names and figures of ``records``."""
     return [fault for check in CHECKS for fault in check(records)]
@@ -82,8 +86,6 @@ def _same_names(records: FleetRecords) -> Iterator[Fault]:
 
 
 def _robots(records: FleetRecords) -> Iterator[Fault]:
-    if not records.robots:
-        yield Fault(("robots",), "there is no robot; add one")
     starts: dict[str, str] = {}
     for name, robot in records.robots.items():
         path: Path = ("robots", name)

@@ -11,7 +11,7 @@ from typing import Any
 from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.fleet.build import build_problem
-from up_samp.fleet.faults import Fault, FleetError, find_faults
+from up_samp.fleet.faults import NO_ROBOT, Fault, FleetError, find_faults
 from up_samp.fleet.files import read_problem_file, write_problem_file
 from up_samp.fleet.reading import read_record
 from up_samp.fleet.records import (
@@ -137,6 +137,8 @@ class Fleet:
         """
         if self._problem is None:
             faults = find_faults(self._records)
+            if not self._records.robots:
+                faults.append(NO_ROBOT)
             if faults:
                 raise FleetError(faults)
             self._problem = build_problem(self._records, self._folder)

@@ -83,7 +83,9 @@ def draw_fleet(
 
 def _usual(records: FleetRecords) -> Outline:
     """Return the footprint of most robots."""
-    kinds = [r.type for r in records.robots.values()]
+    kinds = [r.type for r in records.robots.values()] or list(records.robot_types)
+    if not kinds:
+        return (0.5, 0.5)
     most = max(sorted(set(kinds)), key=kinds.count)
     return records.robot_types[most].footprint
 

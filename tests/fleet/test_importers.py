@@ -1,0 +1,220 @@
+"""Others' files become problem files that check, and solve."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from shapely.geometry import Point, Polygon
+
+from up_samp.cli import main
+from up_samp.fleet import Fleet, read_problem_file
+from up_samp.fleet.importers import Options, import_file, map_from_polygons
+from up_samp.geometry import load_map
+from up_samp.model import ProblemError, UnsupportedError
+from up_samp.validation import validate_plan
+
+SAMPLES = Path(__file__).parent / "samples"
+SHARED = Path(__file__).parents[3].parent / "shared" / "data"
+
+
+def imported(name, folder, **options):
+    found = import_file(SAMPLES / name, folder, None, Options(**options))
+    return read_problem_file(found.problem), found
+
+
+def grid(folder, name="map.yaml"):
+    return load_map(folder / name)
+
+
+def test_a_movingai_map_keeps_its_cells(tmp_path):
+    found = import_file(SAMPLES / "small.map", tmp_path, None, Options(cell=0.5))
+    site = grid(tmp_path)
+    assert site.size == pytest.approx((5.0, 3.0))
+    # third cell from the left in the second row from the top, and the tree right of the middle
+    assert site.state_at(1.25, 2.25) == "free"
+    assert site.state_at(2.75, 2.25) == "occupied"
+    assert site.state_at(2.75, 1.25) == "free"
+    assert found.problem.read_text().startswith("# a cell is 0.5 m")
+
+
+def test_a_scenario_is_solved(tmp_path):
+    records, _ = imported("small.scen", tmp_path, robots=2)
+    assert records.places["start0"].pose == (1.5, 4.5, 0.0)
+    assert records.places["goal1"].pose == (1.5, 1.5, 0.0)
+    fleet = Fleet.from_file(tmp_path / "problem.yaml")
+    result = fleet.solve()
+    assert result.plan is not None, result.explain()
+    assert validate_plan(fleet.problem, result.plan).valid
+    ends = {m["object"]: m["samples"][-1][1:3] for m in result.data["motions"]}
+    assert ends["r0"] == pytest.approx([8.5, 4.5])
+
+
+def test_a_problem_of_the_league(tmp_path):
+    records, _ = _league(tmp_path)
+    assert [o.id for o in records.orders] == ["t0", "t1"]
+    assert [t.id for t in records.tasks] == ["t2"]
+    # location 31 is row 3, column 1: the third row from below
+    assert records.places[records.orders[0].pickup.at[0]].pose == (1.5, 2.5, 0.0)
+    assert main(["check", str(tmp_path / "problem.yaml")]) == 0
+
+
+def _league(folder):
+    found = import_file(SAMPLES / "small.json", folder, "league")
+    return read_problem_file(found.problem), found
+
+
+def test_the_leagues_own_problem(tmp_path):
+    source = SHARED / "maps" / "lorr" / "room-example_150.json"
+    if not source.is_file():
+        pytest.skip(f"the League's files are not in {source.parent}")
+    found = import_file(source, tmp_path, "league", Options(robots=3, jobs=2))
+    records = read_problem_file(found.problem)
+    assert (len(records.robots), len(records.orders)) == (3, 2)
+    assert grid(tmp_path).size == (64.0, 64.0)
+
+
+def test_stations_and_nodes_of_a_lif_layout(tmp_path):
+    records, found = imported("small.lif.json", tmp_path)
+    assert records.places["Rack_7"].pose == (0.0, 0.0, 1.57)
+    assert records.places["n2"].pose == (8.0, 0.0, 0.0)
+    assert records.places["node4711"].pose == (8.0, 5.0, 3.14)
+    assert any("no walls" in note for note in found.notes)
+    assert grid(tmp_path).state_at(8.0, 5.0) == "free"
+    schema = SHARED / "lif" / "LIF.schema"
+    if schema.is_file():
+        import jsonschema
+
+        jsonschema.validate(
+            json.loads((SAMPLES / "small.lif.json").read_text()), json.loads(schema.read_text())
+        )
+    maps = Path(__file__).parents[2] / "examples" / "maps"
+    again = import_file(
+        SAMPLES / "small.lif.json", tmp_path / "b", None, Options(map=maps / "corridor.yaml")
+    )
+    assert grid(tmp_path / "b").digest == load_map(maps / "corridor.yaml").digest
+    assert not any("no walls" in note for note in again.notes)
+
+
+def test_an_rmf_building(tmp_path):
+    records, found = imported("small.building.yaml", tmp_path)
+    # 400 pixels are 20 m: 0.05 m each; y points up
+    assert records.places["tiny_charger"].pose == pytest.approx((8.0, -10.0, 0.0))
+    assert records.places["tiny_charger"].park == 1
+    assert records.places["pantry"].park == 0
+    site = grid(tmp_path)
+    assert site.state_at(15.0, -6.0) == "occupied"
+    assert site.state_at(15.0, -10.0) == "free"  # the doorway
+    assert site.state_at(4.0, -10.0) in ("occupied", "outside")
+    assert any("main_door" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("sample", "durations"), [("small.jsp", [[1, 3, 6], [8, 5, 10]]), ("small.fjs", [[3, 4], [7]])]
+)
+def test_shops_keep_routes_and_durations(tmp_path, sample, durations):
+    records, _ = imported(sample, tmp_path)
+    by_job = {}
+    for task in records.tasks:
+        by_job.setdefault(task.id.split("_")[0], []).append(task.duration)
+    assert list(by_job.values()) == durations
+    assert len(records.orders) == sum(len(d) + 1 for d in durations)
+    assert main(["check", str(tmp_path / "problem.yaml")]) == 0
+
+
+def test_a_flexible_shop_is_solved(tmp_path):
+    imported("small.fjs", tmp_path, robots=1)
+    fleet = Fleet.from_file(tmp_path / "problem.yaml")
+    result = fleet.solve(timeout=60)
+    assert result.plan is not None, result.explain()
+    times = {a["name"]: (a["start"], a["end"]) for a in result.data["activities"]}
+    assert times["j0_op0"][1] - times["j0_op0"][0] == 3
+    assert times["j0_op0"][1] <= times["pick_j0_carry1_r0"][0]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_rounding_makes_anything_drivable(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    angles = np.sort(rng.uniform(0, 2 * math.pi, 12))
+    radii = rng.uniform(1, 3, 12)
+    ring = Polygon([(r * math.cos(a), r * math.sin(a)) for a, r in zip(angles, radii, strict=True)])
+    free = shapely.make_valid(ring.difference(Point(0.3, 0.2).buffer(0.4)))
+    site = load_map(map_from_polygons(free, tmp_path, cell=0.1))
+    rows, cols = site.shape
+    drivable = 0
+    for row in range(rows):
+        for col in range(cols):
+            x, y = site.origin[0] + 0.1 * col, site.origin[1] + 0.1 * row
+            cell = shapely.box(x, y, x + 0.1, y + 0.1)
+            if not site.blocked[row, col]:
+                drivable += 1
+                assert free.buffer(1e-6).covers(cell)
+            else:
+                assert not free.covers(cell.buffer(1e-6))
+    assert drivable > 0.5 * free.area / 0.01
+
+
+def test_an_svg_outline(tmp_path):
+    pytest.importorskip("svgelements")
+    imported("small.svg", tmp_path, cell=1.0)
+    _is_the_drawn_hall(grid(tmp_path))
+
+
+def test_a_dxf_outline(tmp_path):
+    ezdxf = pytest.importorskip("ezdxf")
+    drawing = ezdxf.new(units=4)  # mm
+    space = drawing.modelspace()
+    space.add_lwpolyline([(0, 0), (20000, 0), (20000, -10000), (0, -10000)], close=True)
+    space.add_circle((5000, -5000), 1000)
+    space.add_line((10000, 0), (10000, -6000))
+    drawing.saveas(tmp_path / "hall.dxf")
+    import_file(tmp_path / "hall.dxf", tmp_path / "out")
+    _is_the_drawn_hall(grid(tmp_path / "out"))
+
+
+def _is_the_drawn_hall(site):
+    assert site.size == pytest.approx((20.1, 10.1))
+    assert site.state_at(5.0, -5.0) == "occupied"
+    assert site.state_at(6.2, -5.0) == "free"
+    assert site.state_at(10.0, -3.0) == "occupied"
+    assert site.state_at(10.0, -7.0) == "free"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "what"),
+    [
+        ("x.map", "no map", "no Moving AI map"),
+        ("x.map", "type octile\nheight 1\nwidth 2\nmap\n.?\n", "unknown cell '\\?'"),
+        ("x.scen", "a\nb", "no Moving AI scenario"),
+        ("x.lif", "{}", "no LIF layout"),
+        ("x.building.yaml", "a: 1", "no RMF building map"),
+        ("x.jsp", "2 2\n0 1 1", "4 numbers are needed"),
+        ("x.fjs", "1 1\n2 1 1", "ends too early"),
+        ("x.svg", "<svg/>", "no closed outline"),
+        ("x.dxf", "nothing", "not readable as DXF"),
+    ],
+)
+def test_what_is_no_such_file_is_refused_by_name(tmp_path, name, text, what):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(ProblemError, match=what):
+        import_file(tmp_path / name, tmp_path / "out")
+
+
+def test_the_command(tmp_path, capsys):
+    source = str(SAMPLES / "small.jsp")
+    assert main(["import", source, "--out", str(tmp_path), "--jobs", "1"]) == 0
+    assert "1 of 2 jobs of small.jsp" in capsys.readouterr().out
+    with pytest.raises(UnsupportedError, match="--kind"):
+        import_file(SAMPLES / "small.agents", tmp_path)
+
+
+def test_a_layout_without_robots_is_drawn_but_is_no_problem_yet(tmp_path, capsys):
+    import_file(SAMPLES / "small.lif.json", tmp_path)
+    file = tmp_path / "problem.yaml"
+    assert main(["check", str(file)]) == 1
+    assert "there is no robot; add one" in capsys.readouterr().out
+    assert (tmp_path / "problem.check.png").stat().st_size > 3000
+    assert main(["solve", str(file)]) == 2
+    assert "there is no robot; add one" in capsys.readouterr().err

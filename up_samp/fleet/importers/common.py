@@ -1,0 +1,78 @@
+"""What importers have in common."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from up_samp.fleet.faults import FleetError, find_faults
+from up_samp.fleet.files import write_problem_file
+from up_samp.fleet.reading import read_record
+from up_samp.fleet.records import FleetRecords
+from up_samp.model import ProblemError
+
+
+@dataclass(frozen=True)
+class Options:
+    """What files do not say. ``cell``: length of a grid's cell, m. ``map``: a ROS map to use
+    instead of a drawn one. ``robots``, ``jobs``: how many to take at most.
+    """
+
+    cell: float = 1.0
+    map: Path | None = None
+    robots: int = 2
+    jobs: int = 4
+
+
+@dataclass(frozen=True)
+class Imported:
+    """The problem file that was written, and what had to be assumed."""
+
+    problem: Path
+    notes: tuple[str, ...]
+
+
+def finish(folder: Path, data: dict[str, Any], notes: Collection[str]) -> Imported:
+    """Check the data of a problem file and write it.
+
+    :raises FleetError: where the source leads to a problem that is wrong.
+    """
+    records: FleetRecords = read_record(FleetRecords, data)
+    faults = find_faults(records)
+    if faults:
+        raise FleetError(faults)
+    file = write_problem_file(folder / "problem.yaml", records)
+    head = "".join(f"# {note}\n" for note in notes)
+    file.write_text(head + file.read_text(encoding="utf-8"), encoding="utf-8")
+    return Imported(file, tuple(notes))
+
+
+def name_of(text: object, taken: Collection[str] = (), prefix: str = "p") -> str:
+    """Return ``text`` as a name that problem files take, other than those ``taken``."""
+    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", str(text)).strip("_") or prefix
+    if not re.match(r"[A-Za-z_]", name):
+        name = f"{prefix}{name}"
+    unique, number = name, 2
+    while unique in taken:
+        unique, number = f"{name}_{number}", number + 1
+    return unique
+
+
+def text_of(source: Path) -> str:
+    """Return a file's text.
+
+    :raises ProblemError: where there is none.
+    """
+    try:
+        return source.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ProblemError(f"'{source}' cannot be read: {error}") from error
+
+
+def wrong(source: Path, line: int | None, what: str) -> ProblemError:
+    """Return an error about a line of a source."""
+    where = f":{line}" if line is not None else ""
+    return ProblemError(f"{source}{where}: {what}")

@@ -1,0 +1,145 @@
+"""Layouts: VDMA's LIF (stations and nodes) and Open-RMF's building maps (vertices, walls)."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+from shapely.geometry import LineString, MultiPoint, Polygon
+from shapely.ops import unary_union
+
+from up_samp.fleet.importers.common import Imported, Options, finish, name_of, text_of, wrong
+from up_samp.fleet.importers.outlines import map_from_polygons
+
+AGV = {"footprint": [1.0, 0.7], "model": "omni", "v_max": 1.0, "a_max": 0.5, "omega_max": 1.0}
+WALL = 0.1
+"""Thickness of RMF's walls, m (its own default)."""
+
+
+def import_lif(source: Path, folder: Path, options: Options) -> Imported:
+    """Import a LIF layout: stations, and nodes that no station names, become places.
+
+    LIF has no walls: give a map, or the floor is what lies around the nodes.
+    """
+    try:
+        layout = json.loads(text_of(source))["layouts"][0]
+        nodes = {n["nodeId"]: n for n in layout["nodes"]}
+        stations = layout.get("stations", [])
+        points = {key: _xy(n["nodePosition"]) for key, n in nodes.items()}
+    except (ValueError, KeyError, IndexError, TypeError) as error:
+        raise wrong(source, None, f"no LIF layout: {error!r}") from error
+    if not points:
+        raise wrong(source, None, "the layout has no nodes")
+    places: dict[str, Any] = {}
+    met: set[str] = set()
+    for station in stations:
+        for number, node in enumerate(station["interactionNodeIds"]):
+            if node not in nodes:
+                raise wrong(source, None, f"station '{station['stationId']}': no node '{node}'")
+            base = station.get("stationName") or station["stationId"]
+            name = name_of(base if number == 0 else f"{base}_{number + 1}", places, "station")
+            places[name] = [*points[node], _theta(nodes[node])]
+            met.add(node)
+    for key, node in nodes.items():
+        if key not in met:
+            places[name_of(node.get("nodeName") or key, places, "node")] = [
+                *points[key], _theta(node),
+            ]  # fmt: skip
+    notes = []
+    if options.map is not None:
+        map_file = _copied(options.map, folder)
+    else:
+        floor = MultiPoint(list(points.values())).envelope.buffer(3.0, join_style="mitre")
+        map_file = map_from_polygons(floor, folder).name
+        notes.append("LIF has no walls: the floor is free 3 m around the nodes (or give --map)")
+    notes.append("robots' footprint and limits are assumed; add robots and orders")
+    data = {"map": map_file, "robot_types": {"agv": AGV}, "places": places}
+    return finish(folder, data, notes)
+
+
+def _xy(position: Mapping[str, Any]) -> tuple[float, float]:
+    return float(position["x"]), float(position["y"])
+
+
+def _theta(node: Mapping[str, Any]) -> float:
+    """Return the first heading that a vehicle type has at a node, rad."""
+    kinds = node.get("vehicleTypeNodeProperties", ())
+    return next((float(k["theta"]) for k in kinds if k.get("theta") is not None), 0.0)
+
+
+def _copied(map_file: Path, folder: Path) -> str:
+    """Copy a ROS map into the folder; return its name."""
+    folder.mkdir(parents=True, exist_ok=True)
+    image = yaml.safe_load(text_of(map_file))["image"]
+    shutil.copy(map_file, folder / "map.yaml")
+    (folder / image).parent.mkdir(parents=True, exist_ok=True)
+    shutil.copy(map_file.parent / image, folder / image)
+    return "map.yaml"
+
+
+def import_rmf(source: Path, folder: Path, options: Options) -> Imported:
+    """Import the first level of an Open-RMF building map: floor, walls, named vertices.
+
+    Pixels become m by the level's measurements; y points up. Chargers and parking spots are places
+    to park. RMF opens its doors on request, so they are left open; holding points are places, too.
+    """
+    try:
+        levels = yaml.safe_load(text_of(source))["levels"]
+        name, level = next(iter(levels.items()))
+        vertices = level["vertices"]
+    except (yaml.YAMLError, KeyError, StopIteration, TypeError, AttributeError) as error:
+        raise wrong(source, None, f"no RMF building map: {error!r}") from error
+    scale = _scale(source, level)
+    points = [(scale * v[0], -scale * v[1]) for v in vertices]
+    floors = [Polygon([points[i] for i in f["vertices"]]) for f in level.get("floors", [])]
+    if not floors:
+        raise wrong(source, None, f"level '{name}' has no floor")
+    walls = [LineString([points[w[0]], points[w[1]]]) for w in level.get("walls", [])]
+    free = unary_union(floors)
+    if walls:
+        free = free.difference(unary_union(walls).buffer(WALL / 2, cap_style="square"))
+    low = free.bounds[:2]
+    places: dict[str, Any] = {}
+    for vertex, (x, y) in zip(vertices, points, strict=True):
+        title = vertex[3] if len(vertex) > 3 else ""
+        if title:
+            traits = vertex[4] if len(vertex) > 4 else {}
+            park = any(_flag(traits, key) for key in ("is_charger", "is_parking_spot"))
+            pose = [round(x, 4), round(y, 4), 0.0]
+            place = name_of(title, places, "v")
+            places[place] = {"pose": pose, "park": 1} if park else pose
+    notes = [f"level '{name}': {scale:g} m a pixel; its lower left corner is at {_show(low)}"]
+    if level.get("doors"):
+        doors = ", ".join(str(d[2].get("name", ["", "?"])[1]) for d in level["doors"])
+        notes.append(f"doors are taken as open, as RMF opens them on request: {doors}")
+    if len(levels) > 1:
+        notes.append(f"other levels were left out: {', '.join(list(levels)[1:])}")
+    notes.append("headings are 0; robots' footprint and limits are assumed; add robots and orders")
+    map_file = map_from_polygons(free, folder).name
+    return finish(folder, {"map": map_file, "robot_types": {"agv": AGV}, "places": places}, notes)
+
+
+def _scale(source: Path, level: Mapping[str, Any]) -> float:
+    """Return m per pixel: the mean over the measurements."""
+    vertices = level["vertices"]
+    found = []
+    for a, b, traits in level.get("measurements", []):
+        pixels = math.dist(vertices[a][:2], vertices[b][:2])
+        found.append(float(traits["distance"][1]) / pixels)
+    if not found:
+        raise wrong(source, None, "no measurement says how long a pixel is")
+    return sum(found) / len(found)
+
+
+def _flag(traits: Mapping[str, Sequence[Any]], key: str) -> bool:
+    """Return a parameter of type bool; RMF writes ``key: [4, true]``."""
+    return bool(key in traits and traits[key][1])
+
+
+def _show(point: Sequence[float]) -> str:
+    return "(" + ", ".join(f"{v:.2f}" for v in point) + ")"

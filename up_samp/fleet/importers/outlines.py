@@ -1,0 +1,137 @@
+"""Maps from polygons: shapely's own, or outlines in DXF and SVG files (extra ``[drawings]``)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely.geometry import LineString, Polygon
+from shapely.geometry.base import BaseGeometry
+from shapely.ops import unary_union
+
+from up_samp.fleet.importers.common import Imported, Options, finish, wrong
+from up_samp.geometry.maps import write_map
+from up_samp.model import ProblemError, UnsupportedError
+
+CELL = 0.05
+MOST_CELLS = 40_000_000
+LINE = 0.05
+"""Thickness of a wall that is drawn as a line, m."""
+
+
+def map_from_polygons(
+    free: BaseGeometry, folder: str | Path, name: str = "map", cell: float = CELL
+) -> Path:
+    """Write a ROS map on which only ``free`` (m, world frame) can be driven; return its YAML.
+
+    A cell is free where all of it lies in ``free``: nothing becomes drivable by rounding. Around
+    it is a border of one cell.
+    """
+    if free.is_empty or not free.is_valid or free.area <= 0:
+        raise ProblemError("a map needs a valid polygon with an area; try shapely's make_valid")
+    left, low, right, top = free.bounds
+    origin = (left - cell, low - cell)
+    cols, rows = math.ceil((right - left) / cell) + 2, math.ceil((top - low) / cell) + 2
+    if cols * rows > MOST_CELLS:
+        raise ProblemError(f"{cols} x {rows} cells of {cell:g} m are too many; take a larger cell")
+    shapely.prepare(free)
+    xs = origin[0] + cell * np.arange(cols)
+    occupied = np.ones((rows, cols), dtype=np.bool_)
+    for row in range(rows):
+        y = origin[1] + cell * row
+        # the tolerance forgives rounding of the cells' own corners only
+        boxes = shapely.box(xs + 1e-9, y + 1e-9, xs + cell - 1e-9, y + cell - 1e-9)
+        occupied[row] = ~shapely.covers(free, boxes)
+    return write_map(folder, name, occupied, cell, (origin[0], origin[1], 0.0))
+
+
+def import_dxf(source: Path, folder: Path, options: Options) -> Imported:
+    """Import a DXF drawing: the largest closed polyline is the floor, other closed ones and circles
+    are in the way, lines and open polylines are walls. Its unit comes from the drawing.
+    """
+    try:
+        import ezdxf
+        from ezdxf.path import make_path
+        from ezdxf.units import conversion_factor
+    except ImportError as error:
+        raise UnsupportedError("DXF needs the extra [drawings]: pip install ezdxf") from error
+    try:
+        drawing = ezdxf.readfile(source)
+    except (OSError, ezdxf.DXFError) as error:
+        raise wrong(source, None, f"not readable as DXF: {error}") from error
+    scale, notes = 1.0, []
+    if drawing.units:
+        scale = float(conversion_factor(drawing.units, 6))  # 6: metres
+    else:
+        notes.append("the drawing has no unit: taken as m")
+    rings: list[list[tuple[float, float]]] = []
+    lines: list[list[tuple[float, float]]] = []
+    for entity in drawing.modelspace().query("LWPOLYLINE POLYLINE LINE CIRCLE ARC SPLINE ELLIPSE"):
+        path = make_path(entity)
+        points = [(scale * v.x, scale * v.y) for v in path.flattening(0.01 / scale)]
+        (rings if path.is_closed else lines).append(points)
+    return _finish(source, folder, rings, lines, notes)
+
+
+def import_svg(source: Path, folder: Path, options: Options) -> Imported:
+    """Import an SVG drawing, read like DXF: one user unit is ``Options.cell`` m, y points up."""
+    try:
+        import svgelements
+    except ImportError as error:
+        raise UnsupportedError("SVG needs the extra [drawings]: pip install svgelements") from error
+    try:
+        drawing = svgelements.SVG.parse(str(source), ppi=96)
+    except (OSError, ValueError, SyntaxError) as error:
+        raise wrong(source, None, f"not readable as SVG: {error}") from error
+    rings: list[list[tuple[float, float]]] = []
+    lines: list[list[tuple[float, float]]] = []
+    for shape in drawing.elements(lambda e: isinstance(e, svgelements.Shape)):
+        for part in svgelements.Path(shape).as_subpaths():
+            path = svgelements.Path(part)
+            points = _flat(path, options.cell)
+            closed = len(points) > 3 and math.dist(points[0], points[-1]) < 1e-6
+            (rings if closed else lines).append(points)
+    return _finish(source, folder, rings, lines, [f"a unit of the drawing is {options.cell:g} m"])
+
+
+def _flat(path: Any, unit: float) -> list[tuple[float, float]]:
+    """Return points along a path of SVG, y up."""
+    import svgelements
+
+    points: list[tuple[float, float]] = []
+    for segment in path:
+        if segment.start is None:
+            continue
+        straight = isinstance(segment, svgelements.Line | svgelements.Close | svgelements.Move)
+        for i in range(2 if straight else 17):
+            p = segment.point(i if straight else i / 16)
+            point = (unit * float(p.x), -unit * float(p.y))
+            if not points or math.dist(points[-1], point) > 1e-9:
+                points.append(point)
+    return points
+
+
+def _finish(
+    source: Path,
+    folder: Path,
+    rings: Iterable[Sequence[tuple[float, float]]],
+    lines: Iterable[Sequence[tuple[float, float]]],
+    notes: list[str],
+) -> Imported:
+    shapes = [shapely.make_valid(Polygon(r)) for r in rings if len(r) >= 3]
+    shapes = [s for s in shapes if s.area > 0]
+    if not shapes:
+        raise wrong(source, None, "no closed outline: one has to be the floor")
+    floor = max(shapes, key=lambda s: s.area)
+    inside = [s for s in shapes if s is not floor]
+    walls = [LineString(points).buffer(LINE / 2) for points in lines if len(points) > 1]
+    free = floor.difference(unary_union([*inside, *walls])) if inside or walls else floor
+    map_from_polygons(free, folder)
+    kind = {"footprint": [1.0, 0.7], "model": "omni"}
+    notes.append(f"the floor is the largest outline; {len(inside)} others are in the way")
+    notes.append("robots' footprint and limits are assumed; add places, robots and orders")
+    return finish(folder, {"map": "map.yaml", "robot_types": {"agv": kind}}, notes)

@@ -1,0 +1,137 @@
+"""Job shops on a floor: JSPLIB's standard form, and flexible ones (``.fjs``), with transport.
+
+Machines stand along two walls of a hall; each job's part is carried from the store to its machines,
+in order, and to the exit. A machine works by itself, on one part at a time.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from up_samp.fleet.importers.common import Imported, Options, finish, text_of, wrong
+from up_samp.geometry.maps import write_map
+
+Route = list[tuple[int, int]]
+APART, DEEP, CELL = 4.0, 12.0, 0.1
+"""Distance between machines along a wall, depth of the hall, edge of a cell: m."""
+
+
+def _numbers(source: Path) -> list[tuple[int, list[int]]]:
+    """Return each line's number and its integers; comments (#) and empty lines are left out."""
+    rows = []
+    for number, line in enumerate(text_of(source).splitlines(), 1):
+        text = line.split("#")[0].strip()
+        if text:
+            try:
+                rows.append((number, [int(float(v)) for v in text.split()]))
+            except ValueError as error:
+                raise wrong(source, number, f"numbers are needed: {error}") from error
+    if not rows or len(rows[0][1]) < 2:
+        raise wrong(source, 1, "it begins with the numbers of jobs and machines")
+    return rows
+
+
+def import_jsplib(source: Path, folder: Path, options: Options) -> Imported:
+    """Import a job shop: a line with its size, then a line of (machine, duration) pairs a job."""
+    rows = _numbers(source)
+    jobs, machines = rows[0][1][:2]
+    routes: list[Route] = []
+    for number, row in rows[1 : jobs + 1]:
+        if len(row) != 2 * machines:
+            raise wrong(source, number, f"{2 * machines} numbers are needed, there are {len(row)}")
+        routes.append(list(zip(row[::2], row[1::2], strict=True)))
+    _check(source, routes, jobs, machines)
+    return _shop(source, folder, options, routes, machines, [])
+
+
+def import_fjs(source: Path, folder: Path, options: Options) -> Imported:
+    """Import a flexible job shop. Each operation goes to its quickest machine (the first of them):
+    the choice of machines is made here, not by the planner.
+    """
+    rows = _numbers(source)
+    jobs, machines = rows[0][1][:2]
+    routes: list[Route] = []
+    chosen = 0
+    for number, row in rows[1 : jobs + 1]:
+        values = iter(row)
+        route: Route = []
+        try:
+            for _ in range(next(values)):
+                ways = [(next(values) - 1, next(values)) for _ in range(next(values))]
+                chosen += len(ways) > 1
+                route.append(min(ways, key=lambda way: way[1]))
+        except (StopIteration, ValueError) as error:
+            raise wrong(source, number, "the line ends too early") from error
+        routes.append(route)
+    _check(source, routes, jobs, machines)
+    note = f"{chosen} operations had several machines: each goes to its quickest one"
+    return _shop(source, folder, options, routes, machines, [note])
+
+
+def _check(source: Path, routes: list[Route], jobs: int, machines: int) -> None:
+    if len(routes) != jobs:
+        raise wrong(source, None, f"{jobs} jobs are announced, there are {len(routes)}")
+    odd = [m for route in routes for m, _ in route if not 0 <= m < machines]
+    if odd:
+        raise wrong(source, None, f"there is no machine {odd[0]}; there are {machines}")
+
+
+def _shop(
+    source: Path, folder: Path, options: Options, routes: list[Route], machines: int,
+    notes: list[str],
+) -> Imported:  # fmt: skip
+    """Write the hall and one order a step, one task an operation."""
+    width = _hall(folder, machines)
+    places: dict[str, Any] = {
+        "store": [2.0, DEEP / 2, 0.0],
+        "exit": [width - 2.0, DEEP / 2, 0.0],
+    }
+    for m in range(machines):
+        x = 5.0 + APART * (m // 2)
+        lower = m % 2 == 0
+        places[f"at_m{m}"] = [x, 2.0, -math.pi / 2] if lower else [x, DEEP - 2.0, math.pi / 2]
+    for i in range(options.robots):
+        places[f"home{i}"] = [5.0 + APART * i, DEEP / 2, 0.0]
+    orders: list[dict[str, Any]] = []
+    tasks: list[dict[str, Any]] = []
+    for j, route in enumerate(routes[: options.jobs]):
+        here, before = "store", None
+        steps: list[tuple[int, int] | None] = [*route, None]
+        for k, step in enumerate(steps):
+            there = f"at_m{step[0]}" if step is not None else "exit"
+            order: dict[str, Any] = {"id": f"j{j}_carry{k}", "pickup": here, "delivery": there}
+            if before is not None:
+                order["after"] = [before]
+            orders.append(order)
+            if step is not None:
+                before = f"j{j}_op{k}"
+                machine = {"resources": [f"m{step[0]}"], "after": [order["id"]]}
+                tasks.append({"id": before, "duration": step[1], **machine})
+            here = there
+    kind = {"footprint": [1.2, 0.8], "turning_radius": 0.8, "v_max": 2.0, "a_max": 1.0}
+    data = {
+        "name": "shop",
+        "map": "hall.yaml",
+        "robot_types": {"agv": kind},
+        "robots": {f"r{i}": {"type": "agv", "start": f"home{i}"} for i in range(options.robots)},
+        "places": places,
+        "resources": {f"m{m}": {} for m in range(machines)},
+        "orders": orders,
+        "tasks": tasks,
+    }
+    taken = min(len(routes), options.jobs)
+    notes = [f"{taken} of {len(routes)} jobs of {source.name}; the hall is made up", *notes]
+    return finish(folder, data, notes)
+
+
+def _hall(folder: Path, machines: int) -> float:
+    """Write the hall's map; return its width, m."""
+    width = 10.0 + APART * max(2, math.ceil(machines / 2))
+    occupied = np.zeros((round(DEEP / CELL), round(width / CELL)), dtype=np.bool_)
+    occupied[:2], occupied[-2:], occupied[:, :2], occupied[:, -2:] = True, True, True, True
+    write_map(folder, "hall", occupied, CELL)
+    return width
