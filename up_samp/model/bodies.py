@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 Configuration = tuple[float, ...]
@@ -25,11 +25,13 @@ class MotionModel(enum.Enum):
 class ControlLaw:
     """A body's own equations of motion ``qdot = f(q, u)`` (``f`` fills ``qdot`` in place).
 
-    ``bounds`` are ``(name, low, high)`` for each component of ``u``, in order.
+    ``bounds`` are ``(name, low, high)`` for each component of ``u``, in order. ``owner`` names an
+    object that moves so, for messages.
     """
 
     function: Callable[[Any, Any, Any], None]
     bounds: tuple[tuple[str, float, float], ...]
+    owner: str = field(default="", compare=False)
 
 
 @dataclass(frozen=True)

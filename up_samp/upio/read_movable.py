@@ -76,12 +76,12 @@ def _read_control(obj: MovableObject, limits: Kinematics) -> Kinematics:
     given = dict(obj.control_parameters or {})
     bounds = _control_bounds(obj.name, given)
     if set(given) <= _BICYCLE and {"v_max", "phi_max"} <= set(given):
-        curvature = _bicycle_curvature(obj.control_model, given)
+        curvature = _bicycle_curvature(obj.name, obj.control_model, given)
         if curvature is not None:
             if curvature <= 0:
                 raise ProblemError(f"object '{obj.name}': its control model cannot turn")
             return _bicycle(obj, limits, curvature, given)
-    law = ControlLaw(obj.control_model, bounds)
+    law = ControlLaw(obj.control_model, bounds, obj.name)
     return Kinematics(
         MotionModel.CONTROL,
         limits.turning_radius,
@@ -128,7 +128,7 @@ def _control_bounds(name: str, given: Mapping[str, Any]) -> tuple[tuple[str, flo
     return tuple(bounds)
 
 
-def _bicycle_curvature(function: Any, given: Mapping[str, Any]) -> float | None:
+def _bicycle_curvature(name: str, function: Any, given: Mapping[str, Any]) -> float | None:
     """Return the largest curvature both ways (1/m) if ``function`` is a kinematic bicycle."""
     largest = []
     steer = (float(given.get("phi_min", -given["phi_max"])), float(given["phi_max"]))
@@ -140,8 +140,13 @@ def _bicycle_curvature(function: Any, given: Mapping[str, Any]) -> float | None:
                     function([0.3, -0.2, theta], [speed, phi], rate)
                 except (TypeError, IndexError):
                     return None
+                except Exception as error:  # a user's code may raise anything
+                    raise ProblemError(
+                        f"object '{name}': its control_model raised {type(error).__name__}: {error}"
+                    ) from error
                 straight = (speed * math.cos(theta), speed * math.sin(theta))
-                if math.hypot(rate[0] - straight[0], rate[1] - straight[1]) > 1e-9:
+                miss = math.hypot(rate[0] - straight[0], rate[1] - straight[1])
+                if not (miss <= 1e-9 and math.isfinite(rate[2])):
                     return None
                 largest.append(abs(rate[2]) / speed)
     by_phi = largest[:6], largest[6:]

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.model import UnsupportedError
+from up_samp.model import ProblemError, UnsupportedError
 from up_samp.validation.limits import Limits
 from up_samp.validation.tracks import Pieces
 from up_samp.validation.verdict import Violation
@@ -82,6 +82,10 @@ def _rate(limits: Limits, state: FloatArray, control: FloatArray) -> FloatArray:
         raise UnsupportedError(
             f"object {limits.name}: its control model does not take (x, y, theta) and "
             f"{len(control)} controls: {error}"
+        ) from error
+    except Exception as error:  # a user's code may raise anything
+        raise ProblemError(
+            f"object {limits.name}: its control model raised {type(error).__name__}: {error}"
         ) from error
     return rate
 

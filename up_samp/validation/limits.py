@@ -55,7 +55,7 @@ def limits_of(item: Any) -> Limits:
         return Limits(item.name, model, radius, v_max, v_max, a_max, omega_max)
     control = {k: float(v) for k, v in (item.control_parameters or {}).items()}
     controls = _controls(item.name, control)
-    curvature = _bicycle_curvature(item.control_model, control)
+    curvature = _bicycle_curvature(item.name, item.control_model, control)
     if curvature is None:
         law = item.control_model
         return Limits(item.name, "CONTROL", radius, v_max, v_max, a_max, omega_max, law, controls)
@@ -75,7 +75,7 @@ def _controls(name: str, given: dict[str, float]) -> tuple[tuple[float, float], 
 
 
 def _bicycle_curvature(
-    law: Callable[[Any, Any, Any], None], given: dict[str, float]
+    name: str, law: Callable[[Any, Any, Any], None], given: dict[str, float]
 ) -> float | None:
     """Return the tightest curvature (1/m) that a bicycle can drive both ways, ``None`` if ``law``
     is no bicycle. Tried at one pose and speed: it must move along its heading with speed u[0].
@@ -91,8 +91,11 @@ def _bicycle_curvature(
             law([1.0, 2.0, theta], [speed, phi], rate)
         except (IndexError, TypeError):
             return None
+        except Exception as error:  # a user's code may raise anything
+            text = f"object {name}: its control model raised {type(error).__name__}: {error}"
+            raise ProblemError(text) from error
         slip = math.hypot(rate[0] - speed * math.cos(theta), rate[1] - speed * math.sin(theta))
-        if slip > 1e-9:
+        if not (slip <= 1e-9 and math.isfinite(rate[2])):
             return None
         curvatures.append(abs(rate[2] / speed))
     if min(curvatures) <= 0:

@@ -16,6 +16,7 @@ import logging
 import math
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
@@ -25,7 +26,13 @@ import numpy.typing as npt
 from numba import njit
 from numba.core.errors import NumbaError
 
-from up_samp.model import Configuration, ControlLaw, Trajectory, UnsupportedError
+from up_samp.model import (
+    Configuration,
+    ControlLaw,
+    ProblemError,
+    Trajectory,
+    UnsupportedError,
+)
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -120,6 +127,17 @@ def _kernels(function: Callable[..., None], width: int) -> tuple[Any, Any]:
     return fast if same else plain
 
 
+@contextmanager
+def calling(law: ControlLaw) -> Iterator[None]:
+    """Name the object where its control model, which is a user's code, raises something."""
+    try:
+        yield
+    except Exception as error:
+        raise ProblemError(
+            f"object '{law.owner}': its control_model raised {type(error).__name__}: {error}"
+        ) from error
+
+
 class Roller:
     """Integrates a control law. Raises ``UnsupportedError`` if it is not one of (x, y, theta)."""
 
@@ -128,11 +146,16 @@ class Roller:
         self.low = np.array([low for _, low, _ in law.bounds], dtype=np.float64)
         self.high = np.array([high for _, _, high in law.bounds], dtype=np.float64)
         try:
-            law.function(np.zeros(3), 0.5 * (self.low + self.high), np.zeros(3))
-        except (IndexError, TypeError, ValueError) as error:
+            with calling(law):
+                law.function(np.zeros(3), 0.5 * (self.low + self.high), np.zeros(3))
+        except ProblemError as error:
+            if not isinstance(error.__cause__, (IndexError, TypeError, ValueError)):
+                raise
             raise UnsupportedError(
-                "a control model must be a function(q, u, qdot) that fills qdot, with the state "
-                f"(x, y, theta) and the controls {[name for name, _, _ in law.bounds]}: {error}"
+                f"object '{law.owner}': a control model must be a function(q, u, qdot) that "
+                "fills qdot, with the state "
+                f"(x, y, theta) and the controls {[name for name, _, _ in law.bounds]}: "
+                f"{error.__cause__}"
             ) from error
 
     @cached_property
@@ -145,12 +168,14 @@ class Roller:
         """Return the last states (k, 3) under k sets of p pieces: ``controls`` (k, p, m),
         ``seconds`` (k, p), each piece integrated in ``counts`` (p,) steps.
         """
-        return np.asarray(self._compiled[1](start, controls, seconds, counts))
+        with calling(self.law):
+            return np.asarray(self._compiled[1](start, controls, seconds, counts))
 
     def rows(self, start: npt.ArrayLike, controls: npt.ArrayLike, seconds: float) -> FloatArray:
         """Return the states (n + 1, 3) under constant controls, the start first."""
         q, u = np.asarray(start, dtype=np.float64), np.asarray(controls, dtype=np.float64)
-        return np.asarray(self._compiled[0](q[:3], u, seconds, steps_of(seconds)))
+        with calling(self.law):
+            return np.asarray(self._compiled[0](q[:3], u, seconds, steps_of(seconds)))
 
     def speed(self) -> float:
         """Return the fastest speed (m/s) among the corners of the controls' bounds."""
@@ -158,7 +183,13 @@ class Roller:
         best = 0.0
         for u, heading in itertools.product(corners, (0.0, 1.6, 3.1, 4.7)):
             rate = np.zeros(3)
-            self.law.function(np.array([0.0, 0.0, heading]), np.array(u), rate)
+            with calling(self.law):
+                self.law.function(np.array([0.0, 0.0, heading]), np.array(u), rate)
+            if not np.isfinite(rate).all():
+                raise ProblemError(
+                    f"object '{self.law.owner}': its control_model gives rates that are not finite"
+                    f" ({', '.join(f'{r:g}' for r in rate)}) for controls {list(map(float, u))}"
+                )
             best = max(best, float(np.hypot(rate[0], rate[1])))
         return best
 
