@@ -6,6 +6,7 @@ import time
 import numpy as np
 import ompl_oracle as oracle
 import pytest
+from asking import plan_with_ompl
 from ompl_oracle import CRATE, DOOR, FOOTPRINT, GOAL, START, unicycle
 
 from up_samp.geometry import Scene
@@ -21,7 +22,6 @@ from up_samp.model import (
     UnsupportedError,
 )
 from up_samp.motion.planners.control_law import Piece, Roller, Shot
-from up_samp.motion.planners.ompl import plan_with_ompl
 from up_samp.validation.kinematics import motion_violations
 from up_samp.validation.limits import Limits
 

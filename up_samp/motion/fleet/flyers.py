@@ -37,10 +37,10 @@ from up_samp.model import (
     UnsupportedError,
 )
 from up_samp.motion.fleet.flyer_contacts import Flight, first_contact, gap
+from up_samp.motion.fleet.margins import wished
 
 if TYPE_CHECKING:
-    from up_samp.motion.fleet.margins import wished
-from up_samp.motion.fleet.workspace import PathPlanner
+    from up_samp.motion.fleet.workspace import PathPlanner
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -1,13 +1,11 @@
-"""OMPL's planners by name: whole queries, second opinions, and what a search has reached.
+"""OMPL's planners by name, and what a search has reached.
 
-A search that ends without a path is never a proof: the answer is then ``OUT_OF_TIME``.
+A search that ends without a path is never a proof.
 """
 
 from __future__ import annotations
 
 import importlib
-import itertools
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -19,13 +17,10 @@ from up_samp.model import (
     Configuration,
     Deadline,
     MotionModel,
-    Outcome,
     PathQuery,
-    PathReport,
     ProblemError,
     UnsupportedError,
 )
-from up_samp.motion.curves.trajectories import at_rest, joined
 from up_samp.motion.planners.ompl_planar import OmplSettings, PlanarWorld, search
 from up_samp.motion.planners.ompl_solve import ONE_TREE, OmplLeg, canonical, known_planners
 from up_samp.motion.protocol import Leg, LegQuery
@@ -84,51 +79,6 @@ def control_planner(scene: Scene, seed: int = 0) -> OmplPlanner:
     :mod:`up_samp.motion.planners.control`).
     """
     return OmplPlanner("RRT", scene, seed)
-
-
-def plan_with_ompl(
-    scene: Scene, query: PathQuery, deadline: Deadline, *, planner: str, seed: int = 0
-) -> PathReport:
-    """Answer a query with one of OMPL's planners (its name; case does not matter).
-
-    ``FOUND`` with a trajectory from time 0 that keeps the scene's margin all the way, or
-    ``OUT_OF_TIME`` with the obstacles that the search ran into as ``blockers``. Deterministic for
-    ``seed`` unless the deadline cuts in. Raises ``ProblemError`` for an unknown planner.
-    """
-    began = time.monotonic()
-    name = canonical(planner, query.body.kinematics.model is MotionModel.CONTROL)
-    parts = [at_rest(query.poses[0])]
-    met: frozenset[str] = frozenset()
-    for start, goal in itertools.pairwise(query.poses):
-        if tuple(start) == tuple(goal):
-            continue
-        part = LegQuery(query.body, start, goal, query.obstacles)
-        leg = ompl_leg(scene, part, deadline, planner=name, seed=seed)
-        if leg.trajectory is None:
-            return PathReport(
-                Outcome.OUT_OF_TIME,
-                blockers=leg.blockers,
-                reason=leg.reason,
-                planner=name,
-                seconds=time.monotonic() - began,
-            )
-        met |= leg.blockers
-        parts.append(leg.trajectory)
-    return PathReport(
-        Outcome.FOUND,
-        joined(parts),
-        blockers=met,
-        planner=name,
-        seconds=time.monotonic() - began,
-    )
-
-
-def second_opinion(
-    scene: Scene, query: PathQuery, deadline: Deadline, *, seed: int = 0
-) -> PathReport:
-    """Ask RRTConnect (Kuffner & LaValle 2000), before anybody says "no path" without a proof."""
-    planner = "RRT" if query.body.kinematics.model is MotionModel.CONTROL else "RRTConnect"
-    return plan_with_ompl(scene, query, deadline, planner=planner, seed=seed)
 
 
 @dataclass(frozen=True)
