@@ -172,3 +172,15 @@ def test_two_bodies_with_their_own_laws_take_turns_in_the_gap(world):
     world.move("go_b", b, b.home, world.place(4, 9, math.pi))
     plan = solved(world, seconds=200).plan
     assert set(plan.trajectories) == {"go_a", "go_b"}
+
+
+def test_two_that_turn_on_the_spot_pass_the_gap(world):
+    more = {"motion_parameters": {"turning_radius": 0, "v_max": 1.5, "omega_max": 1.2}}
+    a = world.flat("a", (4, 6, 0), MotionModels.REEDSSHEPP, **more)
+    b = world.flat("b", (16, 6, math.pi), MotionModels.REEDSSHEPP, **more)
+    world.move("go_a", a, a.home, world.place(16, 3, math.pi / 2))
+    world.move("go_b", b, b.home, world.place(4, 3, -math.pi / 2))
+    plan = solved(world).plan
+    for activity in ("go_a", "go_b"):
+        steps = plan.trajectories[activity].poses
+        assert abs(steps[-1, 2] - steps[0, 2]) > 1.0

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from up_samp.geometry.maps import write_map
-from up_samp.model import MotionModel, Outcome
+from up_samp.model import Outcome
 from up_samp.validation.collisions import Shape, hits_body, hits_map
 from up_samp.validation.kinematics import motion_violations
 from up_samp.validation.limits import Limits
@@ -17,8 +17,9 @@ from up_samp.validation.tracks import Track
 
 def limits_of(name, body):
     kin = body.kinematics
-    model = "REEDSSHEPP" if kin.model is MotionModel.REEDSSHEPP else "SE2"
-    return Limits(name, model, kin.turning_radius, kin.v_max, kin.v_max, kin.a_max, kin.omega_max)
+    return Limits(
+        name, kin.model.name, kin.turning_radius, kin.v_max, kin.v_max, kin.a_max, kin.omega_max
+    )
 
 
 def judge(traffic, report, folder: Path):

@@ -46,7 +46,16 @@ def car(footprint: Sequence[tuple[float, float]] = TRUCK) -> Body:
     return Body(tuple(footprint), Kinematics(MotionModel.REEDSSHEPP))
 
 
-BODIES: dict[str, Callable[[], Body]] = {"omni": omni, "car": car}
+def differential(footprint: Sequence[tuple[float, float]] = TRUCK) -> Body:
+    """Return a body with two driven wheels: it turns on the spot."""
+    return Body(tuple(footprint), Kinematics(MotionModel.PIVOT))
+
+
+BODIES: dict[str, Callable[[], Body]] = {
+    "omni": omni,
+    "car": car,
+    "differential": differential,
+}
 
 
 def hall(width: float, height: float, free: Sequence[Box], cell: float = 0.05) -> OccupancyGrid:

@@ -13,9 +13,12 @@ Configuration = tuple[float, ...]
 
 
 class MotionModel(enum.Enum):
-    """How a body moves."""
+    """How a body moves. ``PIVOT`` drives along its heading and turns on the spot (two driven
+    wheels); a problem states it as REEDSSHEPP with ``turning_radius`` 0.
+    """
 
     REEDSSHEPP = "REEDSSHEPP"
+    PIVOT = "PIVOT"
     SE2 = "SE2"
     SE3 = "SE3"
     CONTROL = "CONTROL"
@@ -37,8 +40,8 @@ class ControlLaw:
 @dataclass(frozen=True)
 class Kinematics:
     """Limits of motion. ``turning_radius`` in m, ``v_max`` in m/s, ``a_max`` in m/s^2,
-    ``omega_max`` in rad/s; ``omega_max`` binds SE2 and SE3 bodies only: a car's turn rate follows
-    from its speed and turning radius.
+    ``omega_max`` in rad/s; ``omega_max`` binds all but cars: a car's turn rate follows from its
+    speed and turning radius.
     """
 
     model: MotionModel

@@ -64,6 +64,8 @@ def keeps_limits(trajectory: Trajectory, kinematics: Kinematics) -> bool:
     d = np.diff(trajectory.poses, axis=0)
     if kinematics.model is MotionModel.REEDSSHEPP:
         speed, bends = _car_speeds(trajectory.poses, d, dt, kinematics)
+    elif kinematics.model is MotionModel.PIVOT:
+        speed, bends = _pivot_speeds(trajectory.poses, d, dt, kinematics)
     else:
         size = 2 if d.shape[1] == 3 else 3
         speed = d[:, :size] / dt[:, None]
@@ -99,6 +101,19 @@ def _car_speeds(
     return np.copysign(way, along)[:, None] / dt[:, None], bool(
         np.any(tight) or np.any(np.abs(across) > 10 * NOISE)
     )
+
+
+def _pivot_speeds(
+    poses: FloatArray, d: FloatArray, dt: FloatArray, kinematics: Kinematics
+) -> tuple[FloatArray, bool]:
+    """Return the signed speeds (n - 1, 1) of a body that drives or turns on the spot, and whether
+    it slips sideways or turns too fast.
+    """
+    heading = poses[:-1, 2] + 0.5 * d[:, 2]
+    along = np.cos(heading) * d[:, 0] + np.sin(heading) * d[:, 1]
+    across = np.cos(heading) * d[:, 1] - np.sin(heading) * d[:, 0]
+    fast = np.abs(d[:, 2]) > kinematics.omega_max * (1 + SHARE) * dt + NOISE
+    return along[:, None] / dt[:, None], bool(np.any(fast) or np.any(np.abs(across) > 10 * NOISE))
 
 
 def _angles(poses: FloatArray) -> FloatArray:

@@ -39,6 +39,7 @@ PARTS = ("paths", "groups", "search", "planar")
 PARTS_FOR: dict[MotionModel, tuple[str, ...]] = {
     MotionModel.REEDSSHEPP: ("paths", "groups", "search"),
     MotionModel.SE2: ("planar", "groups"),
+    MotionModel.PIVOT: ("planar", "groups"),
 }
 """Parts that bodies of each motion model need."""
 

@@ -25,7 +25,7 @@ from up_samp.motion.proofs.certificates import Certifier
 from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
 from up_samp.motion.registry import SECOND_OPINION_SECONDS, make_planner, planner_names
 
-PLANAR = (MotionModel.REEDSSHEPP, MotionModel.SE2)
+PLANAR = (MotionModel.REEDSSHEPP, MotionModel.PIVOT, MotionModel.SE2)
 LAZY_ROUNDS = 3
 QUICK_EFFORT = 20_000
 """After so much work without a motion, a proof over positions and headings is tried."""

@@ -18,6 +18,7 @@ Factory = Callable[[Scene, int], MotionPlanner]
 
 PLANNERS: dict[str, str | Factory] = {
     "car": "up_samp.motion.planners.car:CarPlanner",
+    "pivot": "up_samp.motion.planners.pivoting:PivotPlanner",
     "planar": "up_samp.motion.planners.omni:PlanarPlanner",
     "se3": "up_samp.motion.planners.ompl:flyer_planner",
     "control": "up_samp.motion.planners.ompl:control_planner",
@@ -28,6 +29,7 @@ these, OMPL's planners are known by their own names (see :mod:`up_samp.motion.pl
 
 DEFAULTS: dict[MotionModel, str] = {
     MotionModel.REEDSSHEPP: "car",
+    MotionModel.PIVOT: "pivot",
     MotionModel.SE2: "planar",
     MotionModel.SE3: "se3",
     MotionModel.CONTROL: "control",

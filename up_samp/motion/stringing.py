@@ -27,6 +27,8 @@ def strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Traject
     if kinematics.model is MotionModel.SE3:
         return flown_through(parts, kinematics)
     whole = joined(parts)
+    if kinematics.model is MotionModel.PIVOT:
+        return whole, True  # it stops to turn
     if kinematics.model is MotionModel.SE2:
         from up_samp.motion.planners.gliding import glide_through
 

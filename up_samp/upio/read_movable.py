@@ -63,6 +63,14 @@ def _read_kinematics(obj: MovableObject, model: MotionModel) -> Kinematics:
         )
     try:
         numbers: dict[str, Any] = {k: float(v) for k, v in given.items()}
+        if model is MotionModel.REEDSSHEPP and numbers.get("turning_radius") == 0.0:
+            if obj.control_model is not None:
+                raise ProblemError(
+                    f"object '{obj.name}': turning_radius 0 (turns on the spot) and a control "
+                    "model contradict each other"
+                )
+            del numbers["turning_radius"]
+            model = MotionModel.PIVOT
         limits = Kinematics(model, **numbers)
     except (TypeError, ValueError) as error:
         raise ProblemError(f"object '{obj.name}': {error}") from error

@@ -50,6 +50,8 @@ def motion_violations(
         yield from breaks_law(what, limits, times, poses, pieces)
     elif limits.model == "REEDSSHEPP":
         yield from _car(what, limits, times, pieces)
+    elif limits.model == "PIVOT":
+        yield from _pivoting(what, limits, times, pieces)
     else:
         speed = pieces.chord / pieces.dt[:, None]
         yield from _free(what, limits, times, pieces.dt, speed, pieces.turn)
@@ -105,6 +107,24 @@ def _car(what: str, limits: Limits, times: FloatArray, pieces: Pieces) -> Iterat
     # an S-bend inside a piece makes its arc look shorter than its way by length^3 / (96 radius^2)
     fuzz = NOISE + length**3 / (96 * radius**2)
     yield from _acceleration(what, limits, times, dt, speed[:, None], fuzz, pieces.at_rest)
+
+
+def _pivoting(what: str, limits: Limits, times: FloatArray, pieces: Pieces) -> Iterator[Violation]:
+    """Two driven wheels: along its heading, turns at will, at rest where it changes direction."""
+    dt, length = pieces.dt, pieces.length
+    # inside one piece it may turn and drive in any order: its chord then leaves the heading in
+    # the middle by at most half of what it can turn
+    unseen = length * np.minimum(1.0, 0.5 * limits.omega_max * dt)
+    yield from _worst(what, "side-slip", "m sideways", times, np.abs(pieces.across), unseen, NOISE)
+    yield from _drift(what, times, pieces)
+    rate = np.abs(pieces.turn) / dt
+    yield from _worst(what, "turn-rate", "rad/s", times, rate, limits.omega_max, NOISE / dt)
+    speed = np.copysign(length, pieces.along) / dt
+    yield from _worst(what, "speed", "m/s", times, np.abs(speed), limits.v_max, NOISE / dt)
+    # turning while driving makes its way look shorter than it is, by less than this
+    fuzz = NOISE + length * np.minimum(1.0, (limits.omega_max * dt) ** 2 / 8)
+    fuzz = np.where(np.abs(pieces.turn) < 1e-9, NOISE, fuzz)
+    yield from _acceleration(what, limits, times, dt, speed[:, None], fuzz, length < 1e-9)
 
 
 def _drift(what: str, times: FloatArray, pieces: Pieces) -> Iterator[Violation]:

@@ -16,6 +16,8 @@ _KNOWN = ("turning_radius", "v_max", "a_max", "omega_max")
 class Limits:
     """Limits of one object's motion: m, m/s, m/s^2, rad/s; each is 1.0 where the problem is silent.
 
+    ``model``: REEDSSHEPP with ``turning_radius`` 0 is called PIVOT: it turns on the spot.
+
     ``v_back`` is the largest speed backwards. ``law`` with ``controls`` (low, high for each) is
     set for control models that are no bicycle: ``law(q, u, qdot)`` fills ``qdot``.
     """
@@ -47,10 +49,13 @@ def limits_of(item: Any) -> Limits:
     for key, value in given.items():
         if key not in _KNOWN:
             raise ProblemError(f"object {item.name}: unknown motion parameter '{key}'")
-        if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
+        least = _least(item, key)
+        if not (isinstance(value, (int, float)) and math.isfinite(value) and value >= least):
             raise ProblemError(f"object {item.name}: {key} must be a positive number, not {value}")
+        if value == 0 and item.control_model is not None:
+            raise ProblemError(f"object {item.name}: {key} is 0, but it has a control model")
     radius, v_max, a_max, omega_max = (float(given.get(k, 1.0)) for k in _KNOWN)
-    model = item.motion_model.name
+    model = item.motion_model.name if radius > 0 else "PIVOT"
     if item.control_model is None:
         return Limits(item.name, model, radius, v_max, v_max, a_max, omega_max)
     control = {k: float(v) for k, v in (item.control_parameters or {}).items()}
@@ -63,6 +68,12 @@ def limits_of(item: Any) -> Limits:
     back = min(forward, -control["v_min"]) if control.get("v_min", 0.0) < 0 else forward
     tightest = max(radius if "turning_radius" in given else 0.0, 1 / curvature)
     return Limits(item.name, model, tightest, forward, back, a_max, omega_max)
+
+
+def _least(item: Any, key: str) -> float:
+    """Return the least value of a parameter: only a turning radius along the heading may be 0."""
+    pivots = key == "turning_radius" and item.motion_model.name == "REEDSSHEPP"
+    return 0.0 if pivots else math.nextafter(0.0, 1.0)
 
 
 def _controls(name: str, given: dict[str, float]) -> tuple[tuple[float, float], ...]:

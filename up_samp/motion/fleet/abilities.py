@@ -25,6 +25,8 @@ def abilities_of(body: Body) -> Abilities:
     kin = body.kinematics
     if kin.model is MotionModel.SE2:
         return Abilities(sideways=True, pivots=True, radius=0.0)
+    if kin.model is MotionModel.PIVOT:
+        return Abilities(sideways=False, pivots=True, radius=0.0)
     if kin.model is MotionModel.REEDSSHEPP:
         return Abilities(sideways=False, pivots=False, radius=kin.turning_radius)
     return Abilities(sideways=False, pivots=False, radius=kin.turning_radius, free=True)

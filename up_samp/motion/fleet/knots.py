@@ -9,7 +9,6 @@ it finds one. Finding nothing proves nothing: the roadmaps leave poses out.
 
 from __future__ import annotations
 
-import heapq
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -25,21 +24,25 @@ from up_samp.motion.fleet.lacam import Agent, Joint
 from up_samp.motion.fleet.margins import kept
 from up_samp.motion.fleet.moves import Move, drive
 from up_samp.motion.fleet.paths import Path, hull_of, path_of
-from up_samp.motion.fleet.roadmap import Edge, Roadmap
+from up_samp.motion.fleet.roadmap import Edge, Roadmap, cells_of
 from up_samp.motion.fleet.timed_path import Run, avoids
 from up_samp.motion.fleet.waiting import parked_all_the_time
 from up_samp.motion.fleet.workspace import Workspace
 
-LEVELS = ((2.0, 800_000), (1.0, 150_000), (0.5, 100_000))
-"""Grain of the roadmaps (in inner radii of a body), and moves looked at on them at most."""
+SHORT, LONG = 50_000, 1_000_000
+"""Moves looked at in one search: most knots come undone soon, with one draw or another. The long
+search is for rooms of few places, where it sees them all.
+"""
+FEW = 300
+"""Places of such a room at most."""
+WORK = ((SHORT,) * 4, (*(SHORT,) * 4, LONG), (SHORT,) * 2, (SHORT,) * 2)
+"""Searches on the roadmaps of each grain (see ``cells_of``)."""
 AIR = 0.02
 """Width (m) added to what rests beside a drive, so that it is clear of it by more than rounding."""
 STOP = 1.0
 """Seconds that a stop is worth."""
 ROUNDS = 8
 """Passes over a sequence in which stops are left out."""
-SEEDS = 2
-"""Searches at one grain, each with other draws."""
 
 
 @dataclass(frozen=True)
@@ -123,8 +126,13 @@ def untie(
         return None
     paths = [alone[m.name].path if m.name in alone else None for m in motions]
     knot = Knot(workspace, scene, motions, world, paths, deadline, seed)
-    for grain, most in LEVELS:
-        found = _joint_moves(knot, grain, most)
+    done: set[tuple[float, ...]] = set()
+    for level, attempts in enumerate(WORK):
+        cells = tuple(cells_of(m.body)[level] for m in motions)
+        if cells in done or deadline.expired():
+            continue
+        done.add(cells)
+        found = _joint_moves(knot, cells, attempts)
         if found is not None:
             joint, steps = found
             trips = loosened(joint, _joined(joint, _in_order(joint, steps)))
@@ -145,15 +153,18 @@ def _margin(wish: float, motions: Sequence[TimedMotion]) -> float:
 
 
 def _joint_moves(
-    knot: Knot, grain: float, most: int
+    knot: Knot, cells: Sequence[float], attempts: Sequence[int]
 ) -> tuple[Joint, list[tuple[Edge, ...]]] | None:
     """Return joint moves on roadmaps of one grain, and who found them, if some are found."""
-    agents = _agents(knot, grain)
+    agents = _agents(knot, cells)
     if agents is None:
         return None
-    for attempt in range(SEEDS):
+    places = max(len(agent.roadmap.poses) for agent in agents)
+    for attempt, most in enumerate(attempts):
+        if most > SHORT and places > FEW:
+            continue
         joint = Joint(agents, knot.heeds, knot.margin, 100 * knot.seed + attempt)
-        steps = joint.search(most // SEEDS, knot.deadline)
+        steps = joint.search(most, knot.deadline)
         if steps is not None:
             return joint, steps
         if joint.dry or knot.deadline.expired():
@@ -161,7 +172,7 @@ def _joint_moves(
     return None
 
 
-def _agents(knot: Knot, grain: float) -> list[Agent] | None:
+def _agents(knot: Knot, cells: Sequence[float]) -> list[Agent] | None:
     """Return the robots on roadmaps, one for each kind of body among the same resting things."""
     kinds: dict[object, list[int]] = {}
     for i, motion in enumerate(knot.motions):
@@ -172,7 +183,7 @@ def _agents(knot: Knot, grain: float) -> list[Agent] | None:
         ends = [pose for i in robots for pose in knot.motions[i].poses]
         own = [path for i in robots if (path := knot.paths[i]) is not None]
         body, static = knot.motions[robots[0]].body, knot.static[robots[0]]
-        roadmap = Roadmap(knot.scene, body, ends, own, static, grain)
+        roadmap = Roadmap(knot.scene, body, ends, own, static, cells[robots[0]])
         if not roadmap.usable or knot.deadline.expired():
             return None
         for i in robots:
@@ -331,39 +342,17 @@ def _route(
     """Return the shortest way on a robot's roadmap among the others at rest, of a cost of at most
     ``limit`` (A*).
     """
-    start, goal = ends
-    roadmap = joint.agents[robot].roadmap
-    speed, aim = roadmap.body.kinematics.v_max, roadmap.poses[goal]
+    agent = joint.agents[robot]
+    roadmap, to_go = agent.roadmap, agent.to_go
+    speed, aim = roadmap.body.kinematics.v_max, roadmap.poses[ends[1]]
     near = [j for j in range(len(rests)) if joint.heeds[robot][j]]
-    own_goal, to_go = goal == joint.agents[robot].goal, joint.agents[robot].to_go
-    best: dict[int, tuple[float, Edge | None]] = {start: (0.0, None)}
-    queue = [(0.0, start)]
-    closed: set[int] = set()
-    while queue:
-        _, node = heapq.heappop(queue)
-        if node == goal:
-            break
-        if node in closed:
-            continue
-        closed.add(node)
-        for edge in roadmap.out(node):
-            after = best[node][0] + edge.cost
-            if edge.target in best and best[edge.target][0] <= after:
-                continue
-            far = math.dist(roadmap.poses[edge.target][:2], aim[:2]) / speed
-            if own_goal:
-                far = to_go.get(edge.target, math.inf)
-            if after + far > limit:
-                continue
-            if any(joint.overlap(robot, edge, j, rests[j]) for j in near):
-                continue
-            best[edge.target] = after, edge
-            heapq.heappush(queue, (after + far, edge.target))
-    if goal not in best:
-        return None
-    way: list[Edge] = []
-    at = goal
-    while (last := best[at][1]) is not None:
-        way.append(last)
-        at = last.source
-    return tuple(way[::-1])
+
+    def estimate(node: int) -> float:
+        if ends[1] == agent.goal:
+            return to_go.get(node, math.inf)
+        return math.dist(roadmap.poses[node][:2], aim[:2]) / speed
+
+    def allowed(edge: Edge) -> bool:
+        return not any(joint.overlap(robot, edge, j, rests[j]) for j in near)
+
+    return roadmap.route(ends, estimate, allowed, limit)[0]

@@ -58,6 +58,7 @@ class Joint:
     ) -> None:
         self.agents, self.heeds, self.margin = agents, heeds, margin
         self.rng = random.Random(seed)
+        self._lots = [self.rng.random() for _ in agents] if seed else []
         self.expanded = self.work = 0
         self.dry = False
         self._conflicts: dict[tuple[int, int, int, int], bool] = {}
@@ -127,7 +128,11 @@ class Joint:
         )
 
     def _order(self, state: State, waited: Sequence[int]) -> tuple[int, ...]:
-        """Return who moves first: who has been away from its goal longest, then who is farthest."""
+        """Return who moves first: who has been away from its goal longest, then who is farthest
+        (or, with a seed other than 0, by lot).
+        """
+        if self._lots:
+            return tuple(sorted(range(len(state)), key=lambda i: (-waited[i], self._lots[i])))
         away = [a.to_go[at] for a, at in zip(self.agents, state, strict=True)]
         return tuple(sorted(range(len(state)), key=lambda i: (-waited[i], -away[i], i)))
 

@@ -31,7 +31,7 @@ STRAIGHTER = 1.25
 
 @dataclass(frozen=True, eq=False)
 class Move:
-    """A move from rest to rest without a stop: poses ``rows`` (k, 3) with a constant twist between
+    """A short move from rest to rest: poses ``rows`` (k, 3) with a constant twist between
     (theta continuous), the ``seconds`` it takes, and a car's ``arcs``.
     """
 
@@ -94,10 +94,10 @@ def drive(moves: Sequence[Move], kinematics: Kinematics) -> Trajectory:
     if len(arcs) == len(moves):
         ends = [tuple(float(v) for v in row) for row in (moves[0].rows[0], moves[-1].rows[-1])]
         return trajectory_of(ends, [merged(np.concatenate(arcs))], kinematics)
-    return timed_chain(_corners(moves), kinematics)
+    return timed_chain(corners_of(moves), kinematics)
 
 
-def _corners(moves: Sequence[Move]) -> FloatArray:
+def corners_of(moves: Sequence[Move]) -> FloatArray:
     """Return the poses (n, 3) at which the direction of a chain of moves changes, and its ends."""
     nodes = [moves[0].rows[0]]
     for move in moves:
@@ -152,17 +152,34 @@ class Tensor:
     def moves(self, key: Key) -> list[tuple[Key, Move]]:
         """Return the moves from a place, map or no map."""
         i, j, k = key
-        found: list[Key] = []
-        along = abs(math.cos(float(self.headings[k])))
-        if self.sideways or along > 1 - 1e-9:
-            found += [(i + d, j, k) for d in (-1, 1) if 0 <= i + d < len(self.xs)]
-        if self.sideways or along < 1e-9:
-            found += [(i, j + d, k) for d in (-1, 1) if 0 <= j + d < len(self.ys)]
         count = len(self.headings)
-        found += [(i, j, n) for n in {(k + 1) % count, (k - 1) % count} - {k}]
-        here = np.array(self.pose(key))
-        kin = self.body.kinematics
-        return [(n, straight_move(here, np.array(self.pose(n)), kin)) for n in found]
+        turns = [(i, j, n) for n in {(k + 1) % count, (k - 1) % count} - {k}]
+        ways = [(i + d, j) for d in (-1, 1) if 0 <= i + d < len(self.xs)]
+        ways += [(i, j + d) for d in (-1, 1) if 0 <= j + d < len(self.ys)]
+        if self.sideways:
+            return [(n, self._straight(key, n)) for n in (*turns, *((*way, k) for way in ways))]
+        found = [(n, self._straight(key, n)) for n in turns]
+        # turning and driving off is one move: who is pushed has to get away at once
+        for way in ways:
+            for n in self._along(0 if way[1] == j else 1):
+                drive = self._straight((i, j, n), (*way, n))
+                found.append(((*way, n), drive if n == k else self._turned(key, n, drive)))
+        return found
+
+    def _along(self, axis: int) -> list[int]:
+        """Return the headings along an axis."""
+        across = np.sin(self.headings) if axis == 0 else np.cos(self.headings)
+        return [int(n) for n in np.flatnonzero(np.abs(across) < 1e-9)]
+
+    def _straight(self, key: Key, there: Key) -> Move:
+        start, goal = np.array(self.pose(key)), np.array(self.pose(there))
+        return straight_move(start, goal, self.body.kinematics)
+
+    def _turned(self, key: Key, heading: int, drive: Move) -> Move:
+        turn = self._straight(key, (key[0], key[1], heading))
+        rows = drive.rows.copy()
+        rows[:, 2] += turn.rows[-1, 2] - rows[0, 2]
+        return Move(np.concatenate([turn.rows[:1], rows]), turn.seconds + drive.seconds)
 
 
 class State:

@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from up_samp.geometry.shapes import Shape, shape_of
 from up_samp.model import Body, Configuration, MotionModel, Trajectory
+from up_samp.motion.fleet.abilities import abilities_of
 from up_samp.motion.fleet.cell_times import occupancy
 from up_samp.motion.fleet.conflicts import DEPTH, sweep_table
 
@@ -181,7 +182,7 @@ def path_of(trajectory: Trajectory, body: Body, waypoints: Sequence[Configuratio
     model = body.kinematics.model
     v_max, omega_max = body.kinematics.v_max, body.kinematics.omega_max
     turn_metre = hull_of(body).radius
-    if model is MotionModel.SE2:
+    if abilities_of(body).pivots:
         turn_metre = v_max / omega_max
     elif model is MotionModel.REEDSSHEPP:
         turn_metre = 0.0
@@ -192,7 +193,7 @@ def path_of(trajectory: Trajectory, body: Body, waypoints: Sequence[Configuratio
     keep = _kept_samples(natural_s)
     s, kept = natural_s[keep], poses[keep]
     kink, stop = _kinks(kept, s, model)
-    tunable = model in (MotionModel.REEDSSHEPP, MotionModel.SE2)
+    tunable = not abilities_of(body).free
     if tunable:
         stop |= _pauses(trajectory, natural_s, s)
         kink |= stop | _waypoints(trajectory, natural_s, s, waypoints[1:-1])

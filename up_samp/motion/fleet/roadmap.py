@@ -10,7 +10,7 @@ from __future__ import annotations
 import heapq
 import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from up_samp.geometry import Shape, sweeps
 from up_samp.geometry.scene import Scene
+from up_samp.geometry.shapes import shape_of
 from up_samp.model import Body, Configuration, Placed
 from up_samp.motion.fleet.abilities import abilities_of
 from up_samp.motion.fleet.conflicts import sweep_table
@@ -28,6 +29,7 @@ from up_samp.motion.fleet.paths import Hull, Path, hull_of
 from up_samp.motion.guides.search_space import widest_shape
 
 FloatArray = npt.NDArray[np.float64]
+Box = tuple[float, float, float, float]
 
 CELLS = 4
 """Cells of a move: two robots in step are compared cell by cell."""
@@ -41,6 +43,8 @@ LOCAL = 3.0
 """A link may be that much longer than the straight line, in cells of the lattice."""
 EACH = 0.05
 """Seconds added for each move: fewer are better."""
+ROOMY = 2.1
+"""Distance between places of the coarsest lattice, in radii of the body."""
 QUARTERS = (0.0, math.pi / 2, math.pi, -math.pi / 2)
 MOST_HEADINGS = 8
 
@@ -91,6 +95,17 @@ def steps_of(rows: FloatArray, radius: float) -> FloatArray:
     return np.asarray(np.maximum(steps, 1e-9))
 
 
+def cells_of(body: Body) -> tuple[float, float, float, float]:
+    """Return grains (m) of a lattice for a body, coarse to fine. At the first one neighbours can
+    turn on the spot at the same time.
+    """
+    shape, able = shape_of(body), abilities_of(body)
+    inner = shape.inner[2]
+    most = math.inf if able.pivots else 0.5 * able.radius
+    cells = (ROOMY * shape.circumscribed, 2.0 * inner, inner, 0.5 * inner)
+    return tuple(min(cell, most) for cell in cells)  # type: ignore[return-value]
+
+
 class Roadmap:
     """Places and moves of one body among what rests for good."""
 
@@ -101,10 +116,12 @@ class Roadmap:
         ends: Sequence[Configuration],
         paths: Sequence[Path],
         static: tuple[Placed, ...],
-        step: float,
+        cell: float,
+        box: Box | None = None,
     ) -> None:
         """``ends``: where the robots of this body start and go; ``paths``: their best paths;
-        ``step``: grain of the lattice, in radii of the largest disc inside the body.
+        ``cell``: grain of the lattice (m); ``box``: what
+        the lattice covers (x low, y low, x high, y high; by default what is around the ends).
         """
         shape = widest_shape(scene, body, ends, static)
         self.scene, self.body, self.hull = scene, body, hull_of(body)
@@ -119,8 +136,8 @@ class Roadmap:
         self._extra: dict[int, list[int]] = {}
         self._known: dict[int, list[Edge]] = {}
         self._free: dict[Key, bool] = {}
-        self.cell = step * self.shape.inner[2]
-        self._box = _box(ends, paths, self.hull.radius, abilities_of(body).radius)
+        self.cell = cell
+        self._box = box or _box(ends, paths, self.hull.radius, abilities_of(body).radius)
         self.lattice = _lattice(body, ends, self._box, self.cell)
         self.places: dict[Configuration, int] = {}
         self._rests: dict[int, Edge] = {}
@@ -165,6 +182,47 @@ class Roadmap:
                     best[edge.target] = after
                     heapq.heappush(queue, (after, edge.target))
         return best
+
+    def route(
+        self,
+        ends: tuple[int, int],
+        estimate: Callable[[int], float],
+        allowed: Callable[[Edge], bool] | None = None,
+        limit: float = math.inf,
+        most: int | None = None,
+    ) -> tuple[tuple[Edge, ...] | None, int]:
+        """Return a cheap way between two places (A*), and the places looked at (``most``: as many
+        at most). ``estimate``: cost to go from a place; ``limit``: cost at most.
+        """
+        start, goal = ends
+        best: dict[int, tuple[float, Edge | None]] = {start: (0.0, None)}
+        queue, closed = [(0.0, start)], set()
+        while queue:
+            _, node = heapq.heappop(queue)
+            if node == goal:
+                break
+            if node in closed:
+                continue
+            closed.add(node)
+            if most is not None and len(closed) > most:
+                return None, len(closed)
+            for edge in self.out(node):
+                after = best[node][0] + edge.cost
+                if edge.target in best and best[edge.target][0] <= after:
+                    continue
+                ahead = after + estimate(edge.target)
+                if ahead > limit or not (allowed is None or allowed(edge)):
+                    continue
+                best[edge.target] = after, edge
+                heapq.heappush(queue, (ahead, edge.target))
+        if goal not in best:
+            return None, len(closed)
+        way: list[Edge] = []
+        at = goal
+        while (last := best[at][1]) is not None:
+            way.append(last)
+            at = last.source
+        return tuple(way[::-1]), len(closed)
 
     def _lattice_moves(self, node: int) -> list[Edge]:
         found = []
@@ -285,7 +343,7 @@ def _same(p: Configuration, q: Configuration) -> bool:
 
 def _box(
     ends: Iterable[Configuration], paths: Iterable[Path], radius: float, turning: float
-) -> tuple[float, float, float, float]:
+) -> Box:
     """Return the region that the lattice covers: all ends and paths, and room to step aside."""
     points = np.concatenate([np.array([p[:2] for p in ends]), *(p.poses[:, :2] for p in paths)])
     reach = 6 * radius + 3 * turning
@@ -293,13 +351,11 @@ def _box(
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
-def _lattice(
-    body: Body, ends: Sequence[Configuration], box: tuple[float, float, float, float], cell: float
-) -> Tensor | State:
+def _lattice(body: Body, ends: Sequence[Configuration], box: Box, cell: float) -> Tensor | State:
     """Return the lattice for a body in a box."""
     if not abilities_of(body).pivots:
         x, y, _ = ends[0]
-        return State(body, (x, y), min(cell, 0.5 * abilities_of(body).radius))
+        return State(body, (x, y), cell)
     headings = dict.fromkeys(round(math.remainder(p[2], 2 * math.pi), 12) for p in ends)
     near = [
         h for h in headings if all(abs(math.remainder(h - q, 2 * math.pi)) > 1e-6 for q in QUARTERS)

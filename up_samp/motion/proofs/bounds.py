@@ -113,6 +113,6 @@ def _turn(model: MotionModel, start: Configuration, goal: Configuration) -> floa
         dot = abs(sum(a * b for a, b in zip(start[3:], goal[3:], strict=True)))
         norm = math.hypot(*start[3:]) * math.hypot(*goal[3:])
         return 2 * math.acos(min(1.0, dot / norm))
-    if model is MotionModel.SE2:
+    if model in (MotionModel.SE2, MotionModel.PIVOT):
         return abs(math.remainder(goal[2] - start[2], 2 * math.pi))
     return 0.0

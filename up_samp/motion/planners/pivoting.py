@@ -1,0 +1,135 @@
+"""Motions of bodies that drive along their heading and turn on the spot: a lattice, shortcuts.
+
+A* over a lattice of positions and headings (:mod:`up_samp.motion.fleet.roadmap`), coarse to fine,
+guided by the distance around what is fixed; then corners are left out where turning, driving and
+turning again is faster. It rests at each corner.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.geometry import Scene, Shape, sweeps
+from up_samp.model import Body, Deadline, Trajectory
+from up_samp.motion.curves.straight import timed_chain
+from up_samp.motion.curves.trajectories import at_rest
+from up_samp.motion.fleet.moves import Move, corners_of, steer
+from up_samp.motion.fleet.roadmap import Roadmap, cells_of
+from up_samp.motion.guides.cost_to_go import Fields
+from up_samp.motion.guides.search_space import search_box, widest_shape
+from up_samp.motion.planners.hybrid_astar import field_value
+from up_samp.motion.protocol import Leg, LegQuery
+
+FloatArray = npt.NDArray[np.float64]
+
+PLACES = (10_000, 20_000, 40_000, 60_000)
+"""Places looked at on the lattice of each grain at most (see ``cells_of``)."""
+WEIGHT = 1.2
+"""Weight of what is left to drive."""
+REACH = 16.0
+"""Radii of the body around all that is known that are searched where there is no map."""
+
+
+class PivotPlanner:
+    """Plans legs of bodies that turn on the spot, in one scene. Deterministic."""
+
+    name = "pivot-lattice"
+    reversible = True
+
+    def __init__(self, scene: Scene, seed: int = 0) -> None:
+        self.scene = scene
+        self.fields = Fields(scene)
+
+    def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
+        """Return a fast motion between two poses among resting obstacles."""
+        body, ends = query.body, (query.start, query.goal)
+        shape = widest_shape(self.scene, body, ends, query.obstacles)
+        if shape is None:
+            reason = "the start or the goal touches the map or an obstacle"
+            return Leg(None, reason, complete=True)
+        moves: Sequence[Move] | None = steer(body, *ends)
+        effort, cut = 0, False
+        if not self._is_free(shape, query, moves or ()):
+            moves, effort, cut = self._search(shape, query, deadline)
+        if moves is None:
+            reason = "out of time" if cut else "no path at the finest resolution"
+            return Leg(None, reason, effort, complete=not cut)
+        short = self._shortened(shape, query, corners_of(moves), deadline)
+        whole = not cut and not deadline.expired()
+        return Leg(_timed(body, query, short), "", effort, complete=whole)
+
+    def _search(
+        self, shape: Shape, query: LegQuery, deadline: Deadline
+    ) -> tuple[list[Move] | None, int, bool]:
+        """Return moves along a lattice, the places looked at, and whether time or work ended it."""
+        body, ends = query.body, (query.start, query.goal)
+        field = self.fields.toward(shape, query.goal, query.obstacles)
+        low, high = search_box(self.scene, ends, query.obstacles, REACH * shape.circumscribed)
+        box = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+        effort, speed = 0, body.kinematics.v_max / WEIGHT
+        for cell, most in zip(cells_of(body), PLACES, strict=True):
+            left = most if query.effort is None else min(most, query.effort - effort)
+            if deadline.expired() or left <= 0:
+                return None, effort, True
+            roadmap = Roadmap(self.scene, body, ends, (), query.obstacles, cell, box)
+            start, goal = (roadmap.place(pose) for pose in ends)
+
+            def estimate(node: int, roadmap: Roadmap = roadmap) -> float:
+                x, y, _ = roadmap.poses[node]
+                away = math.dist((x, y), query.goal[:2])
+                return max(away, float(field_value(field, x, y))) / speed
+
+            way, looked = roadmap.route((start, goal), estimate, most=left)
+            effort += looked
+            if way is not None:
+                return [edge.move for edge in way], effort, False
+        return None, effort, False
+
+    def _shortened(
+        self, shape: Shape, query: LegQuery, nodes: FloatArray, deadline: Deadline
+    ) -> FloatArray:
+        """Return the poses (n, 3) at which it rests, without those that it need not go through."""
+        i = 0
+        while i < len(nodes) - 2 and not deadline.expired():
+            for j in range(len(nodes) - 1, i + 1, -1):
+                p, q = (tuple(float(v) for v in nodes[k]) for k in (i, j))
+                moves = steer(query.body, p, q)
+                seconds = float(timed_chain(nodes[i : j + 1], query.body.kinematics).duration)
+                if sum(m.seconds for m in moves) > seconds - 1e-6:
+                    continue
+                if self._is_free(shape, query, moves):
+                    nodes = _spliced(nodes, i, j, corners_of(moves))
+                    break
+            i += 1
+        return nodes
+
+    def _is_free(self, shape: Shape, query: LegQuery, moves: Sequence[Move]) -> bool:
+        polys, data = self.scene.polys(query.obstacles), shape.data
+        least = 1e-3 * float(data.slack[2])
+        return all(
+            sweeps.samples_free(self.scene.data, polys, data, m.rows, least) < 0 for m in moves
+        )
+
+
+def _spliced(nodes: FloatArray, i: int, j: int, part: FloatArray) -> FloatArray:
+    """Return ``nodes`` with those from i to j replaced by ``part``, theta continuous."""
+    part, tail = part.copy(), nodes[j + 1 :].copy()
+    part[:, 2] += nodes[i, 2] - part[0, 2]
+    tail[:, 2] += part[-1, 2] - nodes[j, 2]
+    return np.concatenate([nodes[:i], part, tail])
+
+
+def _timed(body: Body, query: LegQuery, nodes: FloatArray) -> Trajectory:
+    """Return the motion through ``nodes``, exactly between the query's poses."""
+    if len(nodes) < 2:
+        return at_rest(query.goal)
+    motion = timed_chain(nodes, body.kinematics)
+    rows = motion.poses.copy()
+    for k, pose in ((0, query.start), (-1, query.goal)):
+        turns = 2 * math.pi * round((float(rows[k, 2]) - pose[2]) / (2 * math.pi))
+        rows[k] = (pose[0], pose[1], pose[2] + turns)
+    return Trajectory(motion.times.copy(), rows)
