@@ -33,17 +33,17 @@ log = logging.getLogger(__name__)
 _MOST_SECONDS = 600.0
 
 
-PARTS = ("paths", "groups", "search", "planar")
+PARTS = ("paths", "groups", "knots", "search", "planar")
 """Parts that are compiled each in a process of its own."""
 
 PARTS_FOR: dict[MotionModel, tuple[str, ...]] = {
-    MotionModel.REEDSSHEPP: ("paths", "groups", "search"),
-    MotionModel.SE2: ("planar", "groups"),
-    MotionModel.PIVOT: ("planar", "groups"),
+    MotionModel.REEDSSHEPP: ("paths", "groups", "knots", "search"),
+    MotionModel.SE2: ("planar", "groups", "knots"),
+    MotionModel.PIVOT: ("planar", "groups", "knots"),
 }
 """Parts that bodies of each motion model need."""
 
-SEVERAL = ("groups", "search")
+SEVERAL = ("groups", "knots", "search")
 """Parts that only problems with several moving bodies need."""
 
 Report = Callable[[int, int], None]

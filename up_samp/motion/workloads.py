@@ -78,6 +78,22 @@ def compile_groups() -> None:
     coordinate(straight, GroupQuery((east, north), (third,)), Deadline.never())
 
 
+def compile_knots() -> None:
+    """Run the search for joint moves, once: two that change places."""
+    from up_samp.motion.fleet.lacam import Agent, Joint
+    from up_samp.motion.fleet.roadmap import Roadmap
+
+    ends = ((2.0, 4.0, 0.0), (4.0, 4.0, 0.0))
+    body = Body(_BODY.footprint, Kinematics(MotionModel.SE2))
+    roadmap = Roadmap(Scene(_hall()), body, ends, (), (), 1.0)
+    places = [roadmap.place(pose) for pose in ends]
+    agents = [
+        Agent(roadmap, start, goal, roadmap.to_go(goal))
+        for start, goal in (places, reversed(places))
+    ]
+    Joint(agents, [[False, True], [True, False]], 0.01, 0).search(10_000, Deadline.never())
+
+
 def compile_search() -> None:
     """Run the searches for one car around movers, once: safe intervals, and samples."""
     from up_samp.motion.fleet.sipp import Roundabout
