@@ -215,6 +215,7 @@ class _Compiler:
         assert owner is not None
         if owner not in self.idle:
             self.idle[owner] = _idle_values(self.problem, owner)
+        condition = replace(condition, expression=self._with_own(owner, condition.expression))
         atoms = [e for e in subexpressions(condition.expression) if e[0] == "flu"]
         wishes = _wishes(self.problem, condition, self.idle[owner])
         assert wishes is not None
@@ -225,6 +226,25 @@ class _Compiler:
             for atom in dict.fromkeys(atoms)
         }
         return replace(condition, expression=rewrite(condition.expression, slots.get))
+
+    def _with_own(self, owner: str, expression: Expr) -> Expr:
+        """Return a condition with the owner's own parameters only: who is absent must not bind
+        the problem's variables and others' parameters. A stand-in equals them if it is present.
+        """
+        own = {name for name, _ in self.problem.activity(owner).parameters}
+        types = self.problem.parameter_types()
+        stand_ins: dict[Expr, Expr] = {}
+        for e in subexpressions(expression):
+            if e[0] != "par" or e[1] in own or e in stand_ins:
+                continue
+            name = fresh(f"{owner}.own", self.taken)
+            self.extra[owner].append((name, types[e[1]]))
+            stand_ins[e] = ("par", name)
+            if e in self.idle[owner]:
+                self.idle[owner]["par", name] = self.idle[owner][e]
+            same = self.normal(("eq", e, ("par", name)))
+            self.constraints.append(disjunction([("not", self._present(owner)), same]))
+        return rewrite(expression, stand_ins.get)
 
     def _effect(self, effect: Effect) -> Effect:
         owner, fluent = effect.owner, effect.fluent
@@ -310,9 +330,10 @@ def _idle_values(problem: PlainProblem, owner: str) -> dict[Expr, Expr]:
     hold on private copies. Nothing else asks anything of them then.
     """
     conditions = [c for c in problem.conditions if c.owner == owner]
-    used = {e for c in conditions for e in subexpressions(c.expression) if e[0] == "par"}
-    own = [(("par", n), t) for n, t in problem.activity(owner).parameters if ("par", n) in used]
-    finite = [(p, t) for p, t in own if t[0] != "int" or None not in t[1:]]
+    used = {e: e for c in conditions for e in subexpressions(c.expression) if e[0] == "par"}
+    types = problem.parameter_types()
+    finite = [(p, types[p[1]]) for p in used]
+    finite = [(p, t) for p, t in finite if t[0] != "int" or None not in t[1:]]
     domains = [values_of(problem, t) for _, t in finite]
     for choice in itertools.islice(itertools.product(*domains), 10_000):
         values = dict(zip((p for p, _ in finite), choice, strict=True))

@@ -1,0 +1,125 @@
+"""Proofs about worlds whose waypoints hang on decisions are attacked with the decisions made."""
+
+from dataclasses import dataclass, field
+
+import pytest
+from unified_planning.engines import PlanGenerationResultStatus as Status
+from unified_planning.engines.mixins.oneshot_planner import OptimalityGuarantee
+from unified_planning.shortcuts import OneshotPlanner, get_environment
+
+from tests.soundness.decisions import build, random_world
+from tests.soundness.worlds import SECONDS, write_rooms
+from up_samp.model import CandidateSchedule
+from up_samp.model.refinement import Strength
+from up_samp.model.snapshot import TermKind
+from up_samp.refinement import holds
+from up_samp.scheduling.quirks import known_engines
+from up_samp.search.context import places_between
+from up_samp.upio import read_itinerary, read_problem, relax
+from up_samp.validation import validate_plan
+
+SEEDS = (0, 1, 2, 3, 4, 5)
+get_environment().credits_stream = None
+PROVING = ["cpsat", *(name for name, _, _ in known_engines() if name != "aries")]
+MOST_ATTACKS = 40
+
+
+@pytest.fixture(scope="module")
+def rooms(tmp_path_factory):
+    return write_rooms(tmp_path_factory.mktemp("rooms"))
+
+
+@dataclass
+class Verdict:
+    """What came of one world; ``wrong`` has a line for each discrepancy."""
+
+    status: str
+    makespan: int | None
+    best: int | None = None
+    attacks: int = 0
+    wrong: list[str] = field(default_factory=list)
+    refused: str = ""
+
+
+def solve(problem, engine="cpsat"):
+    with OneshotPlanner(
+        name=f"samp-refine[{engine}]",
+        params={"seconds_per_unit": SECONDS, "query_seconds": 1.0},
+        optimality_guarantee=OptimalityGuarantee.SOLVED_OPTIMALLY,
+    ) as planner:
+        return planner.solve(problem, timeout=20.0)
+
+
+def judge(world, rooms, engine="cpsat") -> Verdict:
+    """Solve a world, then try to beat what was proven by making each choice of decisions."""
+    problem = build(world, rooms)
+    result = solve(problem, engine)
+    found = Verdict(result.status.name, None)
+    if result.status is Status.INTERNAL_ERROR:
+        found.wrong.append(f"internal error: {[m.message for m in result.log_messages]}")
+    if result.plan is not None:
+        found.makespan = int(result.metrics["makespan"])
+        verdict = validate_plan(problem, result.plan, seconds_per_unit=SECONDS)
+        if not verdict.valid:
+            found.wrong.append(f"invalid plan: {verdict.violations[0]}")
+    for decided in list(world.all_decisions())[:MOST_ATTACKS]:
+        found.attacks += 1
+        attack = solve(build(world, rooms, decided))
+        if attack.plan is None:
+            continue
+        makespan = int(attack.metrics["makespan"])
+        found.best = makespan if found.best is None else min(found.best, makespan)
+        if result.status is Status.UNSOLVABLE_PROVEN:
+            found.wrong.append(f"called unsolvable, but {decided} ends at {makespan}")
+        beaten = found.makespan is not None and makespan < found.makespan
+        if result.status is Status.SOLVED_OPTIMALLY and beaten:
+            kind = result.metrics["bound_kind"]
+            found.wrong.append(
+                f"{found.makespan} called optimal ({kind}), but {decided} ends at {makespan}"
+            )
+        found.wrong += broken(world, rooms, decided, attack, result.history.refinements)
+    return found
+
+
+def broken(world, rooms, decided, attack, refinements):
+    """Return the proven statements that the plan of a decided world breaks."""
+    problem = build(world, rooms)
+    snapshot = read_problem(problem, SECONDS)
+    relaxation = relax(problem, snapshot)
+    values = {k: v for k, v in decided.items() if ":" not in k}
+    for (activity, term, _), choice in relaxation.choices.items():
+        if choice.variable is not None:
+            key = term.name if term.kind is TermKind.PARAMETER else f"{activity}:{term.name}"
+            values[choice.variable] = decided[key]
+    plan = attack.plan
+    times = {
+        a.name: tuple(int(plan.get(t).constant_value()) for t in (a.start, a.end))
+        for a in plan.activities
+    }
+    schedule = CandidateSchedule(times, values)
+    itinerary = read_itinerary(relaxation, schedule)
+
+    def places(name, first, last):
+        return places_between(itinerary, snapshot, name, first, last)
+
+    for refinement in refinements:
+        if refinement.strength is Strength.PROVEN:
+            if not holds(refinement.statement, schedule, places):
+                yield f"{decided} with {times} breaks {refinement}"
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_decided_worlds_beat_no_proof(rooms, seed):
+    assert judge(random_world(seed), rooms).wrong == []
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("engine", PROVING)
+@pytest.mark.parametrize("first", range(0, 200, 20))
+def test_many_decided_worlds_beat_no_proof(rooms, first, engine):
+    wrong = {}
+    for seed in range(first, first + 20):
+        found = judge(random_world(seed), rooms, engine)
+        if found.wrong:
+            wrong[seed] = found.wrong
+    assert wrong == {}

@@ -1,0 +1,217 @@
+"""Why there is no schedule: which few facts leave none, and what of the problem they meet.
+
+Facts are left out as long as there is still no schedule (QuickXplain, Junker 2004). Our own
+scheduler judges, whatever engine is wrapped: its "infeasible" is a proof.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from up_samp.model import Deadline, ScheduleStatus, UnsupportedError
+from up_samp.model.refinement import (
+    Absent,
+    Apart,
+    Clause,
+    Elsewhere,
+    Exclusive,
+    Lasts,
+    Layer,
+    Overlap,
+    Refinement,
+    Requires,
+    Statement,
+    Strength,
+)
+from up_samp.scheduling.cpsat import CpsatSession
+from up_samp.search.context import Context
+from up_samp.upio import Relaxation, write_refinement
+
+PROOF_SHARE = 0.3
+"""Share of the remaining time that one attempt at a proof may take."""
+PROOF_SECONDS = 20.0
+EXPLAIN_SHARE = 0.2
+"""Share of the remaining time (at most ``EXPLAIN_SECONDS``) that goes into a shorter reason."""
+EXPLAIN_SECONDS = 5.0
+MOST_LIMITS = 40
+"""The problem's own constraints that are looked at to tell what the facts run into."""
+SHOWN = 5
+
+T = TypeVar("T")
+
+
+def leaves_nothing(
+    context: Context, facts: Sequence[Refinement], deadline: Deadline | None = None
+) -> bool:
+    """Return whether it is proven that the facts alone leave no schedule."""
+    return _infeasible(context, facts, (), deadline or _share(context, PROOF_SHARE, PROOF_SECONDS))
+
+
+def few_of(
+    context: Context, facts: Sequence[Refinement], given: Sequence[Refinement] = ()
+) -> list[Refinement]:
+    """Return few of the ``facts`` that leave no schedule (with those ``given``), as all of them do:
+    as few as can be where time allows.
+    """
+    deadline = _share(context, EXPLAIN_SHARE, EXPLAIN_SECONDS)
+    # those first that one would rather be told
+    ordered = sorted(facts, key=lambda r: (r.layer is Layer.BOUND, r.layer is Layer.GROUP))
+
+    def fails(some: Sequence[Refinement]) -> bool:
+        return _infeasible(context, [*given, *some], (), deadline)
+
+    return _fewest(ordered, fails)
+
+
+def because(context: Context, facts: Sequence[Refinement]) -> str:
+    """Return few of the proven ``facts`` that leave no schedule, with what they run into, as text.
+
+    All of them together leave none.
+    """
+    few = few_of(context, facts)
+    if not few:
+        return "the activities cannot be scheduled, whatever the motions"
+    text = "these proven facts leave no schedule: " + listed(few)
+    limits = _limits_met(context, few)
+    return f"{text}; but {' and '.join(limits)}" if limits else text
+
+
+def listed(facts: Sequence[Refinement]) -> str:
+    """Return refinements as text: what is stated, and why."""
+    lines = sorted({f"{r.statement} ({r.why})" for r in facts})
+    more = f" (and {len(lines) - SHOWN} more)" if len(lines) > SHOWN else ""
+    return "; ".join(lines[:SHOWN]) + more
+
+
+def _share(context: Context, share: float, most: float) -> Deadline:
+    return context.deadline.within(min(most, share * context.deadline.remaining()))
+
+
+def _infeasible(
+    context: Context, facts: Sequence[Refinement], lifted: Sequence[_Limit], deadline: Deadline
+) -> bool:
+    """Return whether it is proven that there is no schedule; ``lifted`` limits do not count."""
+    if deadline.expired():
+        return False
+    relaxation = context.relax()
+    for limit in lifted:
+        limit.lift(relaxation)
+    for fact in facts:
+        write_refinement(relaxation, fact)
+    session = CpsatSession(relaxation.problem, seed=context.params.seed, workers=1)
+    try:
+        report = session.solve(deadline, optimal=False)
+    except UnsupportedError:  # another engine may do what ours does not: no proof then
+        return False
+    return report.status is ScheduleStatus.INFEASIBLE
+
+
+def _fewest(items: Sequence[T], fails: Callable[[Sequence[T]], bool]) -> list[T]:
+    """Return a smallest (not least) part of ``items`` that fails, as all of them do; an answer
+    "no" that is only a lack of time makes it larger, not wrong. Earlier ones are kept rather.
+    """
+
+    def search(held: list[T], grown: bool, rest: list[T]) -> list[T]:
+        if grown and fails(held):
+            return []
+        if len(rest) <= 1:
+            return rest
+        half = len(rest) // 2
+        second = search(held + rest[:half], True, rest[half:])
+        first = search(held + second, bool(second), rest[:half])
+        return first + second
+
+    return search([], True, list(items))
+
+
+# --------------------------------------------------------------- limits of the problem
+@dataclass(frozen=True)
+class _Limit:
+    """A constraint of the problem, by its activity (``None``: the problem's own) and place;
+    ``index`` is None for an activity's longest duration.
+    """
+
+    owner: str | None
+    index: int | None
+    text: str
+
+    def lift(self, relaxation: Relaxation) -> None:
+        """Take the limit out of a fresh relaxation."""
+        if self.index is None:
+            assert self.owner is not None
+            activity = relaxation.activities[self.owner]
+            activity.set_duration_bounds(activity.duration.lower, 1_000_000)
+            return
+        constraints = _constraints(relaxation, self.owner)
+        constraints[self.index] = (relaxation.problem.environment.expression_manager.TRUE(), [])
+
+
+def _constraints(relaxation: Relaxation, owner: str | None) -> list[Any]:
+    chronicle = relaxation.problem._base if owner is None else relaxation.activities[owner]
+    found: list[Any] = chronicle._constraints
+    return found
+
+
+def _limits_met(context: Context, facts: Sequence[Refinement]) -> list[str]:
+    """Return the limits on the facts' activities without which there would be a schedule, as far
+    as there are few to look at.
+    """
+    names = {a for fact in facts for a in activities_of(fact.statement)}
+    limits = list(_limits(context.relax(), names))
+    if not limits or len(limits) > MOST_LIMITS:
+        return []
+    deadline = _share(context, EXPLAIN_SHARE, EXPLAIN_SECONDS)
+
+    def fails(kept: Sequence[_Limit]) -> bool:
+        return _infeasible(context, facts, [x for x in limits if x not in kept], deadline)
+
+    met = _fewest(limits, fails)
+    return [] if deadline.expired() else [limit.text for limit in met]
+
+
+def _limits(relaxation: Relaxation, names: set[str]) -> Iterator[_Limit]:
+    for name in sorted(names & set(relaxation.activities)):
+        upper = relaxation.activities[name].duration.upper
+        if upper.is_int_constant():
+            yield _Limit(name, None, f"{name} may last {upper} at most")
+    for owner in (None, *sorted(relaxation.activities)):
+        for index, (constraint, _) in enumerate(_constraints(relaxation, owner)):
+            if names & _mentioned(constraint):
+                yield _Limit(owner, index, f"{constraint} is asked for")
+
+
+def _mentioned(expression: Any) -> set[str]:
+    """Return the activities whose start or end an expression speaks of."""
+    found: set[str] = set()
+    stack = [expression]
+    while stack:
+        node = stack.pop()
+        stack.extend(node.args)
+        if node.is_timing_exp() and node.timing().timepoint.container is not None:
+            found.add(node.timing().timepoint.container)
+    return found
+
+
+def activities_of(statement: Statement) -> set[str]:
+    """Return the activities that a statement speaks of."""
+    if isinstance(statement, Lasts | Requires):
+        return {statement.activity}
+    if isinstance(statement, Exclusive):
+        return {*statement.arrivals, *statement.departures}
+    found: set[str] = set()
+    assert isinstance(statement, Clause)
+    for literal in statement.literals:
+        if isinstance(literal, Absent | Elsewhere):
+            found.add(literal.activity)
+        elif isinstance(literal, Apart):
+            found |= {literal.earlier.activity, literal.later.activity}
+        elif isinstance(literal, Overlap):
+            found |= {literal.rival, *literal.activities}
+    return found
+
+
+def proven_facts(context: Context) -> list[Refinement]:
+    """Return what is proven of all that is in play."""
+    return [r for r in context.standing if r.strength is Strength.PROVEN]
