@@ -18,7 +18,8 @@ from up_samp.search.context import places_between
 from up_samp.upio import read_itinerary, read_problem, relax
 from up_samp.validation import validate_plan
 
-SEEDS = (0, 1, 2, 3, 4, 5)
+SEEDS = (1, 2, 6, 7, 8, 9, 11, 12, 13, 14, 16, 17, 19, 24, 25, 28, 38, 43, 44, 53, 67)
+"""Quick ones of all sorts: each with a few dozen attacks at most."""
 get_environment().credits_stream = None
 PROVING = ["cpsat", *(name for name, _, _ in known_engines() if name != "aries")]
 MOST_ATTACKS = 40
@@ -103,9 +104,10 @@ def broken(world, rooms, decided, attack, refinements):
         return places_between(itinerary, snapshot, name, first, last)
 
     for refinement in refinements:
-        if refinement.strength is Strength.PROVEN:
-            if not holds(refinement.statement, schedule, places):
-                yield f"{decided} with {times} breaks {refinement}"
+        if refinement.strength is not Strength.PROVEN:
+            continue
+        if not holds(refinement.statement, schedule, places, relaxation.early):
+            yield f"{decided} with {times} breaks {refinement}"
 
 
 @pytest.mark.parametrize("seed", SEEDS)

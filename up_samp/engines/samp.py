@@ -31,7 +31,7 @@ from up_samp.search.params import split_parameters
 if TYPE_CHECKING:
     from up_samp.search.context import Context, Incumbent
     from up_samp.search.history import History, ProgressEvent
-    from up_samp.search.loop import SearchResult
+    from up_samp.search.conclusion import SearchResult
     from up_samp.upio import SampSchedule
 
 # schedulers, motion planners and the validator are imported when a problem is solved: UP imports

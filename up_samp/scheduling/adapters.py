@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from unified_planning.model.scheduling import SchedulingProblem
     from unified_planning.plans import Schedule
 
-    from up_samp.scheduling.compilers.plain import Compiled
+    from up_samp.scheduling.compilers.plain import Compiled, PlainProblem
     from up_samp.scheduling.process import WorkerProcess
     from up_samp.scheduling.worker import Answer, Task
 
@@ -198,6 +198,8 @@ class EngineScheduler:
             if answer.status != "exception":
                 break
         assert answer is not None
+        if answer.status == "exception":
+            answer = self._without_proof(runner, compiled, deadline) or answer
         report = self._judge(answer, compiled, lower_bound, started)
         late = task.until is not None and time.monotonic() > task.until
         if report.status is ScheduleStatus.NOT_FOUND and late:  # cpse calls a timeout so
@@ -211,18 +213,9 @@ class EngineScheduler:
         the same one told otherwise) further tries.
         """
         from up_samp.scheduling.quirks import quirks_of
-        from up_samp.scheduling.worker import Task
 
         problem, quirks = compiled.problem, quirks_of(runner)
-        first = Task(
-            runner.__module__,
-            runner.__qualname__,
-            self._params,
-            problem,
-            _engine_stops(deadline),
-            quirks.message_limit,
-            dict(quirks.environment),
-        )
+        first = self._first_task(runner, problem, deadline)
         yield first
         if quirks.fallback is None:
             return
@@ -232,6 +225,48 @@ class EngineScheduler:
                 return
             until = _engine_stops(deadline)
             yield replace(first, problem=turned, until=until, environment=dict(environment))
+
+    def _first_task(self, runner: Any, problem: PlainProblem, deadline: Deadline) -> Task:
+        from up_samp.scheduling.quirks import quirks_of
+        from up_samp.scheduling.worker import Task
+
+        quirks = quirks_of(runner)
+        return Task(
+            runner.__module__,
+            runner.__qualname__,
+            self._params,
+            problem,
+            _engine_stops(deadline),
+            quirks.message_limit,
+            dict(quirks.environment),
+        )
+
+    def _without_proof(self, runner: Any, compiled: Compiled, deadline: Deadline) -> Answer | None:
+        """Return the best schedule of the class that seeks no proof, asked for shorter and shorter
+        ones: some problems crash the prover in whatever way they are told.
+        """
+        from up_samp.scheduling.compilers.plain import end, integer
+        from up_samp.scheduling.process import OverrunError
+
+        engine, problem = _satisficing(runner), compiled.problem
+        best: Answer | None = None
+        while engine is not runner and not deadline.expired():
+            step = deadline if best is None else deadline.within(0.2 * deadline.remaining())
+            try:
+                answer = self._ready_worker().ask(self._first_task(engine, problem, step), step)
+            except (OverrunError, EngineError):
+                break
+            solved = _STATUSES.get(answer.status) in (ScheduleStatus.OPTIMAL, ScheduleStatus.FOUND)
+            if answer.times is None or not solved:
+                break
+            best = replace(answer, status="SOLVED_SATISFICING")
+            makespan = max((last for _, last in answer.times.values()), default=0)
+            if not problem.minimize_makespan or makespan <= compiled.floor:
+                break
+            sooner = (("le", end(a.name), integer(makespan - 1)) for a in problem.activities)
+            constraints = (*compiled.problem.constraints, *sooner)
+            problem = replace(compiled.problem, constraints=constraints)
+        return best
 
     def _ready_worker(self) -> WorkerProcess:
         from up_samp.scheduling.process import WorkerProcess

@@ -124,7 +124,8 @@ def coordinate(context: Context, query: GroupQuery) -> tuple[GroupReport, bool]:
         context.report("group", f"{len(query.motions)} motions together")
     deadline = context.deadline.within(context.group_seconds(len(query.motions)))
     method = GROUP_PLANNERS[context.params.group_planner.lower()]
-    report = context.service.coordinate(query, deadline, method=method, seed=context.params.seed)
+    seed = context.params.seed + context.history.restarts
+    report = context.service.coordinate(query, deadline, method=method, seed=seed)
     return report, deadline.expired()
 
 

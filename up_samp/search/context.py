@@ -61,8 +61,9 @@ class Context:
     params: Parameters
     deadline: Deadline
     query_seconds: float
-    reopen: Callable[[], tuple[Relaxation, Scheduler]]
-    """Makes the relaxation and its scheduler anew, without refinements."""
+    relax: Callable[[], Relaxation]
+    """Makes the relaxation anew, without refinements."""
+    open_scheduler: Callable[[Relaxation], Scheduler]
     native: bool = False
     """The scheduler is our own: it knows places for one."""
     validate: Callable[[Incumbent], list[str]] = lambda _: []
@@ -77,6 +78,12 @@ class Context:
     written: set[object] = field(default_factory=set)
     standing: list[Refinement] = field(default_factory=list)
     durations: dict[Signature, float] = field(default_factory=dict)
+    feasible_facts: int | None = None
+    """How many proven facts alone are known to leave a schedule (or could not be refuted)."""
+    guesses: set[frozenset[object]] = field(default_factory=set)
+    """What was guessed before each restart."""
+    stale_restarts: int = 0
+    """How many restarts in a row guessed nothing new."""
     hopeless: set[frozenset[str]] = field(default_factory=set)
     """Activities that found no trajectories together at some offsets."""
 
@@ -172,8 +179,10 @@ class Context:
         """Begin anew with what is proven or relative; drop what was only guessed."""
         kept = [r for r in self.standing if r.strength is not Strength.HEURISTIC]
         self.scheduler.close()
-        self.relaxation, self.scheduler = self.reopen()
+        self.relaxation = self.relax()
+        self.scheduler = self.open_scheduler(self.relaxation)
         self.standing = kept
+        self.hopeless.clear()
         self.written = {r.statement for r in kept}
         for refinement in kept:
             write_refinement(self.relaxation, refinement)

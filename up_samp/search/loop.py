@@ -6,14 +6,14 @@ Algorithm 1 (Tosello et al., AAAI 2026).
 
 from __future__ import annotations
 
-import enum
 import time
 from collections.abc import Generator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-from up_samp.model import CandidateSchedule, Deadline, ScheduleReport, ScheduleStatus
-from up_samp.model.refinement import Refinement, Strength
+from up_samp.model import CandidateSchedule, Deadline, ScheduleReport
+from up_samp.model.refinement import Refinement
 from up_samp.search.check import Check, check_itinerary
+from up_samp.search.conclusion import SearchResult, conclude, conclude_without_schedule
 from up_samp.search.context import Context, Incumbent
 from up_samp.search.cuts.exact import rejects
 from up_samp.search.history import Round
@@ -27,25 +27,6 @@ from up_samp.search.repair import repair
 from up_samp.search.slack import with_slack
 from up_samp.search.trace import write_trace
 from up_samp.upio import Itinerary, read_itinerary
-
-
-class Conclusion(enum.Enum):
-    """How a search ended."""
-
-    OPTIMAL = "optimal"
-    SOLVED = "solved"
-    UNSOLVABLE = "unsolvable"
-    EXHAUSTED = "exhausted"
-    OUT_OF_TIME = "out of time"
-    FAILED = "failed"
-
-
-@dataclass(frozen=True)
-class SearchResult:
-    """The end of a search; ``why`` is for people."""
-
-    conclusion: Conclusion
-    why: str = ""
 
 
 def solve(context: Context, *, optimal: bool) -> Generator[Incumbent, None, SearchResult]:
@@ -215,68 +196,3 @@ def is_done(
     if check.passed and optimal and context.staged:
         return False
     return check.passed or not learned
-
-
-def conclude_without_schedule(context: Context, report: ScheduleReport) -> SearchResult | None:
-    """Decide what it means that the scheduler found nothing better (lines 17 to 20).
-
-    Returns None to go on: it gets more time, or heuristic refinements were dropped and t_p was
-    doubled.
-    """
-    if report.status is ScheduleStatus.ERROR:
-        return SearchResult(Conclusion.FAILED, report.message)
-    if context.deadline.expired() or context.is_optimal:
-        return conclude(context)
-    if report.status in (ScheduleStatus.OUT_OF_TIME, ScheduleStatus.FOUND):
-        if not context.staged or (context.incumbent is None and context.schedule_share >= 1):
-            return conclude(context)
-        if context.incumbent is None:
-            context.schedule_share = 1.0
-        else:
-            context.proof_seconds *= 2
-        return None
-    proven = report.status is ScheduleStatus.INFEASIBLE
-    if context.heuristic and context.history.restarts < context.params.max_restarts:
-        restart(context)
-        return None
-    if context.incumbent is not None:
-        return conclude(context)
-    if proven and all(r.strength is Strength.PROVEN for r in context.standing):
-        return SearchResult(Conclusion.UNSOLVABLE, explain(context))
-    return SearchResult(
-        Conclusion.EXHAUSTED,
-        report.message or "no schedule is left, but not all that was learned is proven",
-    )
-
-
-def restart(context: Context) -> None:
-    """Drop what was only guessed and allow motion queries twice the time (line 19)."""
-    context.history.restarts += 1
-    context.query_seconds *= 2
-    context.report("restart", f"motion queries may take {context.query_seconds:g} s now")
-    context.start_over()
-
-
-def explain(context: Context) -> str:
-    """Return the proven facts that leave no schedule, as text."""
-    facts = [r for r in context.standing if r.strength is Strength.PROVEN]
-    telling = [r for r in facts if "no motion between" not in r.why]
-    if not telling:
-        return "the activities cannot be scheduled, whatever the motions"
-    lines = sorted({f"{r.statement}: {r.why}" for r in telling})
-    more = f" (and {len(lines) - 5} more)" if len(lines) > 5 else ""
-    return "these proven facts leave no schedule: " + "; ".join(lines[:5]) + more
-
-
-def conclude(context: Context) -> SearchResult:
-    """Return what the search has, now that it ends."""
-    if context.incumbent is None:
-        if context.deadline.expired():
-            return SearchResult(Conclusion.OUT_OF_TIME, "no plan found in time")
-        return SearchResult(
-            Conclusion.EXHAUSTED,
-            "the motions of the last candidate do not fit, and nothing more was learned from it",
-        )
-    if context.is_optimal:
-        return SearchResult(Conclusion.OPTIMAL)
-    return SearchResult(Conclusion.SOLVED)

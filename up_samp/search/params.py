@@ -31,7 +31,10 @@ class Parameters:
     """Go on until proven optimal (``None``: as UP's optimality guarantee says)."""
     query_seconds: float = 10.0
     """First limit of one motion query (the paper's t_p, doubled at each restart)."""
-    max_restarts: int = 3
+    max_restarts: int | None = None
+    """Restarts without what was only guessed (``None``: as long as there is time and they bring
+    anything new; 3 where there is no time limit).
+    """
     cache: str | None = None
     """Folder that keeps motions across runs (``None``: in memory only)."""
     trace: str | None = None
@@ -73,7 +76,7 @@ class Parameters:
             )
         if self.margin < 0:
             raise ProblemError("parameter 'margin' must not be negative")
-        if self.max_restarts < 0:
+        if self.max_restarts is not None and self.max_restarts < 0:
             raise ProblemError("parameter 'max_restarts' must not be negative")
 
 

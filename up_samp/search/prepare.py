@@ -174,11 +174,21 @@ def duration_refinements(
     if strength is Strength.RELATIVE:
         context.durations[signature] = report.trajectory.duration
     units = context.units(report.trajectory.duration)
+    if units <= _stated_bound(context, signature):
+        return []
     why = f"the planner's fastest unobstructed motion takes {report.trajectory.duration:.2f} s"
     return [
         rules.only_given(rules.lasts(c.activity, units, why, strength=strength), c.given)
         for c in cases
     ]
+
+
+def _stated_bound(context: Context, signature: Signature) -> int:
+    """Return the units that a motion is known to take at least (0: nothing was stated)."""
+    if not context.params.bounds_first:
+        return 0
+    units = context.units(admissible_duration(context, signature))
+    return units if units > 1 else 0
 
 
 def fixed_obstacles(context: Context) -> tuple[Placed, ...]:

@@ -13,8 +13,9 @@ from up_samp.model import Body, Configuration, Deadline, PathReport, Placed, Pro
 from up_samp.model.snapshot import Snapshot
 from up_samp.motion import MotionCache, MotionService
 from up_samp.scheduling import Scheduler, open_scheduler
+from up_samp.search.conclusion import SearchResult
 from up_samp.search.context import Context, Incumbent
-from up_samp.search.loop import SearchResult, solve
+from up_samp.search.loop import solve
 from up_samp.search.params import Parameters
 from up_samp.search.prepare import check_geometry
 from up_samp.upio import Relaxation, SampSchedule, build_plan, read_problem, relax
@@ -42,9 +43,11 @@ def open_search(
     service = open_service(snapshot, params)
     check_geometry(snapshot, service)
 
-    def reopen() -> tuple[Relaxation, Scheduler]:
-        relaxation = relax(problem, snapshot, hold_static=native)
-        scheduler = open_scheduler(
+    def relax_anew() -> Relaxation:
+        return relax(problem, snapshot, hold_static=native)
+
+    def scheduler_for(relaxation: Relaxation) -> Scheduler:
+        return open_scheduler(
             engine,
             relaxation.problem,
             params=engine_params,
@@ -52,21 +55,21 @@ def open_search(
             check=check_schedule,
             environment=problem.environment,
         )
-        return relaxation, scheduler
 
     def validate(incumbent: Incumbent) -> list[str]:
         return check_plan(to_plan(problem, snapshot, incumbent))
 
-    relaxation, scheduler = reopen()
+    relaxation = relax_anew()
     return Context(
         snapshot=snapshot,
         relaxation=relaxation,
         service=service,
-        scheduler=scheduler,
+        scheduler=scheduler_for(relaxation),
         params=params,
         deadline=deadline,
         query_seconds=params.query_seconds,
-        reopen=reopen,
+        relax=relax_anew,
+        open_scheduler=scheduler_for,
         native=native,
         validate=validate,
     )

@@ -9,6 +9,8 @@ fluents and other activities' parameters nowhere but in one equation each.
 
 from __future__ import annotations
 
+import itertools
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -71,7 +73,7 @@ def _of_parameter(relaxation: Relaxation, activity: Activity, name: str) -> Choi
     owner = next((a for a in problem.activities if parameter in a.parameters), None)
     if owner is None or owner is activity:
         return Choice(name, values)
-    mine = _add_parameter(relaxation, activity, parameter.type)
+    mine = _add_parameter(relaxation, activity, name, parameter.type)
     manager = problem.environment.expression_manager
     problem.add_constraint(
         manager.Equals(mine, parameter), [a.present for a in (activity, owner) if a.optional]
@@ -90,7 +92,7 @@ def _of_fluent(
     values = _reachable(relaxation, fluent)
     if len(values) == 1:
         return Choice(None, values)
-    mine = _add_parameter(relaxation, activity, fluent.type)
+    mine = _add_parameter(relaxation, activity, text, fluent.type)
     manager = problem.environment.expression_manager
     if fluent != state:
         point = activity.end if at_end else activity.start
@@ -98,12 +100,13 @@ def _of_fluent(
     return Choice(mine.name, values)
 
 
-def _add_parameter(relaxation: Relaxation, activity: Activity, tpe: Any) -> Parameter:
+def _add_parameter(relaxation: Relaxation, activity: Activity, what: str, tpe: Any) -> Parameter:
+    """Add a parameter named after ``what`` it stands for."""
+    base = "samp_" + "_".join(re.findall(r"\w+", what))
+    names = (base if n == 0 else f"{base}_{n}" for n in itertools.count())
     taken = {p.name for p in activity.parameters}
-    count = 0
-    while f"{activity.name}.samp_place_{count}" in taken:
-        count += 1
-    mine: Parameter = activity.add_parameter(f"samp_place_{count}", tpe)
+    free = next(n for n in names if f"{activity.name}.{n}" not in taken)
+    mine: Parameter = activity.add_parameter(free, tpe)
     relaxation.variables[mine.name] = mine
     return mine
 
