@@ -7,6 +7,7 @@ from typing import IO, Any
 
 from unified_planning.engines import PlanGenerationResult
 from unified_planning.exceptions import UPUsageError
+from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.plans import Plan
 
 
@@ -30,7 +31,7 @@ class DirectFace:
         **kwargs: Any,
     ) -> PlanGenerationResult:
         """Solve as every UP engine does (``timeout`` in s)."""
-        if not self._is_direct(problem):
+        if not self._takes(problem):
             return super().solve(  # type: ignore[misc,no-any-return]
                 problem, heuristic, timeout, output_stream, warm_start_plan, **kwargs
             )
@@ -46,13 +47,21 @@ class DirectFace:
         **kwargs: Any,
     ) -> Iterator[PlanGenerationResult]:
         """Yield better and better plans."""
-        if not self._is_direct(problem):
+        if not self._takes(problem):
             yield from super().get_solutions(  # type: ignore[misc]
                 problem, timeout, output_stream, warm_start_plan, **kwargs
             )
             return
         self._check_metric(problem)
         yield from self._improve_directly(problem, timeout, output_stream, warm_start_plan)
+
+    def _takes(self, problem: Any) -> bool:
+        """Return whether to solve without the kind; also where UP could not compute it."""
+        from up_samp.upio.spans import has_bare_ends
+
+        if self._is_direct(problem):
+            return True
+        return isinstance(problem, SchedulingProblem) and has_bare_ends(problem)
 
     def _check_metric(self, problem: Any) -> None:
         if self.optimality_metric_required and not problem.quality_metrics:

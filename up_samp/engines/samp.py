@@ -29,9 +29,9 @@ from up_samp.scheduling.quirks import is_compatible
 from up_samp.search.params import split_parameters
 
 if TYPE_CHECKING:
+    from up_samp.search.conclusion import SearchResult
     from up_samp.search.context import Context, Incumbent
     from up_samp.search.history import History, ProgressEvent
-    from up_samp.search.conclusion import SearchResult
     from up_samp.upio import SampSchedule
 
 # schedulers, motion planners and the validator are imported when a problem is solved: UP imports
@@ -56,7 +56,7 @@ _STATUSES = {
     "OUT_OF_TIME": PlanGenerationResultStatus.TIMEOUT,
     "FAILED": PlanGenerationResultStatus.INTERNAL_ERROR,
 }
-"""UP's status for each :class:`up_samp.search.loop.Conclusion`, by its name."""
+"""UP's status for each :class:`up_samp.search.conclusion.Conclusion`, by its name."""
 
 
 class SampResult(PlanGenerationResult):  # type: ignore[misc]
@@ -250,7 +250,7 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
     def _final(
         self, problem: SchedulingMotionProblem, context: Context, ending: SearchResult
     ) -> PlanGenerationResult:
-        from up_samp.search.loop import Conclusion
+        from up_samp.search.conclusion import Conclusion
         from up_samp.search.session import to_plan
 
         plan = None
@@ -270,7 +270,7 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         """Return what went wrong, and the best plan until then, if there is one."""
         if context.incumbent is None:
             return self._result(PlanGenerationResultStatus.INTERNAL_ERROR, None, context, why)
-        from up_samp.search.loop import Conclusion, SearchResult
+        from up_samp.search.conclusion import Conclusion, SearchResult
 
         return self._final(problem, context, SearchResult(Conclusion.FAILED, why))
 

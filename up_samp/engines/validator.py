@@ -98,6 +98,15 @@ class SampValidator(Engine, PlanValidatorMixin):
         """Return nothing: no credits are printed for a validator."""
         return None
 
+    def validate(self, problem: Any, plan: Any) -> ValidationResult:
+        """Judge a plan as every UP validator does, also where UP cannot compute the kind."""
+        from up_samp.upio.spans import has_bare_ends
+
+        if isinstance(problem, SchedulingProblem) and has_bare_ends(problem):
+            return self._validate(problem, plan)
+        result: ValidationResult = super().validate(problem, plan)
+        return result
+
     def _validate(self, problem: Any, plan: Any) -> ValidationResult:
         from up_samp.validation import judge_plan
 

@@ -296,6 +296,8 @@ class EngineScheduler:
             status, solved = ScheduleStatus.FOUND, True  # the best until then
         if answer.times is None or not solved:
             message = f"engine {self.name}: {answer.status}. {answer.message}".strip()
+            if answer.status == "exception":
+                message = _broke_down(self.name, answer.message)
             return _report(status, lower_bound, started, message)
         schedule = compiled.map_back(CandidateSchedule(answer.times, answer.parameters))
         schedule = complete(self._problem, schedule)
@@ -348,6 +350,16 @@ def _satisficing(engine: Any) -> Any:
 
     name = quirks_of(engine).satisficing
     return engine if name is None else getattr(sys.modules[engine.__module__], name)
+
+
+def _broke_down(engine: str, told: str) -> str:
+    """Return an engine's breakdown for people: the fault is the engine's, the rest goes on."""
+    what, _, where = told.partition("\n")
+    place = where.strip().rpartition("File ")[2].replace("\n", " ")
+    return (
+        f"engine {engine} broke down on this problem, in whatever way it was told ({what}; "
+        f"{place.strip()}); another engine may solve it, such as cpsat"
+    )
 
 
 def _engine_stops(deadline: Deadline) -> float | None:

@@ -130,9 +130,15 @@ def run(task: Task, engines: _Engines) -> Answer:
     except UnsupportedError as error:
         return Answer("unsupported", message=str(error), seconds=time.monotonic() - started)
     except Exception as error:
-        text = f"{type(error).__name__}: {error}".strip()
-        tail = "".join(traceback.format_tb(error.__traceback__)[-3:])
-        return Answer("exception", None, {}, f"{text[:1500]}\n{tail}", time.monotonic() - started)
+        return Answer("exception", None, {}, _told(error), time.monotonic() - started)
+
+
+def _told(error: Exception) -> str:
+    """Return what went wrong in one line (remote calls give theirs as ``details()``) and where."""
+    details = getattr(error, "details", None)
+    said = details() if callable(details) else str(error)
+    tail = "".join(traceback.format_tb(error.__traceback__)[-3:])
+    return f"{type(error).__name__}: {said}".strip()[:1500] + f"\n{tail}"
 
 
 def _clean(folder: str) -> None:

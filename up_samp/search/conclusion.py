@@ -45,8 +45,6 @@ def conclude_without_schedule(context: Context, report: ScheduleReport) -> Searc
     Returns None to go on: it gets more time, or heuristic refinements were dropped and t_p was
     doubled.
     """
-    if report.status is ScheduleStatus.ERROR:
-        return SearchResult(Conclusion.FAILED, report.message)
     if context.deadline.expired() or context.is_optimal:
         return conclude(context)
     if report.status in (ScheduleStatus.OUT_OF_TIME, ScheduleStatus.FOUND):
@@ -61,6 +59,8 @@ def conclude_without_schedule(context: Context, report: ScheduleReport) -> Searc
         facts = refutation(context, report)
         if facts is not None:
             return SearchResult(Conclusion.UNSOLVABLE, because(context, facts))
+    if report.status is ScheduleStatus.ERROR:
+        return SearchResult(Conclusion.FAILED, report.message)
     if context.heuristic and may_restart(context):
         restart(context)
         return None

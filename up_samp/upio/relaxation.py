@@ -31,6 +31,7 @@ from up_samp.model import UnsupportedError
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
 from up_samp.upio.choices import Choice, choose, constraints_on_one
 from up_samp.upio.rewrite import Rewriter
+from up_samp.upio.spans import with_timings
 from up_samp.upio.told import hold_told
 
 
@@ -136,7 +137,9 @@ def _copy_chronicle(source: Chronicle, target: Chronicle, rewriter: Rewriter) ->
 
 def _copy_timed(source: TimedCondsEffs, target: TimedCondsEffs, rewriter: Rewriter) -> None:
     for span, conditions in source.conditions.items():
-        target._conditions[span] = [rewriter(c) for c in conditions]
+        # one interval written in two ways is one interval
+        same = target._conditions.setdefault(with_timings(span), [])
+        same += [c for c in map(rewriter, conditions) if c not in same]
     for timing, effects in source.effects.items():
         for effect in effects:
             target._add_effect_instance(timing, rewriter.effect(effect))
@@ -150,7 +153,9 @@ def _add_state(relaxation: Relaxation, name: str) -> None:
     tasks = [t for t in snapshot.tasks if t.object == name]
     changes = [c for c in snapshot.changes if c.object == name]
     movers = {t.activity for t in tasks} | {c.activity for c in changes}
-    early = int(all(_lasts(relaxation.activities[m]) for m in movers))
+    # a robot that is also set elsewhere in an instant must be so before it drives, not just then
+    mixed = bool(tasks) and bool(changes)
+    early = int(not mixed and all(_lasts(relaxation.activities[m]) for m in movers))
     own = _tracking_fluent(relaxation, name, tasks, changes, early)
     if own is None and early:
         own = _tracking_fluent(relaxation, name, tasks, changes, 0)

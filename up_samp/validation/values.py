@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import Any, Final
 
 from unified_planning.model import OperatorKind as Op
-from unified_planning.model import TimepointKind
+from unified_planning.model import Timepoint, TimepointKind
 
 from up_samp.model import UnsupportedError
 
@@ -58,7 +58,11 @@ class Decisions:
         return self.times[name][0 if point.kind == TimepointKind.START else 1]
 
     def timing(self, timing: Any, owner: str | None, global_end: int) -> Value:
-        """Return the time of a UP ``Timing`` (a timepoint and a delay)."""
+        """Return the time of a UP ``Timing`` (a timepoint and a delay), or of a bare timepoint, as
+        scripts write it in intervals.
+        """
+        if isinstance(timing, Timepoint):
+            return self.timepoint(timing, owner, global_end)
         base = self.timepoint(timing.timepoint, owner, global_end)
         return MISSING if base is MISSING else plain(base + timing.delay)
 

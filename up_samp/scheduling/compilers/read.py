@@ -28,6 +28,7 @@ from up_samp.scheduling.compilers.plain import (
     later,
     rewrite,
 )
+from up_samp.upio.spans import with_timings
 
 _OPERATORS = {
     OperatorKind.NOT: "not",
@@ -142,6 +143,7 @@ class _Reader:
         return implies(guard, self.expression(constraint))
 
     def _condition(self, span: Any, expression: FNode, owner: str | None) -> Condition:
+        span = with_timings(span)
         low, high = self._timing(span.lower, owner), self._timing(span.upper, owner)
         if span.is_left_open():
             low = later(low, 1)

@@ -8,6 +8,8 @@ from typing import Any
 from unified_planning.model import Effect, FNode, TimeInterval, Timing
 from unified_planning.model.scheduling import Activity, SchedulingProblem
 
+from up_samp.upio.spans import with_timings
+
 
 @dataclass
 class Additions:
@@ -105,7 +107,8 @@ class Watcher:
             if items[: len(old)] != old:
                 new.rewritten = True
             target: list[Any] = new.conditions if is_cond else new.effects
-            target += [(time, item, activity) for item in items[len(old) :]]
+            when = with_timings(time) if is_cond else time
+            target += [(when, item, activity) for item in items[len(old) :]]
             seen[time] = list(items)
 
     def _duration(self, activity: Activity, new: Additions) -> None:
