@@ -23,7 +23,7 @@ from unified_planning.plans import Plan, Schedule
 
 from up_samp.engines.direct import DirectFace
 from up_samp.engines.kinds import engine_kind, samp_kind
-from up_samp.model import Deadline, EngineError, MotionModel
+from up_samp.model import Deadline, EngineError, MotionModel, Refusal
 from up_samp.model.refinement import Layer
 from up_samp.scheduling.quirks import is_compatible
 from up_samp.search.params import split_parameters
@@ -220,9 +220,11 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
             params = _with_progress(params, stream)
         spu = params.seconds_per_unit
 
-        def check_plan(plan: SampSchedule) -> list[str]:
+        def check_plan(plan: SampSchedule) -> list[Refusal]:
             verdict = validate_plan(problem, plan, seconds_per_unit=spu)
-            return [str(v) for v in verdict.violations]
+            return [
+                Refusal(v.kind, v.what, v.activities, v.objects, v.time) for v in verdict.violations
+            ]
 
         def check_schedule(relaxed: Any, schedule: Schedule) -> list[str]:
             return [str(v) for v in validate_schedule(relaxed, schedule).violations]
@@ -313,6 +315,8 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         if history.recognised or history.left_over:
             metrics["recognised"] = "; ".join(history.recognised)
             metrics["left_over"] = "; ".join(history.left_over)
+        if history.refused:
+            metrics["refused"] = str(len(history.refused))
         if context.incumbent is not None:
             makespan = context.incumbent.schedule.makespan
             metrics["makespan"] = str(makespan)

@@ -23,6 +23,7 @@ from up_samp.model.motion import (
     Trajectory,
     interpolate,
 )
+from up_samp.model.refusal import Refusal
 from up_samp.model.schedule import (
     CandidateSchedule,
     ScheduledChange,
@@ -49,6 +50,7 @@ __all__ = [
     "PathReport",
     "Placed",
     "ProblemError",
+    "Refusal",
     "Rest",
     "SampError",
     "ScheduleReport",

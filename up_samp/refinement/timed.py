@@ -110,3 +110,51 @@ def as_timed(
 def _elsewhen(reference: TimeRef, point: TimeRef, offset: int) -> list[Literal]:
     """Return that a timepoint is not ``offset`` units after a reference."""
     return [Apart(point, reference, 1 - offset), Apart(reference, point, offset + 1)]
+
+
+def set_onto(
+    change: str,
+    setter: str | None,
+    moves: Mapping[str, tuple[int, int] | None],
+    sets: Mapping[str, tuple[int, int] | None],
+    why: str,
+) -> Refinement:
+    """Return that ``change`` must not set something to where another object rests: *proven*.
+
+    ``setter`` is the activity that brought the other object there (``None``: it is there from the
+    first), ``moves`` and ``sets`` are the times of all activities that drive it and that set it
+    elsewhere (``None``: absent). The cut gives way when one of them takes the object away between
+    the setter's end and the change's.
+    """
+    end = end_of(change)
+    literals: list[Literal] = [Absent(change)]
+    if setter is not None:
+        literals += [Absent(setter), Apart(end, end_of(setter), 1)]
+    leaving = [(start_of(m), m, t and t[0]) for m, t in sorted(moves.items())]
+    leaving += [(end_of(s), s, t and t[1]) for s, t in sorted(sets.items())]
+    since = None
+    if setter is not None:
+        times = {**sets, **moves}[setter]
+        since = None if times is None else times[1]
+    for point, name, time in leaving:
+        if name in (setter, change):
+            continue
+        if setter is not None and since is not None and time is not None and time < since:
+            literals.append(Apart(end_of(setter), point, 0))
+        else:
+            literals.append(Apart(point, end, 1))
+    return Refinement(Clause(tuple(literals)), Layer.GEOMETRIC, Strength.PROVEN, why)
+
+
+def exactly_as_timed(times: Mapping[str, tuple[int, int]], why: str) -> Refinement:
+    """Return that activities do not go together just as they are timed: some offset or end must
+    change, or one of them must be absent. *Heuristic*; it always rejects the schedule.
+    """
+    literals: list[Literal] = [Absent(name) for name in times]
+    reference = min(times, key=lambda n: (times[n], n))
+    begin, at = start_of(reference), times[reference][0]
+    for name, (start, end) in sorted(times.items()):
+        if name != reference:
+            literals += _elsewhen(begin, start_of(name), start - at)
+        literals += _elsewhen(begin, end_of(name), end - at)
+    return Refinement(Clause(tuple(literals)), Layer.GROUP, Strength.HEURISTIC, why)

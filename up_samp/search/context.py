@@ -13,6 +13,7 @@ from up_samp.model import (
     CandidateSchedule,
     Configuration,
     Deadline,
+    Refusal,
     ScheduledMotion,
     Trajectory,
 )
@@ -66,7 +67,7 @@ class Context:
     open_scheduler: Callable[[Relaxation], Scheduler]
     native: bool = False
     """The scheduler is our own: it knows places for one."""
-    validate: Callable[[Incumbent], list[str]] = lambda _: []
+    validate: Callable[[Incumbent], list[Refusal]] = lambda _: []
     history: History = field(default_factory=History)
     incumbent: Incumbent | None = None
     lower_bound: int = 0

@@ -52,6 +52,8 @@ class History:
     """Structures that the scheduler found in the problem ..."""
     left_over: tuple[str, ...] = ()
     """... and what it took as it is written."""
+    refused: list[str] = field(default_factory=list)
+    """What the validator had against plans that the search took for valid; it learned from it."""
 
     def count(self, layer: Layer) -> int:
         """Return how many refinements a layer gave."""
@@ -79,6 +81,7 @@ class History:
             "seconds_scheduler": self.seconds_scheduler,
             "seconds_motion": self.seconds_motion,
             "restarts": self.restarts,
+            "refused": self.refused,
         }
 
     def write_json(self, path: str | Path) -> None:

@@ -16,6 +16,7 @@ from up_samp.search.check import Check, check_itinerary
 from up_samp.search.conclusion import SearchResult, conclude, conclude_without_schedule
 from up_samp.search.context import Context, Incumbent
 from up_samp.search.cuts.exact import rejects
+from up_samp.search.cuts.refused import cuts_from
 from up_samp.search.history import Round
 from up_samp.search.prepare import (
     state_bounds,
@@ -45,11 +46,14 @@ def solve(context: Context, *, optimal: bool) -> Generator[Incumbent, None, Sear
         itinerary = read_itinerary(context.relaxation, with_slack(context, report.schedule))
         check = check_motions(context, itinerary)  # lines 6 to 15
         learned = learn_from(context, itinerary, check)  # lines 31 and 35
-        better = adopt_or_repair(context, itinerary, check)  # line 16
+        found = adopt_or_repair(context, itinerary, check)  # line 16
+        refused = learn_from_refusal(context, found)
+        learned += refused
+        better = None if refused else keep_if_better(context, found)
         record(context, replace(report, schedule=itinerary.schedule), check, learned)
         if better is not None:
             yield better
-        if is_done(context, report, check, learned, optimal=optimal):
+        if not refused and is_done(context, report, check, learned, optimal=optimal):
             break
     return conclude(context)
 
@@ -125,20 +129,36 @@ def check_motions(context: Context, itinerary: Itinerary) -> Check:
 
 
 def adopt_or_repair(context: Context, itinerary: Itinerary, check: Check) -> Incumbent | None:
-    """Keep the candidate if its motions fit, or repair it; return it if it is better."""
-    found = None
+    """Return the candidate as a plan if its motions fit, else what can be made of it."""
     if check.passed:
-        found = Incumbent(itinerary.schedule, check.trajectories)
-    elif context.params.incumbents and not check.failed:
+        return Incumbent(itinerary.schedule, check.trajectories)
+    if context.params.incumbents and not check.failed:
         context.report("repair", "giving motions the time they need")
-        found = repair(context, itinerary.schedule, check)
-    if found is None:
-        return None
-    violations = context.validate(found)
-    if violations:
-        raise InvalidPlanError("; ".join(violations[:3]))
+        return repair(context, itinerary.schedule, check)
+    return None
+
+
+def learn_from_refusal(context: Context, found: Incumbent | None) -> list[Refinement]:
+    """Let the independent validator judge a plan; learn cuts that forbid it if it is refused.
+
+    Raises :class:`InvalidPlanError` where nothing new can be learned from the refusal.
+    """
+    refusals = context.validate(found) if found is not None else []
+    if found is None or not refusals:
+        return []
+    texts = [f"{r.kind}: {r.what}" for r in refusals]
+    cuts = cuts_from(context, found.schedule, refusals) if context.params.refine else []
+    context.report("refused", texts[0])
+    context.history.refused += texts
+    if not context.learn(cuts):
+        raise InvalidPlanError("; ".join(texts[:3]))
+    return cuts
+
+
+def keep_if_better(context: Context, found: Incumbent | None) -> Incumbent | None:
+    """Make a valid plan the incumbent and return it, if it is the best so far."""
     upper = context.upper_bound
-    if upper is not None and found.schedule.makespan >= upper:
+    if found is None or (upper is not None and found.schedule.makespan >= upper):
         return None
     context.incumbent = found
     context.report("plan", f"plan with makespan {found.schedule.makespan}")
@@ -146,7 +166,7 @@ def adopt_or_repair(context: Context, itinerary: Itinerary, check: Check) -> Inc
 
 
 class InvalidPlanError(RuntimeError):
-    """The independent validator rejected a plan that the search took for valid."""
+    """The independent validator rejected a plan, and there is nothing new to learn from that."""
 
 
 def learn_from(context: Context, itinerary: Itinerary, check: Check) -> list[Refinement]:

@@ -9,7 +9,7 @@ from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.plans import Schedule
 
 from up_samp.geometry import load_map
-from up_samp.model import Body, Configuration, Deadline, PathReport, Placed, ProblemError
+from up_samp.model import Body, Configuration, Deadline, PathReport, Placed, ProblemError, Refusal
 from up_samp.model.snapshot import Snapshot
 from up_samp.motion import MotionCache, MotionService
 from up_samp.scheduling import Scheduler, open_scheduler
@@ -21,7 +21,7 @@ from up_samp.search.prepare import check_geometry
 from up_samp.upio import Relaxation, SampSchedule, build_plan, read_problem, relax
 
 ScheduleCheck = Callable[[Any, Schedule], list[str]]
-PlanCheck = Callable[[SampSchedule], list[str]]
+PlanCheck = Callable[[SampSchedule], list[Refusal]]
 
 
 def open_search(
@@ -56,7 +56,7 @@ def open_search(
             environment=problem.environment,
         )
 
-    def validate(incumbent: Incumbent) -> list[str]:
+    def validate(incumbent: Incumbent) -> list[Refusal]:
         return check_plan(to_plan(problem, snapshot, incumbent))
 
     relaxation = relax_anew()

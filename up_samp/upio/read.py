@@ -6,6 +6,7 @@ import math
 import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from unified_planning.model import FNode
@@ -140,7 +141,19 @@ def _read_activities(
                     f"activity '{activity.name}' drives '{name}' to {goals[name].name} but its "
                     f"motion effect puts it at {term.name}"
                 )
-    return tasks, changes
+    return [_without_load(t, changes, objects) for t in tasks], changes
+
+
+def _without_load(
+    task: MotionTask, changes: Sequence[ChangeTask], objects: frozenset[str]
+) -> MotionTask:
+    """Return a task that lists no obstacles with all of them listed, but for what its activity
+    carries: moves by motion effects alone.
+    """
+    load = {c.object for c in changes if c.activity == task.activity}
+    if task.avoid is not None or not load:
+        return task
+    return replace(task, dynamic=objects - load - {task.object})
 
 
 def _read_constraint(

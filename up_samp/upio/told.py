@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from unified_planning.model import FNode, Timing
 from unified_planning.model.motion import MotionActivity
 from unified_planning.model.scheduling import Activity
-from unified_planning.model.timing import RightOpenTimeInterval
+from unified_planning.model.timing import RightOpenTimeInterval, TimePointInterval
 
 if TYPE_CHECKING:
     from up_samp.upio.relaxation import Relaxation
@@ -46,8 +46,10 @@ def _hold(relaxation: Relaxation, activity: Activity, name: str, told: FNode) ->
         place = manager.ObjectExp(relaxation.problem.object(relaxation.snapshot.initial[name]))
     else:
         return
-    span = RightOpenTimeInterval(Timing(0, activity.start), Timing(0, activity.end))
-    activity.add_condition(span, manager.Equals(told, place))
+    equal = manager.Equals(told, place)
+    activity.add_condition(TimePointInterval(Timing(0, activity.start)), equal)
+    span = RightOpenTimeInterval(Timing(0, activity.start), Timing(-1, activity.end))
+    activity.add_condition(span, equal)
 
 
 def _not_just_set(relaxation: Relaxation, activity: Activity, name: str) -> None:

@@ -102,6 +102,8 @@ def _clash(name: str, one: _Event, other: _Event) -> str | None:
             return None
         return f"{other.activity} sets {name} at {other.start}, during {one.task.what}"
     if other.task is not None:
+        if one.start == other.start:
+            return None  # it is there from this instant on, and drives off
         return f"{one.activity} sets {name} at {one.start}, during {other.task.what}"
     return f"{one.activity} and {other.activity} set {name} at {one.start}"
 

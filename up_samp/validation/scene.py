@@ -259,11 +259,11 @@ class Scene:
         return value
 
     def fluent_moves(self, obstacle: Obstacle, task: Task) -> str | None:
-        """Return when a static obstacle's fluent changes during a task, for people."""
+        """Return when a static obstacle's fluent changes during a task, but for its last unit."""
         if obstacle.key is None:
             return None
         for change in self.timeline.changes:
-            if change.key == obstacle.key and task.start <= change.time < task.end:
+            if change.key == obstacle.key and task.start <= change.time < task.end - 1:
                 value = self.timeline.value(change.key, change.time, Reading.AT_ONCE)
                 if value != obstacle.place:
                     return f"{show(change.key)} becomes {value} at {change.time}"

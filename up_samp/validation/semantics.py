@@ -92,8 +92,8 @@ Motions
     and 1e-3 rad).
 16. Two activities with motion constraints on the same object do not overlap; one may start when
     the other ends (the object is at one place then). Its configuration must not be changed by
-    another activity from start to end. An activity that drives an object and has a motion effect
-    on it must state where the motion ends.
+    another activity after the start and until the end. An activity that drives an object and has
+    a motion effect on it must state where the motion ends.
 17. A motion effect without a motion constraint changes the configuration at its activity's end
     ``t``: the object is at the old one before ``t`` and at the new one from ``t`` on.
 18. An object *moves* from where its trajectory leaves the first pose until it has come to the
@@ -113,7 +113,8 @@ Motions
     contact.
 19. Static obstacles rest between the activity's start and end. Where obstacles come with
     fluents, the fluent's value at the start is looked at. A static obstacle is there from the
-    start to the end, and its fluent stays: where fluent and place differ (by a unit, where
+    start to the end, and its fluent stays until a unit before the end (effects at ``end - 1`` tell
+    of what happens at the end): where fluent and place differ (by a unit, where
     effects happen at the end) the motion waits until both agree. A dynamic obstacle is there, or
     was last before it came to where it is or began to drive, or is on its way there: the dict asks
     no more than the list, unless the fluent names a configuration that the object never had.
