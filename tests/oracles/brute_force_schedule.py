@@ -274,6 +274,13 @@ class _Judge:
             keys = self.read_keys([condition], choice, owner)
             if any(self.disturbed(k, t, t, owner, log) for k in keys if UNKNOWN not in k):
                 return False
+        if interval.is_right_open() and lo <= hi:
+            # time is dense inside: what is set at hi is seen in the last unit
+
+            def read_inside(key):
+                return _at(states, hi + 1)[key]
+
+            return self.value(condition, choice, owner, read_inside) is not False
         return True
 
     def metric(self, metric, choice, history):

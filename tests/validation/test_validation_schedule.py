@@ -3,6 +3,7 @@
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from oracles import brute_force_schedule
 from unified_planning.model import (
     ClosedTimeInterval,
     GlobalEndTiming,
@@ -28,6 +29,7 @@ from unified_planning.shortcuts import (
     IntType,
     Minus,
     Not,
+    OneshotPlanner,
     Or,
     Plus,
     Times,
@@ -260,9 +262,11 @@ def test_kept_apart_whatever_the_value(interval, apart):
         ("[]", 5, True, False),
         ("[]", 10, False, True),
         ("[]", 9, False, False),
-        ("()", 9, False, True),
+        ("()", 9, False, False),
+        ("()", 10, False, True),
         ("()", 5, True, True),
-        ("[)", 9, False, True),
+        ("[)", 9, False, False),
+        ("[)", 10, False, True),
         ("(]", 10, False, True),
     ],
 )
@@ -520,3 +524,32 @@ def test_agrees_with_a_naive_oracle(puzzle):
     verdict = judge(*build(*puzzle))
     assert verdict.valid == oracle(*puzzle, at_once=False)
     assert verdict.definition3 == oracle(*puzzle, at_once=True)
+
+
+@pytest.mark.parametrize("set_at", [2, 3, 4, 5])
+@pytest.mark.parametrize("owner", ["problem", "own", "other"])
+def test_half_open_intervals_are_dense_inside(owner, set_at):
+    """A condition over [0, 5): an effect at 4 is seen in (4, 5), one at 5 is not."""
+    problem = SchedulingProblem("dense")
+    flag = problem.add_fluent("flag", BoolType(), default_initial_value=True)
+    a = problem.add_activity("a", duration=5)
+    a.add_condition(RightOpenTimeInterval(Timing(0, a.start), Timing(0, a.end)), flag)
+    b = problem.add_activity("b", duration=set_at)
+    if owner == "problem":
+        problem.add_effect(set_at, flag, False)
+    elif owner == "own":
+        a.add_effect(Timing(set_at, a.start), flag, False)
+    else:
+        b.add_effect(b.end, flag, False)
+    times = {"a": (0, 5), "b": (0, set_at)}
+    assignment = {
+        t: v for x in (a, b) for t, v in zip((x.start, x.end), times[x.name], strict=True)
+    }
+    valid = validate_schedule(problem, Schedule([a, b], assignment)).valid
+    assert valid == (set_at == 5)
+    problem.add_constraint(LE(a.start, 0))
+    problem.add_constraint(LE(b.start, 0))
+    with OneshotPlanner(name="cpsat") as planner:
+        found = planner.solve(problem, timeout=20).plan is not None
+    assert found == (set_at == 5)
+    assert (brute_force_schedule.solve(problem, 6) is not None) == found

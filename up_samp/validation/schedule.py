@@ -206,12 +206,17 @@ def _times_in(node: Any, timeline: Timeline) -> str:
 
 @dataclass(frozen=True)
 class _Condition:
-    """A timed condition of an activity (``owner``) or of the problem, over integer instants."""
+    """A timed condition of an activity (``owner``) or of the problem, over integer instants.
+
+    ``seen`` is the last instant whose value it needs: ``last + 1`` for a half-open interval, in
+    whose last unit an effect at ``last`` is seen.
+    """
 
     owner: str | None
     node: Any
     first: int
     last: int
+    seen: int
 
     @property
     def what(self) -> str:
@@ -234,7 +239,9 @@ def _timed_conditions(problem: Any, timeline: Timeline, reading: Reading) -> Ite
         for interval, nodes in chronicle.conditions.items():
             found = _instants(interval, owner, timeline, reading)
             if found is not None and found[0] <= found[1]:
-                yield from (_Condition(owner, node, *found) for node in nodes)
+                half_open = interval.is_right_open() and reading is Reading.LATER
+                seen = found[1] + half_open
+                yield from (_Condition(owner, node, *found, seen) for node in nodes)
 
 
 def _instants(
@@ -278,7 +285,7 @@ def _first_failure(
     instants = {condition.first}
     for name in _fluents_in(condition.node):
         new = times_of.get(name, set())
-        instants |= {t for t in new if condition.first < t <= condition.last}
+        instants |= {t for t in new if condition.first < t <= condition.seen}
     for instant in sorted(instants):
         reader = _reader_at(timeline, instant, reading, condition.owner)
         if reader.value(condition.node) is False:
@@ -291,7 +298,7 @@ def holds_throughout(interval: Any, node: Any, timeline: Timeline, reading: Read
     found = _instants(interval, None, timeline, reading)
     if found is None:
         return False
-    condition = _Condition(None, node, *found)
+    condition = _Condition(None, node, *found, found[1])
     return _first_failure(condition, timeline, reading, _new_values(timeline, reading)) is None
 
 

@@ -46,8 +46,11 @@ Conditions (PDDL 2.1 style, the reading that decides ``Verdict.valid``)
 9. *An effect at t is seen from t + 1 on*; at t the old value is seen. (Values at instants
    before 0 are the initial ones.)
 10. A condition over an interval holds at every instant in it: ``[l, u]`` is l..u, ``(l, u)`` is
-    l+1..u-1, and so on. An empty interval asks nothing (aries asks for the value at one of the
-    ends; avoid empty intervals when writing for it).
+    l+1..u-1, and so on. Inside an interval time is dense: an effect at t is seen right after t, so
+    that ``[l, u)`` and ``(l, u)`` also need the value that an effect at u - 1 leaves behind (which
+    only the activity's own effects and those of the problem can change there, by rule 11). An
+    interval without an instant asks nothing (aries asks for the value at one of the ends; avoid
+    such intervals when writing for it).
 11. *Kept apart*: an effect of *another activity* at instant t, on a fluent (same arguments)
     that the condition of an activity reads at t, is a violation, for every t in the condition's
     instants, whatever values. For ``[l, u]`` this includes both ends; ``(l, u]`` allows an

@@ -201,8 +201,10 @@ class States:
             opposite = compare(gap.shift(1), "<=")
             some = self.store.equivalent(compare(constant(0).plus(gap, -1), "<="), opposite)
         active = self.store.all_of([*needs, some])
+        # what is set in the last unit of a half-open interval is seen inside of it
+        until = hi.shift(1) if span.is_right_open() else hi
         for part in conjuncts(node):
-            self._require(part, owner, active, lo, hi)
+            self._require(part, owner, active, (lo, hi, until))
 
     def _instants(self, span: TimeInterval, terms: Terms) -> tuple[Lin, Lin, tuple[Lin, Lin]]:
         """Return the first and last instant, and the two by which to tell whether there is any.
@@ -267,10 +269,16 @@ class States:
         return list(owners.values())
 
     def _require(
-        self, node: FNode, owner: ActivityVars | None, active: Literal, lo: Lin, hi: Lin
+        self,
+        node: FNode,
+        owner: ActivityVars | None,
+        active: Literal,
+        span: tuple[Lin, Lin, Lin],
     ) -> None:
+        """Require ``node`` over the instants lo..hi, and at ``until`` if that is another one."""
+        lo, hi, until = span
         number = None if owner is None else owner.index
-        inside = self._own_writes_inside(node, owner, lo, hi)
+        inside = self._own_writes_inside(node, owner, lo, until)
         if not inside:
             self._hold(node, owner, active, lo, hi)
             return
@@ -283,10 +291,10 @@ class States:
             after = write.time.shift(1)
             conditions = [
                 self.store.equivalent(lo.le(write.time), write.time.shift(1).le(lo)),
-                self.store.equivalent(after.le(hi), hi.le(write.time)),
+                self.store.equivalent(after.le(until), until.le(write.time)),
             ]
             again = self.store.all_of([active, write.active, *conditions])
-            self._hold(node, owner, again, after, after)
+            self._hold(node, owner, again, after, after, loose=True)
 
     def _own_writes_inside(
         self, node: FNode, owner: ActivityVars | None, lo: Lin, hi: Lin
@@ -311,7 +319,13 @@ class States:
             yield from self.grounds(fluent, Terms(self.world, _no_fluents, owner))
 
     def _hold(
-        self, node: FNode, owner: ActivityVars | None, active: Literal, lo: Lin, hi: Lin
+        self,
+        node: FNode,
+        owner: ActivityVars | None,
+        active: Literal,
+        lo: Lin,
+        hi: Lin,
+        loose: bool = False,
     ) -> None:
         if active == FALSE:
             return
@@ -326,9 +340,9 @@ class States:
             ((_, state),) = self.grounds(single, Terms(self.world, _no_fluents, owner))
             if state.values is not None:
                 allowed = self._values(node, state)
-                self._read(state, Read(number, active, lo, hi, allowed=allowed))
+                self._read(state, Read(number, active, lo, hi, allowed=allowed, loose=loose))
                 return
-        terms = Terms(self.world, self.reader(owner, active, lo, hi), owner)
+        terms = Terms(self.world, self.reader(owner, active, lo, hi, loose), owner)
         self.store.enforce(terms.form(node), (active,))
 
     def _values(self, node: FNode, state: StateVar) -> frozenset[int]:
