@@ -25,6 +25,7 @@ from up_samp.model import (  # noqa: E402
     UnsupportedError,
     interpolate,
 )
+from up_samp.motion import MotionService  # noqa: E402
 
 LIMITS = Kinematics(MotionModel.SE3, v_max=1.5, a_max=0.8, omega_max=0.7)
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
@@ -194,3 +195,20 @@ def test_clear_errors(bodies, tmp_path, monkeypatch):
     monkeypatch.setattr(meshes.importlib, "import_module", without)
     with pytest.raises(UnsupportedError, match=r"up-samp\[meshes\]"):
         meshes.transform((0, 0, 0, *UPRIGHT))
+
+
+def test_a_flyer_passes_waypoints_on_a_straight_way(bodies):
+    body = bodies["brick"]
+    turn = (0.0, 0.0, math.sin(0.4), math.cos(0.4))
+    start, end = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0), (12.0, 4.0, 3.0, *turn)
+    inner = [interpolate(np.array(start), np.array(end), share) for share in (0.2, 0.25, 0.7)]
+    service = MotionService(None)
+    alone = service.plan(PathQuery(body, (start, end)), Deadline.after(20))
+    through = service.plan(PathQuery(body, (start, *inner, end)), Deadline.after(20))
+    assert through.trajectory.duration == pytest.approx(alone.trajectory.duration, rel=1e-9)
+    assert through.complete
+    for pose in inner:
+        assert np.abs(through.trajectory.poses - np.array(pose)).max(axis=1).min() < 1e-9
+    bent = (*inner[0][:2], inner[0][2] + 1.0, *inner[0][3:])
+    stopping = service.plan(PathQuery(body, (start, bent, end)), Deadline.after(20))
+    assert not stopping.complete, "it rests at the corner, though nobody asks for that"

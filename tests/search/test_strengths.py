@@ -1,6 +1,7 @@
 """What a claim of optimality may rest on: exact motions, and searches that were finished."""
 
 import math
+from dataclasses import replace
 
 import pytest
 from unified_planning.engines import PlanGenerationResultStatus as Status
@@ -9,6 +10,8 @@ from unified_planning.model.motion import MotionModels, MovableObject
 from unified_planning.shortcuts import OneshotPlanner
 
 from up_samp.benchmarks.places import box
+from up_samp.motion import register_planner
+from up_samp.motion.planners.car import CarPlanner
 from up_samp.test_cases.scene import Scene
 from up_samp.validation import validate_plan
 
@@ -47,3 +50,71 @@ def test_sixteen_metres_take_seventeen_seconds(model, heading, stops):
     assert result.metrics["makespan"] == "17"
     assert result.metrics["bound_kind"] == "absolute"
     assert validate_plan(problem, result.plan).valid
+
+
+class Hurried:
+    """The car planner on a machine so slow that its deadline always ends it."""
+
+    name = "hurried"
+    reversible = True
+    complete = False
+
+    def __init__(self, scene, seed):
+        self.planner = CarPlanner(scene, seed)
+
+    def leg(self, query, deadline):
+        return replace(self.planner.leg(query, deadline), complete=self.complete)
+
+
+class Patient(Hurried):
+    """The same, with all the time that it needs."""
+
+    name = "patient"
+    complete = True
+
+
+def around_a_robot():
+    """A drive past robots that stand in the way: slower than any admissible bound says."""
+    scene = Scene("around")
+    start, goal = scene.place("start", (5.0, 10.0, 0.0)), scene.place("goal", (20.0, 10.0, 0.0))
+    robot = scene.robot("r0", start)
+    for i, y in enumerate((6.0, 8.0, 10.0, 12.0, 14.0)):
+        scene.robot(f"parked{i}", scene.place(f"between{i}", (12.0, y, math.pi / 2)))
+    scene.drive("go", robot, [start, goal], (1, 100))
+    return scene.problem
+
+
+@pytest.mark.parametrize("planner", [Hurried, Patient])
+def test_only_a_finished_search_proves_anything(planner):
+    """What is found is the same on a slow machine and on a fast one; what is proven is less."""
+    register_planner(planner.name, planner)
+    problem = around_a_robot()
+    with OneshotPlanner(
+        name="samp-refine[cpsat]",
+        params={"path_planner": planner.name},
+        optimality_guarantee=OptimalityGuarantee.SOLVED_OPTIMALLY,
+    ) as solver:
+        result = solver.solve(problem, timeout=6)
+    assert validate_plan(problem, result.plan).valid
+    if planner.complete:
+        assert result.status is Status.SOLVED_OPTIMALLY
+        assert result.metrics["bound_kind"].startswith("relative")
+    else:
+        assert result.status is Status.SOLVED_SATISFICING
+        assert int(result.metrics["lower_bound"]) < int(result.metrics["makespan"])
+
+
+def test_a_sharp_waypoint_is_passed_and_never_called_optimal_where_it_is_not():
+    """A slider round a corner: with a stop there it would take a unit longer or more."""
+    scene = Scene("corner")
+    poses = [(5.0, 5.0, 0.0), (15.0, 5.0, 0.0), (15.0, 15.0, 0.0)]
+    places = [scene.place(f"p{i}", pose) for i, pose in enumerate(poses)]
+    robot = scene.robot("r0", places[0], MotionModels.SE2)
+    scene.drive("go", robot, places, (1, 100))
+    with OneshotPlanner(
+        name="samp-refine[cpsat]", optimality_guarantee=OptimalityGuarantee.SOLVED_OPTIMALLY
+    ) as solver:
+        result = solver.solve(scene.problem, timeout=20)
+    assert validate_plan(scene.problem, result.plan).valid
+    # 10 m twice, each from rest to rest at v = 2 and a = 1: 7 s; the bound is 20 / 2 + 2 s
+    assert 12 <= int(result.metrics["makespan"]) < 14
