@@ -7,7 +7,7 @@ constraint with nothing recognised; the collapsed problem's optimum must be a lo
 import pytest
 
 from cpsat.random_routes import random_routes
-from cpsat.truth import answer, collapsed_optimum, nothing_recognised
+from cpsat.truth import answer, bound_without_search, collapsed_optimum, nothing_recognised
 
 FEW = 30
 MANY = 1500
@@ -23,6 +23,9 @@ def disagreement(seed):
         return None, False
     if found != truth:
         return f"{found}, but in truth {truth}", True
+    quick = bound_without_search(problem)
+    if quick is not None and truth[1] is not None and quick > truth[1]:
+        return f"bound by work {quick} above {truth[1]}", True
     bound = collapsed_optimum(problem)
     wrong = bound is not None and truth[1] is not None and not 0 <= bound <= truth[1]
     return (f"bound {bound} above {truth[1]}" if wrong else None), bound is not None

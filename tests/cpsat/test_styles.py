@@ -3,7 +3,7 @@
 import pytest
 
 from cpsat.styles import LOOSE, SPOILED, TIGHT, Style, shop, small, store, write
-from cpsat.truth import answer, collapsed_optimum, nothing_recognised
+from cpsat.truth import answer, bound_without_search, collapsed_optimum, nothing_recognised
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
@@ -27,6 +27,9 @@ def disagreements(seed, styles):
             wrong[str(style)] = f"{mine}, but in truth {truth}"
         if found.setdefault(style.units, truth) != truth:
             wrong[str(style)] = f"{truth}, but in other styles {found[style.units]}"
+        quick = bound_without_search(problem)
+        if quick is not None and truth[1] is not None and quick > truth[1]:
+            wrong[str(style)] = f"bound by work {quick} above {truth[1]}"
         bound = collapsed_optimum(problem)
         if bound is not None and truth[1] is not None and not 0 <= bound <= truth[1]:
             wrong[str(style)] = f"bound {bound} above {truth[1]}"

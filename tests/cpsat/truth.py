@@ -14,7 +14,9 @@ from up_samp.scheduling.cpsat.normal.form import NormalForm
 from up_samp.scheduling.cpsat.normal.presences import Presences
 from up_samp.scheduling.cpsat.problem import Watcher
 from up_samp.scheduling.cpsat.routing.detection import find_routes
+from up_samp.scheduling.cpsat.routing.dispatch import find_work
 from up_samp.scheduling.cpsat.routing.relaxation import Collapsed
+from up_samp.scheduling.cpsat.routing.workload import bound_by_work
 from up_samp.scheduling.cpsat.solve import strategy as search
 from up_samp.scheduling.cpsat.solve.runner import Run
 from up_samp.scheduling.cpsat.solve.strategy import Search
@@ -54,6 +56,15 @@ def answer(problem):
     assert report.status is ScheduleStatus.OPTIMAL
     assert report.bound in (report.schedule.makespan, None)
     return report.status, report.schedule.makespan
+
+
+def bound_without_search(problem):
+    """Return the lower bound by all the work there is (None: there are no routes)."""
+    full = ScheduleModel(problem)
+    full.build(Watcher(problem).look())
+    routes = find_routes(full)
+    work = find_work(full, routes) if routes else None
+    return None if work is None else bound_by_work(full, work)
 
 
 def collapsed_optimum(problem):

@@ -30,6 +30,8 @@ class Disjunctions:
         self.gaps: dict[tuple[int, int], int] = {}
         self.cliques: list[tuple[int, list[ActivityVars]]] = []
         self.members: list[frozenset[int]] = []
+        self.unary: list[tuple[int, set[int]]] = []
+        """Unary resources: gap and activities (indices), alternatives of each other included."""
         self.groups: list[list[ActivityVars]] = []
         """Alternatives: of each list one is present, all with the same times."""
         self.exclusive: set[tuple[int, int]] = set()
@@ -44,6 +46,10 @@ class Disjunctions:
         order = sorted(activities)
         pairs = itertools.combinations(order, 2)
         return all(pair in self.gaps or pair in self.exclusive for pair in pairs)
+
+    def sets(self) -> list[tuple[int, set[int]]]:
+        """Return all sets of activities (indices) that are done one at a time, with their gaps."""
+        return [*((gap, {a.index for a in some}) for gap, some in self.cliques), *self.unary]
 
     def gap(self, a: int, b: int) -> int:
         """Return how far apart two activities (indices) are when both are there; -1 if not."""
@@ -99,6 +105,7 @@ class Disjunctions:
 
     def add_unary(self, unary: Unary) -> None:
         """Remember that no two members of a unary resource overlap."""
+        self.unary.append((unary.gap, set(unary.members)))
         for a, b in itertools.combinations(unary.members, 2):
             if (a, b) not in self.exclusive:
                 self._note(a, b, unary.gap)

@@ -218,7 +218,7 @@ class UnitPlace:
 def find_routes(model: ScheduleModel) -> list[Route]:
     """Return the routes of a model that can be collapsed together."""
     routes = []
-    cliques = _cliques(model)
+    cliques = model.disjunctions.sets()
     for timeline in model.timelines.values():
         if isinstance(timeline, Timeline) and refusal(model, timeline, cliques) is None:
             routes.append(_route(model, timeline, cliques))
@@ -234,13 +234,9 @@ Cliques = list[tuple[int, set[int]]]
 """Sets of activities that are done one at a time, each with its gap."""
 
 
-def _cliques(model: ScheduleModel) -> Cliques:
-    return [(g, {a.index for a in members}) for g, members in model.disjunctions.cliques]
-
-
 def refusals(model: ScheduleModel, routes: list[Route]) -> dict[Key, str]:
     """Return why the object-valued state variables that several activities change are no routes."""
-    cliques, known = _cliques(model), {route.key for route in routes}
+    cliques, known = model.disjunctions.sets(), {route.key for route in routes}
     found = {}
     for key, timeline in model.timelines.items():
         if key in known or not isinstance(timeline, Timeline):

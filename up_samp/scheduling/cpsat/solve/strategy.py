@@ -19,6 +19,7 @@ from up_samp.scheduling.cpsat.routing.dispatch import Work, find_work
 from up_samp.scheduling.cpsat.routing.expand import expand
 from up_samp.scheduling.cpsat.routing.list_scheduling import decode, improve, sequence_of
 from up_samp.scheduling.cpsat.routing.relaxation import Collapsed
+from up_samp.scheduling.cpsat.routing.workload import bound_by_work
 from up_samp.scheduling.cpsat.solve import options as efforts
 from up_samp.scheduling.cpsat.solve.runner import Answer, Run, run
 from up_samp.scheduling.cpsat.solve.solutions import hint_values, schedule_of
@@ -125,6 +126,9 @@ class Search:
         if not routes:
             return 0
         work = find_work(self.model, routes)
+        if work is not None:
+            deadline = self.deadline.within(0.1 * self.deadline.remaining())
+            self.bound = max(self.bound, bound_by_work(self.model, work, deadline.expired))
         if work is not None and self.best is None:
             few = self.wants_optimum and len(work.tasks) <= _FEW_TASKS
             rounds = 0 if few else _ROUNDS_PER_TASK * len(work.tasks)

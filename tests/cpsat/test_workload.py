@@ -1,0 +1,57 @@
+"""The lower bound by all the work there is."""
+
+from unified_planning.shortcuts import IntType
+
+from cpsat.styles import Site, Style, Task, shop, write
+from cpsat.truth import bound_without_search
+from up_samp.model import Deadline
+from up_samp.scheduling.cpsat import CpsatSession
+
+
+def optimum(problem):
+    return CpsatSession(problem, workers=1).solve(Deadline.after(60)).schedule.makespan
+
+
+def line(robots=1):
+    """Three places in a row, 10 apart; from the first, work at the last, then the first again."""
+    roads = {(a, b): 10 * abs(a - b) for a in range(3) for b in range(3) if a != b}
+    return Site((0,) * robots, roads, (Task((2,), 5), Task((0,), 5, after=(0,))))
+
+
+def test_one_robot_needs_all_the_time_that_its_work_takes():
+    problem = write(line(), Style())
+    assert bound_without_search(problem) == 20 + 5 + 20 + 5 == optimum(problem)
+
+
+def test_robots_share_the_work():
+    problem = write(line(2), Style())
+    assert bound_without_search(problem) == 15
+    assert optimum(problem) == 30
+
+
+def test_robots_that_take_turns_share_nothing():
+    problem = write(line(2), Style())
+    queue = problem.add_fluent("queue", IntType(0, 1), default_initial_value=1)
+    for activity in problem.activities:
+        activity.uses(queue())
+    assert bound_without_search(problem) == 30 == optimum(problem)
+
+
+def test_doors_cost_what_it_takes_to_squeeze_them_in():
+    site = line()
+    behind = Site(site.starts, site.roads, site.tasks, {2: 1})
+    problem = write(behind, Style())
+    assert bound_without_search(problem) == 51 == optimum(problem)
+
+
+def test_coming_home_counts():
+    site = line()
+    problem = write(Site(site.starts, site.roads, site.tasks[:1], home=True), Style())
+    assert bound_without_search(problem) == 45 == optimum(problem)
+
+
+def test_a_shop_with_one_robot_is_bounded_to_three_quarters():
+    problem = write(shop(1, 3, 3), Style(alone="uses"))
+    report = CpsatSession(problem, workers=1, effort=0.5).solve(Deadline.after(60))
+    assert report.schedule is not None
+    assert report.bound >= 0.75 * report.schedule.makespan
