@@ -59,6 +59,8 @@ class Parameters:
     """Candidate schedules repaired into plans."""
     slack: bool = True
     """Motions given what time the candidate's makespan leaves them."""
+    tidy: bool = True
+    """Optional motions that nothing needs left out of the plan that is returned."""
     single_geometric: bool = True
     """Layer 1, geometric: a path for each motion alone, first."""
     single_temporal: bool = True
@@ -89,6 +91,7 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
         "profiles": False,
         "incumbents": False,
         "slack": False,
+        "tidy": False,
         "path_planner": "RRT",
         "group_planner": "ST-RRT*",
     },
@@ -100,6 +103,7 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
         "profiles": False,
         "incumbents": False,
         "slack": False,
+        "tidy": False,
     },
 }
 
@@ -114,6 +118,7 @@ ABLATIONS: Mapping[str, Mapping[str, Any]] = {
         "profiles",
         "incumbents",
         "slack",
+        "tidy",
         "single_geometric",
         "single_temporal",
     )

@@ -32,7 +32,7 @@ def repair(context: Context, schedule: CandidateSchedule, check: Check) -> Incum
     for _ in range(MAX_STEPS):
         if check.failed or context.deadline.expired():
             return None
-        _demand(problem, activities, current, check.needed)
+        demand(problem, activities, current, check.needed)
         report = session.solve(context.deadline, optimal=True, hint=current)
         if report.schedule is None:
             return None
@@ -52,7 +52,7 @@ def repair(context: Context, schedule: CandidateSchedule, check: Check) -> Incum
     return None
 
 
-def _demand(
+def demand(
     problem: SchedulingProblem,
     activities: Mapping[str, Activity],
     current: CandidateSchedule,

@@ -18,6 +18,7 @@ from up_samp.search.context import Context, Incumbent
 from up_samp.search.loop import solve
 from up_samp.search.params import Parameters
 from up_samp.search.prepare import check_geometry
+from up_samp.search.tidy import tidied
 from up_samp.upio import Relaxation, SampSchedule, build_plan, read_problem, relax
 
 ScheduleCheck = Callable[[Any, Schedule], list[str]]
@@ -108,8 +109,14 @@ def to_plan(
 
 
 def run(context: Context, *, optimal: bool) -> Generator[Incumbent, None, SearchResult]:
-    """Run the search; the scheduler is closed whatever happens."""
+    """Run the search, and leave out of its best plan what is needless; the scheduler is closed
+    whatever happens.
+    """
     try:
-        return (yield from solve(context, optimal=optimal))
+        result = yield from solve(context, optimal=optimal)
+        if context.incumbent is not None and context.params.tidy:
+            context.report("tidy", "leaving out motions that nothing needs")
+            context.incumbent = tidied(context, context.incumbent) or context.incumbent
+        return result
     finally:
         context.scheduler.close()

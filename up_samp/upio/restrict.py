@@ -12,13 +12,17 @@ from up_samp.upio.relaxation import Relaxation
 
 
 def restrict(
-    relaxation: Relaxation, snapshot: Snapshot, schedule: CandidateSchedule
+    relaxation: Relaxation,
+    snapshot: Snapshot,
+    schedule: CandidateSchedule,
+    *,
+    free: frozenset[str] = frozenset(),
 ) -> SchedulingProblem:
     """Return the relaxation with all that was learned, with presence decided as in ``schedule``:
     present activities mandatory, others gone, static obstacles put, motions between the same
-    configurations.
+    configurations. Those that are ``free`` may be left out.
     """
-    problem = restricted(relaxation, schedule)
+    problem = restricted(relaxation, schedule, free)
     _hold_static(snapshot, problem)
     _keep_decisions(relaxation, problem, schedule)
     return problem
@@ -49,27 +53,32 @@ def _hold_static(snapshot: Snapshot, problem: SchedulingProblem) -> None:
         for change in snapshot.changes:
             if change.object in (task.static or ()) and change.activity in activities:
                 other = activities[change.activity]
-                problem.add_constraint(
-                    manager.Or(manager.LE(other.end, one.start), manager.LE(one.end, other.end))
-                )
+                apart = manager.Or(manager.LE(other.end, one.start), manager.LE(one.end, other.end))
+                problem.add_constraint(apart, [a.present for a in (one, other) if a.optional])
         for drive in tasks:
             if drive.object in (task.static or ()):
                 other = activities[drive.activity]
-                problem.add_constraint(
-                    manager.Or(manager.LE(other.end, one.start), manager.LE(one.end, other.start))
+                apart = manager.Or(
+                    manager.LE(other.end, one.start), manager.LE(one.end, other.start)
                 )
+                problem.add_constraint(apart, [a.present for a in (one, other) if a.optional])
 
 
-def restricted(relaxation: Relaxation, schedule: CandidateSchedule) -> SchedulingProblem:
-    """Return the relaxation with presence decided: present activities mandatory, others gone."""
+def restricted(
+    relaxation: Relaxation, schedule: CandidateSchedule, free: frozenset[str] = frozenset()
+) -> SchedulingProblem:
+    """Return the relaxation with presence decided: present activities mandatory (but for those
+    that are ``free``), others gone.
+    """
     source = relaxation.problem
     target = source.clone()
-    fix = _PresenceFixer(source, schedule)
+    fix = _PresenceFixer(source, schedule, free)
     target._activities = []
     for activity in source.activities:
         if activity.name not in schedule.times:
             continue
-        copy = Activity(activity.name, 1, False, _env=source.environment)
+        optional = activity.optional and activity.name in free
+        copy = Activity(activity.name, 1, optional, _env=source.environment)
         activity._clone_to(copy)
         copy._duration = activity.duration
         fix.constraints(activity, copy)
@@ -86,7 +95,10 @@ class _PresenceFixer:
     reads it). So such a relation counts as true where it stands, and as false under a negation.
     """
 
-    def __init__(self, problem: SchedulingProblem, schedule: CandidateSchedule):
+    def __init__(
+        self, problem: SchedulingProblem, schedule: CandidateSchedule, free: frozenset[str]
+    ):
+        self.free = {a.name for a in problem.activities if a.optional and a.name in free}
         self.manager = problem.environment.expression_manager
         self.present = set(schedule.times)
         gone = [a for a in problem.activities if a.name not in self.present]
@@ -115,7 +127,8 @@ class _PresenceFixer:
     def _fix(self, expression: FNode, positive: bool) -> FNode:
         m = self.manager
         if expression.is_present_exp():
-            return m.Bool(expression.presence().container in self.present)
+            name = expression.presence().container
+            return expression if name in self.free else m.Bool(name in self.present)
         if expression.is_and() or expression.is_or():
             return self._join(expression, positive)
         if expression.is_not():

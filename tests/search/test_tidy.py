@@ -1,0 +1,70 @@
+"""Plans come back without motions that nothing needs, and end no later for it."""
+
+import itertools
+
+import pytest
+from unified_planning.engines import PlanGenerationResultStatus as Status
+from unified_planning.model import Fluent
+from unified_planning.model.timing import TimePointInterval, Timing
+from unified_planning.shortcuts import Equals, GlobalEndTiming
+
+from tests.search.test_end_to_end import solve
+from tests.search.test_parameters import INSTALLED
+from tests.upio.hall import Hall
+from up_samp.validation import validate_plan
+
+
+def idle_fleet(folder, *, robots=2):
+    """Robot 0 has a long way to go; the others may drive about meanwhile, and a door may open."""
+    hall = Hall(folder, robots=robots, door=True)
+    hall.move("go", 0, "left0", "right0")
+    hall.open_door(optional=True)
+    hall.open_door("open_again", optional=True)
+    for k in range(1, robots):
+        hall.pose(f"aside{k}", 6.0, 3.0 + 4.0 * k, 0.0)
+        for a, b in itertools.permutations((f"left{k}", f"aside{k}"), 2):
+            for n in range(2):
+                hall.move(f"r{k}_{a}_{b}_{n}", k, a, b, optional=True)
+    return hall
+
+
+def present(result):
+    return {a.name for a in result.plan.activities}
+
+
+@pytest.mark.parametrize("engine", INSTALLED)
+def test_idle_robots_stay(tmp_path, engine):
+    hall = idle_fleet(tmp_path)
+    result = solve(hall.problem, engine, optimal=engine != "aries")
+    assert result.plan is not None, result.log_messages
+    names = present(result)
+    assert "go" in names
+    assert len(names) == 2
+    assert names - {"go"} < {"open", "open_again"}
+    assert validate_plan(hall.problem, result.plan).valid
+
+
+def test_a_needed_move_stays(tmp_path):
+    """It ends where it has to, by one drive and not by three."""
+    hall = idle_fleet(tmp_path)
+    at = Fluent("at", hall.place)
+    hall.problem.add_fluent(at, default_initial_value=hall.poses["left1"])
+    for activity in hall.problem.activities:
+        if activity.name.startswith("r1_"):
+            goal = "aside1" if activity.name.startswith("r1_left1") else "left1"
+            activity.add_effect(activity.end, at, hall.poses[goal])
+    end = TimePointInterval(Timing(0, GlobalEndTiming().timepoint))
+    hall.problem.add_condition(end, Equals(at(), hall.poses["aside1"]))
+    result = solve(hall.problem)
+    assert result.status is Status.SOLVED_OPTIMALLY
+    moves = [n for n in present(result) if n.startswith("r1_")]
+    assert len(moves) == 1
+    assert validate_plan(hall.problem, result.plan).valid
+
+
+def test_the_makespan_is_the_same_without_tidying(tmp_path):
+    hall = idle_fleet(tmp_path)
+    tidy, loose = solve(hall.problem), solve(hall.problem, tidy=False)
+    assert tidy.metrics["makespan"] == loose.metrics["makespan"]
+    assert tidy.status is loose.status is Status.SOLVED_OPTIMALLY
+    assert present(tidy) <= present(loose) | {"open", "open_again"}

@@ -1,0 +1,91 @@
+"""Leave needless motions out of the best plan: the last pass of a search.
+
+A makespan says nothing of moves that end before it: an idle robot may drive out, back and out
+again. Among the plans with some of the same motions, no later end, the same decisions and all else
+that is present, the one with the fewest motions is sought, then with the least driving. Its motions
+are checked and the plan is validated like any other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from unified_planning.model.metrics import Oversubscription
+from unified_planning.model.scheduling import SchedulingProblem
+
+from up_samp.model import CandidateSchedule
+from up_samp.scheduling.cpsat import CpsatSession
+from up_samp.search.check import check_itinerary
+from up_samp.search.context import Context, Incumbent
+from up_samp.search.repair import demand
+from up_samp.upio import read_itinerary
+from up_samp.upio.restrict import restrict
+
+MAX_STEPS = 8
+TIDY_EFFORT = 0.2
+"""Deterministic time of CP-SAT for one step: a few seconds at most."""
+
+
+def tidied(context: Context, plan: Incumbent) -> Incumbent | None:
+    """Return a valid plan with fewer motions than ``plan`` that ends no later, if one is found."""
+    weights = _weights(context, plan)
+    metrics = context.relaxation.problem.quality_metrics
+    if not weights or any(not m.is_minimize_makespan() for m in metrics):
+        return None
+    problem = _loose(context, plan, weights)
+    activities = {a.name: a for a in problem.activities}
+    manager = problem.environment.expression_manager
+    current = plan.schedule
+    session = CpsatSession(problem, seed=context.params.seed, workers=1, effort=TIDY_EFFORT)
+    for _ in range(MAX_STEPS):
+        if context.deadline.expired():
+            return None
+        report = session.solve(context.deadline, optimal=True, hint=current)
+        if report.schedule is None:
+            return None
+        gone = sorted(weights.keys() - report.schedule.times.keys())
+        if not gone:
+            return None
+        values = {**plan.schedule.parameters, **report.schedule.parameters}
+        current = CandidateSchedule(report.schedule.times, values)
+        check = check_itinerary(context, read_itinerary(context.relaxation, current), learn=False)
+        if check.passed:
+            better = Incumbent(current, check.trajectories)
+            return None if context.validate(better) else better
+        if check.failed or not check.needed:
+            problem.add_constraint(manager.Or(activities[n].present for n in gone))
+        else:
+            demand(problem, activities, current, check.needed)
+    return None
+
+
+def _weights(context: Context, plan: Incumbent) -> dict[str, int]:
+    """Return what leaving out each present optional motion is worth: one motion more than all
+    driving, one unit of driving more than all changes without motions.
+    """
+    present = plan.schedule.times
+    optional = {a.name for a in context.relaxation.problem.activities if a.optional} & set(present)
+    drives = {t.activity for t in context.snapshot.tasks} & optional
+    changes = {c.activity for c in context.snapshot.changes} & optional - drives
+    unit = len(changes) + 1
+    lengths = {n: (present[n][1] - present[n][0]) * unit for n in drives}
+    most = sum(lengths.values()) + unit
+    return {n: most + lengths[n] for n in drives} | dict.fromkeys(changes, 1)
+
+
+def _loose(context: Context, plan: Incumbent, weights: Mapping[str, int]) -> SchedulingProblem:
+    """Return the problem of the plan's activities, with the weighted ones optional."""
+    relaxation = context.relaxation
+    twins = {twin.name for twin in relaxation.elsewhere.values()}
+    free = frozenset(weights) | (twins & set(plan.schedule.times))
+    problem = restrict(relaxation, context.snapshot, plan.schedule, free=free)
+    manager = problem.environment.expression_manager
+    makespan = plan.schedule.makespan
+    goals = {}
+    for activity in problem.activities:
+        problem.add_constraint(manager.LE(activity.end, makespan))
+        if activity.name in weights:
+            goals[manager.Not(activity.present)] = weights[activity.name]
+    problem.clear_quality_metrics()
+    problem.add_quality_metric(Oversubscription(goals))
+    return problem
