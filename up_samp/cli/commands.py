@@ -23,8 +23,10 @@ from up_samp.cli.problems import add_problem_arguments, find_problem, unit_of
 from up_samp.cli.simulating import add_simulate
 from up_samp.cli.solving import add_solver_arguments, describe, judge, solve_and_show
 from up_samp.cli.table import table
-from up_samp.io import plan_from_dict, read_plan
+from up_samp.io import contradictions, plan_from_dict, read_plan
+from up_samp.io.compare import poses_beyond
 from up_samp.model import ProblemError
+from up_samp.model.errors import short
 
 if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
@@ -86,9 +88,22 @@ def _validate(args: argparse.Namespace) -> int:
     problem = _problem(args)
     if not isinstance(problem, SchedulingMotionProblem):
         raise ProblemError(f"problem '{problem.name}' has no motions: it has no plan files")
-    verdict = judge(problem, plan_from_dict(problem, plan), plan["seconds_per_unit"])
-    print(describe(verdict))
-    return 0 if verdict.valid else 1
+    beyond = poses_beyond(problem, plan)
+    wrong = [*contradictions(problem, plan), *beyond]
+    if wrong:
+        print(f"INVALID: the plan file contradicts the problem in {len(wrong)} points")
+        print("\n".join(f"  {short(w, 300)}" for w in wrong))
+    if beyond:
+        return 1
+    try:
+        verdict = judge(problem, plan_from_dict(problem, plan), plan["seconds_per_unit"])
+    except ProblemError:
+        if wrong:
+            return 1  # said above
+        raise
+    if not wrong or not verdict.valid:
+        print(describe(verdict))
+    return 0 if verdict.valid and not wrong else 1
 
 
 def add_draw(commands: Subparsers) -> None:

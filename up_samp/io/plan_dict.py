@@ -71,7 +71,7 @@ def plan_to_dict(
         # not rounded: it is multiplied with times of any size
         "seconds_per_unit": int(seconds_per_unit) if whole else seconds_per_unit,
         "map": {"yaml": None if snapshot.map_file is None else os.path.abspath(snapshot.map_file)},
-        "objects": [_object(o, snapshot) for o in snapshot.objects.values()],
+        "objects": described_objects(snapshot),
         "activities": activities,
         "motions": _motions(plan, snapshot, times),
         "changes": _changes(plan, snapshot, times),
@@ -133,6 +133,11 @@ def _plain(value: float | None) -> float | int | None:
     if value is None or not math.isfinite(value):
         return None
     return int(value) if float(value).is_integer() else round(float(value), DECIMALS)
+
+
+def described_objects(snapshot: Snapshot) -> list[dict[str, Any]]:
+    """Return the problem's movable objects as a plan file describes them."""
+    return [_object(o, snapshot) for o in snapshot.objects.values()]
 
 
 def _object(movable: Movable, snapshot: Snapshot) -> dict[str, Any]:

@@ -29,6 +29,8 @@ def plan_from_dict(problem: SchedulingMotionProblem, plan: PlanDict) -> SampSche
     parameters: dict[str, Value] = dict(plan.get("parameters", {}))
     for entry in plan["activities"]:
         name = entry["name"]
+        if name in times:
+            raise ProblemError(f"the plan has activity '{name}' twice")
         if name not in known:
             raise ProblemError(f"the plan's activity '{name}' is not in problem '{snapshot.name}'")
         times[name] = (_whole(entry, "start"), _whole(entry, "end"))
@@ -42,7 +44,12 @@ def plan_from_dict(problem: SchedulingMotionProblem, plan: PlanDict) -> SampSche
     if missing:
         raise ProblemError(f"the plan gives the variable '{missing[0]}' no value")
     trajectories: dict[str, Trajectory] = {}
-    samples = {(m["activity"], m["object"]): m["samples"] for m in plan["motions"]}
+    samples: dict[tuple[str, str], Any] = {}
+    for motion in plan["motions"]:
+        key = (motion["activity"], motion["object"])
+        if key in samples:
+            raise ProblemError(f"the plan has two motions of '{key[1]}' in activity '{key[0]}'")
+        samples[key] = motion["samples"]
     for task in snapshot.tasks:
         if task.activity in times:
             rows = samples.get((task.activity, task.object))

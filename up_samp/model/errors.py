@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import reprlib
+
 
 class SampError(Exception):
     """Base of all errors raised on purpose by this package."""
@@ -17,3 +19,18 @@ class UnsupportedError(SampError, NotImplementedError):
 
 class EngineError(SampError, RuntimeError):
     """A wrapped engine crashed, answered wrongly, or overran its deadline."""
+
+
+def short(value: object, size: int = 80) -> str:
+    """Return a value for a message: of bounded length, whatever a user's file may hold."""
+    if isinstance(value, str):
+        return value if len(value) <= size else f"{value[: size - 3]}..."
+    if isinstance(value, int | float | bool | None):
+        if isinstance(value, int) and abs(value) > 10**size:
+            return "a very large number"  # Python refuses to print numbers of many digits
+        return repr(value)
+    return _SHORT.repr(value)[:size]
+
+
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel = 2

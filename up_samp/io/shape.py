@@ -1,0 +1,192 @@
+"""Check that a plan dictionary has the types and sizes that docs/plan-format.md gives it."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from up_samp.model import MotionModel, ProblemError
+from up_samp.model.errors import short
+
+LARGEST = 1e7
+"""Largest time (s or schedule units) and coordinate (m) in a plan file: more is a slip of the
+pen, and nothing could be drawn or checked in bounded time.
+"""
+
+LONGEST_NAME = 1000
+
+Check = Callable[[Any], str | None]
+"""Returns what a value should be, if it is not that."""
+
+
+def text(value: Any) -> str | None:
+    """Check a name or another short text."""
+    if not isinstance(value, str):
+        return "a text"
+    return None if len(value) <= LONGEST_NAME else f"a text of at most {LONGEST_NAME} characters"
+
+
+def number(value: Any) -> str | None:
+    """Check a finite number of a size that makes sense."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return "a number"
+    # comparing works for whole numbers of any size, converting does not
+    return (
+        None if -LARGEST <= value <= LARGEST else f"a number between -{LARGEST:g} and {LARGEST:g}"
+    )
+
+
+def positive(value: Any) -> str | None:
+    """Check a number above zero."""
+    return number(value) or (None if value > 0 else "a number above 0")
+
+
+def whole(value: Any) -> str | None:
+    """Check a whole number (2.0 is one)."""
+    return number(value) or (None if value == math.floor(value) else "a whole number")
+
+
+def plain(value: Any) -> str | None:
+    """Check a parameter's value."""
+    if isinstance(value, bool):
+        return None
+    return None if number(value) is None or text(value) is None else "a truth value, number or name"
+
+
+def optional(check: Check) -> Check:
+    """Return a check that lets ``null`` pass."""
+
+    def checked(value: Any) -> str | None:
+        wanted = None if value is None else check(value)
+        return wanted and f"{wanted} or null"
+
+    return checked
+
+
+def numbers(*lengths: int) -> Check:
+    """Return a check for a list of numbers, of one of these lengths."""
+
+    def checked(value: Any) -> str | None:
+        wanted = f"a list of {' or '.join(map(str, lengths))} numbers"
+        if not isinstance(value, list) or len(value) not in lengths:
+            return wanted
+        return wanted if any(number(v) for v in value) else None
+
+    return checked
+
+
+def corners(value: Any) -> str | None:
+    """Check a footprint; an object with a mesh may have none."""
+    pair = numbers(2)
+    good = isinstance(value, list) and not any(pair(c) for c in value)
+    return None if good and len(value) != 1 and len(value) != 2 else "a list of corners [x, y]"
+
+
+def values(value: Any) -> str | None:
+    """Check parameters by name."""
+    good = isinstance(value, dict) and not any(text(k) or plain(v) for k, v in value.items())
+    return None if good else "an object of names and plain values"
+
+
+def model(value: Any) -> str | None:
+    """Check a motion model's name."""
+    names = [m.value for m in MotionModel]
+    return None if isinstance(value, str) and value in names else f"one of {', '.join(names)}"
+
+
+PLAN: Mapping[str, Check] = {
+    "problem": text,
+    "engine": text,
+    "status": text,
+    "makespan": number,
+    "lower_bound": optional(number),
+    "seconds_per_unit": positive,
+    "map": lambda v: None if isinstance(v, dict) else "an object",
+    "objects": lambda v: None if isinstance(v, list) else "a list",
+    "activities": lambda v: None if isinstance(v, list) else "a list",
+    "motions": lambda v: None if isinstance(v, list) else "a list",
+    "changes": lambda v: None if isinstance(v, list) else "a list",
+}
+ENTRIES: Mapping[str, Mapping[str, Check]] = {
+    "objects": {
+        "name": text,
+        "type": text,
+        "footprint": corners,
+        "model": model,
+        "initial": optional(numbers(3, 7)),
+    },
+    "activities": {"name": text, "start": number, "end": number},
+    "motions": {"activity": text, "object": text, "samples": lambda v: None},
+    "changes": {
+        "activity": text,
+        "object": text,
+        "time": number,
+        "configuration": numbers(3, 7),
+    },
+}
+MAYBE: Mapping[str, Mapping[str, Check]] = {
+    "objects": {
+        "turning_radius": number,
+        "v_max": number,
+        "a_max": number,
+        "omega_max": number,
+        "mesh": optional(text),
+    },
+    "activities": {"parameters": values},
+    "motions": {},
+    "changes": {},
+}
+"""Fields that an entry need not have."""
+
+
+def check_shape(plan: Mapping[str, Any], label: str) -> None:
+    """Raise :class:`ProblemError` that names the first field that is missing or of a wrong type."""
+    for key, check in PLAN.items():
+        _need(plan, key, check, label, "")
+    _maybe(plan["map"], "yaml", optional(text), label, "'map'")
+    _maybe(plan, "parameters", values, label, "")
+    for key, checks in ENTRIES.items():
+        for i, entry in enumerate(plan[key]):
+            where = f"entry {i} of '{key}'"
+            if not isinstance(entry, dict):
+                _refuse(label, where, "an object", entry)
+            for field, check in checks.items():
+                _need(entry, field, check, label, where)
+            for field, check in MAYBE[key].items():
+                _maybe(entry, field, check, label, where)
+    for motion in plan["motions"]:
+        _check_samples(motion, label)
+
+
+def _need(entry: Mapping[str, Any], key: str, check: Check, label: str, where: str) -> None:
+    if key not in entry:
+        raise ProblemError(f"{label}{where and ': '}{where} lacks '{key}'")
+    _maybe(entry, key, check, label, where)
+
+
+def _maybe(entry: Mapping[str, Any], key: str, check: Check, label: str, where: str) -> None:
+    if key not in entry:
+        return
+    wanted = check(entry[key])
+    if wanted is not None:
+        _refuse(label, f"'{key}'{where and ' of '}{where}", wanted, entry[key])
+
+
+def _refuse(label: str, field: str, wanted: str, value: Any) -> None:
+    said = repr(short(value)) if isinstance(value, str) else short(value)
+    raise ProblemError(f"{label}: {field} cannot be {said}: it must be {wanted}")
+
+
+def _check_samples(motion: Mapping[str, Any], label: str) -> None:
+    rows = motion["samples"]
+    where = f"{label}: the samples of '{short(motion['activity'])}'"
+    good = isinstance(rows, list) and rows and all(isinstance(r, list) for r in rows)
+    if not good or len({len(r) for r in rows}) != 1 or len(rows[0]) not in (4, 8):
+        raise ProblemError(f"{where} must be rows [t, x, y, theta]")
+    wrong = next((v for r in rows for v in r if number(v)), None)
+    if wrong is not None or any(v is None for r in rows for v in r):
+        raise ProblemError(f"{where} must be finite numbers up to {LARGEST:g}, not {short(wrong)}")
+    if any(b[0] <= a[0] for a, b in itertools.pairwise(rows)):
+        raise ProblemError(f"{where} must have increasing times")
