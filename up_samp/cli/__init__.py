@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import argparse
 import gc
+import io
 import os
 import sys
 from collections.abc import Sequence
@@ -40,13 +41,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv is None:
         # this process is ours: collect garbage less often, a sixth of a short command's time
         gc.set_threshold(50_000, 20, 20)
+        for stream in (sys.stdout, sys.stderr):
+            if isinstance(stream, io.TextIOWrapper):  # names in any script, on any terminal
+                stream.reconfigure(errors="backslashreplace")
     args = make_parser().parse_args(argv)
     from unified_planning.shortcuts import get_environment
 
     get_environment().credits_stream = None
     try:
         code: int = args.run(args)
-        sys.stdout.flush()
+        if sys.stdout is not None:
+            sys.stdout.flush()
         return code
     except KeyboardInterrupt:
         print("\nup-samp: stopped", file=sys.stderr)

@@ -27,6 +27,7 @@ from up_samp.io import contradictions, plan_from_dict, read_plan
 from up_samp.io.compare import poses_beyond
 from up_samp.model import ProblemError
 from up_samp.model.errors import short
+from up_samp.system.files import check_folder
 
 if TYPE_CHECKING:
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
@@ -118,6 +119,7 @@ def add_draw(commands: Subparsers) -> None:
 
 
 def _draw(args: argparse.Namespace) -> int:
+    check_folder(args.out, "--out")
     files = write_outputs(read_plan(args.plan), args.out, gif=args.gif, plan_file=False)
     print("\n".join(str(f) for f in files))
     return 0

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from up_samp.io import PlanDict, write_plan
+from up_samp.system.files import whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,4 +45,5 @@ def write_outputs(
 def _save(ax: Axes, path: Path) -> None:
     figure = ax.get_figure(root=True)
     assert figure is not None
-    figure.savefig(path)
+    with whole(path) as stream:
+        figure.savefig(stream, format="png")

@@ -41,8 +41,13 @@ def find_problem(name: str, encoding: Encoding = "lean") -> SchedulingProblem:
         from up_samp.fleet import Fleet
 
         return Fleet.from_file(name).problem
-    if name.endswith(".py") or os.sep in name:
-        return load_script(Path(name))
+    path = Path(name)
+    if path.suffix == ".py":
+        return load_script(path)
+    if path.suffix or os.sep in name or path.is_file():
+        raise ProblemError(
+            f"'{name}' is no problem file: those are Python scripts (*.py), YAML and JSON files"
+        )
     return instance(name).build(encoding, True)
 
 

@@ -18,9 +18,10 @@ from unified_planning.shortcuts import OneshotPlanner
 from up_samp.cli.outputs import write_outputs
 from up_samp.cli.progress import Progress
 from up_samp.cli.table import schedule_table
-from up_samp.io import PlanDict, result_to_dict
+from up_samp.io import PlanDict, result_to_dict, write_plan
 from up_samp.model import EngineError, UnsupportedError
 from up_samp.search.params import PRESETS
+from up_samp.system.files import check_folder
 
 if TYPE_CHECKING:
     from up_samp.validation import Verdict
@@ -87,6 +88,9 @@ def solve_and_show(problem: SchedulingProblem, args: argparse.Namespace) -> int:
     """Solve, print the schedule and the validator's verdict, write files; return the exit code:
     0 with a valid plan, 1 without one.
     """
+    for folder, option in ((args.out, "--out"), (args.trace, "--trace")):
+        if folder is not None:
+            check_folder(folder, option)
     started = time.monotonic()
     result = _solve(problem, args)
     seconds = time.monotonic() - started
@@ -96,6 +100,7 @@ def solve_and_show(problem: SchedulingProblem, args: argparse.Namespace) -> int:
     plan = result_to_dict(problem, result)
     if args.out is not None:
         plan = _with_dependencies(problem, plan)
+        write_plan(args.out / "plan.json", plan)  # first: printing may fail
     print(schedule_table(plan))
     print()
     print(_summary(plan, result, seconds))

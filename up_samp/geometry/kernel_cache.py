@@ -20,9 +20,8 @@ import os
 import pickle
 import re
 import sys
-import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +30,7 @@ import numba
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
+from up_samp.system.files import whole
 from up_samp.system.folders import cache_folder, is_writable, say_uncached
 
 try:
@@ -240,17 +240,3 @@ def _write(path: Path, content: bytes) -> None:
         say_uncached(path.parent, error.strerror or type(error).__name__)
         return
     used[path.name] = len(data)
-
-
-@contextlib.contextmanager
-def whole(path: Path) -> Iterator[Any]:
-    """Give a stream of bytes; the file appears when all is written, or not at all."""
-    handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
-    try:
-        with open(handle, "wb") as stream:
-            yield stream
-        os.replace(name, path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            os.unlink(name)
-        raise

@@ -11,14 +11,13 @@ from up_samp.io.plan_dict import FORMAT, VERSION, PlanDict
 from up_samp.io.shape import check_shape
 from up_samp.model import ProblemError
 from up_samp.model.errors import short
+from up_samp.system.files import write_whole
 
 
 def write_plan(path: str | os.PathLike[str], plan: PlanDict) -> Path:
     """Write a plan dictionary to a file, one entry a line; equal plans give equal files."""
     check_plan(plan, "the plan")
-    target = Path(path)
-    target.write_text(dump_plan(plan), encoding="utf-8")
-    return target
+    return write_whole(Path(path), dump_plan(plan))
 
 
 def dump_plan(plan: PlanDict) -> str:

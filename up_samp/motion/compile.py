@@ -27,6 +27,7 @@ import llvmlite.binding
 from up_samp.geometry import kernel_cache
 from up_samp.model import MotionModel
 from up_samp.system import child
+from up_samp.system.files import write_whole
 
 log = logging.getLogger(__name__)
 
@@ -134,8 +135,7 @@ def compile_part(part: str) -> None:
     _compiled_here.add(part)
     mark = _mark(part)
     if mark is not None and kernel_cache.can_write():
-        with kernel_cache.whole(mark) as stream:
-            stream.write(json.dumps(needed).encode())
+        write_whole(mark, json.dumps(needed))
 
 
 def precompile(

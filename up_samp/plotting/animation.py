@@ -7,14 +7,17 @@ import html
 import io
 import json
 import os
+import re
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from up_samp.plotting.background import background_of
+from up_samp.plotting.names import with_short_names
 from up_samp.plotting.scene import scene_of
 from up_samp.plotting.tracks import stops_of, tracks_of
+from up_samp.system.files import write_whole
 
 _WIDEST = 1600
 
@@ -27,6 +30,7 @@ def animation_html(
     It holds everything (map, data, script) and loads nothing from anywhere. ``places`` maps names
     to poses (:func:`up_samp.plotting.places_of`): those where motions start or end are named.
     """
+    plan = with_short_names(plan)
     ground = background_of(plan)
     buffer = io.BytesIO()
     picture = ground.image(_WIDEST)
@@ -38,10 +42,18 @@ def animation_html(
     ]
     scene["extent"] = [round(v, 4) for v in ground.extent]
     scene["map"] = "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
-    # "</" would end the script element from within a string
-    data = json.dumps(scene, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+    fields = {"title": html.escape(plan["problem"]), "scene": _script_data(scene)}
     page = resources.files("up_samp.plotting").joinpath("animation.html").read_text("utf-8")
-    return page.replace("{{title}}", html.escape(plan["problem"])).replace("{{scene}}", data)
+    # in one go: a name may look like a field
+    return re.sub(r"\{\{(\w+)\}\}", lambda found: fields[found[1]], page)
+
+
+def _script_data(value: object) -> str:
+    """Return a value as JSON within a script element: nothing in it can end or begin one."""
+    data = json.dumps(value, separators=(",", ":"), allow_nan=False)
+    for character in "<>&":
+        data = data.replace(character, f"\\u{ord(character):04x}")
+    return data
 
 
 def write_html(
@@ -51,6 +63,4 @@ def write_html(
     places: Mapping[str, tuple[float, ...]] | None = None,
 ) -> Path:
     """Write the page of :func:`animation_html` to a file."""
-    target = Path(path)
-    target.write_text(animation_html(plan, places=places), encoding="utf-8")
-    return target
+    return write_whole(Path(path), animation_html(plan, places=places))

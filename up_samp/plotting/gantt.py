@@ -12,6 +12,7 @@ from matplotlib.transforms import Bbox
 
 from up_samp.plotting.colors import INK, OTHER, ink_on, mixed
 from up_samp.plotting.labels import drawn
+from up_samp.plotting.names import with_short_names
 from up_samp.plotting.rows import Bar, Row, rows_of
 from up_samp.plotting.tracks import horizon
 
@@ -27,6 +28,7 @@ def plot_gantt(plan: dict[str, Any], ax: Axes | None = None) -> Axes:
     part is driving, the hatched part waiting. The time axis is in seconds. Returns the axes;
     without ``ax``, those of a new figure (``ax.figure.savefig(...)``).
     """
+    plan = with_short_names(plan)
     rows = rows_of(plan)
     heights = [row.lanes * _LANE + _HEADROOM for row in rows]
     if ax is None:

@@ -10,7 +10,9 @@ from PIL import Image, ImageDraw, ImageFont
 
 from up_samp.plotting.background import Background, background_of
 from up_samp.plotting.colors import FIXTURE, INK, color_of, mixed
+from up_samp.plotting.names import with_short_names
 from up_samp.plotting.tracks import Track, horizon, tracks_of
+from up_samp.system.files import whole
 
 _STRIP = 26
 
@@ -28,6 +30,7 @@ def write_gif(
     The plan's time runs faster than life where it is longer than ``seconds``; the clock in the
     picture shows it.
     """
+    plan = with_short_names(plan)
     ground = background_of(plan)
     still = ground.image(width)
     end = horizon(plan)
@@ -39,14 +42,16 @@ def write_gif(
     drawn = [f.quantize(palette=palette, dither=Image.Dither.NONE) for f in frames]
     pause = round(1000 / frames_per_second)
     target = Path(path)
-    drawn[0].save(
-        target,
-        save_all=True,
-        append_images=drawn[1:],
-        duration=[pause] * (count - 1) + [1500],
-        loop=0,
-        optimize=False,
-    )
+    with whole(target) as stream:
+        drawn[0].save(
+            stream,
+            format="GIF",
+            save_all=True,
+            append_images=drawn[1:],
+            duration=[pause] * (count - 1) + [1500],
+            loop=0,
+            optimize=False,
+        )
     return target
 
 

@@ -17,6 +17,7 @@ from up_samp.plotting.background import background_of
 from up_samp.plotting.colors import FIXTURE, INK, color_of, mixed
 from up_samp.plotting.gantt import title_of
 from up_samp.plotting.labels import Label, place_labels
+from up_samp.plotting.names import with_short_names
 from up_samp.plotting.tracks import FloatArray, Leg, Track, stops_of, tracks_of
 
 _Pose = tuple[float, float, float]
@@ -37,6 +38,7 @@ def plot_map(
     than driven (doors) are solid as they are at first and outlined as they become. Returns the
     axes; without ``ax``, those of a new figure.
     """
+    plan = with_short_names(plan)
     ground = background_of(plan)
     left, right, bottom, top = ground.extent
     if ax is None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from up_samp.model.refinement import Layer, Refinement
+from up_samp.system.files import write_whole
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ class History:
 
     def write_json(self, path: str | Path) -> None:
         """Write the history as JSON."""
-        Path(path).write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")
+        write_whole(Path(path), json.dumps(self.to_dict(), indent=1) + "\n")
 
     def write_csv(self, path: str | Path) -> None:
         """Write one line a round."""

@@ -8,6 +8,7 @@ from pathlib import Path
 from up_samp.model import ScheduleReport
 from up_samp.model.refinement import Refinement
 from up_samp.search.context import Context
+from up_samp.system.files import write_whole
 
 
 def write_trace(
@@ -32,7 +33,7 @@ def write_trace(
         lines += _listed(rejecting, "that the candidate breaks")
     kept = [r for r in learned if r not in rejecting]
     lines += _listed(kept, "stated before the first schedule" if report is None else "more")
-    (folder / f"round-{number:03d}.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_whole(folder / f"round-{number:03d}.txt", "\n".join(lines) + "\n")
     context.history.write_json(folder / "history.json")
     context.history.write_csv(folder / "rounds.csv")
 
