@@ -128,7 +128,7 @@ def test_a_plan_is_not_lost_with_standard_output(tmp_path, how):
     assert b"Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize("name", ["plan.json", "dir/problem", "problem.txt", "x.pyc"])
+@pytest.mark.parametrize("name", ["plan.toml", "dir/problem", "problem.txt", "x.pyc"])
 def test_a_problem_file_is_known_by_its_suffix(name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "dir").mkdir()

@@ -99,8 +99,8 @@ def solve_and_show(problem: SchedulingProblem, args: argparse.Namespace) -> int:
         return 1
     plan = result_to_dict(problem, result)
     if args.out is not None:
+        write_plan(args.out / "plan.json", plan)  # first: whatever comes may fail
         plan = _with_dependencies(problem, plan)
-        write_plan(args.out / "plan.json", plan)  # first: printing may fail
     print(schedule_table(plan))
     print()
     print(_summary(plan, result, seconds))
