@@ -79,7 +79,7 @@ class Executor:
         """The components that could be passed on either side, with the plan's side."""
         return planned_sides(self.dependencies)
 
-    def reorder(self, *, horizon: float = 60.0, seconds: float = 1.0) -> int:
+    def reorder(self, *, horizon: float = 60.0, seconds: float = 0.3) -> int:
         """Decide again who goes first, see :func:`up_samp.execution.reorder.reorder`."""
         from up_samp.execution.reorder import reorder
 
@@ -236,6 +236,11 @@ class Executor:
     def finished(self) -> bool:
         """Whether every activity is done."""
         return not self._ready and not self._running
+
+    @property
+    def left(self) -> tuple[int, int]:
+        """How many activities have not begun, and how many are under way."""
+        return len(self._ready), len(self._running)
 
     def phase(self, activity: str) -> Phase:
         """Return how far an activity is."""

@@ -11,7 +11,7 @@ priority (Gregoire, Bonnabel & de La Fortelle, "Priority-based coordination of r
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -54,6 +54,8 @@ class Meeting:
     one_first: npt.NDArray[np.bool_]
     margin: float
     component: IntArray
+    memo: dict[tuple[int, bool], object] = field(default_factory=dict)
+    """Steps of components by their sides, once they were asked for."""
 
     @cached_property
     def components(self) -> tuple[int, ...]:

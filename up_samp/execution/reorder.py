@@ -50,7 +50,7 @@ class Choice:
 
 
 def reorder(
-    executor: Executor, *, horizon: float = 60.0, seconds: float = 1.0, most: int = 60
+    executor: Executor, *, horizon: float = 60.0, seconds: float = 0.3, most: int = 60
 ) -> int:
     """Change who goes first where that is forecast to end sooner; return how many orders changed.
 

@@ -111,9 +111,7 @@ class Floor:
         self.idle = self.idle + self.tick if still else 0.0
 
     def _state(self) -> tuple[Any, ...]:
-        spans = self.executive.times()
-        ended = sum(end is not None for _, end in spans.values())
-        return len(spans), ended, tuple((r.motion, r.s) for r in self.robots.values())
+        return self.executive.left, tuple((r.motion, r.s) for r in self.robots.values())
 
     def _drive(self, robot: Robot, command: Any) -> None:
         name, executive = robot.name, self.executive

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -48,8 +49,11 @@ def steps_of(
 
 def switched(meeting: Meeting, component: int, one_first: bool) -> list[Step]:
     """Return the steps of one component on the given side, whatever the plan does."""
-    chosen = meeting.component == component
-    return list(_side(meeting, chosen, one_first, None, planned=False))
+    key = (component, one_first)
+    if key not in meeting.memo:
+        chosen = meeting.component == component
+        meeting.memo[key] = list(_side(meeting, chosen, one_first, None, planned=False))
+    return cast("list[Step]", meeting.memo[key])
 
 
 def _side(

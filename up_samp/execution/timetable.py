@@ -30,6 +30,11 @@ class Timetable:
         """Whether every activity is done."""
         return not self.ready and not self.running
 
+    @property
+    def left(self) -> tuple[int, int]:
+        """How many activities have not begun, and how many are under way."""
+        return len(self.ready), len(self.running)
+
     def times(self) -> dict[str, tuple[float, float | None]]:
         """Return when activities that have begun started and ended (s)."""
         return dict(self.spans)
