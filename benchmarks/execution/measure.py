@@ -1,11 +1,11 @@
 """Plans on a floor with delays: how long they take, and whether anybody collides.
 
-    python benchmarks/execution/measure.py plans  FOLDER [NAME ...]     solve the instances once
-    python benchmarks/execution/measure.py runs   FOLDER [--runs 100]   execute them: runs.csv
-    python benchmarks/execution/measure.py bound  FOLDER [--runs 10]    against the clairvoyant plan
-    python benchmarks/execution/measure.py replan FOLDER [--runs 5]     re-planning from mid-way
-    python benchmarks/execution/measure.py speed                        the executor's own time
-    python benchmarks/execution/measure.py table  FOLDER                the tables of docs/execution.md
+python benchmarks/execution/measure.py plans  FOLDER [NAME ...]     solve the instances once
+python benchmarks/execution/measure.py runs   FOLDER [--runs 100]   execute them: runs.csv
+python benchmarks/execution/measure.py bound  FOLDER [--runs 10]    against the clairvoyant plan
+python benchmarks/execution/measure.py replan FOLDER [--runs 5]     re-planning from mid-way
+python benchmarks/execution/measure.py speed                        the executor's own time
+python benchmarks/execution/measure.py table  FOLDER                the tables of docs/execution.md
 """
 
 from __future__ import annotations
@@ -23,8 +23,6 @@ import up_samp  # noqa: F401  (registers the engines)
 from up_samp.benchmarks import instance
 from up_samp.execution import (
     Delays,
-    Executor,
-    Go,
     coarse,
     dependencies_from_plan,
     dependencies_of,
@@ -152,6 +150,7 @@ def table(args):
           "| (b) coarse | (c) staircase | (d) re-ordered | (d) to (b) | waiting (d) |")  # fmt: skip
     print("|---|---|---|---|---|---|---|---|---|")
     for name, share in dict.fromkeys((k[0], k[1]) for k in cells):
+
         def ratio(policy, name=name, share=share):
             found = cells.get((name, share, policy), [])
             return [float(r["makespan"]) / float(r["planned"]) for r in found]

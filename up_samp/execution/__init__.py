@@ -6,6 +6,7 @@ from up_samp.execution.delays import Delays
 from up_samp.execution.executor import Executor
 from up_samp.execution.files import dependencies_from_plan, with_dependencies
 from up_samp.execution.graph import At, Bound, Edge, Event, Graph, Task
+from up_samp.execution.remaining import Remaining, Surprise
 from up_samp.execution.reorder import Reorderer
 from up_samp.execution.simulate import Run, simulate
 
@@ -22,8 +23,10 @@ __all__ = [
     "Go",
     "Graph",
     "Hold",
+    "Remaining",
     "Reorderer",
     "Run",
+    "Surprise",
     "Task",
     "coarse",
     "dependencies_from_plan",

@@ -33,6 +33,9 @@ from up_samp.scheduling.compilers.read import read_problem as read_plain
 EPSILON = 1e-6
 """Times (s) closer than this are the same."""
 
+STILL = 1e-6
+"""A motion whose poses differ by less than this (m, rad) goes nowhere."""
+
 
 @dataclass(frozen=True, eq=False)
 class Dependencies:
@@ -95,11 +98,20 @@ def tasks_of(plan: PlanDict, who: Mapping[str, tuple[str, ...]]) -> dict[str, Ta
     tasks = {}
     for entry in plan["activities"]:
         name = entry["name"]
-        moves = tuple(m["object"] for m in plan["motions"] if m["activity"] == name)
+        moves = tuple(
+            m["object"] for m in plan["motions"] if m["activity"] == name and _goes(m["samples"])
+        )
         doers = who.get(name) or tuple(m for m in movers if _mentions(name, m))
         start, end = entry["start"] * unit, entry["end"] * unit
         tasks[name] = Task(name, (start, end), end - start, doers or moves, moves)
     return tasks
+
+
+def _goes(samples: list[list[float]]) -> bool:
+    """Return whether a motion goes anywhere."""
+    return any(
+        abs(a - b) > STILL for row in samples for a, b in zip(row[1:], samples[0][1:], strict=True)
+    )
 
 
 def _mentions(text: str, name: str) -> bool:
@@ -124,8 +136,13 @@ class Draft:
             lag = need.lag * unit + (STRICT if need.strict else 0.0)
             if first == then:
                 continue
-            if self.time(then) >= self.time(first) - EPSILON and not _backward(need):
-                self._edge(first, then, max(0.0, lag), order.kind, order.why)
+            # two that are to happen at once: the second follows the first, and that is watched
+            at_once = need.lag == 0 and (then, first) in self.edges and lag <= 0.0
+            late = self.time(then) < self.time(first) - EPSILON
+            if then == ORIGIN or at_once or late or _backward(need):
+                self.bounds.append((then, first, -need.lag * unit, order.why))
+                continue
+            self._edge(first, then, max(0.0, lag), order.kind, order.why)
             if need.lag < 0:
                 self.bounds.append((then, first, -need.lag * unit, order.why))
 
@@ -319,7 +336,7 @@ def _graph(
 
 def _backward(need: Difference) -> bool:
     """Return whether a difference only bounds how long something may take."""
-    return need.lag < 0 and (need.first[1] == need.then[1] or need.then[0] == "zero")
+    return need.lag < 0 and need.first[1] == need.then[1]
 
 
 def _leads(after: Mapping[Event, list[Event]], first: Event, then: Event) -> bool:

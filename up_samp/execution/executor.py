@@ -16,6 +16,7 @@ from up_samp.execution.forecast import Forecast, forecast, routes_of
 from up_samp.execution.graph import At, Event
 from up_samp.execution.meetings import MARGIN
 from up_samp.execution.pace import Pace
+from up_samp.execution.remaining import Remaining, Surprise, remaining_problem
 from up_samp.execution.sides import planned_sides
 from up_samp.execution.state import Phase, State, Way
 from up_samp.execution.travel import travel_of
@@ -84,6 +85,15 @@ class Executor:
         from up_samp.execution.reorder import reorder
 
         return reorder(self, horizon=horizon, seconds=seconds)
+
+    def remaining_problem(self, surprise: Surprise | None = None) -> Remaining:
+        """Return what is left as an ordinary UP problem, see
+        :func:`up_samp.execution.remaining.remaining_problem`.
+        """
+        if self.problem is None:
+            raise ProblemError("what is left can be told only where the problem is known")
+        drives = {d.key: d for life in self.dependencies.lives.values() for d in life.drives}
+        return remaining_problem(self.problem, self.plan, self.state, drives, surprise)
 
     # ------------------------------------------------------------------ what is told
 

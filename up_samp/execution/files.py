@@ -28,7 +28,7 @@ def with_dependencies(
     data: PlanDict = {}
     for key, value in with_avoid(plan, snapshot).items():
         if key == "motions":
-            value = [_with_progress(m, drives[m["activity"], m["object"]]) for m in value]
+            value = [_with_progress(m, drives.get((m["activity"], m["object"]))) for m in value]
         if key not in ("minor", "dependencies"):
             data[key] = value
         if key == "version":
@@ -37,7 +37,9 @@ def with_dependencies(
     return data
 
 
-def _with_progress(motion: Mapping[str, Any], drive: Drive) -> dict[str, Any]:
+def _with_progress(motion: Mapping[str, Any], drive: Drive | None) -> dict[str, Any]:
+    if drive is None:  # it goes nowhere
+        return {**motion, "progress": [0.0] * len(motion["samples"])}
     progress = np.maximum.accumulate(drive.path.natural_s)
     return {**motion, "progress": [round(float(s), 6) for s in progress]}
 

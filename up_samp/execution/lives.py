@@ -191,6 +191,8 @@ def _pieces(
             pose, since, enter = tuple(item["configuration"]), ends[item["activity"]], event
             continue
         drive = _drive(item, body)
+        if drive.path.cells == 0:
+            continue  # it stays where it is
         if pose is not None:
             pieces.append(Stay(body, pose, since, time, enter, None))
         pieces.append(drive)

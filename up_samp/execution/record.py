@@ -43,6 +43,12 @@ def record_of(
             )
     activities.sort(key=lambda a: (a["start"], a["end"]))
     motions = [_motion(drives[key], trace) for key, trace in drivings.items()]
+    for motion in plan["motions"]:
+        name, key = motion["activity"], (motion["activity"], motion["object"])
+        if name in done and key not in drives:
+            # it goes nowhere
+            row = [round(done[name][0], 6), *motion["samples"][0][1:]]
+            motions.append({**motion, "samples": [row]})
     motions.sort(key=lambda m: m["samples"][0][0])
     changes = [
         {**c, "time": round(done[c["activity"]][1], 6)}

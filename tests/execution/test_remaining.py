@@ -1,0 +1,129 @@
+"""What is left of a problem: solved, drawn up after breakdowns, and what falls away with them."""
+
+import pytest
+from unified_planning.model.motion import ConfigurationObject
+from unified_planning.shortcuts import OneshotPlanner, get_environment
+
+import up_samp  # noqa: F401
+from up_samp.benchmarks import instance
+from up_samp.execution import Delays, Executor, Surprise, dependencies_of
+from up_samp.execution.delays import draw
+from up_samp.execution.simulate import Floor
+from up_samp.io import result_to_dict
+from up_samp.model import ProblemError
+from up_samp.validation import validate_plan
+
+NAME = "logistics-do-oc-r2-i2"
+
+
+@pytest.fixture(scope="module")
+def made():
+    get_environment().credits_stream = None
+    problem = instance(NAME).build()
+    with OneshotPlanner(name="samp-refine[cpsat]") as planner:
+        result = planner.solve(problem, timeout=120)
+    return problem, result_to_dict(problem, result)
+
+
+@pytest.fixture
+def floor(made):
+    """The plan on the floor with slow robots, when a good third of it is over."""
+    problem, plan = made
+    found = dependencies_of(problem, plan)
+    executor = Executor(plan, problem, dependencies=found)
+    luck = draw(Delays(slow=0.4), ("r0", "r1"), found.graph.tasks, plan["makespan"], 3)
+    floor = Floor(executor, found, luck)
+    while floor.now < 0.4 * plan["makespan"]:
+        floor.step()
+    return floor
+
+
+def solved(problem):
+    with OneshotPlanner(name="samp-refine[cpsat]") as planner:
+        result = planner.solve(problem, timeout=120)
+    assert result.plan is not None, result.log_messages
+    assert validate_plan(problem, result.plan).valid
+    return result_to_dict(problem, result)
+
+
+def test_the_rest_is_planned_anew_and_carried_out(floor):
+    executor = floor.executive
+    left = executor.remaining_problem(Surprise(same_choices=True))
+    names = {a.name for a in left.problem.activities}
+    phases = {n: executor.phase(n).value for n in executor.state.phase}
+    assert names == {n for n, p in phases.items() if p != "done"}
+    begun = {n for n, p in phases.items() if p == "running"}
+    assert begun
+    assert left.since >= executor.now
+    for robot in floor.robots.values():
+        # where it is to stand is ahead of it, where it can stop
+        way = executor.state.of_object.get(robot.name)
+        if way is not None:
+            assert robot.name in left.poses
+    plan = solved(left.problem)
+    starts = {a["name"]: a["start"] for a in plan["activities"]}
+    assert all(starts[n] == 0 for n in begun)
+    again = dependencies_of(left.problem, plan)
+    rest = Executor(plan, left.problem, dependencies=again)
+    luck = draw(Delays(slow=0.4), ("r0", "r1"), again.graph.tasks, plan["makespan"], 3)
+    second = Floor(rest, again, luck)
+    while not rest.finished and second.now < 1000:
+        second.step()
+    assert rest.finished
+
+
+def test_a_broken_robot_stands_in_the_way_and_does_nothing(floor):
+    executor = floor.executive
+    pose = (40.0, 50.0, 0.5)
+    left = executor.remaining_problem(Surprise(broken={"r1": pose}))
+    assert left.poses["r1"] == pytest.approx(pose)
+    assert not [a.name for a in left.problem.activities if "_r1_" in a.name]
+    picks = [a.name for a in left.problem.activities if a.name.startswith("pick_r0")]
+    assert picks
+    initial = {m.object().name: c.object() for m, c in left.problem.initial_configuration}
+    assert isinstance(initial["r1"], ConfigurationObject)
+    assert initial["r1"].name.startswith("now_r1")
+    assert any("broken robot" in note for note in left.notes)
+
+
+def test_what_only_a_broken_robot_could_do_is_named(made):
+    """Both robots are out of order: nobody can fetch the items."""
+    problem, plan = made
+    executor = Executor(plan, problem)
+    executor.commands(0.0)
+    poses = {"r0": (20.0, 59.0, 1.57), "r1": (30.0, 59.0, 1.57)}
+    with pytest.raises(ProblemError, match=r"nothing can keep .*pick_r0_i"):
+        executor.remaining_problem(Surprise(broken=poses))
+
+
+def test_cancelled_tasks_take_their_constraints_with_them(made):
+    problem, plan = made
+    executor = Executor(plan, problem)
+    executor.commands(0.0)
+    picks = [a.name for a in problem.activities if a.name.startswith("pick_") and "_i1_" in a.name]
+    left = executor.remaining_problem(Surprise(cancelled=picks))
+    assert not {a.name for a in left.problem.activities} & set(picks)
+    assert any("about cancelled tasks" in note for note in left.notes)
+    begun = next(n for n in executor.state.phase if executor.phase(n).value == "running")
+    with pytest.raises(ProblemError, match="cannot be cancelled: it has begun"):
+        executor.remaining_problem(Surprise(cancelled=[begun]))
+    with pytest.raises(ProblemError, match="no activity of"):
+        executor.remaining_problem(Surprise(cancelled=["nothing"]))
+
+
+def test_a_door_stays_shut_and_a_task_is_new():
+    problem = instance("logistics-dc-all-r2-i2").build()
+    with OneshotPlanner(name="samp-refine[cpsat]") as planner:
+        result = planner.solve(problem, timeout=120)
+    executor = Executor(result_to_dict(problem, result), problem)
+    executor.commands(0.0)
+
+    def add(target):
+        target.add_activity("sweep", 5)
+
+    left = executor.remaining_problem(Surprise(shut=["door"], new=[add]))
+    names = {a.name for a in left.problem.activities}
+    assert "sweep" in names
+    assert not [n for n in names if n.startswith("open_door")]
+    with pytest.raises(ProblemError, match="'gate' is no object"):
+        executor.remaining_problem(Surprise(shut=["gate"]))

@@ -1,0 +1,559 @@
+"""What is left of a problem: an ordinary UP problem from now on, with what has begun frozen."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from unified_planning.model import FNode, TimepointKind
+from unified_planning.model.motion import (
+    SE2,
+    ActivityWaypoints,
+    ConfigurationObject,
+    MotionActivity,
+    SchedulingMotionProblem,
+)
+from unified_planning.model.scheduling import Activity
+from unified_planning.plans import Schedule
+
+from up_samp.execution.build import planned_of
+from up_samp.execution.graph import At, Event
+from up_samp.execution.lives import Drive
+from up_samp.execution.state import Phase, State
+from up_samp.execution.substitute import Substitution, later_by, names_in
+from up_samp.io.plan_dict import PlanDict
+from up_samp.model import Configuration, ProblemError, UnsupportedError
+from up_samp.scheduling.compilers.plain import Expr, show
+
+Pose = tuple[float, float, float]
+
+NEAR = 1e-3
+"""Poses closer than this (m, rad) are the same place."""
+
+
+@dataclass(frozen=True)
+class Surprise:
+    """What has changed on the floor. ``broken`` maps robots that are out of order to where they
+    stand, ``cancelled`` and ``shut`` name activities, and objects that stay where they are; ``new``
+    are functions that add tasks to the problem. ``same_choices``: who does what stays as planned
+    (optional activities that the plan leaves out stay out), which is much quicker to solve.
+    """
+
+    broken: Mapping[str, Pose] = field(default_factory=dict)
+    cancelled: Sequence[str] = ()
+    shut: Sequence[str] = ()
+    new: Sequence[Callable[[SchedulingMotionProblem], None]] = ()
+    same_choices: bool = False
+
+
+@dataclass(frozen=True)
+class Remaining:
+    """``problem`` starts at ``since`` (units of the old clock), with robots standing at ``poses``.
+
+    Robots under way stop there: these are the points at which they can. ``hint`` is what is left of
+    the old plan, as a UP schedule of the new problem. ``notes`` say which constraints fell away.
+    """
+
+    problem: SchedulingMotionProblem
+    since: int
+    poses: Mapping[str, Configuration]
+    hint: Schedule | None
+    notes: tuple[str, ...]
+
+
+def remaining_problem(
+    problem: SchedulingMotionProblem,
+    plan: PlanDict,
+    state: State,
+    drives: Mapping[tuple[str, str], Drive],
+    surprise: Surprise | None = None,
+) -> Remaining:
+    """Return what is left to do from now on.
+
+    What is done is gone from it, with its effects in the initial state; what has begun is
+    mandatory and starts at 0, motions from where their robot can stop; everything else is as it
+    was, so that the rest may be planned anew. Raises :class:`ProblemError` where something that
+    has to be done cannot be any more.
+    """
+    return _Builder(problem, plan, state, drives, surprise or Surprise()).build()
+
+
+class _Builder:
+    def __init__(
+        self,
+        problem: SchedulingMotionProblem,
+        plan: PlanDict,
+        state: State,
+        drives: Mapping[tuple[str, str], Drive],
+        surprise: Surprise,
+    ):
+        if not isinstance(problem, SchedulingMotionProblem):
+            raise UnsupportedError("remaining problems are made of problems with motions only")
+        self.source, self.plan, self.state, self.drives = problem, plan, state, drives
+        self.surprise = surprise
+        self.unit = float(plan["seconds_per_unit"])
+        self.m = problem.environment.expression_manager
+        self.planned = planned_of(problem, plan)
+        self.notes: list[str] = []
+        self._check_names()
+        self.stops = self._stops()
+        self.since = math.ceil(max([state.now, *(t for _, t in self.stops.values())]) / self.unit)
+        self.gone = self._gone()
+        self.past = self._past()
+
+    def _check_names(self) -> None:
+        activities = {a.name for a in self.source.activities}
+        objects = {o.name for o in self.source.all_objects}
+        for name in self.surprise.cancelled:
+            if name not in activities:
+                raise ProblemError(f"cancelled '{name}' is no activity of '{self.source.name}'")
+            if self.state.phase.get(name) in (Phase.DONE, Phase.RUNNING):
+                raise ProblemError(f"'{name}' cannot be cancelled: it has begun")
+        for name in (*self.surprise.broken, *self.surprise.shut):
+            if name not in objects:
+                raise ProblemError(f"'{name}' is no object of '{self.source.name}'")
+
+    # ------------------------------------------------------------------ what has happened
+
+    def _stops(self) -> dict[str, tuple[float, float]]:
+        """Return where robots under way can stop: progress (m) and when they stand there (s)."""
+        found = {}
+        for way in self.state.ways.values():
+            if self.state.phase[way.activity] is not Phase.RUNNING:
+                continue
+            if way.object in self.surprise.broken:
+                continue
+            speed = way.travel.speed_at(way.progress)
+            if speed > 0.0:
+                speed = max(speed, way.travel.speed_at(way.progress + 0.25))
+            brake = speed * speed / (2 * way.travel.accel)
+            at = min(way.progress + brake, self.state.until(way), way.length)
+            found[way.object] = (at, self.state.now + speed / way.travel.accel)
+        return found
+
+    def _gone(self) -> frozenset[str]:
+        """Return the activities that cannot happen any more."""
+        found = set(self.surprise.cancelled)
+        for activity in self.source.activities:
+            phase = self.state.phase.get(activity.name, Phase.WAITING)
+            if phase is Phase.DONE:
+                continue
+            if self.surprise.same_choices and activity.name not in self.state.phase:
+                found.add(activity.name)
+            if any(_involves(activity, robot) for robot in self.surprise.broken):
+                found.add(activity.name)
+            if phase is Phase.WAITING and any(_moves(activity, d) for d in self.surprise.shut):
+                found.add(activity.name)
+        return frozenset(found)
+
+    def _past(self) -> dict[str, tuple[int, int | None]]:
+        """Return starts and ends that are over (units, rounded down)."""
+        found: dict[str, tuple[int, int | None]] = {}
+        for name, phase in self.state.phase.items():
+            if phase is Phase.WAITING or name in self.gone:
+                continue
+            start = self.state.fired[Event(At.START, name)]
+            end = self.state.fired.get(Event(At.END, name))
+            if phase is Phase.DONE and end is not None:
+                found[name] = (self._units(start), self._units(end))
+        return found
+
+    def _exact(self) -> dict[str, tuple[float, float]]:
+        """Return when what is over really started and ended (units)."""
+        return {
+            name: (
+                self.state.fired[Event(At.START, name)] / self.unit,
+                self.state.fired[Event(At.END, name)] / self.unit,
+            )
+            for name in self.past
+        }
+
+    def _units(self, seconds: float) -> int:
+        return math.floor(seconds / self.unit + 1e-9)
+
+    def _running(self) -> list[str]:
+        return [n for n, p in self.state.phase.items() if p is Phase.RUNNING and n not in self.gone]
+
+    # ------------------------------------------------------------------ the new problem
+
+    def build(self) -> Remaining:
+        """Return the remaining problem."""
+        target = self.source.clone()
+        running = set(self._running())
+        fix = Substitution(
+            self.source.environment,
+            self.since,
+            self.past,
+            self.gone,
+            self._known_values(),
+            frozenset(running),
+            self._exact(),
+        )
+        target._base._constraints = self._constraints(fix, self.source._base, None)
+        self._timed(target._base)
+        target._activities, places = [], {}
+        for activity in self.source.activities:
+            if activity.name in self.past or activity.name in self.gone:
+                continue
+            copy = self._begun(activity) if activity.name in running else activity.clone()
+            copy._constraints = self._constraints(fix, activity, activity.name)
+            target._activities.append(copy)
+        target._motion_activities = [a for a in target._activities if isinstance(a, MotionActivity)]
+        for name in sorted(running):
+            activity = next(a for a in target._activities if a.name == name)
+            target.add_constraint(self.m.LE(activity.start, self.m.Int(0)))
+        places = self._places(target)
+        self._initial(target)
+        for add in self.surprise.new:
+            add(target)
+        poses = {name: place.configuration for name, place in places.items()}
+        return Remaining(
+            target,
+            self.since,
+            {n: tuple(float(v) for v in p) for n, p in poses.items()},
+            self._hint(target),
+            tuple(self.notes),
+        )
+
+    def _known_values(self) -> dict[str, FNode]:
+        """Return the parameters of what is over or has begun, and of the plan's variables."""
+        found = {}
+        for full, value in self.planned.values.items():
+            owner = full.split(".")[0] if "." in full else None
+            if owner in self.past:
+                found[full] = self._constant(value)
+        return found
+
+    def _constant(self, value: Any) -> FNode:
+        if isinstance(value, bool):
+            return self.m.Bool(value)
+        if isinstance(value, int):
+            return self.m.Int(value)
+        return self.m.ObjectExp(self.source.object(str(value)))
+
+    def _constraints(
+        self, fix: Substitution, chronicle: Any, owner: str | None
+    ) -> list[tuple[FNode, list[FNode]]]:
+        found = []
+        for constraint, scope in chronicle._constraints:
+            scopes = [fix(s, False) for s in scope]
+            if any(s.is_false() for s in scopes):
+                continue
+            fixed = fix(constraint)
+            if fixed.is_true():
+                continue
+            if fixed.is_false():
+                self._fallen(constraint)
+                continue
+            found.append((fixed, [s for s in scopes if not s.is_true()]))
+        return found
+
+    def _fallen(self, constraint: FNode) -> None:
+        """A constraint that cannot hold any more: fine if it was about cancelled tasks alone."""
+        text = str(constraint)
+        text = text if len(text) < 160 else text[:157] + "..."
+        names = names_in(constraint)
+        cancelled = set(self.surprise.cancelled)
+        own = any(
+            all(_involves(a, robot) for a in self.source.activities if a.name in names)
+            for robot in self.surprise.broken
+        )
+        if not names & self.gone:
+            # broken by what has happened: a deadline that is over
+            self.notes.append(f"already broken, dropped: {text}")
+        elif names & cancelled and names - cancelled <= self.gone | set(self.past):
+            self.notes.append(f"about cancelled tasks, dropped: {text}")
+        elif own and names <= self.gone | set(self.past):
+            self.notes.append(f"about a broken robot alone, dropped: {text}")
+        else:
+            raise ProblemError(
+                f"what is left cannot be done: nothing can keep '{text}' any more; cancel its tasks"
+            )
+
+    def _timed(self, base: Any) -> None:
+        """Move the problem's own timed conditions and effects to the new clock."""
+        effects: dict[Any, Any] = {}
+        for timing, items in base.effects.items():
+            later = later_by(timing, self.since)
+            if timing.timepoint.kind == TimepointKind.GLOBAL_START and later.delay < 0:
+                continue  # it has happened
+            effects[later] = items
+        base._effects = effects
+        conditions: dict[Any, Any] = {}
+        for span, items in base.conditions.items():
+            kept = [i for i in items if not self._of_broken(i)]
+            if kept and span.lower.timepoint.kind == TimepointKind.GLOBAL_START:
+                raise UnsupportedError(f"the problem's own condition over {span}, from now on")
+            if kept:
+                conditions[span] = kept
+        base._conditions = conditions
+
+    def _of_broken(self, node: FNode) -> bool:
+        """Return whether a condition speaks of a robot that is out of order."""
+        stack = [node]
+        while stack:
+            item = stack.pop()
+            stack += item.args
+            if item.is_object_exp() and item.object().name in self.surprise.broken:
+                self.notes.append(f"about a broken robot, dropped: {node}")
+                return True
+        return False
+
+    def _begun(self, activity: Activity) -> Activity:
+        """Return an activity that has begun: mandatory, and only what is left of it."""
+        name = activity.name
+        drives = isinstance(activity, MotionActivity)
+        kind = MotionActivity if drives else Activity
+        copy = kind(name, 1, False, _env=self.source.environment)
+        activity._clone_to(copy)
+        start = self.state.fired[Event(At.START, name)]
+        gone = self.since * self.unit - start
+        if self.state.graph.tasks[name].moves:
+            upper = activity.duration.upper
+            most = None
+            if upper.is_int_constant():
+                most = upper.int_constant_value() - math.floor(gone / self.unit)
+            whole = max(1, most if most is not None else 1)
+            longest = max(float(w.travel.time[-1]) for w in self.state.ways_of[name])
+            copy.set_duration_bounds(1, max(whole, 2 * math.ceil(longest / self.unit) + 10))
+        else:
+            left = self.state.graph.tasks[name].expected - gone
+            copy.set_fixed_duration(max(1, math.ceil(left / self.unit - 1e-9)))
+        copy._effects = {
+            t: e for t, e in activity.effects.items() if t.timepoint.kind != TimepointKind.START
+        }
+        # what was asked at the start was so; it is kept where it still is, for schedulers that
+        # find their way by it
+        copy._conditions = {}
+        for span, nodes in activity.conditions.items():
+            at_start = span.upper.timepoint.kind == TimepointKind.START
+            kept = [n for n in nodes if not at_start or self._holds_now(n)]
+            if kept:
+                copy._conditions[span] = kept
+        if drives:
+            copy._motion_constraints = list(activity._motion_constraints)
+            copy._motion_constraints_set = set(activity._motion_constraints_set)
+            copy._motion_effects = dict(activity._motion_effects)
+        return copy
+
+    # ------------------------------------------------------------------ where everybody is
+
+    def _places(self, target: SchedulingMotionProblem) -> dict[str, ConfigurationObject]:
+        """Set every object's initial configuration to where it is; begun motions go on from
+        there.
+        """
+        found: dict[str, ConfigurationObject] = {}
+        types = [o.type for o in self.source.all_objects if isinstance(o, ConfigurationObject)]
+        initial = {m.object().name: (m, c) for m, c in self.source.initial_configuration}
+        target._initial_configuration = []
+        for name, (movable, first) in initial.items():
+            pose = self._pose_of(name, tuple(float(v) for v in first.object().configuration))
+            place = self._place(target, name, pose, first.object().type or types[0])
+            found[name] = place
+            target._initial_configuration.append((movable, self.m.ObjectExp(place)))
+        for activity in target._motion_activities:
+            if self.state.phase.get(activity.name) is Phase.RUNNING:
+                self._go_on(activity, found)
+        return found
+
+    def _pose_of(self, name: str, first: Configuration) -> Configuration:
+        """Return where an object stands when the new clock starts."""
+        if name in self.surprise.broken:
+            return tuple(float(v) for v in self.surprise.broken[name])
+        pose, since = first, -math.inf
+        for (activity, who), drive in self.drives.items():
+            phase = self.state.phase[activity]
+            begun = self.state.fired.get(Event(At.START, activity), -math.inf)
+            if who != name or phase is Phase.WAITING or begun < since:
+                continue
+            since = begun
+            at = drive.path.length if phase is Phase.DONE else self.stops[name][0]
+            x, y, theta = (float(v) for v in drive.path.poses_at(_array(at))[0])
+            pose = (x, y, theta)
+        for change in self.plan["changes"]:
+            when = self.state.fired.get(Event(At.END, change["activity"]), -math.inf)
+            if change["object"] == name and when >= since and when > -math.inf:
+                since, pose = when, tuple(float(v) for v in change["configuration"])
+        return pose
+
+    def _place(
+        self, target: SchedulingMotionProblem, name: str, pose: Configuration, type_: Any
+    ) -> ConfigurationObject:
+        """Return the configuration object at a pose, a new one where the problem has none."""
+        for item in self.source.all_objects:
+            if isinstance(item, ConfigurationObject) and item.type == type_:
+                there = [float(v) for v in item.configuration]
+                turn = math.remainder(there[2] - pose[2], math.tau) if len(pose) == 3 else 0.0
+                gap = max(abs(a - b) for a, b in zip(there[:2], pose[:2], strict=True))
+                if max(gap, abs(turn)) <= NEAR:
+                    return item
+        base = f"now_{name}"
+        fresh, count = base, 0
+        while target.has_name(fresh):
+            count += 1
+            fresh = f"{base}_{count}"
+        place = ConfigurationObject(fresh, type_, SE2(*pose))
+        target.add_object(place)
+        return place
+
+    def _go_on(self, activity: MotionActivity, places: Mapping[str, ConfigurationObject]) -> None:
+        constraints = []
+        for c in activity._motion_constraints:
+            if not isinstance(c, ActivityWaypoints) or len(c.waypoints) != 1:
+                raise UnsupportedError(
+                    f"'{activity.name}' has begun and has several waypoints: what is left of it "
+                    "cannot be said yet"
+                )
+            who = c.movable.object().name
+            constraints.append(
+                ActivityWaypoints(
+                    c.movable,
+                    places[who],
+                    c.waypoints,
+                    static_obstacles=c.static_obstacles,
+                    dynamic_obstacles_at_start=c.dynamic_obstacles_at_start,
+                )
+            )
+        activity._motion_constraints = constraints
+        activity._motion_constraints_set = set(constraints)
+
+    # ------------------------------------------------------------------ fluents
+
+    def _holds_now(self, node: FNode) -> bool:
+        """Return whether a condition certainly holds in the new initial state."""
+        if node.is_bool_constant():
+            return bool(node.constant_value())
+        if node.is_and():
+            return all(self._holds_now(a) for a in node.args)
+        if node.is_fluent_exp():
+            return self._value_now(node) is True
+        if node.is_not() and node.arg(0).is_fluent_exp():
+            return self._value_now(node.arg(0)) is False
+        if node.is_equals():
+            one, two = (self._value_now(a) for a in node.args)
+            return one is not None and bool(one == two)
+        return False
+
+    def _value_now(self, node: FNode) -> Any:
+        """Return the value of a fluent or a constant in the new initial state (``None``: open)."""
+        if node.is_object_exp():
+            return node.object().name
+        if node.is_constant():
+            return node.constant_value()
+        if not node.is_fluent_exp() or not all(a.is_object_exp() for a in node.args):
+            return None
+        key: Expr = (
+            "flu",
+            node.fluent().name,
+            *(("obj", a.object().name) for a in node.args),
+        )
+        if key in self.values_now:
+            return self.values_now[key]
+        return self.planned.value(self.planned.problem.initial_value(key))
+
+    @cached_property
+    def values_now(self) -> dict[Expr, Any]:
+        """The values of fluents that effects have changed."""
+        happened = sorted(self._happened(), key=lambda e: e[0])
+        values: dict[Expr, Any] = {}
+        for _, key, kind, amount in happened:
+            old = values.get(key)
+            if old is None and kind != "assign":
+                old = self.planned.value(self.planned.problem.initial_value(key))
+            if kind == "assign":
+                values[key] = amount
+            else:
+                values[key] = old + (amount if kind == "increase" else -amount)
+        return values
+
+    def _initial(self, target: SchedulingMotionProblem) -> None:
+        """Put the effects that have happened into the initial state."""
+        for key, value in self.values_now.items():
+            arguments = [self._constant(e[1]) for e in key[2:]]
+            fluent = target.fluent(key[1])
+            target.set_initial_value(fluent(*arguments), self._constant(value))
+
+    def _happened(self) -> Iterator[tuple[float, Expr, str, Any]]:
+        for effect in self.planned.problem.effects:
+            time = self._when(effect)
+            if time is None:
+                continue
+            key = self.planned.ground(effect.fluent)
+            if effect.condition != ("bool", True):
+                raise UnsupportedError(f"conditional effect on {show(effect.fluent)}, from now on")
+            amount = self.planned.value(effect.value)
+            if key is not None:
+                yield time, key, effect.kind, amount
+
+    def _when(self, effect: Any) -> float | None:
+        """Return when an effect happened (s), ``None`` if it has not."""
+        _, anchor, owner, delay = effect.time
+        if anchor == "zero":
+            time = delay * self.unit
+            return time if time < self.since * self.unit else None
+        if owner is None or owner not in self.state.phase:
+            return None
+        at = At.START if anchor == "start" else At.END
+        fired = self.state.fired.get(Event(at, owner))
+        if fired is None:
+            return None
+        if owner in self.gone and at is At.START:
+            # what a robot that is out of order has taken, it gives back
+            return None
+        return fired + delay * self.unit
+
+    # ------------------------------------------------------------------ the old plan as a hint
+
+    def _hint(self, target: SchedulingMotionProblem) -> Schedule | None:
+        """Return the rest of the old plan on the new clock (it need not be valid)."""
+        here = [a for a in target.activities if a.name in self.planned.times]
+        wanted = {a.name for a in target.activities if not a.optional}
+        if not wanted <= {a.name for a in here}:
+            return None
+        if any(a.parameters for a in here) or target.base_variables:
+            return None
+        assignment: dict[Any, Any] = {}
+        for activity in here:
+            start, end = self.planned.times[activity.name]
+            begun = self.state.phase[activity.name] is Phase.RUNNING
+            first = 0 if begun else max(0, start - self.since)
+            assignment[activity.start] = first
+            assignment[activity.end] = first + (max(1, end - self.since) if begun else end - start)
+        return Schedule(here, assignment, target.environment)
+
+
+def _array(value: float) -> Any:
+    return np.array([value])
+
+
+def _moves(activity: Activity, name: str) -> bool:
+    """Return whether an activity drives an object or puts it elsewhere."""
+    if not isinstance(activity, MotionActivity):
+        return False
+    driven = [c.movable for c in activity.motion_constraints]
+    return any(
+        n.is_object_exp() and n.object().name == name for n in (*driven, *activity.motion_effects)
+    )
+
+
+def _involves(activity: Activity, name: str) -> bool:
+    """Return whether an activity needs an object: it moves it, speaks of it, or is named after
+    it.
+    """
+    if _moves(activity, name):
+        return True
+    if re.search(rf"(?<![A-Za-z0-9]){re.escape(name)}(?![A-Za-z0-9])", activity.name):
+        return True
+    nodes = [n for items in activity.conditions.values() for n in items]
+    nodes += [e.fluent for items in activity.effects.values() for e in items]
+    while nodes:
+        node = nodes.pop()
+        nodes += node.args
+        if node.is_object_exp() and node.object().name == name:
+            return True
+    return False

@@ -1,0 +1,204 @@
+"""Constraints from now on: what is over is a time that is known, what is gone is absent."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from unified_planning.environment import Environment
+from unified_planning.model import FNode, TimepointKind, Timing
+from unified_planning.model.operators import OperatorKind as Op
+
+from up_samp.model import UnsupportedError
+
+_COMPARISONS = (Op.LE, Op.LT, Op.EQUALS)
+
+
+@dataclass
+class Substitution:
+    """Rewrites expressions for a clock that starts ``shift`` units later.
+
+    ``past`` maps activities that are over, or have begun, to their start and end (units, old clock;
+    ``None``: still to come), ``gone`` are activities that cannot happen any more, ``values`` known
+    parameters of what is over. What has no value because an activity is gone neither breaks nor
+    helps a constraint (Kleene's logic, as the validator reads it).
+    """
+
+    environment: Environment
+    shift: int
+    past: Mapping[str, tuple[int, int | None]]
+    gone: frozenset[str]
+    values: Mapping[str, FNode]
+    mandatory: frozenset[str] = frozenset()
+    """Activities that have begun: present."""
+    exact: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """The same as ``past`` (units), not rounded: what is over is judged by what really was."""
+    _memo: dict[tuple[FNode, bool], FNode] = field(default_factory=dict)
+
+    def __call__(self, node: FNode, positive: bool = True) -> FNode:
+        """Return the expression from now on; what has no value counts as ``positive``."""
+        key = (node, positive)
+        if key not in self._memo:
+            self._memo[key] = self._fix(node, positive)
+        return self._memo[key]
+
+    def _fix(self, node: FNode, positive: bool) -> FNode:
+        m = self.environment.expression_manager
+        if node.is_present_exp():
+            name = node.presence().container
+            if name in self.gone:
+                return m.FALSE()
+            known = name in self.past or name in self.mandatory
+            return m.TRUE() if known else node
+        if node.is_parameter_exp():
+            return self.values.get(node.parameter().name, node)
+        if node.node_type in _COMPARISONS:
+            return self._comparison(node, positive)
+        if not node.args:
+            return node
+        if node.is_not():
+            inner = self(node.arg(0), not positive)
+            return m.Bool(not inner.constant_value()) if inner.is_bool_constant() else m.Not(inner)
+        if node.is_implies():
+            return self(m.Or(m.Not(node.arg(0)), node.arg(1)), positive)
+        if node.is_iff():
+            a, b = node.args
+            both = m.And(m.Or(m.Not(a), b), m.Or(m.Not(b), a))
+            return self(both, positive)
+        parts = [self(a, positive) for a in node.args]
+        if node.is_and():
+            kept = [a for a in parts if not a.is_true()]
+            if any(a.is_false() for a in kept):
+                return m.FALSE()
+            return m.And(kept) if kept else m.TRUE()
+        if node.is_or():
+            kept = [a for a in parts if not a.is_false()]
+            if any(a.is_true() for a in kept):
+                return m.TRUE()
+            return m.Or(kept) if kept else m.FALSE()
+        if tuple(parts) == tuple(node.args):
+            return node
+        return m.create_node(
+            node_type=node.node_type, args=tuple(parts), payload=node._content.payload
+        )
+
+    def _comparison(self, node: FNode, positive: bool) -> FNode:
+        """Return a comparison on the new clock; times without a partner are moved by the shift."""
+        m = self.environment.expression_manager
+        left, right = (self._side(a) for a in node.args)
+        if left is None or right is None:
+            return m.Bool(positive)
+        (one, live_one), (two, live_two) = left, right
+        if not live_one and not live_two and one.is_int_constant() and two.is_int_constant():
+            return m.Bool(self._held(node))
+        if live_one == live_two:
+            return self._compared(node, one, two)
+        if one.is_int_constant() and live_two == 1:
+            return self._compared(node, m.Int(one.int_constant_value() - self.shift), two)
+        if two.is_int_constant() and live_one == 1:
+            return self._compared(node, one, m.Int(two.int_constant_value() - self.shift))
+        gap = self.shift * (live_one - live_two)
+        return self._compared(node, m.Plus(one, m.Int(gap)), two)
+
+    def _compared(self, node: FNode, one: FNode, two: FNode) -> FNode:
+        m = self.environment.expression_manager
+        if one.is_int_constant() and two.is_int_constant():
+            a, b = one.int_constant_value(), two.int_constant_value()
+            kind = node.node_type
+            return m.Bool(a <= b if kind == Op.LE else a < b if kind == Op.LT else a == b)
+        if tuple(node.args) == (one, two):
+            return node
+        return m.create_node(node_type=node.node_type, args=(one, two), payload=None)
+
+    def _held(self, node: FNode) -> bool:
+        """Return whether a comparison of times that are over held."""
+        one, two = (self._real(a) for a in node.args)
+        if node.node_type == Op.LE:
+            return one <= two + 1e-6
+        return one < two if node.node_type == Op.LT else abs(one - two) <= 1e-6
+
+    def _real(self, node: FNode) -> float:
+        if node.is_timing_exp():
+            point = node.timing().timepoint
+            delay = float(node.timing().delay)
+            if point.kind == TimepointKind.GLOBAL_START:
+                return delay
+            start, end = self.exact[point.container]
+            return delay + (start if point.kind == TimepointKind.START else end)
+        if node.is_plus():
+            return sum(self._real(a) for a in node.args)
+        if node.is_minus():
+            return self._real(node.arg(0)) - self._real(node.arg(1))
+        if node.is_parameter_exp():
+            return float(self.values[node.parameter().name].constant_value())
+        return float(node.constant_value())
+
+    def _side(self, node: FNode) -> tuple[FNode, int] | None:
+        """Return an arithmetic expression with past times put in, and how many of the times in it
+        are still to come (``None``: it has no value).
+        """
+        m = self.environment.expression_manager
+        if node.is_timing_exp():
+            return self._timing(node)
+        if node.is_parameter_exp():
+            return self.values.get(node.parameter().name, node), 0
+        if not node.args or node.is_fluent_exp():
+            return node, 0
+        parts = [self._side(a) for a in node.args]
+        if any(p is None for p in parts):
+            return None
+        nodes = [p[0] for p in parts if p is not None]
+        counts = [p[1] for p in parts if p is not None]
+        if node.is_plus():
+            total = sum(counts)
+        elif node.is_minus():
+            total = counts[0] - counts[1]
+        elif not any(counts):
+            total = 0
+        else:
+            raise UnsupportedError(f"'{node}' in a constraint: times can only be added")
+        if all(n.is_int_constant() for n in nodes) and (node.is_plus() or node.is_minus()):
+            numbers = [n.int_constant_value() for n in nodes]
+            value = sum(numbers) if node.is_plus() else numbers[0] - numbers[1]
+            return m.Int(value), total
+        fixed = m.create_node(
+            node_type=node.node_type, args=tuple(nodes), payload=node._content.payload
+        )
+        return fixed, total
+
+    def _timing(self, node: FNode) -> tuple[FNode, int] | None:
+        m = self.environment.expression_manager
+        timing = node.timing()
+        point = timing.timepoint
+        if point.container in self.gone:
+            return None
+        if point.kind == TimepointKind.GLOBAL_START:
+            return m.Int(int(timing.delay)), 0
+        if point.container in self.past:
+            start, end = self.past[point.container]
+            time = start if point.kind == TimepointKind.START else end
+            if time is not None:
+                return m.Int(int(time + timing.delay)), 0
+        return node, 1
+
+
+def names_in(node: FNode) -> set[str]:
+    """Return the activities that an expression mentions."""
+    found: set[str] = set()
+    stack = [node]
+    while stack:
+        item = stack.pop()
+        stack += item.args
+        if item.is_timing_exp() and item.timing().timepoint.container:
+            found.add(item.timing().timepoint.container)
+        elif item.is_present_exp():
+            found.add(item.presence().container)
+        elif item.is_parameter_exp() and "." in item.parameter().name:
+            found.add(item.parameter().name.split(".")[0])
+    return found
+
+
+def later_by(timing: Timing, shift: int) -> Timing:
+    """Return an absolute time on a clock that starts ``shift`` units later."""
+    absolute = timing.timepoint.kind == TimepointKind.GLOBAL_START
+    return Timing(timing.delay - shift, timing.timepoint) if absolute else timing
