@@ -21,6 +21,7 @@ from up_samp.cli.fleets import add_check, add_import, add_new
 from up_samp.cli.outputs import write_outputs
 from up_samp.cli.problems import add_problem_arguments, find_problem, unit_of
 from up_samp.cli.simulating import add_simulate
+from up_samp.cli.serving import add_serve
 from up_samp.cli.solving import add_solver_arguments, describe, judge, solve_and_show
 from up_samp.cli.table import table
 from up_samp.io import contradictions, plan_from_dict, read_plan
@@ -200,6 +201,7 @@ COMMANDS = (
     add_draw,
     add_simulate,
     add_export,
+    add_serve,
     add_engines,
     add_warmup,
     add_bench,

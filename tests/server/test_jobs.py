@@ -1,0 +1,144 @@
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+psutil = pytest.importorskip("psutil")
+from up_samp.server.jobs import Jobs, Limits, QueueFullError, State  # noqa: E402
+
+FAKE = (sys.executable, str(Path(__file__).with_name("fake_worker.py")))
+
+
+def jobs(**limits):
+    return Jobs(Limits(**limits), FAKE)
+
+
+def ask(*steps, timeout=30):
+    return {"steps": steps, "timeout": timeout}
+
+
+def ending(job):
+    return [item[1]["event"] for item in job.follow() if item is not None]
+
+
+def test_a_job_tells_what_happens_and_ends():
+    with jobs() as server:
+        job = server.submit(ask("progress", "plan", "end"))
+        assert ending(job) == ["progress", "plan", "end"]
+        status = job.status()
+    assert status["state"] == "done"
+    assert (status["makespan"], status["lower_bound"]) == (7, 5)
+    assert job.plan["problem"] == "fake"
+
+
+def test_who_comes_late_hears_everything_and_who_comes_back_the_rest():
+    with jobs() as server:
+        job = server.submit(ask("progress", "plan", "end"))
+        ending(job)
+        assert ending(job) == ["progress", "plan", "end"]
+        assert [i[0] for i in job.follow(2)] == [2]
+
+
+def test_a_crash_is_an_ending_and_the_plan_stays():
+    with jobs() as server:
+        job = server.submit(ask("plan", "crash"))
+        ending(job)
+        status = job.status()
+    assert status["state"] == "done"
+    assert "SIGSEGV" in status["message"]
+    assert job.plan is not None
+
+
+def test_a_job_without_a_plan_that_crashes_has_failed():
+    with jobs() as server:
+        job = server.submit(ask("crash"))
+        ending(job)
+        assert job.state is State.FAILED
+
+
+def test_a_job_that_does_not_end_is_ended():
+    with jobs(seconds=1.0, grace=0.0) as server:
+        job = server.submit(ask("plan", "60"))
+        began = time.monotonic()
+        ending(job)
+        assert time.monotonic() - began < 20
+        assert job.plan is not None
+        assert "ended" in job.status()["message"]
+
+
+def test_more_jobs_than_may_wait_are_turned_away():
+    with jobs(running=1, waiting=1) as server:
+        first = server.submit(ask("progress", "60"))
+        next(item for item in first.follow() if item is not None)
+        server.submit(ask("end"))
+        with pytest.raises(QueueFullError, match="1 jobs are waiting"):
+            server.submit(ask("end"))
+
+
+def test_stopping_ends_the_process_and_all_that_it_started():
+    before = {p.pid for p in psutil.process_iter()}
+    with jobs() as server:
+        job = server.submit(ask("plan", "child", "60"))
+        for item in job.follow():
+            if item is not None and item[1].get("phase") == "child":
+                break
+        server.stop(job)
+        ending(job)
+        assert job.state is State.STOPPED
+        assert job.plan is not None
+    left = [p for p in psutil.process_iter() if p.pid not in before and _is_fake(p)]
+    assert not left
+
+
+def _is_fake(process):
+    try:
+        return "fake_worker.py" in " ".join(process.cmdline())
+    except psutil.Error:
+        return False
+
+
+def test_a_waiting_job_can_be_stopped_and_never_starts():
+    with jobs(running=1) as server:
+        first = server.submit(ask("progress", "60"))
+        next(item for item in first.follow() if item is not None)
+        second = server.submit(ask("plan", "end"))
+        server.stop(second)
+        server.stop(first)
+        ending(second)
+        assert second.state is State.STOPPED
+        assert second.plan is None
+
+
+def test_too_much_output_ends_the_job():
+    with jobs(output=200_000) as server:
+        job = server.submit(ask("flood"))
+        for _ in job.follow():
+            pass
+        assert job.status()["message"] == "too much output"
+        assert job.state is State.FAILED
+
+
+def test_old_results_are_forgotten():
+    with jobs(kept=2) as server:
+        ids = []
+        for _ in range(4):
+            job = server.submit(ask("end"))
+            ending(job)
+            ids.append(job.id)
+        known = [server.get(i) is not None for i in ids]
+    assert known == [False, True, True, True]
+
+
+def test_no_folder_is_left_behind(tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with jobs() as server:
+        ending(server.submit(ask("end")))
+        ending(server.submit(ask("crash")))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("wrong", [{"running": 0}, {"seconds": float("nan")}, {"memory": -1}])
+def test_limits_that_make_no_sense_are_refused(wrong):
+    with pytest.raises(ValueError, match=f"limit '{next(iter(wrong))}'"):
+        Limits(**wrong)

@@ -1,0 +1,50 @@
+"""``up-samp serve``: planning as a service on this machine."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from up_samp.model import UnsupportedError
+
+if TYPE_CHECKING:
+    Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
+
+
+def add_serve(commands: Subparsers) -> None:
+    """Add ``serve``."""
+    parser = commands.add_parser("serve", help="plan for others on this machine, over HTTP")
+    parser.add_argument("--host", default="127.0.0.1", help="(default: %(default)s)")
+    parser.add_argument("--port", type=int, default=8008, metavar="N", help="(default: 8008)")
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="jobs at the same time")
+    parser.add_argument("--queue", type=int, default=8, metavar="N", help="jobs that may wait")
+    parser.add_argument(
+        "--timeout", type=float, default=600.0, metavar="S", help="longest search, in seconds"
+    )
+    parser.add_argument(
+        "--memory", type=float, default=6.0, metavar="GIB", help="address space of a job"
+    )
+    parser.set_defaults(run=_serve)
+
+
+def _serve(args: argparse.Namespace) -> int:
+    try:
+        import uvicorn
+
+        from up_samp.server.app import create_app
+        from up_samp.server.jobs import Jobs, Limits
+    except ImportError as error:
+        raise UnsupportedError(
+            f"the service needs the extra [server] ({error.name} is missing): "
+            "pip install 'up-samp[server]'"
+        ) from error
+    limits = Limits(
+        running=args.jobs,
+        waiting=args.queue,
+        seconds=args.timeout,
+        memory=round(args.memory * 2**30),
+    )
+    with Jobs(limits) as jobs:
+        print(f"up-samp serves at http://{args.host}:{args.port}/", flush=True)
+        uvicorn.run(create_app(jobs), host=args.host, port=args.port, log_level="warning")
+    return 0
