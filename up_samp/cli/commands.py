@@ -20,8 +20,8 @@ from up_samp.cli.exporting import add_export
 from up_samp.cli.fleets import add_check, add_import, add_new
 from up_samp.cli.outputs import write_outputs
 from up_samp.cli.problems import add_problem_arguments, find_problem, unit_of
-from up_samp.cli.simulating import add_simulate
 from up_samp.cli.serving import add_serve
+from up_samp.cli.simulating import add_simulate
 from up_samp.cli.solving import add_solver_arguments, describe, judge, solve_and_show
 from up_samp.cli.table import table
 from up_samp.io import contradictions, plan_from_dict, read_plan

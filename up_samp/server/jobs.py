@@ -235,6 +235,9 @@ class Jobs:
             if job.state is State.STOPPED:  # stopped before its process was there
                 _end(process)
             self._converse(job, process, seconds)
+            process.wait(timeout=limits.grace)
+        except subprocess.TimeoutExpired:
+            pass  # it has closed its output and does not end: it is ended
         finally:
             overdue.cancel()
             _end(process)

@@ -48,8 +48,10 @@ class Teller:
         )
 
 
-def read_problem(problem: dict[str, Any], map_upload: dict[str, Any]) -> Any:
-    """Return the UP problem of a request; its files are written into the current folder."""
+def read_problem(problem: dict[str, Any], map_upload: dict[str, Any]) -> tuple[Any, float]:
+    """Return the UP problem of a request and its seconds per unit; its files are written into the
+    current folder.
+    """
     from up_samp.fleet.build import build_problem
     from up_samp.fleet.files import read_problem_file
 
@@ -57,7 +59,8 @@ def read_problem(problem: dict[str, Any], map_upload: dict[str, Any]) -> Any:
     MapUpload(**map_upload).write(folder, MAP_NAME)
     file = folder / "problem.json"
     file.write_text(json.dumps({**problem, "map": MAP_NAME}), encoding="utf-8")
-    return build_problem(read_problem_file(file), folder)
+    records = read_problem_file(file)
+    return build_problem(records, folder), records.seconds_per_unit
 
 
 def solve(request: dict[str, Any], teller: Teller) -> None:
@@ -67,33 +70,37 @@ def solve(request: dict[str, Any], teller: Teller) -> None:
     import up_samp  # noqa: F401  (registers the engines)
 
     get_environment().credits_stream = None
-    problem = read_problem(request["problem"], request["map"])
+    problem, unit = read_problem(request["problem"], request["map"])
     teller.tell(event="progress", phase="read", message=f"{len(problem.activities)} activities")
     params = {
         "seed": request["seed"],
+        "seconds_per_unit": unit,
         "progress": teller.progress,
         "optimal": not request["first_plan"],
     }
     name = f"samp-refine[{request['engine']}]"
     with AnytimePlanner(name=name, params=params) as planner:
         for result in planner.get_solutions(problem, timeout=request["timeout"]):
-            tell_result(problem, result, teller)
-            if request["first_plan"] and result.plan is not None:
+            enough = request["first_plan"] and result.plan is not None
+            tell_result(problem, result, teller, last=enough)
+            if enough:
                 break
 
 
-def tell_result(problem: Any, result: Any, teller: Teller) -> None:
-    """Tell a plan, if there is one, and the end, if it is the last."""
+def tell_result(problem: Any, result: Any, teller: Teller, *, last: bool) -> None:
+    """Tell a plan, if there is one, and the end, if it is the engine's last or enough."""
+    from up_samp.execution import with_dependencies
     from up_samp.io import result_to_dict
 
     if result.plan is not None:
-        plan = result_to_dict(problem, result)
+        plan = with_dependencies(problem, result_to_dict(problem, result))
         plan["map"] = {"yaml": None}  # the server's own files are nobody's business
         teller.tell(event="plan", plan=plan)
     metrics = result.metrics or {}
+    between = result.status.name == "INTERMEDIATE"
     teller.tell(
-        event="end" if result.status.name != "INTERMEDIATE" else "progress",
-        status=result.status.name,
+        event="progress" if between and not last else "end",
+        status="SOLVED_SATISFICING" if between else result.status.name,
         message="; ".join(m.message for m in result.log_messages or []),
         lower_bound=int(metrics["lower_bound"]) if "lower_bound" in metrics else None,
     )
@@ -103,12 +110,14 @@ def judge(request: dict[str, Any], teller: Teller) -> None:
     """Judge the request's plan and tell the verdict."""
     from up_samp.io import plan_from_dict
     from up_samp.io.files import check_plan
+    from up_samp.model import ProblemError
     from up_samp.validation import validate_plan
 
-    problem = read_problem(request["problem"], request["map"])
+    problem, unit = read_problem(request["problem"], request["map"])
     plan = {**request["plan"], "map": {"yaml": str(Path.cwd() / MAP_NAME)}}
     check_plan(plan, "the plan")
-    unit = plan["seconds_per_unit"]
+    if plan["seconds_per_unit"] != unit:
+        raise ProblemError(f"the plan's unit is {plan['seconds_per_unit']} s, the problem's {unit}")
     verdict = validate_plan(problem, plan_from_dict(problem, plan), seconds_per_unit=unit)
     found = [str(v) for v in verdict.violations]
     teller.tell(event="end", status="JUDGED", valid=verdict.valid, violations=found, message="")

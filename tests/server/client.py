@@ -1,0 +1,70 @@
+"""A server on a free port of this machine, and a client that speaks HTTP to it."""
+
+import json
+import socket
+import threading
+import time
+import urllib.error
+import urllib.request
+from contextlib import contextmanager
+
+import uvicorn
+
+from up_samp.server.app import create_app
+
+
+class Answer:
+    def __init__(self, status_code, data):
+        self.status_code = status_code
+        self.text = data.decode()
+
+    def json(self):
+        return json.loads(self.text)
+
+
+class Client:
+    def __init__(self, port):
+        self.url = f"http://127.0.0.1:{port}"
+
+    def _ask(self, method, path, data=None, headers=None):
+        asked = urllib.request.Request(self.url + path, data, dict(headers or {}), method=method)
+        try:
+            with urllib.request.urlopen(asked, timeout=120) as answer:
+                return Answer(answer.status, answer.read())
+        except urllib.error.HTTPError as error:
+            with error:
+                return Answer(error.code, error.read())
+
+    def get(self, path, headers=None):
+        return self._ask("GET", path, headers=headers)
+
+    def delete(self, path):
+        return self._ask("DELETE", path)
+
+    def post(self, path, json=None, content=None):
+        data = content if content is not None else dumped(json)
+        return self._ask("POST", path, data, {"Content-Type": "application/json"})
+
+
+def dumped(value):
+    return json.dumps(value).encode()
+
+
+@contextmanager
+def serving(jobs):
+    """Serve jobs for as long as the context lasts."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    server = uvicorn.Server(
+        uvicorn.Config(create_app(jobs), host="127.0.0.1", port=port, log_level="error")
+    )
+    thread = threading.Thread(target=server.run, daemon=True)
+    thread.start()
+    while not server.started:
+        time.sleep(0.02)
+    try:
+        yield Client(port)
+    finally:
+        server.should_exit = True
+        thread.join(timeout=20)
