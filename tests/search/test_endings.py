@@ -14,10 +14,12 @@ from unified_planning.shortcuts import (
     MinimizeMakespan,
     OneshotPlanner,
     PlanValidator,
+    get_environment,
 )
 
 from tests.search.test_end_to_end import solve
 from tests.search.test_parameters import INSTALLED, PROVING, choice_of
+from tests.search.test_tidy import idle_fleet
 from tests.upio.hall import Hall, write_hall
 from up_samp.validation import validate_plan
 
@@ -152,3 +154,19 @@ def test_bare_timepoints_without_motions(name):
     assert result.status is Status.SOLVED_OPTIMALLY
     with PlanValidator(name="samp-validator") as judge:
         assert judge.validate(problem, result.plan).status is ValidationResultStatus.VALID
+
+
+@pytest.mark.skipif("aries" not in INSTALLED, reason="no aries")
+def test_an_engine_is_not_believed_against_a_shorter_schedule(tmp_path):
+    """What is optimal for another problem, or for nobody, is not optimal."""
+    factory = get_environment().factory
+    if "hasty" not in factory.engines:
+        factory.add_engine("hasty", "tests.search.hasty", "Hasty")
+    hall = idle_fleet(tmp_path)
+    assert solve(hall.problem).metrics["makespan"] == "17"
+    result = solve(hall.problem, "hasty")
+    assert result.plan is not None
+    assert int(result.metrics["makespan"]) >= 30
+    assert result.status is Status.SOLVED_SATISFICING
+    assert int(result.metrics["lower_bound"]) <= 17
+    assert "not believed" in result.log_messages[0].message

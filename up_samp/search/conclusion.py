@@ -10,7 +10,7 @@ from up_samp.model import ScheduleReport, ScheduleStatus
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.search.context import Context
 from up_samp.search.prepare import state_places
-from up_samp.search.proof import because, few_of, leaves_nothing, listed, proven_facts
+from up_samp.search.proof import because, few_of, leaves_nothing, listed, proven_facts, sooner_than
 
 UNTIMED_RESTARTS = 3
 """Restarts where there is no time limit."""
@@ -76,14 +76,16 @@ def refutation(context: Context, report: ScheduleReport) -> list[Refinement] | N
     for the same facts.
     """
     facts = proven_facts(context)
+    said = report.status is ScheduleStatus.INFEASIBLE and len(facts) == len(context.standing)
+    if said and context.native:
+        return facts
     if not context.native and context.params.certificates:
         facts += state_places(context)  # our own scheduler judges: it knows places for one
-    elif len(facts) == len(context.standing) and report.status is ScheduleStatus.INFEASIBLE:
-        return facts
     if context.feasible_facts == len(facts):
         return None
     context.report("proof", f"trying {len(facts)} proven facts alone")
-    if leaves_nothing(context, facts):
+    verdict = leaves_nothing(context, facts)
+    if verdict or (said and verdict is None):
         return facts
     context.feasible_facts = len(facts)
     return None
@@ -116,6 +118,8 @@ def _what_is_not_proven(context: Context, report: ScheduleReport) -> str:
     doubtful = [r for r in context.standing if r.strength is not Strength.PROVEN]
     if report.status is not ScheduleStatus.INFEASIBLE:
         text = report.message or "the scheduler found no schedule"
+    elif not doubtful:
+        text = "the wrapped engine finds no schedule; our own does: its word is not believed"
     if doubtful:
         facts = proven_facts(context)
         text += ": " + listed(few_of(context, doubtful, given=facts))
@@ -131,6 +135,14 @@ def conclude(context: Context) -> SearchResult:
             Conclusion.EXHAUSTED,
             "the motions of the last candidate do not fit, and nothing more was learned from it",
         )
-    if context.is_optimal:
-        return SearchResult(Conclusion.OPTIMAL)
-    return SearchResult(Conclusion.SOLVED)
+    if not context.is_optimal:
+        return SearchResult(Conclusion.SOLVED)
+    makespan = context.incumbent.schedule.makespan
+    if not context.native and sooner_than(context, makespan):
+        context.lower_bound = 0
+        return SearchResult(
+            Conclusion.SOLVED,
+            f"the wrapped engine calls a makespan of {makespan} optimal, but a shorter schedule "
+            "agrees with all that is known: its bound is not believed",
+        )
+    return SearchResult(Conclusion.OPTIMAL)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from up_samp.model import Deadline, ScheduleStatus, UnsupportedError
+from up_samp.model import Deadline, ScheduleReport, ScheduleStatus, UnsupportedError
 from up_samp.model.refinement import (
     Absent,
     Apart,
@@ -38,15 +38,29 @@ EXPLAIN_SECONDS = 5.0
 MOST_LIMITS = 40
 """The problem's own constraints that are looked at to tell what the facts run into."""
 SHOWN = 5
+DOUBT_SHARE = 0.1
+"""Share of the remaining time (at most ``DOUBT_SECONDS``) for doubting another engine's optimum."""
+DOUBT_SECONDS = 2.0
 
 T = TypeVar("T")
 
 
-def leaves_nothing(
-    context: Context, facts: Sequence[Refinement], deadline: Deadline | None = None
-) -> bool:
-    """Return whether it is proven that the facts alone leave no schedule."""
-    return _infeasible(context, facts, (), deadline or _share(context, PROOF_SHARE, PROOF_SECONDS))
+def leaves_nothing(context: Context, facts: Sequence[Refinement]) -> bool | None:
+    """Return whether the facts alone leave no schedule, by our own scheduler (None: not known)."""
+    report = _schedule(context, facts, (), _share(context, PROOF_SHARE, PROOF_SECONDS))
+    if report is None or (report.schedule is None and not _none_left(report)):
+        return None
+    return _none_left(report)
+
+
+def sooner_than(context: Context, makespan: int) -> bool:
+    """Return whether our own scheduler finds a schedule that ends before ``makespan``, with all
+    that is in play, in little time: an engine that says there is none was told another problem, or
+    is wrong.
+    """
+    deadline = _share(context, DOUBT_SHARE, DOUBT_SECONDS)
+    report = _schedule(context, context.standing, (), deadline, before=makespan)
+    return report is not None and report.schedule is not None
 
 
 def few_of(
@@ -93,19 +107,40 @@ def _infeasible(
     context: Context, facts: Sequence[Refinement], lifted: Sequence[_Limit], deadline: Deadline
 ) -> bool:
     """Return whether it is proven that there is no schedule; ``lifted`` limits do not count."""
+    report = _schedule(context, facts, lifted, deadline)
+    return report is not None and _none_left(report)
+
+
+def _none_left(report: ScheduleReport) -> bool:
+    return report.status is ScheduleStatus.INFEASIBLE
+
+
+def _schedule(
+    context: Context,
+    facts: Sequence[Refinement],
+    lifted: Sequence[_Limit],
+    deadline: Deadline,
+    *,
+    before: int | None = None,
+) -> ScheduleReport | None:
+    """Return what our own scheduler says of the problem with these facts; None if it cannot."""
     if deadline.expired():
-        return False
+        return None
     relaxation = context.relax()
     for limit in lifted:
         limit.lift(relaxation)
     for fact in facts:
         write_refinement(relaxation, fact)
-    session = CpsatSession(relaxation.problem, seed=context.params.seed, workers=1)
+    problem = relaxation.problem
+    if before is not None:
+        manager = problem.environment.expression_manager
+        for activity in problem.activities:
+            activity.add_constraint(manager.LT(activity.end, before))
+    session = CpsatSession(problem, seed=context.params.seed, workers=1)
     try:
-        report = session.solve(deadline, optimal=False)
+        return session.solve(deadline, optimal=False)
     except UnsupportedError:  # another engine may do what ours does not: no proof then
-        return False
-    return report.status is ScheduleStatus.INFEASIBLE
+        return None
 
 
 def _fewest(items: Sequence[T], fails: Callable[[Sequence[T]], bool]) -> list[T]:
