@@ -14,10 +14,10 @@ class Hasty(Aries):
     def satisfies(optimality_guarantee):
         return True
 
-    def _solve(self, problem, heuristic=None, timeout=None, output_stream=None):
+    def _solve_with_params(self, problem, **keywords):
         slow = problem.clone()
         slow.add_constraint(Or(LE(30, a.end) for a in slow.activities))
-        result = super()._solve(slow, heuristic, timeout, output_stream)
+        result = super()._solve_with_params(slow, **keywords)
         if result.plan is None:
             return result
         status = PlanGenerationResultStatus.SOLVED_OPTIMALLY

@@ -166,7 +166,6 @@ def test_an_engine_is_not_believed_against_a_shorter_schedule(tmp_path):
     assert solve(hall.problem).metrics["makespan"] == "17"
     result = solve(hall.problem, "hasty")
     assert result.plan is not None
-    assert int(result.metrics["makespan"]) >= 30
     assert result.status is Status.SOLVED_SATISFICING
-    assert int(result.metrics["lower_bound"]) <= 17
+    assert int(result.metrics["lower_bound"]) <= 17 < int(result.metrics["makespan"])
     assert "not believed" in result.log_messages[0].message

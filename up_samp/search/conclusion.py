@@ -137,12 +137,12 @@ def conclude(context: Context) -> SearchResult:
         )
     if not context.is_optimal:
         return SearchResult(Conclusion.SOLVED)
-    makespan = context.incumbent.schedule.makespan
-    if not context.native and sooner_than(context, makespan):
-        context.lower_bound = 0
-        return SearchResult(
-            Conclusion.SOLVED,
-            f"the wrapped engine calls a makespan of {makespan} optimal, but a shorter schedule "
-            "agrees with all that is known: its bound is not believed",
-        )
-    return SearchResult(Conclusion.OPTIMAL)
+    makespan, bound = context.incumbent.schedule.makespan, context.lower_bound
+    refuted = bound > makespan or (not context.native and sooner_than(context, makespan))
+    if not refuted:
+        return SearchResult(Conclusion.OPTIMAL)
+    context.lower_bound = 0
+    what = "plan" if bound > makespan else "schedule that agrees with all that is known"
+    return SearchResult(
+        Conclusion.SOLVED, f"the lower bound {bound} is not believed: there is a shorter {what}"
+    )
