@@ -5,25 +5,19 @@ its last one. The least total over all orders that the precedences allow is foun
 programming over (tasks done, where everybody is), after Held and Karp (1962). What has to be done
 before a place may be entered (doors) adds what it costs to squeeze it in. Everybody's share ends
 by the makespan, so the total by the number of travellers is a bound; travellers that take turns
-count as one.
+count as one. Sequences of tasks then prove more (:mod:`.sequences`).
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
 
 from up_samp.scheduling.cpsat.encode.statevars import Key
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.detection import INFINITE, Route
 from up_samp.scheduling.cpsat.routing.dispatch import Task, Work
-
-MOST_STATES = 2_000_000
-"""States of the dynamic programme; more of them take longer than they are worth."""
+from up_samp.scheduling.cpsat.routing.programme import Programme, cost, way_back
+from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
 
 
 def lanes(model: ScheduleModel, routes: list[Route]) -> list[list[int]]:
@@ -51,131 +45,29 @@ def lanes(model: ScheduleModel, routes: list[Route]) -> list[list[int]]:
 
 
 def bound_by_work(
-    model: ScheduleModel, work: Work, over: Callable[[], bool] = lambda: False
+    model: ScheduleModel,
+    work: Work,
+    known: int = 0,
+    over: Callable[[], bool] = lambda: False,
+    *,
+    thorough: bool = True,
 ) -> int:
-    """Return a lower bound on the makespan (0 where the problem is too large for this)."""
-    programme = _Programme.of(work)
-    total = None if programme is None else programme.least(over)
-    if total is None:
-        return 0
+    """Return a lower bound on the makespan (``known`` where the problem is too large for this).
+
+    :param known: a lower bound.
+    :param over: tells that the time is up.
+    :param thorough: also prove by sequences of tasks, which may take a second.
+    """
+    programme = Programme.of(work)
+    tables = None if programme is None else programme.tables(over)
+    if programme is None or tables is None or programme.start(tables) >= INFINITE:
+        return known
     extra = sum(_squeezed(work, tasks) for tasks in _needed(model, work))
-    return -(-(total + extra) // len(lanes(model, work.routes)))
-
-
-# -- what a route costs ----------------------------------------------------------------------------
-def cost(route: Route, here: int, place: int, stop: str, *, first: bool) -> int:
-    """Return the least time from the end of what is done ``here`` until ``stop`` begins."""
-    distance = route.travel.get((here, place), INFINITE)
-    if distance >= INFINITE:
-        return INFINITE
-    late = route.step - route.rest(stop) if distance else 0
-    return distance - late + (0 if first else route.gap)
-
-
-def way_back(route: Route, place: int) -> int:
-    """Return the least time from the end of a last stop, at ``place``, to that of everything."""
-    if route.final is None or place in route.final:
-        return 0
-    distance = route.between(frozenset((place,)), route.final)
-    return 0 if distance >= INFINITE else max(0, route.gap + distance - route.step)
-
-
-# -- dynamic programming -----------------------------------------------------------------------
-@dataclass(frozen=True)
-class _Programme:
-    """``tables[done][i, j, ...]`` is the least time spent when the tasks in ``done`` (bits) are
-    done and the travellers did their last ones at their i-th, j-th, ... spots (0: nothing yet).
-    """
-
-    routes: list[Route]
-    tasks: list[Task]
-    before: list[int]
-    """Bits of the tasks that start before each one."""
-    layers: list[list[int]]
-    """Sets of tasks that may be done at some time, by size."""
-    spots: list[list[int]]
-
-    @staticmethod
-    def of(work: Work) -> _Programme | None:
-        """Return the programme, ``None`` if it would be too large."""
-        wanted = [i for i, task in enumerate(work.tasks) if task.wanted]
-        number = {task: k for k, task in enumerate(wanted)}
-        before = [0] * len(wanted)
-        for task in wanted:
-            for earlier, gap in work.tasks[task].after:
-                if earlier in number and gap > 0:
-                    before[number[task]] |= 1 << number[earlier]
-        spots: list[set[int]] = [set() for _ in work.routes]
-        for task in wanted:
-            for route, _, places in work.tasks[task].ways:
-                spots[route] |= places
-        positions = math.prod(len(some) + 1 for some in spots)
-        layers = _ideals(before, MOST_STATES // positions)
-        if not wanted or layers is None:
-            return None
-        tasks = [work.tasks[t] for t in wanted]
-        return _Programme(work.routes, tasks, before, layers, [sorted(some) for some in spots])
-
-    def least(self, over: Callable[[], bool]) -> int | None:
-        """Return the least total time of all travellers, ``None`` if there is no way or no time."""
-        shape = [len(some) + 1 for some in self.spots]
-        steps = [list(self._steps(task)) for task in self.tasks]
-        start = np.full(shape, INFINITE)
-        start[(0,) * len(shape)] = 0
-        tables = {0: start}
-        for layer in self.layers[1:]:
-            if over():
-                return None
-            following = {done: np.full(shape, INFINITE) for done in layer}
-            for done, table in tables.items():
-                for number, needs in enumerate(self.before):
-                    if done >> number & 1 or needs & ~done:
-                        continue
-                    target = following[done | 1 << number]
-                    for axis, index, costs in steps[number]:
-                        best = (table + costs).min(axis=axis)
-                        where = (slice(None),) * axis + (index,)
-                        target[where] = np.minimum(target[where], best)
-            tables = following
-        (table,) = tables.values()
-        for axis, (route, some) in enumerate(zip(self.routes, self.spots, strict=True)):
-            table = table + self._along(axis, [0, *(way_back(route, p) for p in some)])
-        least = int(table.min())
-        return least if least < INFINITE else None
-
-    def _steps(self, task: Task) -> Iterator[tuple[int, int, Any]]:
-        """Yield (route, index of the place, costs from everywhere) for all ways to do a task."""
-        for axis, stop, places in task.ways:
-            route, some = self.routes[axis], self.spots[axis]
-            for place in sorted(places):
-                costs = [cost(route, route.initial, place, stop, first=True)]
-                costs += [cost(route, here, place, stop, first=False) for here in some]
-                costs = [min(INFINITE, c + task.length) for c in costs]
-                yield axis, 1 + some.index(place), self._along(axis, costs)
-
-    def _along(self, axis: int, values: list[int]) -> Any:
-        shape = [1] * len(self.routes)
-        shape[axis] = len(values)
-        return np.array(values, dtype=np.int64).reshape(shape)
-
-
-def _ideals(before: list[int], most: int) -> list[list[int]] | None:
-    """Return the sets (bits) that hold all predecessors of their members, by size; ``None`` if
-    there are more than ``most``.
-    """
-    layers = [[0]]
-    count = 1
-    for _ in before:
-        layer: dict[int, None] = {}
-        for done in layers[-1]:
-            for task, needs in enumerate(before):
-                if not done >> task & 1 and not needs & ~done:
-                    layer[done | 1 << task] = None
-        count += len(layer)
-        if count > most or not layer:
-            return None
-        layers.append(list(layer))
-    return layers
+    total = programme.start(tables) + extra
+    known = max(known, -(-total // len(lanes(model, work.routes))))
+    if not thorough:
+        return known
+    return raised(Sequences.of(work, programme, tables), known, over)
 
 
 # -- what has to be squeezed in ----------------------------------------------------------------

@@ -128,7 +128,9 @@ class Search:
         work = find_work(self.model, routes)
         if work is not None:
             deadline = self.deadline.within(0.1 * self.deadline.remaining())
-            self.bound = max(self.bound, bound_by_work(self.model, work, deadline.expired))
+            self.bound = bound_by_work(
+                self.model, work, self.bound, deadline.expired, thorough=self.wants_optimum
+            )
         if work is not None and self.best is None:
             few = self.wants_optimum and len(work.tasks) <= _FEW_TASKS
             rounds = 0 if few else _ROUNDS_PER_TASK * len(work.tasks)
