@@ -10,6 +10,8 @@ from test_planar import faults
 from up_samp.geometry import OccupancyGrid
 from up_samp.model import Body, Deadline, Kinematics, MotionModel, PathQuery
 from up_samp.motion import MotionService
+from up_samp.validation.kinematics import motion_violations
+from up_samp.validation.limits import Limits
 
 CAR = Body(RECTANGLE, Kinematics(MotionModel.REEDSSHEPP, 1.0, 2.0, 0.5))
 SLIDER = Body(RECTANGLE, Kinematics(MotionModel.SE2, 1.0, 1.5, 0.8, 0.7))
@@ -91,3 +93,17 @@ def test_where_walls_leave_no_room_to_pass_a_corner_moving_it_stops_and_says_so(
     assert speed_at(report.trajectory, poses[1]) < 0.35
     legs = sum(planned(body, poses[i : i + 2], service).trajectory.duration for i in (0, 1))
     assert report.trajectory.duration <= legs + 1e-9
+
+
+def test_what_turns_on_the_spot_stops_only_there():
+    kin = Kinematics(MotionModel.PIVOT, 1.0, 1.0, 1.0, 0.5)
+    body = Body(RECTANGLE, kin)
+    poses = [(0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (5.0, 0.0, 0.0), (16.0, 0.0, 0.0)]
+    report = planned(body, poses)
+    assert report.trajectory.duration == pytest.approx(17.0, rel=1e-9)
+    assert report.complete
+    turned = planned(body, [*poses, (16.0, 4.0, math.pi / 2), (16.0, 16.0, math.pi / 2)])
+    assert turned.trajectory.duration == pytest.approx(17.0 + math.pi + 17.0, rel=1e-9)
+    limits = Limits("r", "PIVOT", 0.0, 1.0, 1.0, 1.0, 0.5)
+    times, rows = turned.trajectory.times, turned.trajectory.poses
+    assert list(motion_violations("motion", limits, times, rows)) == []

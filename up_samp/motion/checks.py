@@ -11,6 +11,7 @@ import numpy.typing as npt
 from up_samp.geometry import Scene, sweeps
 from up_samp.geometry.shapes import shape_of
 from up_samp.model import Configuration, Kinematics, MotionModel, Trajectory
+from up_samp.motion.curves.twists import twists
 from up_samp.motion.protocol import LegQuery
 
 FloatArray = npt.NDArray[np.float64]
@@ -63,9 +64,9 @@ def keeps_limits(trajectory: Trajectory, kinematics: Kinematics) -> bool:
     dt = np.diff(trajectory.times)
     d = np.diff(trajectory.poses, axis=0)
     if kinematics.model is MotionModel.REEDSSHEPP:
-        speed, bends = _car_speeds(trajectory.poses, d, dt, kinematics)
+        speed, bends = _car_speeds(trajectory.poses, dt, kinematics)
     elif kinematics.model is MotionModel.PIVOT:
-        speed, bends = _pivot_speeds(trajectory.poses, d, dt, kinematics)
+        speed, bends = _pivot_speeds(trajectory.poses, dt, kinematics)
     else:
         size = 2 if d.shape[1] == 3 else 3
         speed = d[:, :size] / dt[:, None]
@@ -89,30 +90,25 @@ def keeps_limits(trajectory: Trajectory, kinematics: Kinematics) -> bool:
 
 
 def _car_speeds(
-    poses: FloatArray, d: FloatArray, dt: FloatArray, kinematics: Kinematics
+    poses: FloatArray, dt: FloatArray, kinematics: Kinematics
 ) -> tuple[FloatArray, bool]:
     """Return a car's signed speeds (n - 1, 1), and whether it slips sideways or bends too much."""
-    half = 0.5 * d[:, 2]
-    heading = poses[:-1, 2] + half
-    along = np.cos(heading) * d[:, 0] + np.sin(heading) * d[:, 1]
-    across = np.cos(heading) * d[:, 1] - np.sin(heading) * d[:, 0]
-    way = np.hypot(along, across) / np.maximum(np.abs(np.sinc(half / math.pi)), 1e-6)
-    tight = np.abs(d[:, 2]) > way / kinematics.turning_radius * (1 + SHARE) + NOISE
+    along, across, turn = twists(poses).T
+    way = np.hypot(along, across)
+    tight = np.abs(turn) > way / kinematics.turning_radius * (1 + SHARE) + NOISE
     return np.copysign(way, along)[:, None] / dt[:, None], bool(
         np.any(tight) or np.any(np.abs(across) > 10 * NOISE)
     )
 
 
 def _pivot_speeds(
-    poses: FloatArray, d: FloatArray, dt: FloatArray, kinematics: Kinematics
+    poses: FloatArray, dt: FloatArray, kinematics: Kinematics
 ) -> tuple[FloatArray, bool]:
     """Return the signed speeds (n - 1, 1) of a body that drives or turns on the spot, and whether
     it slips sideways or turns too fast.
     """
-    heading = poses[:-1, 2] + 0.5 * d[:, 2]
-    along = np.cos(heading) * d[:, 0] + np.sin(heading) * d[:, 1]
-    across = np.cos(heading) * d[:, 1] - np.sin(heading) * d[:, 0]
-    fast = np.abs(d[:, 2]) > kinematics.omega_max * (1 + SHARE) * dt + NOISE
+    along, across, turn = twists(poses).T
+    fast = np.abs(turn) > kinematics.omega_max * (1 + SHARE) * dt + NOISE
     return along[:, None] / dt[:, None], bool(np.any(fast) or np.any(np.abs(across) > 10 * NOISE))
 
 

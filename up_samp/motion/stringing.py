@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from up_samp.geometry import Scene
 from up_samp.model import MotionModel, PathQuery, Trajectory
-from up_samp.motion.curves.passing import driven_through, flown_through
+from up_samp.motion.curves.passing import driven_through, flown_through, pivoted_through
 from up_samp.motion.curves.trajectories import at_rest, joined
 from up_samp.motion.protocol import Leg
 
@@ -15,8 +15,8 @@ def strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Traject
     """Return the motion along all ``legs`` of a query, from time 0, and whether it stops between
     them only where it has to.
 
-    A car stops where its direction changes; bodies that can turn their velocity should never stop,
-    and with their own law of motion nobody knows.
+    A car stops where its direction changes, and what turns on the spot where it turns; bodies that
+    can turn their velocity should never stop, and with their own law of motion nobody knows.
     """
     kinematics = query.body.kinematics
     parts = [leg.trajectory for leg in legs if leg.trajectory is not None]
@@ -24,11 +24,11 @@ def strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Traject
         return (parts[0] if parts else at_rest(query.poses[0])), True
     if kinematics.model is MotionModel.REEDSSHEPP:
         return driven_through(parts, kinematics), True
+    if kinematics.model is MotionModel.PIVOT:
+        return pivoted_through(parts, kinematics), True
     if kinematics.model is MotionModel.SE3:
         return flown_through(parts, kinematics)
     whole = joined(parts)
-    if kinematics.model is MotionModel.PIVOT:
-        return whole, True  # it stops to turn
     if kinematics.model is MotionModel.SE2:
         from up_samp.motion.planners.gliding import glide_through
 

@@ -1,7 +1,8 @@
 """Legs strung together: motions that pass from one into the next without a stop where they can.
 
-A waypoint asks for a pose, not for a rest. A car drives on where its direction does not change; a
-free flyer does where the next piece goes on straight, at the same share of turn.
+A waypoint asks for a pose, not for a rest. A car drives on where its direction does not change,
+and so does a body that turns on the spot where it need not turn; a free flyer does where the next
+piece goes on straight, at the same share of turn.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy.typing as npt
 from up_samp.model import Kinematics, Trajectory
 from up_samp.motion.curves.trajectories import joined
 from up_samp.motion.curves.trapezoid import time_of_distance
+from up_samp.motion.curves.twists import twists
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -31,19 +33,39 @@ def driven_through(parts: Sequence[Trajectory], kinematics: Kinematics) -> Traje
     whole = joined(parts)
     if len(whole.times) < 3:
         return whole
-    d = np.diff(whole.poses, axis=0)
-    half = 0.5 * d[:, 2]
-    heading = whole.poses[:-1, 2] + half
-    ahead = np.cos(heading) * d[:, 0] + np.sin(heading) * d[:, 1]
-    ways = np.copysign(np.hypot(d[:, 0], d[:, 1]) / np.sinc(half / np.pi), ahead)
+    moves = twists(whole.poses)
+    ways = np.copysign(np.hypot(moves[:, 0], moves[:, 1]), moves[:, 0])
     cusps = np.flatnonzero(ways[:-1] * ways[1:] < 0.0) + 1
-    bends = np.abs(np.diff(d[:, 2] / ways)) > KINK
+    bends = np.abs(np.diff(moves[:, 2] / ways)) > KINK
     return _retimed(
         whole,
         np.abs(ways),
         cusps,
         bends | _joints(parts),
         lambda _: (kinematics.v_max, kinematics.a_max),
+    )
+
+
+def pivoted_through(parts: Sequence[Trajectory], kinematics: Kinematics) -> Trajectory:
+    """Return the legs of a body that drives straight and turns on the spot as one motion from time
+    0 that rests where it turns or changes its direction only.
+    """
+    whole = joined(parts)
+    if len(whole.times) < 3:
+        return whole
+    ahead, _, turns = twists(whole.poses).T
+    turning = np.abs(turns) > np.abs(ahead)
+    kinds = np.where(turning, 2.0, np.sign(ahead))
+    return _retimed(
+        whole,
+        np.where(turning, np.abs(turns), np.abs(ahead)),
+        np.flatnonzero(np.diff(kinds)) + 1,
+        _joints(parts),
+        lambda step: (
+            (kinematics.omega_max, np.inf)
+            if turning[step]
+            else (kinematics.v_max, kinematics.a_max)
+        ),
     )
 
 
@@ -105,7 +127,8 @@ def _retimed(
     kept: BoolArray,
     limits: Callable[[int], tuple[float, float]],
 ) -> Trajectory:
-    """Return the same poses at the times of one trapezoid from each rest to the next.
+    """Return the same poses at the times of one trapezoid from each rest to the next (of a constant
+    rate without a limit of acceleration).
 
     ``ways`` (n - 1,): metres between samples; ``rests``: samples with a rest between the ends;
     ``kept`` (n - 2,): inner samples that have to stay; ``limits(step)``: speed and acceleration.
@@ -114,7 +137,9 @@ def _retimed(
     times = np.zeros(len(ways) + 1)
     for low, high in itertools.pairwise(marks):
         s = np.cumsum(ways[low:high])
-        times[low + 1 : high + 1] = times[low] + time_of_distance(s, float(s[-1]), *limits(low))
+        v, a = limits(low)
+        after = s / v if np.isinf(a) else time_of_distance(s, float(s[-1]), v, a)
+        times[low + 1 : high + 1] = times[low] + after
     # where it rested before, samples now are far closer than they need be
     stay = [0]
     for i in range(1, len(times) - 1):

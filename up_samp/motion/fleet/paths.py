@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from up_samp.geometry.shapes import Shape, shape_of
 from up_samp.model import Body, Configuration, MotionModel, Trajectory
+from up_samp.motion.curves.twists import partway, twists
 from up_samp.motion.fleet.abilities import abilities_of
 from up_samp.motion.fleet.cell_times import occupancy
 from up_samp.motion.fleet.conflicts import DEPTH, sweep_table
@@ -152,21 +153,8 @@ class Path:
         if len(self.s) == 1:
             return np.repeat(self.poses, len(s), axis=0)
         i = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
-        a, b = self.poses[i], self.poses[i + 1]
         share = np.clip((s - self.s[i]) / (self.s[i + 1] - self.s[i]), 0.0, 1.0)
-        turn = b[:, 2] - a[:, 2]
-        d = b[:, :2] - a[:, :2]
-        # the chord up to `share` is sin(share half) / sin(half) long, turned half of what is left
-        half = 0.5 * turn
-        flat = np.abs(half) < 1e-9
-        safe = np.where(flat, 1.0, half)
-        scale = np.where(flat, share, np.sin(share * safe) / np.sin(safe))
-        angle = np.where(flat, 0.0, (share - 1.0) * half)
-        c, sn = np.cos(angle), np.sin(angle)
-        out = np.empty((len(s), 3))
-        out[:, 0] = a[:, 0] + scale * (c * d[:, 0] - sn * d[:, 1])
-        out[:, 1] = a[:, 1] + scale * (sn * d[:, 0] + c * d[:, 1])
-        out[:, 2] = a[:, 2] + share * turn
+        out = partway(self.poses[i], self.poses[i + 1], share)
         out[s <= self.s[0]] = self.poses[0]
         out[s >= self.s[-1]] = self.poses[-1]
         return out
@@ -186,9 +174,9 @@ def path_of(trajectory: Trajectory, body: Body, waypoints: Sequence[Configuratio
         turn_metre = v_max / omega_max
     elif model is MotionModel.REEDSSHEPP:
         turn_metre = 0.0
-    twists = _twists(poses)
-    steps = np.hypot(twists[:, 0], twists[:, 1])
-    steps = np.maximum(steps, turn_metre * np.abs(twists[:, 2]))
+    moves = twists(poses)
+    steps = np.hypot(moves[:, 0], moves[:, 1])
+    steps = np.maximum(steps, turn_metre * np.abs(moves[:, 2]))
     natural_s = np.concatenate([[0.0], np.cumsum(steps)])
     keep = _kept_samples(natural_s)
     s, kept = natural_s[keep], poses[keep]
@@ -221,21 +209,6 @@ def resting_path(body: Body, pose: Configuration) -> Path:
     return path_of(trajectory, body)
 
 
-def _twists(poses: FloatArray) -> FloatArray:
-    """Return the body-frame displacements (dx, dy, dtheta), shape (n - 1, 3), between samples."""
-    d = np.diff(poses, axis=0)
-    half = 0.5 * d[:, 2]
-    # the arc is longer than its chord by half / sin(half), and the chord points half the turn ahead
-    flat = np.abs(half) < 1e-9
-    safe = np.where(flat, 1.0, half)
-    grow = np.where(flat, 1.0, safe / np.sin(safe))
-    heading = poses[:-1, 2] + half
-    c, sn = np.cos(heading), np.sin(heading)
-    dx = grow * (c * d[:, 0] + sn * d[:, 1])
-    dy = grow * (-sn * d[:, 0] + c * d[:, 1])
-    return np.stack([dx, dy, d[:, 2]], axis=1)
-
-
 def _kept_samples(s: FloatArray) -> IntArray:
     """Return the samples that lie at least ``TINY`` apart, always with the first and the last."""
     if np.all(np.diff(s) >= TINY):
@@ -255,7 +228,7 @@ def _kinks(poses: FloatArray, s: FloatArray, model: MotionModel) -> tuple[BoolAr
     kink, stop = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
     kink[0] = kink[-1] = stop[0] = stop[-1] = True
     if n > 2:
-        unit = _twists(poses) / np.diff(s)[:, None]
+        unit = twists(poses) / np.diff(s)[:, None]
         kink[1:-1] = np.abs(np.diff(unit, axis=0)).max(axis=1) > KINK
         if model is MotionModel.REEDSSHEPP:
             stop[1:-1] = unit[:-1, 0] * unit[1:, 0] < 0

@@ -26,7 +26,6 @@ from up_samp.model import (
     Placed,
     Rest,
 )
-from up_samp.motion.curves.passing import driven_through
 from up_samp.motion.fleet.cell_times import (
     first_meeting,
     forbidden,
@@ -38,7 +37,8 @@ from up_samp.motion.fleet.margins import kept, wished
 from up_samp.motion.fleet.paths import Path, path_of, resting_path
 from up_samp.motion.fleet.timed_path import NOBODY, Run, pair_flags, planar, pose_at
 from up_samp.motion.fleet.timings import Timing
-from up_samp.motion.protocol import LegQuery
+from up_samp.motion.protocol import Leg, LegQuery
+from up_samp.motion.stringing import strung
 
 if TYPE_CHECKING:
     from up_samp.motion.fleet.sipp import Roundabout
@@ -155,19 +155,19 @@ class Workspace:
         key = (body, poses, around, "detour")
         known = self._paths.get(key)
         if known is None:
-            parts, complete = [], True
+            legs: list[Leg] = []
             for start, goal in itertools.pairwise(poses):
                 leg = self._quick.leg(LegQuery(body, start, goal, obstacles), deadline)
-                complete = complete and leg.complete
+                legs.append(leg)
                 if leg.trajectory is None:
                     outcome = Outcome.NOT_FOUND if leg.complete else Outcome.OUT_OF_TIME
                     known = PathReport(outcome, reason=leg.reason)
                     break
-                parts.append(leg.trajectory)
             else:
-                known = path_of(driven_through(parts, body.kinematics), body, poses)
+                motion, _ = strung(self._quick.scene, PathQuery(body, poses, obstacles), legs)
+                known = path_of(motion, body, poses)
                 known.cleared.update(around)
-            if complete:
+            if all(leg.complete for leg in legs):
                 self._paths.put(key, known)
         return known if isinstance(known, Path) else None
 

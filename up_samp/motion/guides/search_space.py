@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,36 @@ MARGIN_SHARES = (1.0, 0.25, 0.06, 0.015, 0.004, 0.001)
 """Shares of the clearance margin tried where a start or goal is closer to something than that."""
 
 MOST_KEYS = 20_000_000
+
+
+class Space(NamedTuple):
+    """The box and the resolution of a search over poses, as the kernels take it.
+
+    ``x``, ``y``: its low corner (m); ``cell`` (m), ``cols``, ``rows``; ``bins`` of headings.
+    ``extra``: expansions to go on for after the first solution; ``near``: range (m) in which
+    Reeds-Shepp times guide; ``beat``: share of the best time that an estimate must beat;
+    ``weight``: of the distance to go.
+    """
+
+    x: float
+    y: float
+    cell: float
+    cols: int
+    rows: int
+    bins: int
+    extra: int
+    near: float
+    beat: float
+    weight: float
+
+    @property
+    def keys(self) -> int:
+        """Number of discrete states, with two directions of driving each."""
+        return 2 * self.cols * self.rows * self.bins
+
+
+BEAT = 0.995
+"""Share of the best time that an estimate must beat."""
 
 
 def widest_shape(
@@ -57,9 +88,9 @@ def pose_space(
     reach: float,
     cell: float,
     bins: int,
-    guide: tuple[float, float, float],
-) -> FloatArray:
-    """Return the box and the resolution of a search (for ``hybrid_astar.expand``).
+    guide: tuple[int, float, float],
+) -> Space:
+    """Return the box and the resolution of a search.
 
     ``guide``: expansions after the first solution, range (m) of Reeds-Shepp times, weight of the
     distance to go.
@@ -70,4 +101,5 @@ def pose_space(
         if cols * rows * bins * 2 <= MOST_KEYS:
             break
         cell *= 1.3
-    return np.array([low[0], low[1], cell, cols, rows, bins, guide[0], guide[1], 0.995, guide[2]])
+    corner = float(low[0]), float(low[1]), float(cell)
+    return Space(*corner, int(cols), int(rows), bins, guide[0], guide[1], BEAT, guide[2])

@@ -152,8 +152,7 @@ class CarPlanner:
         bins = math.ceil(2 * math.pi / (self.settings.levels[level] / 1.5))
         guide = (self.settings.extra, self.settings.near * radius, self.settings.weight)
         space = pose_space(self.scene, (start, goal), obstacles, reach, step / 1.5, bins, guide)
-        keys = int(2 * space[3] * space[4] * space[5])
-        tree = self._tree(self.settings.nodes[level], keys)
+        tree = self._tree(self.settings.nodes[level], space.keys)
         steps = np.array(
             [[kappa, s] for kappa in (0.0, 1 / radius, -1 / radius) for s in (step, -step)]
             + [[0.0, 4 * step], [0.0, -4 * step]]

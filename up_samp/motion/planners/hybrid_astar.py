@@ -19,6 +19,7 @@ from up_samp.geometry.kernels import GridData, PolyData, ShapeData, advance
 from up_samp.geometry.sweeps import arc_free
 from up_samp.motion.curves.reeds_shepp import connect, run_time
 from up_samp.motion.guides.heap import pop, push
+from up_samp.motion.guides.search_space import Space
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -67,17 +68,16 @@ def field_value(field: Field, x: float, y: float) -> float:
 
 
 @inner
-def _key(space: FloatArray, x: float, y: float, th: float, backwards: bool) -> int:
-    """Return the table index of a state; -1 outside (``space``: see :func:`expand`)."""
-    col = math.floor((x - space[0]) / space[2])
-    row = math.floor((y - space[1]) / space[2])
-    if col < 0 or row < 0 or col >= space[3] or row >= space[4]:
+def _key(space: Space, x: float, y: float, th: float, backwards: bool) -> int:
+    """Return the table index of a state; -1 outside."""
+    col = math.floor((x - space.x) / space.cell)
+    row = math.floor((y - space.y) / space.cell)
+    if col < 0 or row < 0 or col >= space.cols or row >= space.rows:
         return -1
-    bins = space[5]
     turn = (th % (2.0 * math.pi)) / (2.0 * math.pi)
-    k = int(turn * bins + 0.5) % int(bins)
-    index = (row * int(space[3]) + col) * int(bins) + k
-    return 2 * int(index) + (1 if backwards else 0)
+    k = int(turn * space.bins + 0.5) % space.bins
+    index = (int(row) * space.cols + int(col)) * space.bins + k
+    return 2 * index + (1 if backwards else 0)
 
 
 @inner
@@ -85,7 +85,7 @@ def _estimate(
     field: Field,
     goal: FloatArray,
     limits: FloatArray,
-    space: FloatArray,
+    space: Space,
     x: float,
     y: float,
     th: float,
@@ -101,8 +101,8 @@ def _estimate(
         far = max(far, field_value(field, x, y))
         if far == math.inf:
             return math.inf
-    total = closed + run_time(abs(run) + space[9] * far, limits[1], limits[2])
-    if away < space[7]:
+    total = closed + run_time(abs(run) + space.weight * far, limits[1], limits[2])
+    if away < space.near:
         limits[3] = run
         time, _ = connect(x, y, th, goal[0], goal[1], goal[2], limits, out)
         total = max(total, closed + time)
@@ -159,7 +159,7 @@ def _grow(
     polys: PolyData,
     shape: ShapeData,
     field: Field,
-    space: FloatArray,
+    space: Space,
     goal: FloatArray,
     limits: FloatArray,
     out: FloatArray,
@@ -180,7 +180,7 @@ def _grow(
     if time >= tree.table[key] - 1e-4:
         return
     estimate = _estimate(field, goal, limits, space, x, y, th, closed, run, out)
-    if estimate >= tree.best[0] * space[8] or estimate == math.inf:
+    if estimate >= tree.best[0] * space.beat or estimate == math.inf:
         return
     if not arc_free(grid, polys, shape, x0, y0, th0, kappa, s):
         return
@@ -201,7 +201,7 @@ def expand(
     polys: PolyData,
     shape: ShapeData,
     field: Field,
-    space: FloatArray,
+    space: Space,
     steps: FloatArray,
     goal: FloatArray,
     limits: FloatArray,
@@ -210,9 +210,7 @@ def expand(
     """Expand up to ``budget`` nodes. Returns 0: more to do, 1: done (see ``tree.best``), 2: the
     open list ran empty, 3: the tree is full.
 
-    ``steps`` (n, 2): primitive arcs. ``space``: x, y, cell (m), columns, rows, headings, expansions
-    to go on for after the first solution, range (m) in which Reeds-Shepp times guide, share of the
-    best time that an estimate must beat, weight of the distance to go.
+    ``steps`` (n, 2): primitive arcs.
     """
     out = np.empty((5, 2))
     for _ in range(budget):
@@ -220,10 +218,10 @@ def expand(
             return 1 if tree.counters[3] >= 0 else 2
         if tree.counters[0] + steps.shape[0] > tree.nodes.shape[0]:
             return 1 if tree.counters[3] >= 0 else 3
-        if tree.counters[3] >= 0 and tree.counters[2] > tree.counters[4] + space[6]:
+        if tree.counters[3] >= 0 and tree.counters[2] > tree.counters[4] + space.extra:
             return 1
         node = pop(tree.heap, tree.nodes, tree.counters)
-        if tree.nodes[node, 5] >= tree.best[0] * space[8]:
+        if tree.nodes[node, 5] >= tree.best[0] * space.beat:
             return 1
         run = tree.nodes[node, 4]
         time = tree.nodes[node, 3] + run_time(abs(run), limits[1], limits[2])

@@ -121,11 +121,11 @@ class PlanarPlanner:
             return np.array([origin, [target[0], target[1], origin[2] + turn]]), False
         step = settings.levels[level] * shape.inner[2]
         bins = settings.bins[level]
-        low_level = (0.0, 0.0, settings.weight)
+        low_level = (0, 0.0, settings.weight)
         space = pose_space(
             self.scene, (start, goal), obstacles, 16 * shape.circumscribed, step, bins, low_level
         )
-        tree = hybrid.new_tree(settings.nodes[level], int(2 * space[3] * space[4] * space[5]))
+        tree = hybrid.new_tree(settings.nodes[level], space.keys)
         moves = [(i * step, j * step, 0.0) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
         moves += [(0.0, 0.0, 2 * math.pi / bins), (0.0, 0.0, -2 * math.pi / bins)]
         field = self.fields.toward(shape, goal, obstacles)

@@ -11,6 +11,7 @@ from up_samp.geometry.compiled import inner, kernel
 from up_samp.geometry.kernels import GridData, PolyData, ShapeData, clearance
 from up_samp.motion.curves.reeds_shepp import run_time
 from up_samp.motion.guides.heap import pop, push
+from up_samp.motion.guides.search_space import Space
 from up_samp.motion.planners.car_shortcuts import _random
 from up_samp.motion.planners.hybrid_astar import Field, Tree, _key, field_value
 
@@ -77,7 +78,7 @@ def expand_planar(
     polys: PolyData,
     shape: ShapeData,
     field: Field,
-    space: FloatArray,
+    space: Space,
     steps: FloatArray,
     start: FloatArray,
     goal: FloatArray,
@@ -86,8 +87,8 @@ def expand_planar(
 ) -> int:
     """Expand up to ``budget`` nodes towards ``goal``; plants the tree if it is empty.
 
-    ``steps`` (n, 3): primitive moves. ``space``: as for the car's search; ``space[9]`` is the
-    weight of the time to go. ``limits``: v (m/s), omega (rad/s). Returns 0: more to do, 1: reached
+    ``steps`` (n, 3): primitive moves. ``space.weight``: of the time to
+    go. ``limits``: v (m/s), omega (rad/s). Returns 0: more to do, 1: reached
     by a straight piece from node ``counters[3]``, 2: the open list ran empty, 3: the tree is full.
     """
     if tree.counters[0] == 0:
@@ -129,7 +130,7 @@ def expand_planar(
             n = tree.counters[0]
             tree.counters[0] += 1
             tree.nodes[n, 0], tree.nodes[n, 1], tree.nodes[n, 2] = x + dx, y + dy, th + dth
-            tree.nodes[n, 3], tree.nodes[n, 5] = time, time + space[9] * rest
+            tree.nodes[n, 3], tree.nodes[n, 5] = time, time + space.weight * rest
             tree.links[n, 0], tree.links[n, 1] = node, key
             push(tree.heap, tree.nodes, tree.counters, n)
     return 0
