@@ -32,6 +32,7 @@ from up_samp.model import (
     ScheduleStatus,
     UnsupportedError,
 )
+from up_samp.model.errors import short
 
 if TYPE_CHECKING:
     from up_samp.scheduling.cpsat import CpsatSession
@@ -119,10 +120,14 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
         AnytimePlannerMixin.__init__(self)
         if options:
             raise ProblemError(f"cpsat has no option {', '.join(sorted(options))}")
-        if workers is not None and int(workers) < 1:
+        for name, value in (("seed", seed), ("workers", workers)):
+            whole = isinstance(value, int) and not isinstance(value, bool)
+            if not whole and not (name == "workers" and value is None):
+                raise ProblemError(f"cpsat's {name} must be a whole number, not {short(value)}")
+        if workers is not None and workers < 1:
             raise ProblemError(f"cpsat needs at least one worker, not {workers}")
-        self.seed = int(seed)
-        self.workers = None if workers is None else int(workers)
+        self.seed = seed
+        self.workers = workers
 
     @property
     def name(self) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -17,12 +18,20 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import yaml
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 
 from up_samp.model import ProblemError
+from up_samp.model.errors import short
 
 BoolArray = npt.NDArray[np.bool_]
 FloatArray = npt.NDArray[np.float64]
+
+FORMATS = ("PNG", "PPM")
+"""What Pillow may take an image for, whatever its name (PGM is a kind of PPM)."""
+
+MOST_PIXELS = 100_000_000
+LARGEST_YAML = 1_000_000
+LARGEST = 1e9
 
 MODES = ("trinary", "scale", "raw")
 KEYS = {"image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode"}
@@ -130,7 +139,7 @@ def load_map(yaml_path: str | Path) -> OccupancyGrid:
     """
     path = Path(yaml_path)
     data = _read_yaml(path)
-    unknown_keys = sorted(set(map(str, data)) - KEYS)
+    unknown_keys = sorted({short(key, 30) for key in data} - KEYS)[:5]
     if unknown_keys:
         raise ProblemError(
             f"map '{path}': unknown keys {unknown_keys}; known are {', '.join(sorted(KEYS))}"
@@ -147,7 +156,9 @@ def load_map(yaml_path: str | Path) -> OccupancyGrid:
         )
     mode = data.get("mode", "trinary")
     if mode not in MODES:
-        raise ProblemError(f"map '{path}': mode must be one of {', '.join(MODES)}, not {mode!r}")
+        raise ProblemError(
+            f"map '{path}': mode must be one of {', '.join(MODES)}, not {short(mode)}"
+        )
     value, transparent = _read_image(path, data)
     share = _occupancy(value, mode, _negate(path, data))
     occupied = (share > occupied_thresh) & ~transparent
@@ -162,9 +173,14 @@ def _read_yaml(path: Path) -> Mapping[str, Any]:
     if not path.is_file():
         raise ProblemError(f"map '{path}' does not exist; give the path of a map_server YAML file")
     try:
+        if path.stat().st_size > LARGEST_YAML:
+            raise ProblemError(f"map '{path}' is larger than {LARGEST_YAML} bytes: no map file is")
         data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ProblemError(f"map '{path}' is not readable YAML: {error}") from error
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
+        if isinstance(error, ProblemError):
+            raise
+        said = short(" ".join(str(error).split()), 200)
+        raise ProblemError(f"map '{path}' is not readable YAML: {said}") from error
     if not isinstance(data, dict):
         raise ProblemError(f"map '{path}' must hold keys such as image, resolution and origin")
     return data
@@ -174,22 +190,23 @@ def _number(path: Path, data: Mapping[str, Any], key: str, default: float | None
     value = data.get(key, default)
     if value is None:
         raise ProblemError(f"map '{path}': the key '{key}' is missing")
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise ProblemError(f"map '{path}': '{key}' must be a finite number, not {value!r}")
+    # compared, not converted: a whole number in YAML may be too long for a float
+    if isinstance(value, bool) or not (isinstance(value, int | float) and abs(value) <= LARGEST):
+        raise ProblemError(f"map '{path}': '{key}' must be a finite number, not {short(value)}")
     return float(value)
 
 
 def _negate(path: Path, data: Mapping[str, Any]) -> bool:
     value = data.get("negate", 0)
     if value not in (0, 1):
-        raise ProblemError(f"map '{path}': 'negate' must be 0 or 1, not {value!r}")
+        raise ProblemError(f"map '{path}': 'negate' must be 0 or 1, not {short(value)}")
     return bool(value)
 
 
 def _origin(path: Path, data: Mapping[str, Any]) -> tuple[float, float, float]:
     value = data.get("origin", [0.0, 0.0, 0.0])
     if not isinstance(value, (list, tuple)) or len(value) not in (2, 3):
-        raise ProblemError(f"map '{path}': 'origin' must be [x, y, yaw], not {value!r}")
+        raise ProblemError(f"map '{path}': 'origin' must be [x, y, yaw], not {short(value)}")
     named = dict(zip(("origin x", "origin y", "origin yaw"), value, strict=False))
     numbers = [_number(path, named, key) for key in named]
     return numbers[0], numbers[1], numbers[2] if len(numbers) == 3 else 0.0
@@ -207,16 +224,28 @@ def _read_image(path: Path, data: Mapping[str, Any]) -> tuple[FloatArray, BoolAr
             "('image' is relative to the YAML)"
         )
     try:
-        with Image.open(image_path) as image:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # judged here
+            opened = Image.open(image_path, formats=FORMATS)
+        with opened as image:
+            width, height = image.size
+            if width * height > MOST_PIXELS:
+                raise ProblemError(
+                    f"map '{path}': its image '{image_path}' has {width} x {height} pixels; "
+                    f"{MOST_PIXELS} are the most"
+                )
             image.load()
             if image.mode in ("I", "I;16", "I;16B", "I;16L"):
                 grey = np.asarray(image, dtype=np.float64)
                 full = 65535.0 if grey.max(initial=0.0) > 255 or image.mode != "I" else 255.0
                 return grey * (255.0 / full), np.zeros(grey.shape, dtype=np.bool_)
             bands = np.asarray(image.convert("RGBA"), dtype=np.float64)
-    except (OSError, UnidentifiedImageError, ValueError, SyntaxError) as error:
+    except ProblemError:
+        raise
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        said = short(str(error), 200)
         raise ProblemError(
-            f"map '{path}': its image '{image_path}' cannot be read as PNG or PGM: {error}"
+            f"map '{path}': its image '{image_path}' cannot be read as PNG or PGM: {said}"
         ) from error
     return bands[:, :, :3].mean(axis=2), bands[:, :, 3] < 255
 

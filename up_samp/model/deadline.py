@@ -6,6 +6,8 @@ import math
 import time
 from dataclasses import dataclass, field
 
+from up_samp.model.errors import ProblemError, short
+
 
 @dataclass(frozen=True)
 class Deadline:
@@ -23,8 +25,11 @@ class Deadline:
         now = time.monotonic()
         if seconds is None:
             return Deadline(math.inf, now)
-        if seconds < 0:
-            raise ValueError(f"a deadline needs a non-negative number of seconds, not {seconds}")
+        number = isinstance(seconds, int | float) and not isinstance(seconds, bool)
+        if not number or not seconds >= 0:  # NaN is not
+            raise ProblemError(
+                f"a time limit must be a non-negative number of seconds, not {short(seconds)}"
+            )
         return Deadline(now + seconds, now)
 
     @staticmethod

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from up_samp.model.errors import ProblemError
+from up_samp.model.errors import ProblemError, short
 from up_samp.search.history import ProgressEvent
 
 GROUP_PLANNERS = {"default": "ladder", "ladder": "ladder", "st-rrt*": "st-rrt*"}
@@ -67,6 +69,7 @@ class Parameters:
     """Layer 1, temporal: a duration for each motion alone, first."""
 
     def __post_init__(self) -> None:
+        self._check_types()
         if self.preset not in PRESETS and self.preset not in ABLATIONS:
             raise ProblemError(f"unknown preset '{self.preset}' (known: {', '.join(PRESETS)})")
         for name in ("seconds_per_unit", "query_seconds"):
@@ -80,6 +83,31 @@ class Parameters:
             raise ProblemError("parameter 'margin' must not be negative")
         if self.max_restarts is not None and self.max_restarts < 0:
             raise ProblemError("parameter 'max_restarts' must not be negative")
+
+    def _check_types(self) -> None:
+        for field in dataclasses.fields(self):
+            name, value = field.name, getattr(self, field.name)
+            if value is None and field.default is None:
+                continue
+            plain = not isinstance(value, bool)
+            if name in _NUMBERS:
+                good = isinstance(value, int | float) and plain and math.isfinite(value)
+                wanted = "a finite number"
+            elif name in _WHOLE:
+                good, wanted = isinstance(value, int) and plain, "a whole number"
+            elif name in _TEXTS:
+                good, wanted = isinstance(value, str | os.PathLike), "a text"
+            elif name == "progress":
+                good, wanted = callable(value), "a function"
+            else:
+                good, wanted = isinstance(value, bool), "True or False"
+            if not good:
+                raise ProblemError(f"parameter '{name}' must be {wanted}, not {short(value)}")
+
+
+_NUMBERS = ("seconds_per_unit", "margin", "query_seconds")
+_WHOLE = ("seed", "max_restarts")
+_TEXTS = ("preset", "path_planner", "group_planner", "cache", "trace")
 
 
 PRESETS: Mapping[str, Mapping[str, Any]] = {

@@ -61,7 +61,8 @@ def demand(
     """Make motions last as long as they turned out to need."""
     manager = problem.environment.expression_manager
     for key, end in needed.items():
-        activity = activities[key.split("#")[0]]
+        # a further motion of an activity is named activity#k; an activity may have such a name
+        activity = activities[key if key in activities else key.rpartition("#")[0]]
         start, _ = current.times[activity.name]
         longer = manager.LE(manager.Plus(activity.start, end - start), activity.end)
         problem.add_constraint(longer)

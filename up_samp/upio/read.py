@@ -27,6 +27,7 @@ from up_samp.model import (
     ProblemError,
     UnsupportedError,
 )
+from up_samp.model.errors import short
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
 from up_samp.upio.read_movable import read_movable
 
@@ -40,6 +41,7 @@ def read_problem(problem: SchedulingMotionProblem, seconds_per_unit: float = 1.0
     if not seconds_per_unit > 0:
         raise ProblemError(f"seconds_per_unit must be positive, not {seconds_per_unit}")
     _check_names(problem)
+    _check_durations(problem)
     objects = {o.name: read_movable(o) for o in problem.all_objects if isinstance(o, MovableObject)}
     configurations, maps = _read_configurations(problem)
     tasks, changes = _read_activities(problem, frozenset(objects))
@@ -63,11 +65,38 @@ def read_problem(problem: SchedulingMotionProblem, seconds_per_unit: float = 1.0
     )
 
 
+FARTHEST = 1e7
+"""Largest coordinate, m: further out, floating-point numbers do not tell 1 cm from 0."""
+
+MOST_TURNED = 1e4
+"""Largest heading, rad."""
+
+
+def _check_durations(problem: SchedulingMotionProblem) -> None:
+    """Raise where an activity can have no duration at all, whatever else holds."""
+    for activity in problem.activities:
+        low, high = activity.duration.lower, activity.duration.upper
+        if not (high.is_constant() and low.is_constant()):
+            continue
+        least, most = low.constant_value(), high.constant_value()
+        if most < 0 or most < least:
+            raise ProblemError(
+                f"activity '{activity.name}' lasts from {least} to {most}: no duration is that"
+            )
+
+
 def _check_names(problem: SchedulingMotionProblem) -> None:
     counts = Counter(a.name for a in problem.activities)
     twice = sorted(name for name, n in counts.items() if n > 1)
     if twice:
         raise ProblemError(f"activity name '{twice[0]}' is used {counts[twice[0]]} times")
+    for activity in problem.motion_activities:
+        for k in range(1, len(activity.motion_constraints)):
+            name = f"{activity.name}#{k}"
+            if name in counts:
+                raise ProblemError(
+                    f"activity '{name}' has the name of a motion of '{activity.name}'"
+                )
 
 
 def _read_configurations(
@@ -88,15 +117,28 @@ def _read_configurations(
             raise ProblemError(
                 f"configuration '{obj.name}' must be SE2 or SE3, not {type(value).__name__}"
             )
-        pose = tuple(float(v) for v in value)
-        if not all(math.isfinite(v) for v in pose):
-            raise ProblemError(f"configuration '{obj.name}' has a coordinate that is not finite")
-        configurations[obj.name] = pose
+        configurations[obj.name] = _pose(obj.name, value)
     for user_type in problem.user_types:
         if user_type.is_configuration_type():
             _check_frame(user_type)
             maps.add(os.fspath(user_type.occupancy_map.filename))
     return configurations, maps
+
+
+def _pose(name: str, value: SE2 | SE3) -> Configuration:
+    """Return a configuration as numbers, if they are numbers of a size that makes sense."""
+    try:
+        pose = tuple(float(v) for v in value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ProblemError(f"configuration '{name}' must be numbers: {short(str(error))}") from None
+    if not all(math.isfinite(v) for v in pose):
+        raise ProblemError(f"configuration '{name}' has a coordinate that is not finite")
+    if any(abs(v) > FARTHEST for v in pose) or (len(pose) == 3 and abs(pose[2]) > MOST_TURNED):
+        raise ProblemError(
+            f"configuration '{name}' is at {short(pose)}: coordinates up to {FARTHEST:g} m and "
+            f"headings up to {MOST_TURNED:g} rad make sense"
+        )
+    return pose
 
 
 def _check_frame(user_type: Any) -> None:

@@ -17,12 +17,14 @@ from up_samp.model import (
     Movable,
     ProblemError,
 )
+from up_samp.model.errors import short
 
 _MODELS = {
     MotionModels.REEDSSHEPP: MotionModel.REEDSSHEPP,
     MotionModels.SE2: MotionModel.SE2,
     MotionModels.SE3: MotionModel.SE3,
 }
+_LARGEST = 1e5
 _PARAMETERS = ("turning_radius", "v_max", "a_max", "omega_max")
 _BICYCLE = {"v_min", "v_max", "phi_min", "phi_max"}
 
@@ -39,7 +41,7 @@ def read_movable(obj: MovableObject) -> Movable:
     footprint = obj.footprint
     if footprint is None and model is not MotionModel.SE3:
         raise ProblemError(f"object '{obj.name}' needs a footprint to move in the plane")
-    corners = tuple((float(x), float(y)) for x, y in footprint or ())
+    corners = _corners(obj.name, footprint or ())
     if footprint is not None and (
         len(corners) < 3 or not all(math.isfinite(v) for c in corners for v in c)
     ):
@@ -48,6 +50,19 @@ def read_movable(obj: MovableObject) -> Movable:
     if mesh is not None and model is MotionModel.SE3 and not os.path.isfile(mesh):
         raise ProblemError(f"object '{obj.name}': geometric model '{mesh}' is not a file")
     return Movable(obj.name, obj.type.name, Body(corners, _read_kinematics(obj, model), mesh))
+
+
+def _corners(name: str, footprint: Any) -> tuple[tuple[float, float], ...]:
+    """Return a footprint as plain numbers."""
+    try:
+        corners = tuple((float(x), float(y)) for x, y in footprint)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ProblemError(
+            f"object '{name}': a footprint is a list of corners (x, y), not {short(footprint)}"
+        ) from error
+    if any(abs(v) > _LARGEST for corner in corners for v in corner):
+        raise ProblemError(f"object '{name}': its footprint is larger than {_LARGEST:g} m")
+    return corners
 
 
 def _read_kinematics(obj: MovableObject, model: MotionModel) -> Kinematics:

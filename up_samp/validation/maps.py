@@ -82,7 +82,7 @@ def _read_yaml(path: Path) -> dict[str, Any]:
 def _blocked_cells(path: Path, data: dict[str, Any]) -> npt.NDArray[np.bool_]:
     """Return which cells are not free, shape (rows, columns), row 0 at the lowest y."""
     try:
-        with Image.open(path.parent / data["image"]) as image:
+        with Image.open(path.parent / data["image"], formats=("PNG", "PPM")) as image:
             grey, opaque = _grey(image)
     except OSError as error:
         raise ProblemError(f"image of map {path} cannot be read: {error}") from error
