@@ -42,19 +42,19 @@ class Verdict:
     refused: str = ""
 
 
-def solve(problem, engine="cpsat"):
+def solve(problem, engine="cpsat", **params):
     with OneshotPlanner(
         name=f"samp-refine[{engine}]",
-        params={"seconds_per_unit": SECONDS, "query_seconds": 1.0},
+        params={"seconds_per_unit": SECONDS, "query_seconds": 1.0} | params,
         optimality_guarantee=OptimalityGuarantee.SOLVED_OPTIMALLY,
     ) as planner:
         return planner.solve(problem, timeout=20.0)
 
 
-def judge(world, rooms, engine="cpsat") -> Verdict:
+def judge(world, rooms, engine="cpsat", **params) -> Verdict:
     """Solve a world, then try to beat what was proven by making each choice of decisions."""
     problem = build(world, rooms)
-    result = solve(problem, engine)
+    result = solve(problem, engine, **params)
     found = Verdict(result.status.name, None)
     if result.status is Status.INTERNAL_ERROR:
         found.wrong.append(f"internal error: {[m.message for m in result.log_messages]}")

@@ -1,0 +1,57 @@
+"""Few facts of many, and how often a search begins anew."""
+
+import itertools
+import math
+import random
+from types import SimpleNamespace
+
+import pytest
+
+from up_samp.model import Deadline
+from up_samp.search.conclusion import STALE_RESTARTS, UNTIMED_RESTARTS, may_restart
+from up_samp.search.proof import _fewest
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_the_fewest_are_a_smallest_part_that_still_fails(seed):
+    rng = random.Random(seed)
+    items = list(range(rng.randint(1, 12)))
+    cores = [set(rng.sample(items, rng.randint(1, len(items)))) for _ in range(rng.randint(1, 3))]
+
+    def fails(some):
+        return any(core <= set(some) for core in cores)
+
+    kept = _fewest(items, fails)
+    assert fails(kept)
+    assert not any(fails(part) for part in itertools.combinations(kept, len(kept) - 1))
+
+
+def test_nothing_is_kept_where_nothing_is_needed():
+    assert _fewest([1, 2, 3], lambda some: True) == []
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_answers_that_time_cut_short_make_it_larger_and_not_wrong(seed):
+    rng = random.Random(seed)
+    core = {2, 5}
+    kept = _fewest(range(8), lambda some: core <= set(some) and rng.random() < 0.5)
+    assert core <= set(kept)
+
+
+def search(*, restarts=0, stale=0, seconds=60.0, limit=None):
+    return SimpleNamespace(
+        history=SimpleNamespace(restarts=restarts),
+        params=SimpleNamespace(max_restarts=limit),
+        deadline=Deadline.after(None if math.isinf(seconds) else seconds),
+        stale_restarts=stale,
+    )
+
+
+def test_a_search_with_time_left_begins_anew_while_that_brings_anything():
+    assert may_restart(search(restarts=100))
+    assert not may_restart(search(restarts=100, stale=STALE_RESTARTS))
+    assert may_restart(search(restarts=UNTIMED_RESTARTS - 1, seconds=math.inf))
+    assert not may_restart(search(restarts=UNTIMED_RESTARTS, seconds=math.inf))
+    assert may_restart(search(restarts=4, limit=5))
+    assert not may_restart(search(restarts=5, limit=5))
+    assert not may_restart(search(limit=0))
