@@ -8,12 +8,13 @@ move together. Lengths in m, angles in rad.
 from __future__ import annotations
 
 import math
+import random
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from up_samp.geometry import OccupancyGrid
+from up_samp.geometry import OccupancyGrid, Scene
 from up_samp.model import Body, GroupQuery, Kinematics, MotionModel, Rest, TimedMotion
 
 Box = tuple[float, float, float, float]
@@ -27,9 +28,7 @@ ELL = ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.0), (0.0, 0.0), (0.0, 0.5), (-0.5, 0.5
 
 @dataclass(frozen=True)
 class Traffic:
-    """A map and the motions on it, all to be done together. ``bound`` (s) is what the last robot
-    needs at least, ``best`` the best sum of arrivals known (s), 0 where nobody has looked.
-    """
+    """A map and the motions on it, all to be done together."""
 
     name: str
     grid: OccupancyGrid
@@ -153,6 +152,46 @@ def lay_by(body: Body) -> Traffic:
         TimedMotion("fast", "hare", body, ((3.0, 4.0, 0.0), (37.0, 4.0, 0.0)), 0.0, 1e6),
     )
     return Traffic("lay-by", grid, GroupQuery(motions))
+
+
+def pillars() -> OccupancyGrid:
+    """Return a hall of 30 m x 22 m with six pillars of 2 m x 2 m."""
+    grid = hall(30, 22, [(0.5, 0.5, 29.5, 21.5)], 0.1)
+    occupied = grid.occupied.copy()
+    for x in (6, 14, 22):
+        for y in (6, 14):
+            occupied[10 * y : 10 * y + 20, 10 * x : 10 * x + 20] = True
+    return OccupancyGrid(occupied, 0.1)
+
+
+def aisles() -> OccupancyGrid:
+    """Return a store of 30 m x 22 m: shelves with aisles for one robot, and ways for two around."""
+    free: list[Box] = [(0.5, 0.5, 29.5, 4.0), (0.5, 9.5, 29.5, 13.0), (0.5, 18.0, 29.5, 21.5)]
+    free += [(x, 0.5, x + 1.8, 21.5) for x in (0.5, 5.0, 9.5, 14.0, 18.5, 23.0, 27.7)]
+    return hall(30, 22, free, 0.1)
+
+
+def errands(grid: OccupancyGrid, body: Body, robots: int, seed: int) -> Traffic:
+    """Robots at random places, all different, drive to random places, all different."""
+    rng = random.Random(seed)
+    scene = Scene(grid, 0.05)
+    shape = scene.shape(body)
+    width, height = grid.size
+
+    def places() -> list[Pose]:
+        found: list[Pose] = []
+        while len(found) < robots:
+            heading = rng.choice((0.0, UP, math.pi, -UP))
+            pose = (rng.uniform(0.0, width), rng.uniform(0.0, height), heading)
+            apart = 2.2 * shape.circumscribed
+            if scene.clearance(shape, scene.polys(()), pose) > 0.02 and all(
+                math.dist(pose[:2], other[:2]) > apart for other in found
+            ):
+                found.append(pose)
+        return found
+
+    ends = list(zip(places(), places(), strict=True))
+    return Traffic(f"errands-{robots}-{seed}", grid, drives(body, ends))
 
 
 def corner() -> Traffic:
