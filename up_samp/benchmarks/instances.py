@@ -3,6 +3,7 @@
 A name says everything: ``logistics-dc-all-r2-i4`` (door closed or ``do``, open; all sides or
 ``oc``, corridor only; robots; items), ``jobshop-r2-j2-m4`` (robots, jobs, machines),
 ``transport-dc-r2-j2-m2``, ``transport-ft06-do-r3``; ``-s7`` at the end asks for seed 7.
+``warehouse-r5-o10`` (robots, orders), ``warehouse-compact-r5-o10``: empty moves start at a fluent.
 ``navigation-r4``, ``kitting-r2-k2-p3-d2`` (robots, kits, parts, doors; ``-op``: with an operator)
 and ``doors-r3-d2`` (robots, doors) exist in published forms only: ``lean`` means ``fluents`` there.
 """
@@ -22,6 +23,8 @@ from up_samp.benchmarks.builder import Encoding, check_encoding
 from up_samp.benchmarks.door_sequence import door_sequence
 from up_samp.benchmarks.kitting import kitting
 from up_samp.benchmarks.navigation import navigation
+from up_samp.benchmarks.warehouse import WarehouseEncoding, warehouse
+from up_samp.benchmarks.warehouse import instance_name as warehouse_name
 from up_samp.model import ProblemError
 
 Build = Callable[..., SchedulingMotionProblem]
@@ -50,6 +53,7 @@ _NAME = re.compile(
     r"|(?P<navigation>navigation)-r(?P<nr>\d+)"
     r"|(?P<kitting>kitting)-r(?P<kr>\d+)-k(?P<kits>\d+)-p(?P<parts>\d+)-d(?P<kdoors>\d+)"
     r"(?P<operator>-op)?"
+    r"|(?P<warehouse>warehouse)-(?P<compact>compact-)?r(?P<wr>\d+)-o(?P<orders>\d+)"
     r"|(?P<doors>doors)-r(?P<dr>\d+)-d(?P<ddoors>\d+))(?:-s(?P<seed>\d+))?"
 )
 
@@ -67,6 +71,8 @@ def instance(name: str) -> Instance:
         return _logistics(found, name, seed)
     if found["navigation"] or found["kitting"] or found["doors"]:
         return _published_only(found, name, seed)
+    if found["warehouse"]:
+        return _warehouse(found, name, seed)
     return _job_shop(found, name, seed) if found["jobshop"] else _transport(found, name, seed)
 
 
@@ -116,6 +122,18 @@ def _transport(found: re.Match[str], name: str, seed: int) -> Instance:
         )
 
     return Instance(name, "transport", "transport", build)
+
+
+def _warehouse(found: re.Match[str], name: str, seed: int) -> Instance:
+    size = int(found["wr"]), int(found["orders"])
+    form: WarehouseEncoding = "compact" if found["compact"] else "moves"
+
+    def build(encoding: Encoding = "lean", metric: bool = True) -> SchedulingMotionProblem:
+        # where robots are is always a fluent here
+        check_encoding(encoding, ("lean",))
+        return warehouse(*size, encoding=form, metric=metric, seed=seed, name=name)
+
+    return Instance(name, "warehouse", "warehouse", build)
 
 
 def _published_only(found: re.Match[str], name: str, seed: int) -> Instance:
@@ -194,6 +212,11 @@ def _door_sequences() -> list[str]:
     return [f"doors-r{r}-d{d}" for d in (1, 2, 3) for r in (1, 2, 3)]
 
 
+def _warehouses() -> list[str]:
+    sizes = [(2, 3), (3, 5), (5, 10), (10, 30), (20, 60), (50, 150), (50, 200)]
+    return [warehouse_name(*size) for size in sizes]
+
+
 _FAMILIES: dict[str, Callable[[], list[str]]] = {
     "logistics": _paper_logistics,
     "jobshop": _paper_job_shops,
@@ -203,6 +226,7 @@ _FAMILIES: dict[str, Callable[[], list[str]]] = {
     "navigation": _navigations,
     "kitting": _kittings,
     "doors": _door_sequences,
+    "warehouse": _warehouses,
 }
 
 
