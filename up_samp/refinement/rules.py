@@ -202,6 +202,21 @@ def place_for_one(
     return Refinement(statement, Layer.BOUND, Strength.PROVEN, why)
 
 
+def handed_over(
+    leaving: str, coming: str, units: int, why: str, *, strength: Strength
+) -> Refinement:
+    """Return that ``coming`` ends ``units`` after the start of ``leaving``, which gives the place
+    free, or before that.
+    """
+    literals = (
+        Absent(leaving),
+        Absent(coming),
+        Apart(start_of(leaving), end_of(coming), units),
+        Apart(end_of(coming), start_of(leaving), 1),
+    )
+    return Refinement(Clause(literals), Layer.BOUND, strength, why)
+
+
 def pair_meets(
     first: str,
     second: str,

@@ -85,6 +85,8 @@ class Context:
     """What was guessed before each restart."""
     stale_restarts: int = 0
     """How many restarts in a row guessed nothing new."""
+    handovers: dict[tuple[Signature, Signature], float | None] = field(default_factory=dict)
+    """Gaps (s) between a departure and an arrival at the same place, relative to the planner."""
     hopeless: set[frozenset[str]] = field(default_factory=set)
     """Activities that found no trajectories together at some offsets."""
 

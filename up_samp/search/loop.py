@@ -17,6 +17,7 @@ from up_samp.search.conclusion import SearchResult, conclude, conclude_without_s
 from up_samp.search.context import Context, Incumbent
 from up_samp.search.cuts.exact import rejects
 from up_samp.search.cuts.refused import cuts_from
+from up_samp.search.handover import state_handovers
 from up_samp.search.history import Round
 from up_samp.search.prepare import (
     state_bounds,
@@ -71,6 +72,8 @@ def state_what_is_known(context: Context) -> None:
             stages += [("places for one", state_places)]
     if params.bounds_first:
         stages += [("unobstructed motions", state_durations)]
+        if params.profiles:
+            stages += [("handing over places", state_handovers)]
     for name, stage in stages:
         context.report("prepare", name)
         context.learn(stage(context))

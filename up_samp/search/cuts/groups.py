@@ -1,8 +1,8 @@
 """What a failed group tells: small, general refinements where there are any, exact ones else.
 
-Tried in this order, the first that rejects the candidate wins: a motion that waits for a door; a
-motion slowed by what rests in its way; two motions that meet, for a whole range of start offsets;
-the group just as it was timed.
+Tried in this order, the first that rejects the candidate wins: a motion whose goal another object
+has just left; a motion that waits for a door; a motion slowed by what rests in its way; two motions
+that meet, for a whole range of start offsets; the group just as it was timed.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from up_samp.refinement import rules
 from up_samp.search.cuts import paper
 from up_samp.search.cuts.exact import or_exact, rejects
 from up_samp.search.cuts.failure import Failure
+from up_samp.search.cuts.handovers import handover_cuts
 from up_samp.search.cuts.profiles import pair_cuts
 from up_samp.search.cuts.resting import door_cuts, rest_cuts
 
@@ -29,6 +30,7 @@ def learn(failure: Failure) -> list[Refinement]:
     found: list[Refinement] = []
     for name in sorted(failure.report.late, key=lambda n: (failure.timed[n].release, n)):
         attempts = (
+            partial(handover_cuts, failure, name),
             partial(door_cuts, failure, name),
             partial(rest_cuts, failure, name),
             partial(pair_cuts, failure, name),

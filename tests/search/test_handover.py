@@ -1,0 +1,145 @@
+"""Handing over a place: gaps between a departure and an arrival, and plans that need them."""
+
+import math
+import random
+
+import pytest
+import shapely
+import shapely.affinity
+from unified_planning.engines import PlanGenerationResultStatus as Status
+from unified_planning.model.motion import (
+    SE2,
+    ActivityWaypoints,
+    ConfigurationKind,
+    ConfigurationObject,
+    MotionModels,
+    MovableObject,
+    OccupancyMap,
+    SchedulingMotionProblem,
+)
+from unified_planning.shortcuts import (
+    LE,
+    ConfigurationType,
+    MinimizeMakespan,
+    MovableType,
+    OneshotPlanner,
+)
+
+from up_samp.benchmarks.maps import hall_map
+from up_samp.model import Body, Kinematics, MotionModel
+from up_samp.model.refinement import Strength
+from up_samp.search.handover import proven_gap
+from up_samp.validation import validate_plan
+
+CAR = ((-1.0, -0.5), (1.0, -0.5), (1.0, 0.5), (-1.0, 0.5))
+
+
+def flow_shop(robots, stations):
+    """Every robot visits all stations of a hall in the same order, 5 units each, and goes on."""
+    problem = SchedulingMotionProblem("flow shop")
+    hall = OccupancyMap(str(hall_map(divided=False)), SE2(0.0, 0.0, 0.0))
+    pose = ConfigurationType("pose", hall, ConfigurationKind.SE2)
+
+    def place(name, x, y):
+        item = ConfigurationObject(name, pose, SE2(x, y, 0.0))
+        problem.add_object(item)
+        return item
+
+    shared = [place(f"s{k}", 10.0 + 8.0 * k, 10.0) for k in range(stations)]
+    for r in range(robots):
+        stops = [place(f"h{r}", 4.0, 4.0 + 4.0 * r), *shared, place(f"o{r}", 36.0, 4.0 + 4.0 * r)]
+        robot = MovableObject(
+            f"r{r}",
+            MovableType("robot"),
+            footprint=list(CAR),
+            motion_model=MotionModels.REEDSSHEPP,
+            motion_parameters={"turning_radius": 1.0, "v_max": 2.0, "a_max": 1.0},
+        )
+        problem.add_object(robot)
+        problem.set_initial_configuration(robot, stops[0])
+        before = None
+        for k in range(stations + 1):
+            go = problem.add_motion_activity(f"go{r}_{k}", 1)
+            go.set_duration_bounds(1, 400)
+            go.add_motion_constraint(ActivityWaypoints(robot, stops[k], [stops[k + 1]]))
+            if before is not None:
+                problem.add_constraint(LE(before.end, go.start))
+            if k < stations:
+                before = problem.add_activity(f"work{r}_{k}", duration=5)
+                problem.add_constraint(LE(go.end, before.start))
+    problem.add_quality_metric(MinimizeMakespan())
+    return problem
+
+
+def solve(problem, timeout=60.0, **params):
+    with OneshotPlanner(name="samp-refine[cpsat]", params=params) as planner:
+        result = planner.solve(problem, timeout=timeout)
+    assert result.plan is None or validate_plan(problem, result.plan).valid
+    return result
+
+
+def test_a_shared_station_is_handed_over(tmp_path):
+    result = solve(flow_shop(2, 1))
+    assert result.status is Status.SOLVED_SATISFICING
+    gaps = [r for r in result.history.refinements if "arrives where" in r.why]
+    assert {r.strength for r in gaps} == {Strength.RELATIVE}
+    # to arrive 2 m behind who drives off takes twice 2 m at 1 m/s^2
+    assert all(f">= {math.ceil(2 * math.sqrt(2))}" in str(r.statement) for r in gaps)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("robots", "stations", "most"), [(3, 3, 70), (4, 3, 80)])
+def test_flow_shops_are_scheduled_well(robots, stations, most):
+    result = solve(flow_shop(robots, stations), optimal=False)
+    assert result.status is Status.SOLVED_SATISFICING
+    assert int(result.metrics["makespan"]) <= most
+
+
+def body(a_max=1.0, model=MotionModel.REEDSSHEPP, footprint=CAR):
+    return Body(footprint, Kinematics(model, 1.0, 2.0, a_max, 1.0))
+
+
+def test_proven_gaps():
+    here, away = (5.0, 5.0, 0.0), (9.0, 5.0, 0.0)
+    # two discs of 0.5 m: 1 m to be covered by both; 0.25 T^2 = 1
+    gap = proven_gap((body(), (here, away)), (body(), (away, here)))
+    assert gap == pytest.approx(0.95 * 2.0, rel=0.01)
+    slow = proven_gap((body(0.25), (here, away)), (body(0.25), (away, here)))
+    assert slow == pytest.approx(2 * gap, rel=0.01)
+    beside = proven_gap((body(), (here, away)), (body(), (away, (5.0, 6.1, 0.0))))
+    assert beside == 0.0
+    far_off = tuple((x + 3.0, y) for x, y in CAR)
+    unknown = body(model=MotionModel.SE2, footprint=far_off)
+    assert proven_gap((unknown, (here, away)), (unknown, (away, here))) == 0.0
+
+
+def test_no_straight_hand_over_is_shorter_than_proven():
+    """Both along their own headings, one off, one to the place, against a fine simulation."""
+
+    def at(pose):
+        turned = shapely.affinity.rotate(
+            shapely.Polygon(CAR), pose[2], origin=(0, 0), use_radians=True
+        )
+        return shapely.affinity.translate(turned, pose[0], pose[1])
+
+    rng = random.Random(5)
+    for _ in range(20):
+        p = (0.0, 0.0, rng.uniform(-3, 3))
+        q = (rng.uniform(-0.6, 0.6), rng.uniform(-0.6, 0.6), rng.uniform(-3, 3))
+        a, b = rng.choice([0.5, 1.0, 2.0]), rng.choice([0.5, 1.0, 2.0])
+        gap = proven_gap((body(a), (p, p)), (body(b), (q, q)))
+
+        def along(pose, way):
+            x, y, heading = pose
+            return x + way * math.cos(heading), y + way * math.sin(heading), heading
+
+        for sign_a in (1, -1):
+            for sign_b in (1, -1):
+                times = [gap * k / 40 for k in range(41)]
+                apart = all(
+                    at(along(p, sign_a * a * t * t / 2)).disjoint(
+                        at(along(q, sign_b * b * (gap - t) ** 2 / 2))
+                    )
+                    for t in times
+                )
+                assert not apart or gap == 0.0
