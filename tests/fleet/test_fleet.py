@@ -247,3 +247,16 @@ def test_what_is_written_can_be_read(tmp_path):
     assert read_problem_file(write_problem_file(tmp_path / "again.yaml", records)) == records
     shutil.copy(tmp_path / "again.yaml", tmp_path / "third.yml")
     assert read_problem_file(tmp_path / "third.yml") == records
+
+
+def test_an_unsolvable_one_is_explained(tmp_path, capsys):
+    file = MAPS.parent / "unsolvable.yaml"
+    assert main(["check", str(file), "--out", str(tmp_path / "a.png")]) == 1
+    out = capsys.readouterr().out
+    assert "can never get there from 'home' (proven): nobody can open 'gate'" in out
+    assert "error: o1: no robot that may do it (r1) can reach its pickup" in out
+    assert main(["solve", str(file)]) == 1
+    assert "nobody can open 'gate'" in capsys.readouterr().out
+    result = Fleet.from_file(file).solve()
+    assert result.plan is None
+    assert "nobody can open 'gate'" in result.explain()

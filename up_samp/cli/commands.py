@@ -17,9 +17,9 @@ from up_samp.benchmarks import cli as bench
 from up_samp.benchmarks import logistics
 from up_samp.benchmarks.builder import ENCODINGS
 from up_samp.cli.exporting import add_export
-from up_samp.cli.fleets import add_check, add_import, add_new
+from up_samp.cli.fleets import add_check, add_import, add_new, tell_findings
 from up_samp.cli.outputs import write_outputs
-from up_samp.cli.problems import add_problem_arguments, find_problem, unit_of
+from up_samp.cli.problems import add_problem_arguments, find_problem, is_problem_file, unit_of
 from up_samp.cli.serving import add_serve
 from up_samp.cli.simulating import add_simulate
 from up_samp.cli.solving import add_solver_arguments, describe, judge, solve_and_show
@@ -70,7 +70,10 @@ def _solve(args: argparse.Namespace) -> int:
     problem = _problem(args)
     if args.seconds_per_unit is None:
         args.seconds_per_unit = unit_of(args.problem)
-    return solve_and_show(problem, args)
+    code = solve_and_show(problem, args)
+    if code and is_problem_file(args.problem):
+        tell_findings(args.problem)
+    return code
 
 
 def _problem(args: argparse.Namespace) -> SchedulingMotionProblem:

@@ -60,6 +60,14 @@ def _check(args: argparse.Namespace) -> int:
     return 1 if errors else 0
 
 
+def tell_findings(file: str) -> None:
+    """Print what a look at a problem file finds, where solving found no plan."""
+    from up_samp.fleet import Fleet
+
+    for finding in Fleet.from_file(file).check():
+        print(f"  {finding}")
+
+
 def add_import(commands: Subparsers) -> None:
     """Add ``import``."""
     parser = commands.add_parser(

@@ -6,6 +6,7 @@ import enum
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from up_samp.fleet.faults import NO_ROBOT, able, carries, needs_robot
@@ -125,6 +126,38 @@ class _Checker:
                 text = f"overlaps '{b}': one robot at a time is at one of them"
                 yield Finding(Level.NOTE, a, text)
 
+    @cached_property
+    def shut(self) -> frozenset[str]:
+        """The doors that provably nobody can ever open.
+
+        The first of some shut doors to be opened is opened by a robot that gets to its button past
+        all of them; doors that are open count as no obstacle, so none is called shut that is not.
+        """
+        shut = frozenset(self.records.doors)
+        while shut:
+            opened = {
+                name
+                for name in shut
+                if any(
+                    visit.role is Role.OPEN
+                    and visit.what == name
+                    and any(self._reaches(robot, place, shut) for place in visit.places)
+                    for robot in self.records.robots
+                    for visit in visits_of(self.records, robot)
+                )
+            }
+            if not opened:
+                break
+            shut -= opened
+        return shut
+
+    def _reaches(self, robot: str, place: str, shut: frozenset[str]) -> bool:
+        """Return whether no proof says that the robot cannot get there past doors that are shut."""
+        mine = self.records.robots[robot]
+        ends = self.places[mine.start], self.places[place]
+        placed = (*self.zones(mine.type), *(d for d in self.doors() if d.name in shut))
+        return self.service.certificate(self.bodies[mine.type], ends, placed) is None
+
     def ways(self) -> Iterator[Finding]:
         """What robots can reach, and who can do what."""
         reach: dict[str, set[str]] = {}
@@ -144,11 +177,13 @@ class _Checker:
                 used.setdefault(place, set()).add(visit.role)
         for place, roles in used.items():
             goal = self.places[place]
-            if place == mine.start or self.service.certificate(body, (start, goal), zones) is None:
+            if self._reaches(robot, place, self.shut):
                 reach.add(place)
             else:
                 level = Level.ERROR if Role.END in roles else Level.WARNING
                 text = f"robot '{robot}' can never get there from '{mine.start}' (proven)"
+                if self._reaches(robot, place, frozenset()):
+                    text += f": nobody can open {_and(self.shut)}"
                 yield Finding(level, place, text)
                 continue
             yield from self._doors_on(robot, place, start, goal)
@@ -190,6 +225,10 @@ class _Checker:
         what = f"its {' and its '.join(lost)}" if lost else "both its ends"
         text = f"no robot that may do it ({', '.join(fit)}) can reach {what}"
         yield Finding(Level.NOTE if job.optional else Level.ERROR, job.id, text)
+
+
+def _and(names: frozenset[str]) -> str:
+    return " and ".join(f"'{n}'" for n in sorted(names))
 
 
 def _show(pose: Pose) -> str:

@@ -8,11 +8,14 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
+from matplotlib.axes import Axes
 from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.fleet.build import build_problem
+from up_samp.fleet.checks import Finding, check_fleet
 from up_samp.fleet.faults import NO_ROBOT, Fault, FleetError, find_faults
 from up_samp.fleet.files import read_problem_file, write_problem_file
+from up_samp.fleet.picture import draw_fleet
 from up_samp.fleet.reading import read_record
 from up_samp.fleet.records import (
     Door,
@@ -25,7 +28,7 @@ from up_samp.fleet.records import (
     Task,
     Zone,
 )
-from up_samp.fleet.result import FleetResult, solve_problem
+from up_samp.fleet.result import FleetResult, saved, solve_problem
 
 Names = str | Sequence[str]
 
@@ -149,7 +152,17 @@ class Fleet:
         ``engine="aries"`` takes another scheduler.
         """
         unit = self._records.seconds_per_unit
-        return solve_problem(self.problem, timeout, {"seconds_per_unit": unit, **params})
+        given = {"seconds_per_unit": unit, **params}
+        records, folder = self._records, self._folder
+        return solve_problem(self.problem, timeout, given, lambda: check_fleet(records, folder))
+
+    def check(self) -> list[Finding]:
+        """Look at it before any solving: what overlaps, what can be reached at all."""
+        return check_fleet(self._records, self._folder)
+
+    def draw(self, file: str | PathLike[str] | None = None) -> Axes:
+        """Draw the map with all places, doors, zones and robots; errors of the check are red."""
+        return saved(draw_fleet(self._records, self._folder, self.check()), file)
 
     def _named(self, kind: str, record: type, name: str, data: dict[str, Any]) -> None:
         known = getattr(self._records, kind)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import webbrowser
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
@@ -30,6 +30,8 @@ class FleetResult:
     problem: SchedulingMotionProblem
     outcome: PlanGenerationResult
     seconds_per_unit: float = 1.0
+    check: Callable[[], Sequence[object]] = tuple
+    """What a look at the problem finds; asked for where there is no plan."""
 
     @property
     def status(self) -> str:
@@ -65,11 +67,11 @@ class FleetResult:
 
     def gantt(self, file: str | PathLike[str] | None = None) -> Axes:
         """Draw who does what when; with ``file``, save the picture there."""
-        return _saved(plot_gantt(self.data), file)
+        return saved(plot_gantt(self.data), file)
 
     def map(self, file: str | PathLike[str] | None = None) -> Axes:
         """Draw the paths on the map; with ``file``, save the picture there."""
-        return _saved(plot_map(self.data, places=places_of(self.problem)), file)
+        return saved(plot_map(self.data, places=places_of(self.problem)), file)
 
     def save(self, folder: str | PathLike[str]) -> list[Path]:
         """Write ``plan.json``, ``gantt.png``, ``map.png`` and ``animation.html``."""
@@ -97,7 +99,7 @@ class FleetResult:
         """Tell in words what came out, and why there is no plan if there is none."""
         messages = [m.message for m in self.outcome.log_messages or []]
         if self.plan is None:
-            return "\n".join([f"no plan: {self.status}", *messages])
+            return "\n".join([f"no plan: {self.status}", *messages, *map(str, self.check())])
         metrics = self.outcome.metrics or {}
         unit = self.seconds_per_unit
         bound = float(metrics.get("lower_bound", 0)) * unit
@@ -117,7 +119,10 @@ class FleetResult:
 
 
 def solve_problem(
-    problem: SchedulingMotionProblem, timeout: float | None, params: Mapping[str, Any]
+    problem: SchedulingMotionProblem,
+    timeout: float | None,
+    params: Mapping[str, Any],
+    check: Callable[[], Sequence[object]] = tuple,
 ) -> FleetResult:
     """Solve ``problem``; ``params["engine"]`` names the scheduler (``cpsat`` if it is absent)."""
     register()
@@ -126,10 +131,11 @@ def solve_problem(
     problem.environment.credits_stream = None
     with OneshotPlanner(name=name, params=rest) as planner:
         outcome = planner.solve(problem, timeout=timeout)
-    return FleetResult(problem, outcome, float(rest.get("seconds_per_unit", 1.0)))
+    return FleetResult(problem, outcome, float(rest.get("seconds_per_unit", 1.0)), check)
 
 
-def _saved(ax: Axes, file: str | PathLike[str] | None) -> Axes:
+def saved(ax: Axes, file: str | PathLike[str] | None) -> Axes:
+    """Save a picture, if ``file`` names one; return its axes."""
     if file is not None:
         figure = ax.get_figure(root=True)
         assert figure is not None
