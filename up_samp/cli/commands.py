@@ -40,7 +40,7 @@ def add_demo(commands: Subparsers) -> None:
     parser.add_argument("--robots", type=int, default=2, metavar="N", help="(default: 2)")
     parser.add_argument("--items", type=int, default=4, metavar="N", help="(default: 4)")
     parser.add_argument("--door", choices=("closed", "open"), default="closed")
-    parser.add_argument("--sides", choices=("all", "corridor"), default="all")
+    parser.add_argument("--sides", choices=("all", "corridor"), default="corridor")
     parser.add_argument("--encoding", choices=ENCODINGS, default="lean")
     add_solver_arguments(parser, out="demo-out", gif=True)
     parser.set_defaults(run=_demo)

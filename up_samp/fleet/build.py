@@ -49,12 +49,10 @@ from unified_planning.shortcuts import (
 
 from up_samp.fleet.crowds import Crowd, Passing
 from up_samp.fleet.faults import Fault, FleetError
-from up_samp.fleet.outlines import corners
+from up_samp.fleet.outlines import corners, movable
 from up_samp.fleet.records import FleetRecords, Order, Outline, Pose, RobotType, Stop, Task
 from up_samp.fleet.visits import WORK, Role, Successions, Visit, fits, moves_needed, visits_of
 from up_samp.geometry import load_map
-
-MODELS = {"car": MotionModels.REEDSSHEPP, "omni": MotionModels.SE2}
 
 
 def build_problem(records: FleetRecords, folder: Path) -> SchedulingMotionProblem:
@@ -137,16 +135,10 @@ class _Writer:
         types = {name: MovableType(name) for name in self.records.robot_types}
         for name, robot in self.records.robots.items():
             kind = self.records.robot_types[robot.type]
-            movable = MovableObject(
-                name,
-                types[robot.type],
-                footprint=corners(kind.footprint),
-                motion_model=MODELS[kind.model],
-                motion_parameters=_limits(kind),
-            )
-            self.problem.add_object(movable)
-            self.problem.set_initial_configuration(movable, self.places[robot.start])
-            self.robots[name] = movable
+            robot_object = movable(name, types[robot.type], kind)
+            self.problem.add_object(robot_object)
+            self.problem.set_initial_configuration(robot_object, self.places[robot.start])
+            self.robots[name] = robot_object
             fluent = Fluent(f"{name}_at", self.pose_type)
             self.problem.add_fluent(fluent, default_initial_value=self.places[robot.start])
             self.robot_at[name] = fluent()
@@ -254,10 +246,10 @@ class _Writer:
                 self._move(robot, origin, to, name, longest)
 
     def _move(self, robot: str, origin: str, to: str, name: str, longest: int) -> None:
-        movable = self.robots[robot]
+        mover = self.robots[robot]
         a = self.problem.add_motion_activity(name, optional=True)
         a.set_duration_bounds(1, longest)
-        static = [*self.doors.values(), *self.keep_out.get(movable.type.name, ())]
+        static = [*self.doors.values(), *self.keep_out.get(mover.type.name, ())]
         for crowd in self.crowds:
             area, room = self.rooms[crowd.zone]
             passing = crowd.passing(robot, origin, to)
@@ -269,14 +261,14 @@ class _Writer:
                 a.add_increase_effect(a.end, room, 1)
         a.add_motion_constraint(
             ActivityWaypoints(
-                movable,
+                mover,
                 self.places[origin],
                 [self.places[to]],
                 static_obstacles=static,
-                dynamic_obstacles_at_start=[r for r in self.robots.values() if r is not movable],
+                dynamic_obstacles_at_start=[r for r in self.robots.values() if r is not mover],
             )
         )
-        a.add_motion_effect(movable, self.places[to])
+        a.add_motion_effect(mover, self.places[to])
         a.add_condition(at_start(a), Equals(self.robot_at[robot], self.places[origin]))
         a.add_effect(a.end, self.robot_at[robot], self.places[to])
         self.busy[robot].append(a)
@@ -333,8 +325,8 @@ class _Writer:
         """Each job is done by exactly one robot, and orders are delivered by whom picked them."""
         for order in self.records.orders:
             pairs = [self._pair(v.robot, order) for v in self._visits(order.id, Role.PICKUP)]
-            self._done_once(order, [pick for pick, _ in pairs])
-            self._done_once(order, [deliver for _, deliver in pairs])
+            self._done_once(order, [pick for pick, _ in pairs], "pick")
+            self._done_once(order, [deliver for _, deliver in pairs], "deliver")
             for pick, deliver in pairs:
                 self._together(pick, deliver)
                 order_kept = LE(pick.end, deliver.start)
@@ -342,18 +334,25 @@ class _Writer:
         for task in self.records.tasks:
             if task.at:
                 found = self._visits(task.id, Role.TASK)
-                self._done_once(task, [self.activities[v] for v in found])
+                self._done_once(task, [self.activities[v] for v in found], "task")
             elif task.optional:
-                self._done_once(task, [self.machines[task.id]])
+                self._done_once(task, [self.machines[task.id]], "task")
 
     def _visits(self, what: str, role: Role) -> list[Visit]:
         return [v for v in self.activities if v.what == what and v.role is role]
 
-    def _done_once(self, job: Order | Task, activities: Sequence[Activity]) -> None:
-        """Exactly one of ``activities`` is there, or the one that stands for leaving it out."""
+    def _done_once(self, job: Order | Task, activities: Sequence[Activity], part: str) -> None:
+        """Exactly one of ``activities`` is there, or one that stands for leaving the part out.
+
+        That one lasts as long as they do: the scheduler reads alternatives of equal length as one
+        thing to be done, and finds first plans in which it is.
+        """
         ways = [*activities]
         if job.optional and job.penalty is not None:
-            ways.append(self._leaving(job.id, job.penalty))
+            length = int(activities[0].duration.lower.constant_value())
+            skip = self.problem.add_activity(f"skip_{part}_{job.id}", length, optional=True)
+            self._together(skip, self._leaving(job.id, job.penalty))
+            ways.append(skip)
         self._exactly_one(ways)
 
     def _leaving(self, job: str, penalty: float) -> Activity:
@@ -426,10 +425,3 @@ class _Writer:
 
 def _present(*activities: Activity) -> list[FNode]:
     return [a.present for a in activities if a.optional]
-
-
-def _limits(kind: RobotType) -> dict[str, float]:
-    limits = {"v_max": kind.v_max, "a_max": kind.a_max}
-    if kind.model == "car":
-        return limits | {"turning_radius": kind.turning_radius}
-    return limits | {"omega_max": kind.omega_max}

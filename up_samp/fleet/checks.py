@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 
 from up_samp.fleet.faults import NO_ROBOT, able, carries, needs_robot
-from up_samp.fleet.outlines import MODELS, body_of, still
+from up_samp.fleet.outlines import body_of, still
 from up_samp.fleet.records import FleetRecords, Order, Pose, Task
 from up_samp.fleet.visits import Role, visits_of
 from up_samp.geometry import load_map
@@ -62,10 +62,10 @@ def check_fleet(
 class _Checker:
     def __init__(self, records: FleetRecords, folder: Path, seconds: float) -> None:
         self.records = records
-        precompile({MODELS[t.model] for t in records.robot_types.values()})
         self.service = MotionService(load_map(folder / records.map))
         self.seconds = seconds
         self.bodies = {name: body_of(kind) for name, kind in records.robot_types.items()}
+        precompile({body.kinematics.model for body in self.bodies.values()})
         self.places = {name: p.pose for name, p in records.places.items()}
         self.used: dict[str, set[str]] = {}
         for robot in records.robots:

@@ -6,11 +6,19 @@ import math
 
 import numpy as np
 import numpy.typing as npt
+from unified_planning.model import Type
+from unified_planning.model.motion import MotionModels, MovableObject
+from unified_planning.shortcuts import MovableType
 
 from up_samp.fleet.records import Outline, Pose, RobotType
 from up_samp.model import Body, Kinematics, MotionModel
+from up_samp.upio.read_movable import read_movable
 
-MODELS = {"car": MotionModel.REEDSSHEPP, "omni": MotionModel.SE2}
+MODELS = {
+    "car": MotionModels.REEDSSHEPP,
+    "diff": MotionModels.REEDSSHEPP,
+    "omni": MotionModels.SE2,
+}
 
 
 def corners(outline: Outline) -> list[tuple[float, float]]:
@@ -31,9 +39,27 @@ def placed(outline: Outline, pose: Pose) -> npt.NDArray[np.float64]:
 
 def body_of(kind: RobotType) -> Body:
     """Return what robots of a type are to the motion planners."""
-    model = MODELS[kind.model]
-    limits = Kinematics(model, kind.turning_radius, kind.v_max, kind.a_max, kind.omega_max)
-    return Body(tuple(corners(kind.footprint)), limits)
+    return read_movable(movable("robot", MovableType("robot"), kind)).body
+
+
+def movable(name: str, movable_type: Type, kind: RobotType) -> MovableObject:
+    """Return a robot of ``kind`` as UP's object."""
+    return MovableObject(
+        name,
+        movable_type,
+        footprint=corners(kind.footprint),
+        motion_model=MODELS[kind.model],
+        motion_parameters=_limits(kind),
+    )
+
+
+def _limits(kind: RobotType) -> dict[str, float]:
+    limits = {"v_max": kind.v_max, "a_max": kind.a_max}
+    if kind.model == "car":
+        return limits | {"turning_radius": kind.turning_radius}
+    if kind.model == "diff":
+        limits["turning_radius"] = 0.0
+    return limits | {"omega_max": kind.omega_max}
 
 
 def still(outline: Outline) -> Body:

@@ -58,12 +58,14 @@ class RobotType:
     """What robots of a type have in common.
 
     ``model``: ``car`` drives forwards and backwards on curves no tighter than ``turning_radius``;
-    ``omni`` drives in any direction. ``capacity``: how many loads of a kind fit on it at a time.
+    ``diff`` has two driven wheels (it drives along its heading and turns on the spot); ``omni``
+    drives in any direction. ``turning_radius`` is for cars, ``omega_max`` for the others.
+    ``capacity``: how many loads of a kind fit on it at a time.
     """
 
     __pydantic_config__ = STRICT
     footprint: Outline
-    model: Literal["car", "omni"] = "car"
+    model: Literal["car", "diff", "omni"] = "car"
     turning_radius: Positive = 1.0
     v_max: Positive = 1.0
     a_max: Positive = 1.0

@@ -1,7 +1,7 @@
 """The interleaving loop: Algorithm 1 of the paper, with bounds, certificates and incumbents.
 
 ``solve`` is the algorithm; each stage is one named call. Line numbers in comments are those of
-Algorithm 1 (Tosello et al., AAAI 2026).
+Algorithm 1 (Tosello et al., ICAPS 2026).
 """
 
 from __future__ import annotations

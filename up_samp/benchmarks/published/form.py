@@ -1,6 +1,6 @@
 """How published SAMP problems are written, whatever the family.
 
-The authors of the paper (Tosello et al., AAAI 2026) write their problems in plain calls of Unified
+The authors of the paper (Tosello et al., ICAPS 2026) write their problems in plain calls of Unified
 Planning. This module says the same in code of its own:
 
 - Every object has one fluent without parameters (``robot0_at``, ``door0_at``), every move a

@@ -1,5 +1,5 @@
 """The cuts of the paper (``small_cuts`` off): every rival, every other object's place, RCOND,
-CHCONF and CHTIME as Tosello et al. (AAAI 2026) write them.
+CHCONF and CHTIME as Tosello et al. (ICAPS 2026) write them.
 """
 
 from __future__ import annotations
