@@ -7,18 +7,50 @@ import pytest
 
 from up_samp.cli import main
 
-EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.py"))
+ROOT = Path(__file__).parents[2]
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+QUICK = {"door", "drones", "swap"}
+MAPS = ROOT.parent.parent / "shared" / "data" / "maps" / "nav2"
 
 
-@pytest.mark.parametrize("example", EXAMPLES, ids=lambda f: f.stem)
+def example_of(path):
+    marks = [] if path.stem in QUICK else [pytest.mark.long]
+    return pytest.param(path, id=path.stem, marks=marks)
+
+
+def has_a_valid_plan(example, folder, capsys):
+    assert main(["solve", str(example), "--out", str(folder), "--no-gif"]) == 0
+    assert "valid: the independent validator found nothing wrong" in capsys.readouterr().out
+    plan = json.loads((folder / "plan.json").read_text(encoding="utf-8"))
+    assert plan["makespan"] >= 1
+    assert (folder / "animation.html").exists()
+    return plan
+
+
+@pytest.mark.parametrize("example", map(example_of, EXAMPLES))
 def test_the_example_has_a_valid_plan(example, tmp_path, capsys):
     assert f"up-samp solve examples/{example.name}" in example.read_text(encoding="utf-8")
-    assert main(["solve", str(example), "--out", str(tmp_path), "--no-gif"]) == 0
-    assert "valid: the independent validator found nothing wrong" in capsys.readouterr().out
-    plan = json.loads((tmp_path / "plan.json").read_text(encoding="utf-8"))
-    assert plan["makespan"] >= 1
-    assert (tmp_path / "animation.html").exists()
+    has_a_valid_plan(example, tmp_path, capsys)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["depot", "tb3_sandbox"])
+def test_the_example_of_a_ros_map_on_real_ones(name, tmp_path, capsys, monkeypatch):
+    site = MAPS / f"{name}.yaml"
+    if not site.is_file():
+        pytest.skip(f"there is no map '{site}'")
+    monkeypatch.setenv("ROS_MAP", str(site))
+    plan = has_a_valid_plan(ROOT / "examples" / "ros_map.py", tmp_path, capsys)
+    assert plan["map"]["yaml"].endswith(f"{name}.yaml")
+
+
+def test_two_robots_pass_each_other_in_the_bay(tmp_path, capsys):
+    plan = has_a_valid_plan(ROOT / "examples" / "passing_place.py", tmp_path, capsys)
+    highest = max(row[2] for motion in plan["motions"] for row in motion["samples"])
+    assert highest > 3.0  # the corridor's middle is at 2.0 m
 
 
 def test_there_are_examples():
-    assert {e.stem for e in EXAMPLES} >= {"door", "drones", "swap"}
+    assert {e.stem for e in EXAMPLES} >= {
+        "door", "drones", "mixed_fleet", "passing_place", "ros_map", "shop", "swap", "warehouse",
+    }  # fmt: skip

@@ -47,6 +47,7 @@ def test_the_commands_and_snippets_of_the_guide(tmp_path, monkeypatch, capsys):
     assert Fleet.from_file(tmp_path / "mysite" / "mine.yaml").records.orders[0].id == "o1"
 
 
+@pytest.mark.long
 def test_the_file_of_the_format_page_is_read_and_has_a_plan(tmp_path):
     write_starter(tmp_path)
     text = blocks("yaml", FORMAT)[0]

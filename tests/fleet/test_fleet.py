@@ -176,7 +176,7 @@ def test_alias_bombs_and_odd_yaml_are_refused(tmp_path):
 def test_the_schema_is_that_of_the_reader(tmp_path):
     jsonschema = pytest.importorskip("jsonschema")
     shipped = Path(up_samp.__file__).parent / "fleet" / "problem.schema.json"
-    assert json.loads(shipped.read_text()) == json_schema()
+    assert json.loads(shipped.read_text()) == json_schema(), "run scripts/schema.py"
     validator = jsonschema.Draft202012Validator(json_schema())
     jsonschema.Draft202012Validator.check_schema(json_schema())
     good = yaml.safe_load(PROBLEM)

@@ -40,6 +40,7 @@ def test_a_movingai_map_keeps_its_cells(tmp_path):
     assert found.problem.read_text().startswith("# a cell is 0.5 m")
 
 
+@pytest.mark.long
 def test_a_scenario_is_solved(tmp_path):
     records, _ = imported("small.scen", tmp_path, robots=2)
     assert records.places["start0"].pose == (1.5, 4.5, 0.0)
@@ -124,6 +125,7 @@ def test_shops_keep_routes_and_durations(tmp_path, sample, durations):
     assert main(["check", str(tmp_path / "problem.yaml")]) == 0
 
 
+@pytest.mark.long
 def test_a_flexible_shop_is_solved(tmp_path):
     imported("small.fjs", tmp_path, robots=1)
     fleet = Fleet.from_file(tmp_path / "problem.yaml")
