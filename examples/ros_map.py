@@ -18,13 +18,14 @@ HERE = Path(__file__).parent
 MAP = Path(os.environ.get("ROS_MAP", HERE / "maps" / "two_rooms.yaml"))
 
 
-def roomy_places(count: int, apart: float = 2.0) -> list[tuple[float, float]]:
+def roomy_places(count: int) -> list[tuple[float, float]]:
     """Return points of the largest free part of the map, the roomiest first, m."""
     grid = load_map(MAP)
     parts, _ = label(~grid.blocked)
     sizes = np.bincount(parts.ravel())
     sizes[0] = 0
     clearance = distance_transform_edt(parts == sizes.argmax()) * grid.resolution
+    apart = min(2.0, 0.15 * min(grid.size))
     found: list[tuple[float, float]] = []
     for index in np.argsort(-clearance, axis=None, kind="stable"):
         row, col = np.unravel_index(index, clearance.shape)

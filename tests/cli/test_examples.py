@@ -27,7 +27,7 @@ def has_a_valid_plan(example, folder, capsys):
     return plan
 
 
-@pytest.mark.parametrize("example", map(example_of, EXAMPLES))
+@pytest.mark.parametrize("example", [example_of(e) for e in EXAMPLES])
 def test_the_example_has_a_valid_plan(example, tmp_path, capsys):
     assert f"up-samp solve examples/{example.name}" in example.read_text(encoding="utf-8")
     has_a_valid_plan(example, tmp_path, capsys)
