@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from unified_planning.engines import PlanGenerationResultStatus as Status
@@ -12,8 +13,10 @@ from unified_planning.shortcuts import OneshotPlanner
 from up_samp.benchmarks.places import box
 from up_samp.motion import register_planner
 from up_samp.motion.planners.car import CarPlanner
+from up_samp.search.context import LATE, Context
 from up_samp.test_cases.scene import Scene
 from up_samp.validation import validate_plan
+from up_samp.validation.plan import _LATE as LATE_IN_PLANS
 
 
 def straight_problem(model, stops, heading=0.0):
@@ -118,3 +121,13 @@ def test_a_sharp_waypoint_is_passed_and_never_called_optimal_where_it_is_not():
     assert validate_plan(scene.problem, result.plan).valid
     # 10 m twice, each from rest to rest at v = 2 and a = 1: 7 s; the bound is 20 / 2 + 2 s
     assert 12 <= int(result.metrics["makespan"]) < 14
+
+
+@pytest.mark.parametrize("unit", [0.1, 1, 60, 3600])
+def test_units_forgive_rounding_and_no_more_than_the_validator(unit):
+    context = SimpleNamespace(snapshot=SimpleNamespace(seconds_per_unit=unit))
+    for count in (1, 17, 1000):
+        assert Context.units(context, count * unit) == count
+        assert Context.units(context, count * unit * (1 + 1e-14)) == count
+        assert Context.units(context, count * unit + 2e-6) == count + 1
+    assert LATE < LATE_IN_PLANS

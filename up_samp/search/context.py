@@ -39,6 +39,9 @@ SCHEDULE_SHARE = 0.4
 """Share of the remaining time that our own scheduler may take for a schedule, until there is a
 plan: its schedules get better with time, but their motions have to be checked, too."""
 
+LATE = 9e-7
+"""Lateness (s) that counts as rounding: less than the validator forgives (1e-6 s)."""
+
 GROUP_SHARE = 0.2
 """Share of the remaining time that one group of motions may take."""
 
@@ -101,8 +104,8 @@ class Context:
         return units * self.snapshot.seconds_per_unit
 
     def units(self, seconds: float) -> int:
-        """Return s in schedule units, rounded up (a hair of slack against float noise)."""
-        return math.ceil(seconds / self.snapshot.seconds_per_unit - 1e-6)
+        """Return s in schedule units, rounded up. ``LATE`` s are forgiven, whatever a unit is."""
+        return math.ceil((seconds - LATE) / self.snapshot.seconds_per_unit)
 
     def group_seconds(self, count: int) -> float:
         """Return the time limit (s) of one query for ``count`` motions together.
