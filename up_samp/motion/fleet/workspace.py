@@ -37,12 +37,11 @@ from up_samp.motion.fleet.margins import kept, wished
 from up_samp.motion.fleet.paths import Path, path_of, resting_path
 from up_samp.motion.fleet.timed_path import NOBODY, Run, pair_flags, planar, pose_at
 from up_samp.motion.fleet.timings import Timing
-from up_samp.motion.protocol import Leg, LegQuery
+from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
 from up_samp.motion.stringing import strung
 
 if TYPE_CHECKING:
     from up_samp.motion.fleet.sipp import Roundabout
-    from up_samp.motion.planners.car import CarPlanner
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -147,7 +146,8 @@ class Workspace:
 
         Unlike :meth:`path` it gives up early, since a detour is only one way of several.
         """
-        if self._quick is None or body.kinematics.model is not MotionModel.REEDSSHEPP:
+        quick = self._quick.get(body.kinematics.model)
+        if quick is None or self.scene is None:
             path = self.path(body, poses, obstacles, deadline.within(QUICK))
             return path if isinstance(path, Path) else None
         obstacles = tuple(obstacles)
@@ -157,14 +157,14 @@ class Workspace:
         if known is None:
             legs: list[Leg] = []
             for start, goal in itertools.pairwise(poses):
-                leg = self._quick.leg(LegQuery(body, start, goal, obstacles), deadline)
+                leg = quick.leg(LegQuery(body, start, goal, obstacles), deadline)
                 legs.append(leg)
                 if leg.trajectory is None:
                     outcome = Outcome.NOT_FOUND if leg.complete else Outcome.OUT_OF_TIME
                     known = PathReport(outcome, reason=leg.reason)
                     break
             else:
-                motion, _ = strung(self._quick.scene, PathQuery(body, poses, obstacles), legs)
+                motion, _ = strung(self.scene, PathQuery(body, poses, obstacles), legs)
                 known = path_of(motion, body, poses)
                 known.cleared.update(around)
             if all(leg.complete for leg in legs):
@@ -172,11 +172,19 @@ class Workspace:
         return known if isinstance(known, Path) else None
 
     @cached_property
-    def _quick(self) -> CarPlanner | None:
+    def _quick(self) -> dict[MotionModel, MotionPlanner]:
+        """Planners that give up after little work, by motion model."""
         from up_samp.motion.planners.car import CarPlanner, CarSettings
+        from up_samp.motion.planners.omni import PlanarPlanner, PlanarSettings
 
-        settings = CarSettings((0.7,), (8_000,), rounds=400, patience=120)
-        return CarPlanner(self.scene, 0, settings) if self.scene is not None else None
+        if self.scene is None:
+            return {}
+        car = CarSettings((0.7,), (8_000,), rounds=400, patience=120)
+        slider = PlanarSettings((1.0,), (16,), (20_000,), rounds=200, shifts=(0.25,))
+        return {
+            MotionModel.REEDSSHEPP: CarPlanner(self.scene, 0, car),
+            MotionModel.SE2: PlanarPlanner(self.scene, 0, slider),
+        }
 
     @cached_property
     def scene(self) -> Scene | None:
