@@ -3,10 +3,15 @@
 import pytest
 from unified_planning.shortcuts import IntType
 
-from cpsat.styles import Site, Style, Task, shop, write
+from cpsat.styles import Site, Style, Task, shop, store, write
 from cpsat.truth import bound_without_search
 from up_samp.model import Deadline
 from up_samp.scheduling.cpsat import CpsatSession
+from up_samp.scheduling.cpsat.model import ScheduleModel
+from up_samp.scheduling.cpsat.problem import Watcher
+from up_samp.scheduling.cpsat.routing.assignment import bound_by_assignment, shares
+from up_samp.scheduling.cpsat.routing.detection import find_routes
+from up_samp.scheduling.cpsat.routing.dispatch import find_work
 
 
 def optimum(problem):
@@ -57,3 +62,16 @@ def test_a_shop_is_bounded_to_three_quarters_of_its_best_plan(robots):
     report = CpsatSession(problem, workers=1, effort=2.0).solve(Deadline.after(60))
     assert report.schedule is not None
     assert bound_without_search(problem) >= 0.75 * report.schedule.makespan
+
+
+def test_a_large_fleet_is_bounded_by_who_does_what():
+    """Four robots and six items: somebody has to go twice."""
+    problem = write(store(4, 6), Style())
+    model = ScheduleModel(problem)
+    model.build(Watcher(problem).look())
+    work = find_work(model, find_routes(model))
+    once = max(min(s.first + s.back for s in mine.values()) for mine in shares(work))
+    bound = bound_by_assignment(work, 0)
+    assert once < bound <= 2.5 * once
+    report = CpsatSession(problem, workers=1, effort=1.0).solve(Deadline.after(60), optimal=False)
+    assert 0.6 * report.schedule.makespan <= bound <= report.schedule.makespan

@@ -13,6 +13,7 @@ from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.normal.form import NormalForm
 from up_samp.scheduling.cpsat.normal.presences import Presences
 from up_samp.scheduling.cpsat.problem import Watcher
+from up_samp.scheduling.cpsat.routing.assignment import bound_by_assignment
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
 from up_samp.scheduling.cpsat.routing.relaxation import Collapsed
@@ -59,12 +60,16 @@ def answer(problem):
 
 
 def bound_without_search(problem):
-    """Return the lower bound by all the work there is (None: there are no routes)."""
+    """Return the lower bound by all the work there is (None: there are no routes).
+
+    That by who does what must not be greater than what is proven elsewhere, either: the greater
+    one is returned.
+    """
     full = ScheduleModel(problem)
     full.build(Watcher(problem).look())
     routes = find_routes(full)
     work = find_work(full, routes) if routes else None
-    return None if work is None else bound_by_work(full, work)
+    return None if work is None else max(bound_by_work(full, work), bound_by_assignment(work, 0))
 
 
 def collapsed_optimum(problem):

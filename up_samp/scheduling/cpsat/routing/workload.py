@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 
 from up_samp.scheduling.cpsat.encode.statevars import Key
 from up_samp.scheduling.cpsat.model import ScheduleModel
+from up_samp.scheduling.cpsat.routing.assignment import bound_by_assignment
 from up_samp.scheduling.cpsat.routing.detection import INFINITE, Route
 from up_samp.scheduling.cpsat.routing.dispatch import Task, Work
 from up_samp.scheduling.cpsat.routing.programme import Programme, cost, way_back
@@ -52,15 +53,17 @@ def bound_by_work(
     *,
     thorough: bool = True,
 ) -> int:
-    """Return a lower bound on the makespan (``known`` where the problem is too large for this).
+    """Return a lower bound on the makespan; of large fleets, by who does what alone.
 
     :param known: a lower bound.
     :param over: tells that the time is up.
     :param thorough: also prove by sequences of tasks, which may take a second.
     """
     programme = Programme.of(work)
-    tables = None if programme is None else programme.tables(over)
-    if programme is None or tables is None or programme.start(tables) >= INFINITE:
+    if programme is None:
+        return bound_by_assignment(work, known)
+    tables = programme.tables(over)
+    if tables is None or programme.start(tables) >= INFINITE:
         return known
     extra = sum(_squeezed(work, tasks) for tasks in _needed(model, work))
     total = programme.start(tables) + extra
