@@ -17,24 +17,31 @@ from up_samp.geometry import load_map
 HERE = Path(__file__).parent
 MAP = Path(os.environ.get("ROS_MAP", HERE / "maps" / "two_rooms.yaml"))
 
+ROOM = 0.4
+"""Distance of a place from everything that is not free floor, m."""
+
 
 def roomy_places(count: int) -> list[tuple[float, float]]:
-    """Return points of the largest free part of the map, the roomiest first, m."""
+    """Return points of the largest free part of the map, the roomiest first, m.
+
+    They lie as far apart as ``count`` of them can, with room for the robot around each.
+    """
     grid = load_map(MAP)
     parts, _ = label(~grid.blocked)
     sizes = np.bincount(parts.ravel())
     sizes[0] = 0
     clearance = distance_transform_edt(parts == sizes.argmax()) * grid.resolution
-    apart = min(2.0, 0.15 * min(grid.size))
-    found: list[tuple[float, float]] = []
-    for index in np.argsort(-clearance, axis=None, kind="stable"):
-        row, col = np.unravel_index(index, clearance.shape)
-        point = grid.point_of(row, col)
-        if all(np.hypot(point[0] - x, point[1] - y) > apart for x, y in found):
-            found.append(point)
-            if len(found) == count:
-                break
-    return found
+    order = np.argsort(-clearance, axis=None, kind="stable")
+    cells = [np.unravel_index(i, clearance.shape) for i in order if clearance.flat[i] > ROOM]
+    points = [grid.point_of(row, col) for row, col in cells]
+    for apart in (2.0, 1.5, 1.0, 0.8):
+        found: list[tuple[float, float]] = []
+        for point in points:
+            if all(np.hypot(point[0] - x, point[1] - y) > apart for x, y in found):
+                found.append(point)
+                if len(found) == count:
+                    return found
+    raise SystemExit(f"'{MAP}' has no room for {count} places")
 
 
 fleet = Fleet(MAP, name="ros_map")

@@ -15,6 +15,15 @@ _UNIONS = ("tuple[", "constrained", "function-", "Stop", "Place", "str")
 """How pydantic names the members of a union in an error's place: of no use to readers."""
 
 
+NOT_YET = {
+    "battery": "batteries and charging are not supported yet",
+    "charger": "batteries and charging are not supported yet",
+    "attached": "loads whose shape travels with the robot are not supported yet; load counts",
+    "closes": "doors that close again are not supported yet",
+}
+"""Keys that one may expect, and what to say of them."""
+
+
 def read_record(kind: type, data: Any, path: Path = ()) -> Any:
     """Return ``data`` as a record of ``kind``.
 
@@ -48,7 +57,7 @@ def _faults(error: ValidationError, data: Any, path: Path) -> list[Fault]:
         where = (*path, *inner)
         text = item["msg"].replace("Input should be", "should be")
         if item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-            text = "there is no such key"
+            text = NOT_YET.get(str(item["loc"][-1]), "there is no such key")
         elif item["type"] == "value_error":
             text = str(item["ctx"]["error"])
         elif item["type"] == "missing":
