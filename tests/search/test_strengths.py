@@ -11,7 +11,17 @@ from unified_planning.model.motion import MotionModels, MovableObject
 from unified_planning.shortcuts import OneshotPlanner
 
 from up_samp.benchmarks.places import box
-from up_samp.motion import register_planner
+from up_samp.model import (
+    Body,
+    Deadline,
+    GroupQuery,
+    Kinematics,
+    MotionModel,
+    Outcome,
+    PathQuery,
+    TimedMotion,
+)
+from up_samp.motion import MotionService, register_planner
 from up_samp.motion.planners.car import CarPlanner
 from up_samp.search.context import LATE, Context
 from up_samp.test_cases.scene import Scene
@@ -131,3 +141,21 @@ def test_units_forgive_rounding_and_no_more_than_the_validator(unit):
         assert Context.units(context, count * unit * (1 + 1e-14)) == count
         assert Context.units(context, count * unit + 2e-6) == count + 1
     assert LATE < LATE_IN_PLANS
+
+
+@pytest.mark.parametrize("planner", [Hurried, Patient])
+def test_a_group_is_complete_only_if_all_its_paths_are(planner):
+    register_planner(planner.name, planner)
+    body = Body(box(2, 1), Kinematics(MotionModel.REEDSSHEPP, 1.0, 2.0, 1.0))
+    ways = {
+        "east": ((0.0, 0.0, 0.0), (20.0, 0.0, 0.0)),
+        "north": ((9.0, -9.0, 1.6), (9.0, 9.0, 1.6)),
+    }
+    motions = tuple(TimedMotion(n, n, body, poses, 0.0, 100.0) for n, poses in ways.items())
+    service = MotionService(None, planner=planner.name)
+    for _ in range(2):  # what was cut short is not remembered as anything better
+        report = service.coordinate(GroupQuery(motions), Deadline.after(60))
+        assert report.outcome is Outcome.FOUND
+        assert report.complete is planner.complete
+        alone = service.plan(PathQuery(body, ways["east"]), Deadline.after(60))
+        assert alone.complete is planner.complete
