@@ -1,7 +1,8 @@
 """Doors in sequence: robots get to their goals through one door after the other.
 
 Published beside the paper's families: walls every 10 m, each with one door; a button on the near
-side of it. Starts and goals are drawn from a seed.
+side of it. Starts and goals are drawn from a seed. Moves last 1 to 100 units (a
+published variant): a car that turns this widely cannot keep to bounds from straight distances.
 """
 
 from __future__ import annotations
@@ -82,6 +83,7 @@ def door_sequence(
         GUESS,
         early=0,
         turning_radius=TURNING_RADIUS,
+        bounds=(1, 100),
     )
     title = name or f"doors-r{robots}-d{doors}" + (f"-s{seed}" if seed else "")
     form = Form(title, manner, encoding, metric)

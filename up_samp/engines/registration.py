@@ -13,6 +13,8 @@ ENGINES = (
     ("samp-validator", "up_samp.engines.validator", "SampValidator"),
 )
 META_ENGINES = (("samp-refine", "up_samp.engines.samp", "SampRefine"),)
+BEST = "samp-refine[cpsat]"
+"""What UP takes for a problem with motions, if it is asked for no engine by name."""
 
 
 def register(environment: Environment | None = None) -> None:
@@ -38,6 +40,21 @@ def register(environment: Environment | None = None) -> None:
     for name, module, cls in META_ENGINES:
         if not any(e.startswith(f"{name}[") for e in factory.engines):
             factory.add_meta_engine(name, module, cls)
+    _prefer(factory, BEST)
+
+
+def _prefer(factory: Any, best: str) -> None:
+    """Let ``best`` come before our other meta-engines where UP chooses by a problem's kind; all
+    others keep their places.
+    """
+    names = list(factory.preference_list)
+    family = best.split("[")[0] + "["
+    mine = [i for i, name in enumerate(names) if name.startswith(family)]
+    if best in names:
+        ordered = sorted((names[i] for i in mine), key=lambda name: name != best)
+        for i, name in zip(mine, ordered, strict=True):
+            names[i] = name
+        factory.preference_list = names
 
 
 def register_globally() -> None:

@@ -126,8 +126,9 @@ def _bicycle(
     if float(given.get("v_min", -speed)) < 0:
         speed = min(speed, -float(given.get("v_min", -speed)))
     radius = 1.0 / curvature
+    # a bicycle drives along its heading: a body that could move anywhere is a car with it
     return Kinematics(
-        limits.model,
+        MotionModel.REEDSSHEPP if limits.model is MotionModel.SE2 else limits.model,
         turning_radius=max(limits.turning_radius, radius) if "turning_radius" in own else radius,
         v_max=min(limits.v_max, speed) if "v_max" in own else speed,
         a_max=limits.a_max,

@@ -67,6 +67,8 @@ def limits_of(item: Any) -> Limits:
     forward = min(v_max, control["v_max"]) if "v_max" in given else control["v_max"]
     back = min(forward, -control["v_min"]) if control.get("v_min", 0.0) < 0 else forward
     tightest = max(radius if "turning_radius" in given else 0.0, 1 / curvature)
+    # a bicycle drives along its heading, whatever else the motion model would allow
+    model = "REEDSSHEPP" if model == "SE2" else model
     return Limits(item.name, model, tightest, forward, back, a_max, omega_max)
 
 

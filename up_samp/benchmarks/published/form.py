@@ -156,6 +156,7 @@ class Manner:
     ``guess`` is the acceleration (m/s^2) in the lower bound on a move's duration, ``early`` the
     units before a move's end at which its effects happen, ``model`` and ``turning_radius`` (m)
     are the robots'. With ``heed_all`` moves name no obstacles: everything counts.
+    ``bounds`` are every move's, units, where they do not come from the distance.
     """
 
     map_yaml: str
@@ -164,6 +165,7 @@ class Manner:
     model: MotionModels = MotionModels.REEDSSHEPP
     turning_radius: float = 1.0
     heed_all: bool = False
+    bounds: tuple[int, int] | None = None
 
 
 class Form:
@@ -258,9 +260,7 @@ class Form:
         """Add the optional move of ``robot`` from ``origin`` to ``to``, once all objects exist."""
         name = f"move_{robot.name}_{origin.name}_to_{to.name}"
         a = self.problem.add_motion_activity(name, 1, optional=True)
-        low, _ = duration_bounds(self._poses[origin.name], self._poses[to.name], self.manner.guess)
-        distance = math.dist(self._poses[origin.name][:2], self._poses[to.name][:2])
-        a.set_duration_bounds(low, max(low, math.ceil(round(distance / V_MIN, 9))))
+        a.set_duration_bounds(*(self.manner.bounds or self._bounds(origin, to)))
         a.add_motion_effect(robot.body, to)
         static, dynamic = None, None
         if not self.manner.heed_all:
@@ -274,6 +274,11 @@ class Form:
         robot.stands.append((a, [origin]))
         self.occupy(robot, a)
         return a
+
+    def _bounds(self, origin: ConfigurationObject, to: ConfigurationObject) -> tuple[int, int]:
+        a, b = self._poses[origin.name], self._poses[to.name]
+        low, _ = duration_bounds(a, b, self.manner.guess)
+        return low, max(low, math.ceil(round(math.dist(a[:2], b[:2]) / V_MIN, 9)))
 
     def _obstacles(self, things: Sequence[Robot] | Sequence[Leaf]) -> Any:
         if self.with_fluents:
