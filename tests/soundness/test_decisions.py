@@ -125,3 +125,9 @@ def test_many_decided_worlds_beat_no_proof(rooms, first, engine):
         if found.wrong:
             wrong[seed] = found.wrong
     assert wrong == {}
+
+
+@pytest.mark.parametrize("seed", [1, 2, 18])
+def test_the_papers_cuts_hold_for_their_decisions_only(rooms, seed):
+    """Seed 1 has a drive that leads nowhere."""
+    assert judge(random_world(seed), rooms, preset="paper").wrong == []

@@ -120,6 +120,9 @@ class Roundabout:
             for a, b in itertools.pairwise(nodes)
         ]
         rows = [np.column_stack([part, np.eye(1, len(part))[0]]) for part in arcs if len(part)]
+        if not rows:  # it is there already
+            arcs = [np.zeros((0, 2))]
+            return [path_of(trajectory_of(motion.poses, arcs, body.kinematics), body, motion.poses)]
         return self._finished(motion, tuple(static), np.concatenate(rows))
 
     def _box(self, motion: TimedMotion) -> FloatArray:
