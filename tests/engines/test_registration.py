@@ -43,11 +43,16 @@ def test_the_import_is_light_and_the_environment_is_made_when_used():
     "use",
     [
         "import pickle; e = pickle.loads(pickle.dumps(get_environment()))",
-        "import copy; e = copy.copy(get_environment())",
-        "e = get_environment(); e.error_used_name = False; assert not e.error_used_name",
-        "e = get_environment(); assert hasattr(e, 'factory') and not hasattr(e, 'nonesuch')",
-        "e = Problem('p').environment",
-        "e = get_environment(); up_samp.register(e); up_samp.register()",
+        *(
+            pytest.param(use, marks=pytest.mark.long)
+            for use in (
+                "import copy; e = copy.copy(get_environment())",
+                "e = get_environment(); e.error_used_name = False; assert not e.error_used_name",
+                "e = get_environment(); assert hasattr(e, 'factory') and not hasattr(e, 'no')",
+                "e = Problem('p').environment",
+                "e = get_environment(); up_samp.register(e); up_samp.register()",
+            )
+        ),
     ],
 )
 def test_the_global_environment_is_like_any_other(use):

@@ -124,7 +124,9 @@ module.precompile()
 
 
 @pytest.mark.skipif(not os.path.isdir("/proc"), reason="looks into /proc")
-@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize(
+    "how", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.long)]
+)
 def test_nothing_is_left_when_the_first_compile_is_ended(tmp_path, how):
     parent = subprocess.Popen(
         child.command("import signal; signal.signal(2, signal.default_int_handler)" + PARENT),

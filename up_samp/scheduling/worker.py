@@ -27,6 +27,9 @@ from typing import IO, Any
 
 from up_samp.scheduling.compilers.plain import PlainProblem
 
+_LONGEST = 2.0e6
+"""Longest time limit (s) for an engine: aries counts milliseconds in 32 bits."""
+
 _LENGTH = struct.Struct("!Q")
 
 
@@ -117,7 +120,9 @@ def run(task: Task, engines: _Engines) -> Answer:
         if lacking:
             raise UnsupportedError(f"{', '.join(lacking)} (after compilation)")
         engine.skip_checks = True  # just done, with the features' names
-        timeout = None if task.until is None else max(0.1, task.until - time.monotonic())
+        timeout = None
+        if task.until is not None:
+            timeout = min(max(0.1, task.until - time.monotonic()), _LONGEST)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             result = engine.solve(problem, timeout=timeout)
