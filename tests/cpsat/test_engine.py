@@ -10,13 +10,16 @@ from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.shortcuts import (
     LE,
     AnytimePlanner,
+    BoolType,
     MinimizeMakespan,
     OneshotPlanner,
     Or,
+    Oversubscription,
 )
 from unified_planning.test.examples.scheduling import get_example_problems
 
 import up_samp  # noqa: F401  (registers the engine)
+from up_samp.benchmarks import instance
 from up_samp.model import ProblemError
 from up_samp.validation import validate_schedule
 
@@ -65,6 +68,26 @@ def test_unsolvable():
     problem.get_activity("a0").add_deadline(0)
     with OneshotPlanner(name="cpsat") as planner:
         assert planner.solve(problem).status is Status.UNSOLVABLE_PROVEN
+
+
+def test_a_problem_without_activities_may_have_another_metric_than_makespan():
+    """What is left of a schedule in which no optional activity is present."""
+    problem = SchedulingProblem("empty")
+    flag = problem.add_fluent("flag", BoolType(), default_initial_value=True)
+    problem.add_quality_metric(Oversubscription({flag(): 3}))
+    with OneshotPlanner(name="cpsat") as planner:
+        result = planner.solve(problem)
+    assert result.status is Status.SOLVED_OPTIMALLY
+    assert result.plan.activities == []
+
+
+def test_motions_are_refused_by_name():
+    problem = instance("logistics-do-oc-r1-i1").build("fluents", True)
+    with OneshotPlanner(name="cpsat") as planner:
+        planner.skip_checks = True
+        result = planner.solve(problem)
+    assert result.status is Status.UNSUPPORTED_PROBLEM
+    assert "samp-refine[cpsat]" in result.log_messages[0].message
 
 
 def test_options_are_checked():

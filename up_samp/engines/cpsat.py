@@ -5,7 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Iterator
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, ClassVar
 
 from unified_planning.engines import (
     Credits,
@@ -19,6 +19,7 @@ from unified_planning.engines.mixins import AnytimePlannerMixin, OneshotPlannerM
 from unified_planning.engines.mixins.anytime_planner import AnytimeGuarantee
 from unified_planning.engines.mixins.oneshot_planner import OptimalityGuarantee
 from unified_planning.model import ProblemKind
+from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.model.problem_kind_versioning import LATEST_PROBLEM_KIND_VERSION
 from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.plans import Schedule
@@ -113,6 +114,9 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
     :param seed: of the search; with ``workers=1`` the same seed gives the same plan.
     :param workers: threads (``None``: one per core).
     """
+
+    has_sessions: ClassVar[bool] = True
+    """Solved by a :class:`CpsatSession` where one problem is solved again and again."""
 
     def __init__(self, seed: int = 0, workers: int | None = None, **options: Any) -> None:
         Engine.__init__(self)
@@ -276,6 +280,12 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
     def _session(self, problem: Any) -> CpsatSession:
         if not isinstance(problem, SchedulingProblem):
             raise ProblemError("cpsat schedules scheduling problems only")
+        if isinstance(problem, SchedulingMotionProblem) and problem.motion_activities:
+            name = problem.motion_activities[0].name
+            raise UnsupportedError(
+                f"cpsat alone plans no motions, and activity '{name}' has some: samp-refine[cpsat] "
+                "plans both"
+            )
         from up_samp.scheduling.cpsat import CpsatSession
 
         return CpsatSession(problem, seed=self.seed, workers=self.workers)

@@ -173,7 +173,7 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
 
     @property
     def _native(self) -> bool:
-        return self._engine_class.__name__ == "CpsatEngine"
+        return bool(getattr(self._engine_class, "has_sessions", False))
 
     def _results(
         self, problem: Any, timeout: float | None, stream: IO[str] | None, optimal: bool

@@ -78,7 +78,7 @@ def open_scheduler(
         ProblemError: no such engine.
         UnsupportedError: the engine cannot schedule, or not be started in another process.
     """
-    if engine == "cpsat" or getattr(engine, "__name__", "") == "CpsatEngine":
+    if engine == "cpsat" or getattr(engine, "has_sessions", False):
         return _open_cpsat(problem, params or {}, seed)
     cls = _engine_class(engine, environment or problem.environment)
     return EngineScheduler(cls, problem, params or {}, check)

@@ -156,6 +156,7 @@ class ScheduleModel:
 
     def _make_decisions(self) -> None:
         """Make the variables that solutions are read from, even where nothing constrains them."""
+        self.store.var(self.world.makespan)
         for made in self.world.activities.values():
             for lin in (made.start, made.end, Lin(((abs(made.present), 1),))):
                 for var, _ in lin.terms:

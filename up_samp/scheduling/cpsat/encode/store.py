@@ -8,7 +8,7 @@ literal implies its form), which is all that constraints in positive position ne
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 from ortools.sat.python import cp_model
@@ -344,11 +344,3 @@ class Store:
             self.enforce(Cmp(((var, 1),), -value, "=="), (found,))
             self.enforce(Cmp(((var, 1),), -value, "!="), (~found,))
         return found
-
-    # -- hints -------------------------------------------------------------------------------
-    def hint(self, values: Mapping[int, int]) -> None:
-        """Replace all hints by ``values`` (variable -> value)."""
-        self.model.clear_hints()
-        for var, value in values.items():
-            if var:
-                self.model.add_hint(self.var(var), value)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -44,10 +43,8 @@ class _Watch(cp_model.CpSolverSolutionCallback):
         self._improved = improved
         self.error: BaseException | None = None
         self.stopped = False
-        self.last = 0.0
 
     def on_solution_callback(self) -> None:
-        self.last = time.monotonic()
         try:
             solution = list(self.response_proto.solution)
             if self._improved(solution, self.objective_value, self.best_objective_bound):
@@ -64,15 +61,10 @@ def run(
     deadline: Deadline,
     improved: Improved,
     *,
-    patience: float | None = None,
     interrupted: threading.Event | None = None,
     options: dict[str, Any] | None = None,
 ) -> Answer:
-    """Solve ``model``. Ctrl-C stops the solver and is raised.
-
-    :param patience: stop when so many seconds (or half the time used so far, if that is longer)
-        have gone by since the last solution; ``None``: go on to the end.
-    """
+    """Solve ``model``. Ctrl-C stops the solver and is raised."""
     solver = cp_model.CpSolver()
     parameters = solver.parameters
     parameters.random_seed = settings.seed
@@ -95,7 +87,7 @@ def run(
         except BaseException as error:  # handed to the calling thread
             outcome["error"] = error
 
-    _interruptible(work, solver, watch, patience, interrupted or threading.Event())
+    _interruptible(work, solver, interrupted or threading.Event())
     error = outcome.get("error") or watch.error
     if error is not None:
         raise error
@@ -115,25 +107,16 @@ def run(
 def _interruptible(
     work: Callable[[], None],
     solver: Any,
-    watch: _Watch,
-    patience: float | None,
     interrupted: threading.Event,
 ) -> None:
     """Run ``work`` in a thread, so that signals reach this one at once."""
     thread = threading.Thread(target=work, daemon=True)
-    started = time.monotonic()
     thread.start()
     try:
         while thread.is_alive():
-            thread.join(0.02 if patience is not None else 0.1)
+            thread.join(0.1)
             if interrupted.is_set():
                 solver.stop_search()
-            if patience is not None and watch.last:
-                now = time.monotonic()
-                if now - watch.last > max(patience, 0.5 * (watch.last - started)):
-                    watch.stopped = True
-                    solver.stop_search()
-                    thread.join()
     except BaseException:
         while thread.is_alive():
             solver.stop_search()
