@@ -29,13 +29,15 @@ from up_samp.motion.fleet.timed_path import Run, avoids
 from up_samp.motion.fleet.waiting import parked_all_the_time
 from up_samp.motion.fleet.workspace import Workspace
 
-SHORT, LONG = 50_000, 1_000_000
+SHORT, LONG = 150_000, 1_000_000
 """Moves looked at in one search: most knots come undone soon, with one draw or another. The long
 search is for rooms of few places, where it sees them all.
 """
 FEW = 300
 """Places of such a room at most."""
-WORK = ((SHORT,) * 4, (*(SHORT,) * 4, LONG), (SHORT,) * 2, (SHORT,) * 2)
+MANY = 3_000
+"""Places from which on a finer roadmap is not worth its making."""
+WORK = ((SHORT,) * 4, (*(SHORT,) * 4, LONG), (SHORT,), (SHORT,))
 """Searches on the roadmaps of each grain (see ``cells_of``)."""
 AIR = 0.02
 """Width (m) added to what rests beside a drive, so that it is clear of it by more than rounding."""
@@ -132,14 +134,32 @@ def untie(
         if cells in done or deadline.expired():
             continue
         done.add(cells)
-        found = _joint_moves(knot, cells, attempts)
-        if found is not None:
-            joint, steps = found
-            trips = loosened(joint, _joined(joint, _in_order(joint, steps)))
-            drives = _drives(knot, joint, trips)
+        for own in (False, True):
+            # marks on the robots' own paths are few and close: only where the lattice fails
+            agents = _agents(knot, cells, own)
+            if agents is None or any(agent.start not in agent.to_go for agent in agents):
+                continue
+            drives = _untied(knot, agents, attempts)
             if drives is not None:
                 return drives
+            if deadline.expired() or _places(agents) > MANY:
+                return None
     return None
+
+
+def _untied(
+    knot: Knot, agents: Sequence[Agent], attempts: Sequence[int]
+) -> list[tuple[int, Path]] | None:
+    """Return drives that bring everybody from start to goal, if some are found."""
+    found = _joint_moves(knot, agents, attempts)
+    if found is None:
+        return None
+    joint, steps = found
+    return _drives(knot, joint, loosened(joint, _joined(joint, _in_order(joint, steps))))
+
+
+def _places(agents: Sequence[Agent]) -> int:
+    return max(len(agent.roadmap.poses) for agent in agents)
 
 
 def _margin(wish: float, motions: Sequence[TimedMotion]) -> float:
@@ -153,13 +173,10 @@ def _margin(wish: float, motions: Sequence[TimedMotion]) -> float:
 
 
 def _joint_moves(
-    knot: Knot, cells: Sequence[float], attempts: Sequence[int]
+    knot: Knot, agents: Sequence[Agent], attempts: Sequence[int]
 ) -> tuple[Joint, list[tuple[Edge, ...]]] | None:
     """Return joint moves on roadmaps of one grain, and who found them, if some are found."""
-    agents = _agents(knot, cells)
-    if agents is None:
-        return None
-    places = max(len(agent.roadmap.poses) for agent in agents)
+    places = _places(agents)
     for attempt, most in enumerate(attempts):
         if most > SHORT and places > FEW:
             continue
@@ -172,8 +189,10 @@ def _joint_moves(
     return None
 
 
-def _agents(knot: Knot, cells: Sequence[float]) -> list[Agent] | None:
-    """Return the robots on roadmaps, one for each kind of body among the same resting things."""
+def _agents(knot: Knot, cells: Sequence[float], marks: bool) -> list[Agent] | None:
+    """Return the robots on roadmaps, one for each kind of body among the same resting things;
+    ``marks``: with places along the robots' own paths.
+    """
     kinds: dict[object, list[int]] = {}
     for i, motion in enumerate(knot.motions):
         around = frozenset((p.body.footprint, p.pose) for p in knot.static[i])
@@ -181,7 +200,7 @@ def _agents(knot: Knot, cells: Sequence[float]) -> list[Agent] | None:
     agents: dict[int, Agent] = {}
     for robots in kinds.values():
         ends = [pose for i in robots for pose in knot.motions[i].poses]
-        own = [path for i in robots if (path := knot.paths[i]) is not None]
+        own = [path for i in robots if marks and (path := knot.paths[i]) is not None]
         body, static = knot.motions[robots[0]].body, knot.static[robots[0]]
         roadmap = Roadmap(knot.scene, body, ends, own, static, cells[robots[0]])
         if not roadmap.usable or knot.deadline.expired():
