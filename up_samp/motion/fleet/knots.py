@@ -18,7 +18,7 @@ import numpy as np
 import shapely
 
 from up_samp.geometry.scene import Scene
-from up_samp.model import Body, Configuration, Deadline, Placed, TimedMotion
+from up_samp.model import Body, Configuration, Deadline, Placed, TimedMotion, Trajectory
 from up_samp.motion.fleet.abilities import abilities_of
 from up_samp.motion.fleet.lacam import Agent, Joint
 from up_samp.motion.fleet.margins import kept
@@ -233,7 +233,8 @@ def _drives(knot: Knot, joint: Joint, loose: Sequence[Trip]) -> list[tuple[int, 
             motion.body, (at[robot], end), [*knot.static[robot], *wide], knot.deadline
         )
         moves = [edge.move for edge in trip.edges]
-        own = path_of(drive(moves, motion.body.kinematics), motion.body, _marks(moves))
+        whole = _between(drive(moves, motion.body.kinematics), at[robot], end)
+        own = path_of(whole, motion.body, _marks(moves))
         options = sorted(
             (p for p in (path, own) if p is not None), key=lambda p: p.natural.duration
         )
@@ -245,6 +246,15 @@ def _drives(knot: Knot, joint: Joint, loose: Sequence[Trip]) -> list[tuple[int, 
         found.append((robot, chosen))
         at[robot] = end
     return found
+
+
+def _between(motion: Trajectory, start: Configuration, goal: Configuration) -> Trajectory:
+    """Return a motion with its ends exactly at two poses: a lattice's are off by rounding."""
+    rows = motion.poses.copy()
+    for k, pose in ((0, start), (-1, goal)):
+        turns = 2 * math.pi * round((float(rows[k, 2]) - pose[2]) / (2 * math.pi))
+        rows[k] = (pose[0], pose[1], pose[2] + turns)
+    return Trajectory(motion.times.copy(), rows)
 
 
 def grown(body: Body, by: float) -> Body:
