@@ -128,12 +128,12 @@ def write_runs(plan: PlanDict, runs: Sequence[Run], folder: Path) -> list[Path]:
         writer = csv.writer(stream)
         writer.writerow(
             ["policy", "seed", "planned_s", "makespan_s", "ratio", "waiting", "collisions",
-             "deadlock", "finished", "reorders", "replans"]
+             "deadlock", "finished", "reorders"]
         )  # fmt: skip
         for r in runs:
             writer.writerow(
                 [r.policy, r.seed, f"{r.planned:g}", f"{r.makespan:.3f}", f"{r.ratio:.4f}",
-                 f"{r.waiting:.4f}", r.collisions, r.deadlock, r.finished, r.reorders, r.replans]
+                 f"{r.waiting:.4f}", r.collisions, r.deadlock, r.finished, r.reorders]
             )  # fmt: skip
     for policy in _policies(runs):
         mine = sorted((r for r in runs if r.policy == policy), key=lambda r: r.makespan)

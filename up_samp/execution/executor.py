@@ -19,7 +19,7 @@ from up_samp.execution.pace import Pace
 from up_samp.execution.remaining import Remaining, Surprise, remaining_problem
 from up_samp.execution.sides import planned_sides
 from up_samp.execution.state import Phase, State, Way
-from up_samp.execution.travel import travel_of
+from up_samp.execution.travel import travels_of
 from up_samp.io.plan_dict import PlanDict, plan_to_dict
 from up_samp.model import ProblemError
 
@@ -58,11 +58,7 @@ class Executor:
         else:
             self.dependencies = dependencies_from_plan(plan)
         graph = self.dependencies.graph
-        travels = {
-            d.key: travel_of(d.path)
-            for life in self.dependencies.lives.values()
-            for d in life.drives
-        }
+        travels = travels_of(self.dependencies.lives)
         self.state = State(graph, travels, tolerance)
         self.routes = routes_of(graph, self.state.ways)
         self.pace = Pace()
@@ -218,8 +214,8 @@ class Executor:
         graph = self.state.graph
         return tuple(
             f"{graph.events[e.first]} ({e.why})"
-            for e in graph.edges
-            if e.then == number and not self._holds(e.first, e.lag)
+            for e in self.state.into[number]
+            if not self._holds(e.first, e.lag)
         )
 
     def _holds(self, first: int, lag: float) -> bool:
@@ -236,8 +232,8 @@ class Executor:
             closed = [n for _, n in way.gates[way.gate :] if state.missing[n] > 0]
             number = closed[0] if closed else state.end_number[way.activity]
         found: dict[str, None] = {}
-        for edge in state.graph.edges:
-            if edge.then == number and not self._holds(edge.first, edge.lag):
+        for edge in () if number is None else state.into[number]:
+            if not self._holds(edge.first, edge.lag):
                 event = state.graph.events[edge.first]
                 found[event.object or event.activity or "time"] = None
         return tuple(found)

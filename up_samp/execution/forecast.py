@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,17 +11,29 @@ from up_samp.execution.state import Phase, State, Way
 
 
 @dataclass(frozen=True)
-class Forecast:
-    """``times[k]`` (s) for each event of ``graph``, as soon as possible from ``now`` on.
-
-    ``gaps[k]`` is what event ``k`` needs after the latest of those that it waits for.
+class Routes:
+    """What a graph's events follow by themselves, with the times these take without disturbance:
+    ``before[k]`` are (event, s, robot); ``speed[k]`` (m/s) is lost if one must stop at ``k``.
     """
+
+    before: tuple[tuple[tuple[int, float, str], ...], ...]
+    loss: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """``times[k]`` (s) for each event of ``graph``, as soon as possible from ``now`` on."""
 
     graph: Graph
     now: float
     times: tuple[float, ...]
-    latest: tuple[float, ...]
-    """The latest time (s) of each event that delays neither the makespan nor a bound."""
+    routes: Routes
+    pace: Mapping[str, float]
+
+    @cached_property
+    def latest(self) -> tuple[float, ...]:
+        """The latest time (s) of each event that delays neither the makespan nor a bound."""
+        return _latest(self.graph, self.routes, self.times, self.pace)
 
     @cached_property
     def makespan(self) -> float:
@@ -42,16 +54,6 @@ class Forecast:
         """Return by how much an activity may end later without delaying anything that counts."""
         end = self.graph.number[Event(At.END, name)]
         return self.latest[end] - self.times[end]
-
-
-@dataclass(frozen=True)
-class Routes:
-    """What a graph's events follow by themselves, with the times these take without disturbance:
-    ``before[k]`` are (event, s, robot); ``speed[k]`` (m/s) is lost if one must stop at ``k``.
-    """
-
-    before: tuple[tuple[tuple[int, float, str], ...], ...]
-    loss: tuple[float, ...]
 
 
 def routes_of(graph: Graph, ways: Mapping[tuple[str, str], Way]) -> Routes:
@@ -94,25 +96,30 @@ def forecast(state: State, routes: Routes, pace: Mapping[str, float]) -> Forecas
     count = len(graph.events)
     times = [now] * count
     moved = _since_now(state, pace)
-    into: list[list[tuple[int, float]]] = [[] for _ in range(count)]
-    for edge in graph.edges:
-        into[edge.then].append((edge.first, edge.lag))
+    paces = dict(pace)
+    when, before, into = state.when, routes.before, state.into
     for k in graph.order:
-        past = state.fired.get(graph.events[k])
+        past = when[k]
         if past is not None:
             times[k] = past
             continue
         came = now
-        for first, seconds, who in routes.before[k]:
-            came = max(came, times[first] + seconds / pace.get(who, 1.0))
+        for first, seconds, who in before[k]:
+            at = times[first] + seconds / paces.get(who, 1.0)
+            if at > came:
+                came = at
         came = moved.get(k, came)
-        allowed = max((times[first] + lag for first, lag in into[k]), default=now)
+        allowed = now
+        for edge in into[k]:
+            at = times[edge.first] + edge.lag
+            if at > allowed:
+                allowed = at
         if allowed > came:
             # it stops at the gate and has to get going again
             times[k] = allowed + min(routes.loss[k], allowed - came)
         else:
             times[k] = came
-    return Forecast(graph, now, tuple(times), _latest(graph, routes, times, pace))
+    return Forecast(graph, now, tuple(times), routes, paces)
 
 
 def _since_now(state: State, pace: Mapping[str, float]) -> dict[int, float]:
@@ -138,7 +145,7 @@ def _since_now(state: State, pace: Mapping[str, float]) -> dict[int, float]:
 
 
 def _latest(
-    graph: Graph, routes: Routes, times: list[float], pace: Mapping[str, float]
+    graph: Graph, routes: Routes, times: Sequence[float], pace: Mapping[str, float]
 ) -> tuple[float, ...]:
     count = len(graph.events)
     horizon = max(times, default=0.0)

@@ -15,7 +15,7 @@ from up_samp.execution.record import Drivings, record_of
 from up_samp.execution.reorder import Reorderer
 from up_samp.execution.robot import Robot
 from up_samp.execution.timetable import Timetable
-from up_samp.execution.travel import Travel, travel_of
+from up_samp.execution.travel import travels_of
 from up_samp.io.plan_dict import PlanDict
 
 TICK = 0.1
@@ -46,7 +46,6 @@ class Run:
     deadlock: bool
     overruns: int
     reorders: int
-    replans: int
     contacts: tuple[Contact, ...]
     record: PlanDict
     waits: tuple[tuple[str, float, float, str], ...] = ()
@@ -78,11 +77,9 @@ class Floor:
     idle: float = 0.0
 
     def __post_init__(self) -> None:
-        self.travels: dict[tuple[str, str], Travel] = {}
+        self.travels = travels_of(self.dependencies.lives)
         self.robots: dict[str, Robot] = {}
         for life in self.dependencies.lives.values():
-            for drive in life.drives:
-                self.travels[drive.key] = travel_of(drive.path)
             if life.drives:
                 name = life.object
                 halt = self.luck.halt
@@ -232,7 +229,6 @@ def _run(
         deadlock=not finished and floor.idle >= STILL,
         overruns=sum(r.overruns for r in floor.robots.values()),
         reorders=reorders,
-        replans=0,
         contacts=tuple(contacts_of(record)) if judged else (),
         record=record,
         waits=waits,

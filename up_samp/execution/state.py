@@ -7,7 +7,7 @@ import heapq
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from up_samp.execution.graph import ORIGIN, At, Event, Graph
+from up_samp.execution.graph import ORIGIN, At, Edge, Event, Graph
 from up_samp.execution.travel import Travel
 
 
@@ -56,10 +56,14 @@ class State:
         self.graph, self.number = graph, graph.number
         count = len(graph.events)
         self.missing = [0] * count
+        self.when = [self.fired.get(event) for event in graph.events]
+        """When each event happened (s; ``None``: not yet)."""
         self.after: list[list[tuple[int, float]]] = [[] for _ in range(count)]
         self.timers: list[tuple[float, int]] = []
+        self.into: list[list[Edge]] = [[] for _ in range(count)]
         for edge in graph.edges:
-            since = self.fired.get(graph.events[edge.first])
+            self.into[edge.then].append(edge)
+            since = self.when[edge.first]
             if since is None:
                 self.after[edge.first].append((edge.then, edge.lag))
             elif since + edge.lag <= self.now:
@@ -82,10 +86,10 @@ class State:
 
     def fire(self, number: int, now: float) -> None:
         """Note that an event happened."""
-        event = self.graph.events[number]
-        if event in self.fired:
+        if self.when[number] is not None:
             return
-        self.fired[event] = now
+        event = self.graph.events[number]
+        self.fired[event] = self.when[number] = now
         for then, lag in self.after[number]:
             if lag <= 0.0:
                 self.missing[then] -= 1

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from up_samp.execution.lives import Life
 from up_samp.motion.fleet.paths import Path
 
 FloatArray = npt.NDArray[np.float64]
@@ -63,6 +65,18 @@ def travel_of(path: Path) -> Travel:
     slow = np.sqrt(kin.a_max * gaps) / 2  # from rest to rest within one stretch
     time = np.concatenate([[0.0], np.cumsum(gaps / np.maximum(mean, slow))])
     return Travel(grid, speed, time, cap, kin.a_max, stops)
+
+
+def travels_of(lives: Mapping[str, Life]) -> dict[tuple[str, str], Travel]:
+    """Return the fastest drives of all motions, by activity and object."""
+    known: dict[Path, Travel] = {}
+    found = {}
+    for life in lives.values():
+        for drive in life.drives:
+            if drive.path not in known:
+                known[drive.path] = travel_of(drive.path)
+            found[drive.key] = known[drive.path]
+    return found
 
 
 def _planned_speed(path: Path, grid: FloatArray) -> FloatArray:
