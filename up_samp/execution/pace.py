@@ -19,6 +19,7 @@ class Pace(Mapping[str, float]):
     def __init__(self) -> None:
         self._driven: dict[str, float] = {}
         self._needed: dict[str, float] = {}
+        self._speed: dict[str, float] = {}
         self._last: dict[str, tuple[str, float, float]] = {}
 
     def told(self, way: Way, progress: float, now: float, until: float) -> None:
@@ -28,6 +29,11 @@ class Pace(Mapping[str, float]):
         self._last[name] = (way.activity, progress, now)
         if before is None or before[0] != way.activity or now <= before[2]:
             return
+        speed = (progress - before[1]) / (now - before[2])
+        rising = speed > 1.02 * self._speed.get(name, 0.0)
+        self._speed[name] = speed
+        if rising or speed < 1e-3:
+            return  # a stop, and getting going again, say nothing of how fast it drives
         brake = way.travel.speed_at(progress) ** 2 / (2 * way.travel.accel)
         if until < way.length and progress + 1.5 * brake + 0.5 >= until:
             return
