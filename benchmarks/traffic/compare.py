@@ -22,6 +22,7 @@ from up_samp.model import Deadline, GroupReport, Outcome
 from up_samp.motion.fleet import coordinate
 from up_samp.motion.fleet.lacam import Agent, Joint
 from up_samp.motion.fleet.one_robot import plan_one
+from up_samp.motion.fleet.paths import Path
 from up_samp.motion.fleet.priority_search import Group, window_of
 from up_samp.motion.fleet.roadmap import Roadmap, cells_of
 from up_samp.motion.fleet.workspace import workspace_of
@@ -108,10 +109,14 @@ def measured(traffic, method, seconds):
     return total, time.process_time() - began
 
 
-def alone(traffic) -> float:
-    """Sum of arrivals if nobody met anybody: no plan is better, but for the planner's own gap."""
+def alone(traffic) -> float | None:
+    """Sum of arrivals if nobody met anybody: no plan is better, but for the planner's own gap. None
+    where somebody finds no path even alone: such a draw is left out.
+    """
     workspace = workspace_of(MotionService(traffic.grid))
     paths = [workspace.path(m.body, m.poses, (), Deadline.after(60)) for m in traffic.query.motions]
+    if not all(isinstance(path, Path) for path in paths):
+        return None
     return sum(path.natural.duration for path in paths)
 
 
@@ -132,10 +137,14 @@ def main() -> None:
                 for seed in range(args.seeds):
                     traffic = tight.errands(MAPS[map_name](), tight.BODIES[kind](), robots, seed)
                     least = alone(traffic)
+                    if least is None:
+                        continue
                     for name, found in rows.items():
                         total, cpu = measured(traffic, METHODS[name], args.seconds)
                         found.append((None if total is None else total / least, cpu))
                 for name, found in rows.items():
+                    if not found:
+                        continue
                     ratios = [ratio for ratio, _ in found if ratio is not None]
                     ratio = f"{statistics.mean(ratios):.2f}" if ratios else "-"
                     cpu = statistics.median(seconds for _, seconds in found)

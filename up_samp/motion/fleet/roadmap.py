@@ -149,9 +149,23 @@ class Roadmap:
     def place(self, pose: Configuration) -> int:
         """Return the place at a pose, joined to the places of the lattice near it."""
         if pose not in self.places:
-            self.places[pose] = self._new(pose)
-            self._join(self.places[pose])
+            node = self.places[pose] = self._new(pose)
+            self._join(node)
+            if node not in self._keys and node not in self._extra:
+                self._drive_out(node)
         return self.places[pose]
+
+    def _drive_out(self, node: int) -> None:
+        """Join a place at which the body cannot turn to places straight ahead and behind."""
+        x, y, theta = self.poses[node]
+        for away in (-2.0, -1.0, 1.0, 2.0):
+            reach = away * self.cell
+            pose = (x + reach * math.cos(theta), y + reach * math.sin(theta), theta)
+            moves = steer(self.body, self.poses[node], pose)
+            if all(self._sweeps_free(m.rows) for m in moves):
+                there = self._new(pose)
+                self._link(node, there, moves)
+                self._join(there)
 
     def rest(self, node: int) -> Edge:
         """Return the rest at a place."""
