@@ -64,9 +64,9 @@ def test_wrong_files_are_refused_by_name(made):
     with pytest.raises(ProblemError, match="no dependencies: give its problem"):
         Executor(plan)
     full = with_dependencies(problem, plan)
-    with pytest.raises(ProblemError, match="'minor' must be a whole number"):
+    with pytest.raises(ProblemError, match="'minor'"):
         check_plan({**full, "minor": "1"}, "x")
-    with pytest.raises(ProblemError, match="'dependencies' cannot be"):
+    with pytest.raises(ProblemError, match="'dependencies'"):
         check_plan({**full, "dependencies": []}, "x")
     broken = json.loads(json.dumps(full))
     broken["dependencies"]["edges"][0]["then"] = ["start", "nobody"]
