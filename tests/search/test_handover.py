@@ -82,9 +82,12 @@ def test_a_shared_station_is_handed_over(tmp_path):
     result = solve(flow_shop(2, 1))
     assert result.status is Status.SOLVED_SATISFICING
     gaps = [r for r in result.history.refinements if "arrives where" in r.why]
-    assert {r.strength for r in gaps} == {Strength.RELATIVE}
+    proven = [r for r in gaps if r.strength is Strength.PROVEN]
+    guessed = [r for r in gaps if r.strength is Strength.HEURISTIC]
+    assert proven
+    assert len(proven) + len(guessed) == len(gaps)
     # to arrive 2 m behind who drives off takes twice 2 m at 1 m/s^2
-    assert all(f">= {math.ceil(2 * math.sqrt(2))}" in str(r.statement) for r in gaps)
+    assert all(f">= {math.ceil(2 * math.sqrt(2))}" in str(r.statement) for r in guessed)
 
 
 @pytest.mark.long

@@ -7,6 +7,7 @@ import time
 import urllib.error
 import urllib.request
 from contextlib import contextmanager
+from http.client import HTTPConnection
 
 import uvicorn
 
@@ -24,6 +25,7 @@ class Answer:
 
 class Client:
     def __init__(self, port):
+        self.port = port
         self.url = f"http://127.0.0.1:{port}"
 
     def _ask(self, method, path, data=None, headers=None):
@@ -41,9 +43,19 @@ class Client:
     def delete(self, path):
         return self._ask("DELETE", path)
 
-    def post(self, path, json=None, content=None):
-        data = content if content is not None else dumped(json)
-        return self._ask("POST", path, data, {"Content-Type": "application/json"})
+    def post(self, path, json=None):
+        return self._ask("POST", path, dumped(json), {"Content-Type": "application/json"})
+
+    def announce(self, path, **headers):
+        """Send the head of a POST and no body; return the status."""
+        line = HTTPConnection("127.0.0.1", self.port, timeout=30)
+        line.putrequest("POST", path)
+        for name, value in headers.items():
+            line.putheader(name.replace("_", "-"), value)
+        line.endheaders()
+        status = line.getresponse().status
+        line.close()
+        return status
 
 
 def dumped(value):

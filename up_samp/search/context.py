@@ -89,6 +89,8 @@ class Context:
     stale_restarts: int = 0
     """How many restarts in a row guessed nothing new."""
     handovers: dict[tuple[Signature, Signature], float | None] = field(default_factory=dict)
+    handovers_guessed: bool = False
+    """The gaps between the fastest motions were stated: once is enough, also after a restart."""
     """Gaps (s) between a departure and an arrival at the same place, relative to the planner."""
     hopeless: set[frozenset[str]] = field(default_factory=set)
     """Activities that found no trajectories together at some offsets."""

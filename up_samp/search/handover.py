@@ -2,8 +2,9 @@
 
 Two objects share a place if they would overlap there. Who arrives then comes a *gap* after the
 other one's departure has begun. The gap is *proven* by the footprints and the accelerations alone
-(the last metres of the one and the first metres of the other), and *relative* by the motions that
-the planner takes for the fastest, which is mostly more.
+(the last metres of the one and the first metres of the other). Between the motions that the
+planner takes for the fastest it is mostly more; but a slower motion may make way sooner, so that
+this gap is a guess: it guides the search once a candidate has failed, and no bound rests on it.
 """
 
 from __future__ import annotations
@@ -43,7 +44,23 @@ ALLOWANCE = 0.95
 
 
 def state_handovers(context: Context) -> list[Refinement]:
-    """Return the gaps at all shared places, before the first schedule."""
+    """Return the proven gaps at all shared places, before the first schedule."""
+    pairs = list(_pairs(context))
+    if len(pairs) > MOST:
+        return []
+    found = []
+    for leaving, coming in pairs:
+        units = context.units(proven_gap(context.signature(leaving), context.signature(coming)))
+        if units > 0:
+            found.append(_stated(leaving, coming, units, Strength.PROVEN))
+    return found
+
+
+def guess_handovers(context: Context) -> list[Refinement]:
+    """Return the gaps between the fastest motions at all shared places; none the second time."""
+    if context.handovers_guessed:
+        return []
+    context.handovers_guessed = True
     pairs = list(_pairs(context))
     if len(pairs) > MOST:
         return []
@@ -67,14 +84,16 @@ def handover(
     strength = Strength.PROVEN
     units = context.units(proven_gap(*signatures))
     if signatures not in context.handovers and not deadline.expired():
-        gap = _relative_gap(context, *signatures, deadline)
+        gap = _gap_of_the_fastest(context, *signatures, deadline)
         if gap is not None or not deadline.expired():
             context.handovers[signatures] = gap
     gap = context.handovers.get(signatures)
     if gap is not None and context.units(gap) > units:
-        units, strength = context.units(gap), Strength.RELATIVE
-    if units <= 0:
-        return None
+        units, strength = context.units(gap), Strength.HEURISTIC
+    return _stated(leaving, coming, units, strength) if units > 0 else None
+
+
+def _stated(leaving: MotionCase, coming: MotionCase, units: int, strength: Strength) -> Refinement:
     cut = rules.handed_over(
         leaving.activity,
         coming.activity,
@@ -165,7 +184,7 @@ def _at(disc: tuple[float, float, float], pose: Configuration) -> tuple[float, f
     return pose[0] + c * disc[0] - s * disc[1], pose[1] + s * disc[0] + c * disc[1]
 
 
-def _relative_gap(
+def _gap_of_the_fastest(
     context: Context, leaving: Signature, coming: Signature, deadline: Deadline
 ) -> float | None:
     """Return how long (s) after one's departure the other one arrives at the earliest, the first

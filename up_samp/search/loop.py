@@ -17,7 +17,7 @@ from up_samp.search.conclusion import SearchResult, conclude, conclude_without_s
 from up_samp.search.context import Context, Incumbent
 from up_samp.search.cuts.exact import rejects
 from up_samp.search.cuts.refused import cuts_from
-from up_samp.search.handover import state_handovers
+from up_samp.search.handover import guess_handovers, state_handovers
 from up_samp.search.history import Round
 from up_samp.search.prepare import (
     state_bounds,
@@ -177,6 +177,8 @@ def learn_from(context: Context, itinerary: Itinerary, check: Check) -> list[Ref
     if not context.params.refine:
         return []
     context.learn(check.refinements)
+    if not check.passed and context.params.bounds_first and context.params.profiles:
+        context.learn(guess_handovers(context))
     return [r for r in check.refinements if rejects(context, itinerary, r)]
 
 

@@ -262,6 +262,7 @@ class Jobs:
             left -= len(line)
             if left < 0:
                 job.add({"event": "end", "status": "ERROR", "message": "too much output"})
+                _end(process)
                 return
             event = json.loads(line)
             event["at"] = round(time.time(), 3)

@@ -16,8 +16,8 @@ def handover_cuts(failure: Failure, late: str) -> list[Refinement]:
     """
     context = failure.context
     coming = failure.scheduled[late]
-    if not context.params.profiles or coming.constraint:
-        return []
+    if not context.params.profiles or coming.constraint or context.history.restarts:
+        return []  # after a restart, proofs are asked for: guesses would only be dropped again
     found = []
     for other in failure.scheduled.values():
         if leaves_for(context, other, coming):
