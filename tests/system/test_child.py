@@ -57,7 +57,7 @@ def test_workers_do_not_run_the_current_folder(trap):
     from scheduling.problems import two_after_each_other
 
     with open_scheduler(doubles.InSequence, two_after_each_other()) as scheduler:
-        report = scheduler.solve(Deadline.after(60.0))
+        report = scheduler.solve(Deadline.after(10.0))
     assert report.status is ScheduleStatus.FOUND, report.message
     assert not list(trap.iterdir())
 
