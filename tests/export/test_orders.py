@@ -15,7 +15,7 @@ from tests.fuzz.problems import SECONDS, build, random_case
 from up_samp.execution import with_dependencies
 from up_samp.export import export_plan
 from up_samp.export.steps import steps_of
-from up_samp.export.vda5050 import nurbs
+from up_samp.export.vda5050 import file_names, nurbs
 from up_samp.io import result_to_dict
 from up_samp.model import ProblemError
 
@@ -205,3 +205,11 @@ def test_a_nurbs_of_degree_one_is_its_polyline():
     assert curve["knotVector"][-2:] == [1.0, 1.0]
     line = np.array([[c["x"], c["y"]] for c in curve["controlPoints"]])
     assert max(_gap(p, line) for p in points) <= 0.011
+
+
+def test_every_robot_has_a_file_of_its_own():
+    """Also where names differ in characters that files cannot have, or in case alone."""
+    robots = ["others", "", "a b", "a_b", "A_b", "../a", "..", "a/b"]
+    names = file_names(robots)
+    assert len({n.lower() for n in names.values()}) == len(robots)
+    assert not any("/" in n or n.startswith(".") for n in names.values())

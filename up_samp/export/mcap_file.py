@@ -24,7 +24,6 @@ from up_samp.plotting.tracks import Track, horizon, tracks_of
 FRAME = "map"
 STEP = 0.1
 """Seconds between two poses on ``/tf`` while something moves."""
-MOST_SIDES = 64
 
 Message = dict[str, Any]
 Timed = tuple[float, str, str, Message]

@@ -15,7 +15,7 @@ import yaml
 
 from up_samp.export.legs import FloatArray, quaternion
 from up_samp.export.steps import Step, steps_of
-from up_samp.export.vda5050 import file_name
+from up_samp.export.vda5050 import file_names
 from up_samp.io import PlanDict
 
 SPACING = 0.05
@@ -25,9 +25,11 @@ SPACING = 0.05
 def export(plan: PlanDict, folder: Path) -> list[Path]:
     """Write ``ROBOT.yaml`` for each robot, and ``others.yaml`` where activities need none."""
     written = []
-    for robot, steps in steps_of(plan).items():
+    everything = steps_of(plan)
+    names = file_names(everything)
+    for robot, steps in everything.items():
         legs = [_leg(number, step) for number, step in enumerate(steps)]
-        path = folder / f"{file_name(robot) if robot else 'others'}.yaml"
+        path = folder / f"{names[robot]}.yaml"
         text = yaml.safe_dump({"robot": robot, "frame_id": "map", "legs": legs}, sort_keys=False)
         path.write_text(text, encoding="utf-8")
         written.append(path)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -117,7 +117,7 @@ class _Reader:
             for robot in sorted(moves | set(self.tasks[name]["who"])) or [""]:
                 steps = self._steps(robot, activity)
                 waits = (*late.pop(robot, ()), *steps[0].waits)
-                steps[0] = _with_waits(steps[0], waits)
+                steps[0] = replace(steps[0], waits=tuple(dict.fromkeys(waits)))
                 found.setdefault(robot, []).extend(steps)
                 late[robot] = self.waits.get(("end", name), [])
         return found
@@ -139,8 +139,8 @@ class _Reader:
             steps.append(Step(robot, name, waits, begins, happens, piece))
         if not steps:  # it stays where it is
             return [Step(robot, name, begin, (started,), (done,), None, seconds)]
-        steps[0] = _with_begins(steps[0], (started, *steps[0].begins))
-        steps[-1] = _with_happens(steps[-1], (*steps[-1].happens, done))
+        steps[0] = replace(steps[0], begins=(started, *steps[0].begins))
+        steps[-1] = replace(steps[-1], happens=(*steps[-1].happens, done))
         return steps
 
     def _events(self, kind: str, name: str, robot: str, at: float) -> list[tuple[Any, ...]]:
@@ -150,18 +150,6 @@ class _Reader:
     def _at(self, kind: str, name: str, robot: str, at: float) -> tuple[Wait, ...]:
         events = self._events(kind, name, robot, at)
         return tuple(w for e in events for w in self.waits.get(e, ()))
-
-
-def _with_waits(step: Step, waits: Sequence[Wait]) -> Step:
-    return Step(**{**vars(step), "waits": tuple(dict.fromkeys(waits))})
-
-
-def _with_begins(step: Step, begins: tuple[tuple[Any, ...], ...]) -> Step:
-    return Step(**{**vars(step), "begins": begins})
-
-
-def _with_happens(step: Step, happens: tuple[tuple[Any, ...], ...]) -> Step:
-    return Step(**{**vars(step), "happens": happens})
 
 
 def _stretches(motion: Mapping[str, Any], points: set[float]) -> list[tuple[Piece, float, float]]:

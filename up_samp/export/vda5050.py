@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -53,10 +53,11 @@ def export(plan: PlanDict, folder: Path, version: str = VERSION) -> list[Path]:
     map_id = Path(plan["map"]["yaml"] or "plane").stem
     orders = [_order(plan, robot, own, map_id) for robot, own in steps.items()]
     seen = _where_seen(orders)
+    names = file_names(order.robot for order in orders)
     written, releases = [], []
     for order in orders:
         for number, message, waits in _messages(order, plan["problem"]):
-            name = Path(file_name(order.robot)) / f"order-{number:03d}.json"
+            name = Path(names[order.robot]) / f"order-{number:03d}.json"
             (folder / name.parent).mkdir(parents=True, exist_ok=True)
             written.append(_write(folder / name, later(message) if version == LATER else message))
             last = next(n["sequenceId"] for n in reversed(message["nodes"]) if n["released"])
@@ -91,9 +92,16 @@ def later(message: Message) -> Message:
 _GONE = ("startNodeId", "endNodeId", "rotationAllowed", "maxSpeed")
 
 
-def file_name(name: str) -> str:
-    """Return a name as a folder's name: nothing in it leads anywhere else."""
-    return re.sub(r"[^A-Za-z0-9_.-]", "_", name).lstrip(".") or "_"
+def file_names(robots: Iterable[str]) -> dict[str, str]:
+    """Return each robot's name as a file's name that leads nowhere else, each its own; "" is "others"."""
+    found: dict[str, str] = {}
+    for robot in robots:
+        plain = re.sub(r"[^A-Za-z0-9_.-]", "_", robot).lstrip(".") or "others"
+        name, count = plain, 2
+        while name.lower() in (taken.lower() for taken in found.values()):
+            name, count = f"{plain}-{count}", count + 1
+        found[robot] = name
+    return found
 
 
 def _write(path: Path, data: Any) -> Path:

@@ -35,10 +35,10 @@ from up_samp.search.cuts.arrivals import arrival_of
 LONG_BEFORE = 1000.0
 """Seconds by which who arrives may have set out before the other one leaves."""
 MOST = 1500
-"""So many pairs of motions are stated before the first schedule at most; others when they meet."""
+"""So many pairs of motions are stated at once at most; others when they meet."""
 EAGER_SHARE = 0.1
 EAGER_SECONDS = 6.0
-"""Share of the remaining time (at most ``EAGER_SECONDS``) for gaps before the first schedule."""
+"""Share of the remaining time (at most ``EAGER_SECONDS``) for the gaps between fastest motions."""
 ALLOWANCE = 0.95
 """Accelerations are judged with a little tolerance: proven gaps are that much shorter."""
 
