@@ -93,7 +93,7 @@ _GONE = ("startNodeId", "endNodeId", "rotationAllowed", "maxSpeed")
 
 
 def file_names(robots: Iterable[str]) -> dict[str, str]:
-    """Return each robot's name as a file's name that leads nowhere else, each its own; "" is "others"."""
+    """Return a file name for each robot that leads nowhere else, each its own; "" is "others"."""
     found: dict[str, str] = {}
     for robot in robots:
         plain = re.sub(r"[^A-Za-z0-9_.-]", "_", robot).lstrip(".") or "others"
