@@ -131,13 +131,17 @@ def limited(case: Case, limit: int) -> Case:
 
 # -------------------------------------------------------------------------------- UP problems
 class Writer:
-    """Writes a case as a UP problem."""
+    """Writes a case as a UP problem. Places are as the map's own frame has them; the frame lies at
+    ``frame`` in the world.
+    """
+
+    frame: tuple[float, ...] = (0, 0)
 
     def __init__(self, case: Case, map_file) -> None:
         self.case, self.style = case, case.style
         self.types = get_environment().type_manager
         self.problem = SchedulingMotionProblem(f"fuzz{case.seed}")
-        floor = OccupancyMap(str(map_file), (0, 0))
+        floor = OccupancyMap(str(map_file), self.frame)
         self.kind = self.types.ConfigurationType(
             f"place_{case.floor.kind}_{map_file.parent.name}", floor, ConfigurationKind.SE2
         )

@@ -125,7 +125,7 @@ def snapshot_of(problem: SchedulingProblem, seconds_per_unit: float) -> Snapshot
     if isinstance(problem, SchedulingMotionProblem):
         return read_problem(problem, seconds_per_unit)
     name = problem.name or "problem"
-    return Snapshot(name, None, {}, {}, {}, (), (), seconds_per_unit)
+    return Snapshot(name, (), {}, {}, {}, (), (), seconds_per_unit)
 
 
 def _plain(value: float | None) -> float | int | None:

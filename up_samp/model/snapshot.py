@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from up_samp.model.bodies import Configuration, Movable
+from up_samp.model.frames import Frame, PlacedMap
 
 
 class TermKind(enum.Enum):
@@ -33,7 +34,8 @@ class MotionTask:
     """One motion constraint: ``activity`` drives ``object`` through ``terms`` (start first).
 
     ``static`` and ``dynamic`` name the obstacles that the constraint lists (``None``: not given).
-    ``index`` is the constraint's place among those of its activity.
+    ``index`` is the constraint's place among those of its activity, ``map`` the number of the map
+    that it drives on.
     """
 
     activity: str
@@ -42,6 +44,7 @@ class MotionTask:
     terms: tuple[Term, ...]
     static: frozenset[str] | None = None
     dynamic: frozenset[str] | None = None
+    map: int = 0
 
     @property
     def avoid(self) -> frozenset[str] | None:
@@ -65,17 +68,26 @@ class Snapshot:
     """All that motions need to know of a problem.
 
     ``configurations`` maps names to poses, ``initial`` objects to names of configurations.
-    ``map_file`` is the ROS YAML of the occupancy map (``None``: the problem has no map).
+    ``maps`` are the occupancy maps (none: the open plane), ``map_of`` tells the number of each
+    configuration's map. Poses are in the world frame; where several maps were laid out side by
+    side in one plane, they are in that plane, and ``to_world`` holds each map's way back.
     """
 
     name: str
-    map_file: str | None
+    maps: tuple[PlacedMap, ...]
     objects: Mapping[str, Movable]
     configurations: Mapping[str, Configuration]
     initial: Mapping[str, str]
     tasks: tuple[MotionTask, ...]
     changes: tuple[ChangeTask, ...]
     seconds_per_unit: float = 1.0
+    map_of: Mapping[str, int] = field(default_factory=dict)
+    to_world: tuple[Frame, ...] = ()
+
+    @property
+    def map_file(self) -> str | None:
+        """The ROS YAML of the first map."""
+        return self.maps[0].file if self.maps else None
 
     def tasks_of(self, activity: str) -> tuple[MotionTask, ...]:
         """Return the motion tasks of an activity."""

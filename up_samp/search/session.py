@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.plans import Schedule
 
-from up_samp.geometry import load_map
+from up_samp.geometry import OccupancyGrid, lay_out
 from up_samp.model import Body, Configuration, Deadline, PathReport, Placed, ProblemError, Refusal
 from up_samp.model.snapshot import Snapshot
 from up_samp.motion import MotionCache, MotionService
@@ -19,7 +20,14 @@ from up_samp.search.loop import solve
 from up_samp.search.params import Parameters
 from up_samp.search.prepare import check_geometry
 from up_samp.search.tidy import tidied
-from up_samp.upio import Relaxation, SampSchedule, build_plan, read_problem, relax
+from up_samp.upio import (
+    Relaxation,
+    SampSchedule,
+    build_plan,
+    read_problem,
+    relax,
+    trajectory_key,
+)
 
 ScheduleCheck = Callable[[Any, Schedule], list[str]]
 PlanCheck = Callable[[SampSchedule], list[Refusal]]
@@ -40,8 +48,8 @@ def open_search(
 
     Raises :class:`ProblemError` where the problem is wrong, before any search.
     """
-    snapshot = read_problem(problem, params.seconds_per_unit)
-    service = open_service(snapshot, params)
+    snapshot, grid = lay_out(read_problem(problem, params.seconds_per_unit))
+    service = open_service(snapshot, grid, params)
     check_geometry(snapshot, service)
 
     def relax_anew() -> Relaxation:
@@ -86,11 +94,12 @@ class WithoutProofs(MotionService):
         return None
 
 
-def open_service(snapshot: Snapshot, params: Parameters) -> MotionService:
+def open_service(
+    snapshot: Snapshot, grid: OccupancyGrid | None, params: Parameters
+) -> MotionService:
     """Return the motion service for a problem's map."""
-    if snapshot.map_file is None and snapshot.tasks:
+    if grid is None and snapshot.tasks:
         raise ProblemError(f"problem '{snapshot.name}' has motions but no occupancy map")
-    grid = None if snapshot.map_file is None else load_map(snapshot.map_file)
     kind = MotionService if params.certificates else WithoutProofs
     return kind(
         grid,
@@ -104,8 +113,14 @@ def open_service(snapshot: Snapshot, params: Parameters) -> MotionService:
 def to_plan(
     problem: SchedulingMotionProblem, snapshot: Snapshot, incumbent: Incumbent
 ) -> SampSchedule:
-    """Return the UP plan of an incumbent."""
-    return build_plan(problem, snapshot, incumbent.schedule, incumbent.trajectories)
+    """Return the UP plan of an incumbent; trajectories are in the world frame there."""
+    trajectories = dict(incumbent.trajectories)
+    for task in snapshot.tasks if snapshot.to_world else ():
+        key = trajectory_key(task)
+        if key in trajectories:
+            own = trajectories[key]
+            trajectories[key] = replace(own, poses=snapshot.to_world[task.map].out(own.poses))
+    return build_plan(problem, snapshot, incumbent.schedule, trajectories)
 
 
 def run(context: Context, *, optimal: bool) -> Generator[Incumbent, None, SearchResult]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -28,7 +27,9 @@ from up_samp.model import (
     UnsupportedError,
 )
 from up_samp.model.errors import short
+from up_samp.model.frames import PlacedMap
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
+from up_samp.upio.read_maps import check_flat, map_driven, read_maps
 from up_samp.upio.read_movable import read_movable
 
 
@@ -43,25 +44,23 @@ def read_problem(problem: SchedulingMotionProblem, seconds_per_unit: float = 1.0
     _check_names(problem)
     _check_durations(problem)
     objects = {o.name: read_movable(o) for o in problem.all_objects if isinstance(o, MovableObject)}
-    configurations, maps = _read_configurations(problem)
-    tasks, changes = _read_activities(problem, frozenset(objects))
+    configurations = _read_configurations(problem)
+    maps, map_of = read_maps(problem, configurations)
+    tasks, changes = _read_activities(problem, frozenset(objects), maps)
     initial = _read_initial(problem)
     _check_initial(objects, configurations, initial, tasks, changes)
     _check_dimensions(objects, configurations, initial, tasks, changes)
-    if len(maps) > 1:
-        raise UnsupportedError(
-            f"problem '{problem.name}' uses several occupancy maps ({', '.join(sorted(maps))}); "
-            "give all configuration types the same map"
-        )
+    check_flat(maps, objects)
     return Snapshot(
         name=problem.name or "problem",
-        map_file=next(iter(maps), None),
+        maps=maps,
         objects=objects,
         configurations=configurations,
         initial=initial,
         tasks=tuple(tasks),
         changes=tuple(changes),
         seconds_per_unit=seconds_per_unit,
+        map_of=map_of,
     )
 
 
@@ -99,11 +98,8 @@ def _check_names(problem: SchedulingMotionProblem) -> None:
                 )
 
 
-def _read_configurations(
-    problem: SchedulingMotionProblem,
-) -> tuple[dict[str, Configuration], set[str]]:
+def _read_configurations(problem: SchedulingMotionProblem) -> dict[str, Configuration]:
     configurations: dict[str, Configuration] = {}
-    maps: set[str] = set()
     for obj in problem.all_objects:
         if not obj.type.is_configuration_type():
             continue
@@ -118,11 +114,7 @@ def _read_configurations(
                 f"configuration '{obj.name}' must be SE2 or SE3, not {type(value).__name__}"
             )
         configurations[obj.name] = _pose(obj.name, value)
-    for user_type in problem.user_types:
-        if user_type.is_configuration_type():
-            _check_frame(user_type)
-            maps.add(os.fspath(user_type.occupancy_map.filename))
-    return configurations, maps
+    return configurations
 
 
 def _pose(name: str, value: SE2 | SE3) -> Configuration:
@@ -141,22 +133,8 @@ def _pose(name: str, value: SE2 | SE3) -> Configuration:
     return pose
 
 
-def _check_frame(user_type: Any) -> None:
-    """Raise unless the map's reference frame is the world frame.
-
-    Frames may be given as bare tuples such as ``(0, 0)``.
-    """
-    frame = tuple(float(v) for v in user_type.occupancy_map.reference_frame)
-    identity = (frame[:-1] == (0.0,) * 6 and frame[-1] == 1.0) if len(frame) == 7 else False
-    if any(frame) and not identity:
-        raise UnsupportedError(
-            f"configuration type '{user_type.name}': its map has the reference frame {frame}; "
-            "only the world frame (all zeros) is supported: state the offset as the map's origin"
-        )
-
-
 def _read_activities(
-    problem: SchedulingMotionProblem, objects: frozenset[str]
+    problem: SchedulingMotionProblem, objects: frozenset[str], maps: Sequence[PlacedMap]
 ) -> tuple[list[MotionTask], list[ChangeTask]]:
     tasks: list[MotionTask] = []
     changes: list[ChangeTask] = []
@@ -166,6 +144,7 @@ def _read_activities(
         goals: dict[str, Term] = {}
         for index, constraint in enumerate(activity.motion_constraints):
             task = _read_constraint(activity.name, index, constraint, objects)
+            task = replace(task, map=map_driven(constraint.starting, maps))
             if task.object in goals:
                 raise UnsupportedError(
                     f"activity '{activity.name}' has two motion constraints on "

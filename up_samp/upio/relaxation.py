@@ -69,6 +69,10 @@ class Relaxation:
         return constraints_on_one(self.problem)
 
 
+_ANYWHERE = "samp_anywhere"
+"""Plain type of all configurations, on whatever map."""
+
+
 def relax(
     problem: SchedulingMotionProblem, snapshot: Snapshot, *, hold_static: bool = True
 ) -> Relaxation:
@@ -77,7 +81,9 @@ def relax(
     ``hold_static=False`` leaves out that static obstacles stay put (many engines are slow with
     it); the search then states it where a candidate schedule breaks it.
     """
-    rewriter = Rewriter(problem.environment)
+    lifts = _lifted(snapshot)
+    types = problem.environment.type_manager
+    rewriter = Rewriter(problem.environment, types.UserType(_ANYWHERE) if lifts else None)
     plain = SchedulingProblem(problem.name, problem.environment)
     _copy_state(problem, plain, rewriter)
     _copy_chronicle(problem._base, plain._base, rewriter)
@@ -155,7 +161,7 @@ def _add_state(relaxation: Relaxation, name: str) -> None:
     movers = {t.activity for t in tasks} | {c.activity for c in changes}
     # a robot that is also set elsewhere in an instant must be so before it drives, not just then
     mixed = bool(tasks) and bool(changes)
-    early = int(not mixed and all(_lasts(relaxation.activities[m]) for m in movers))
+    early = int(all(_lasts(relaxation.activities[m]) for m in movers))
     own = _tracking_fluent(relaxation, name, tasks, changes, early)
     if own is None and early:
         own = _tracking_fluent(relaxation, name, tasks, changes, 0)
@@ -247,8 +253,26 @@ def whole(activity: Activity, early: int = 0) -> TimeInterval:
 def _new_state(relaxation: Relaxation, name: str) -> FNode:
     problem = relaxation.problem
     place = problem.object(relaxation.snapshot.initial[name])
-    fluent = problem.add_fluent(f"samp_at_{name}", place.type, default_initial_value=place)
+    lifted = name in _lifted(relaxation.snapshot)
+    tpe = relaxation.rewriter.above if lifted else place.type
+    fluent = problem.add_fluent(f"samp_at_{name}", tpe, default_initial_value=place)
     return fluent()
+
+
+def _lifted(snapshot: Snapshot) -> frozenset[str]:
+    """Return the objects that motion effects may take to another map."""
+    if len(snapshot.maps) < 2:
+        return frozenset()
+    maps: dict[str, set[int | None]] = {}
+    for name, place in snapshot.initial.items():
+        maps[name] = {snapshot.map_of[place]}
+    for task in snapshot.tasks:
+        maps[task.object].add(task.map)
+    for change in snapshot.changes:
+        term = change.term
+        known = term.kind is TermKind.CONSTANT
+        maps[change.object].add(snapshot.map_of[term.name] if known else None)
+    return frozenset(name for name, found in maps.items() if len(found) > 1)
 
 
 def _tracking_fluent(

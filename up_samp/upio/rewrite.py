@@ -14,10 +14,15 @@ from unified_planning.model.types import Type
 
 
 class Rewriter:
-    """Maps everything of a SAMP problem to its plain counterpart (memoised)."""
+    """Maps everything of a SAMP problem to its plain counterpart (memoised).
 
-    def __init__(self, environment: Environment):
+    ``above``: a plain type that all configuration types are below (for objects that take
+    configurations of several types).
+    """
+
+    def __init__(self, environment: Environment, above: Type | None = None):
         self.environment = environment
+        self.above = above
         self._types: dict[Type, Type] = {}
         self._objects: dict[Object, Object] = {}
         self._fluents: dict[Fluent, Fluent] = {}
@@ -31,6 +36,8 @@ class Rewriter:
         if tpe not in self._types:
             father = getattr(tpe, "father", None)
             plain_father = None if father is None else self.type(father)
+            if tpe.is_configuration_type():
+                plain_father = self.above
             self._types[tpe] = self.environment.type_manager.UserType(tpe.name, plain_father)
         return self._types[tpe]
 

@@ -24,6 +24,11 @@ TOLERANCE = 1e-3
 """Poses that are this near (m, rad) are the same."""
 
 
+def same_height(one: float, other: float) -> bool:
+    """Return whether two heights (m) are one floor's."""
+    return abs(one - other) <= 1e-6
+
+
 @dataclass(frozen=True)
 class Piece:
     """A time [since, until] (s) of an object's life: driven by ``task`` or at rest (until open)."""
@@ -36,6 +41,12 @@ class Piece:
     """When the trajectory of ``task`` really leads from place to place: what is before and after
     is waiting (``None``: it does not move at all).
     """
+    height: float = 0.0
+    """Of the map (m) that it is on."""
+
+    def level(self, other: Piece) -> bool:
+        """Return whether both are on maps of one height."""
+        return same_height(self.height, other.height)
 
     def during(self, low: float, high: float) -> tuple[float, float] | None:
         """Return the part of [low, high] that this piece fills, ``None`` if none."""
@@ -119,28 +130,31 @@ def _live(
     """Walk through the events of one object's life."""
     radius = scene.shapes[name].radius
     here = scene.pose(scene.initial[name]) if name in scene.initial else None
+    height = scene.height(scene.initial[name]) if name in scene.initial else 0.0
     since, driven_by = -math.inf, ""
     for event in events:
         start, end = event.start * seconds, event.end * seconds
         if here is not None:
-            yield Piece(resting(here, radius), since, start, None)
+            yield Piece(resting(here, radius), since, start, None, height=height)
         if event.jump is not None:
             target = scene.pose(event.jump.place)
             if driven_by == event.jump.activity and here is not None:
-                if pose_gap(here, target) > TOLERANCE:
+                moved = not same_height(height, scene.height(event.jump.place))
+                if moved or pose_gap(here, target) > TOLERANCE:
                     text = f"{driven_by} drives {name} to {_show(here)} but sets it to"
                     found.append(Violation("teleport", f"{text} {_show(target)}"))
                 target = here
-            here, driven_by = target, ""
+            here, driven_by, height = target, "", scene.height(event.jump.place)
         elif event.task is not None and event.task.name in motions:
             times, poses = motions[event.task.name]
-            found.extend(_continuity(event.task, here, poses))
-            moves = _moving(times, poses)
-            yield Piece(track_of(times, poses, radius), start, end, event.task, moves)
+            floor = scene.height(event.task.places[0])
+            found.extend(_continuity(event.task, here, poses, (height, floor)))
+            moves, height = _moving(times, poses), floor
+            yield Piece(track_of(times, poses, radius), start, end, event.task, moves, height)
             here, driven_by = tuple(poses[-1].tolist()), event.task.activity
         since = end
     if here is not None:
-        yield Piece(resting(here, radius), since, math.inf, None)
+        yield Piece(resting(here, radius), since, math.inf, None, height=height)
 
 
 def _moving(times: FloatArray, poses: FloatArray) -> tuple[float, float] | None:
@@ -152,7 +166,10 @@ def _moving(times: FloatArray, poses: FloatArray) -> tuple[float, float] | None:
 
 
 def _continuity(
-    task: Task, here: tuple[float, ...] | None, poses: FloatArray
+    task: Task,
+    here: tuple[float, ...] | None,
+    poses: FloatArray,
+    heights: tuple[float, float],
 ) -> Iterator[Violation]:
     first = tuple(poses[0].tolist())
     if here is None:
@@ -160,6 +177,9 @@ def _continuity(
         yield Violation("continuity", text, (task.activity,), (task.object,))
     elif pose_gap(here, first) > TOLERANCE:
         text = f"{task.what}: its motion starts at {_show(first)} but it is at {_show(here)}"
+        yield Violation("continuity", text, (task.activity,), (task.object,))
+    elif not same_height(*heights):
+        text = f"{task.what}: its motion is {heights[1]:g} m up but it is {heights[0]:g} m up"
         yield Violation("continuity", text, (task.activity,), (task.object,))
 
 

@@ -21,6 +21,7 @@ from up_samp.validation.lives import (
     Piece,
     build_lives,
     resting,
+    same_height,
 )
 from up_samp.validation.maps import BlockedMap
 from up_samp.validation.metrics import evaluate_metric
@@ -183,16 +184,20 @@ def _where_told(
     wanted = scene.pose(obstacle.place)
     now = [i for i, p in enumerate(pieces) if p.since <= at <= p.until]
     drives = [p.task.activity for p in (pieces[i] for i in now) if p.task is not None]
-    there: list[tuple[float, ...]] = []
+    there: list[tuple[Piece, float]] = []
     if obstacle.static:
         # what is set elsewhere at this very instant is there from now on
-        there += [pieces[i].track.pose(at) for i in now if pieces[i].until > at]
+        there += [(pieces[i], at) for i in now if pieces[i].until > at]
     else:
         # where it is, was before, or is going
         for i in now:
             before = pieces[i] if pieces[i].task is not None else pieces[max(0, i - 1)]
-            there += [before.track.pose(before.since), pieces[i].track.pose(pieces[i].until)]
-    if not any(pose_gap(wanted, pose) <= TOLERANCE for pose in there):
+            there += [(before, before.since), (pieces[i], pieces[i].until)]
+    height = scene.height(obstacle.place)
+    if not any(
+        same_height(height, piece.height) and pose_gap(wanted, piece.track.pose(when)) <= TOLERANCE
+        for piece, when in there
+    ):
         where = "at rest at" if obstacle.static else "and was not last at"
         text = f"{task.what}: the obstacle {obstacle.name} is not {where} {obstacle.place}"
         yield Violation(
@@ -231,13 +236,15 @@ def _collisions(
             if piece.task is None:
                 continue
             task, shape = piece.task, scene.shapes[name]
-            blocked = scene.map_of(task.places[0])
+            blocked = scene.map_driven(task)
             time = _hits_map(shape, piece.track, blocked, piece.since, piece.until)
             if time is not None:
                 text = f"{task.what} meets the map at {time:.3f} s"
                 yield Violation("map-collision", text, (task.activity,), (name,), time)
             for other in lives:
                 for theirs in lives[other] if scene.avoids(task, other) else ():
+                    if not piece.level(theirs):
+                        continue
                     pair = frozenset((id(piece), id(theirs)))
                     if pair not in looked_at:
                         looked_at.add(pair)
@@ -308,6 +315,8 @@ def _jumps(scene: Scene, lives: Mapping[str, list[Piece]], seconds: float) -> It
             for piece in pieces:
                 moving = piece.moves is not None and piece.moves[0] < at < piece.moves[1]
                 if piece.during(at, at) is None or moving:
+                    continue
+                if not same_height(piece.height, scene.height(jump.place)):
                     continue
                 shapes = scene.shapes[jump.object], scene.shapes[other]
                 if _hits_body(shapes[0], track, shapes[1], piece.track, at, at) is not None:

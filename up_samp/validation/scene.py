@@ -18,7 +18,7 @@ from unified_planning.model.motion import (
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.validation.collisions import Shape
 from up_samp.validation.limits import Limits, limits_of
-from up_samp.validation.maps import BlockedMap
+from up_samp.validation.maps import BlockedMap, Ground, ground_of
 from up_samp.validation.se3 import Solid, load_solid
 from up_samp.validation.timeline import Reading, Timeline, show
 from up_samp.validation.values import MISSING, Key, Reader
@@ -99,24 +99,34 @@ class Scene:
         return shapes
 
     @cached_property
-    def maps(self) -> dict[str, BlockedMap]:
-        """The occupancy map of each configuration type, by file."""
-        files: set[str] = set()
-        for item in self.problem.all_objects:
-            if isinstance(item, ConfigurationObject):
-                frame = tuple(item.type.occupancy_map.reference_frame)
-                identity = len(frame) == 7 and frame[:6] == (0,) * 6
-                if any(frame) and not identity:
-                    raise UnsupportedError(
-                        f"the map {item.type.occupancy_map.filename} has the reference frame "
-                        f"{frame}; only the world frame (zeros) is supported"
-                    )
-                files.add(str(item.type.occupancy_map.filename))
-        return {file: BlockedMap(file) for file in files}
+    def grounds(self) -> dict[str, Ground]:
+        """What each configuration lies on: its type's map."""
+        places = [o for o in self.problem.all_objects if isinstance(o, ConfigurationObject)]
+        found = {o.name: ground_of(o.type.occupancy_map) for o in places}
+        solid = [n for n, o in self.movables.items() if o.motion_model.name == "SE3"]
+        if solid and len({g.height for g in found.values()}) > 1:
+            raise UnsupportedError(f"object {solid[0]} moves in space, and maps differ in height")
+        return found
+
+    @cached_property
+    def maps(self) -> dict[Ground, BlockedMap]:
+        """The occupancy maps."""
+        return {g: BlockedMap(g.file, g.frame) for g in dict.fromkeys(self.grounds.values())}
 
     def map_of(self, place: str) -> BlockedMap:
         """Return the map of a configuration's type."""
-        return self.maps[str(self.problem.object(place).type.occupancy_map.filename)]
+        return self.maps[self.grounds[place]]
+
+    def map_driven(self, task: Task) -> BlockedMap:
+        """Return the map that a motion drives on (rule 21)."""
+        grounds = {self.grounds[place] for place in task.places}
+        if len(grounds) > 1:
+            raise UnsupportedError(f"{task.what} leads from map to map")
+        return self.map_of(task.places[0])
+
+    def height(self, place: str) -> float:
+        """Return the height (m) of a configuration's map: at different ones, nothing meets."""
+        return self.grounds[place].height
 
     def pose(self, place: str) -> tuple[float, ...]:
         """Return the pose of a configuration object, by name."""

@@ -122,4 +122,10 @@ Motions
     was last before it came to where it is or began to drive, or is on its way there: the dict asks
     no more than the list, unless the fluent names a configuration that the object never had.
 20. Motions respect their object's limits: see ``kinematics.py``, ``limits.py``, ``control.py``.
+21. Poses are in the world frame. A map's reference frame is where the frame of its file's own
+    ``origin`` lies in the world. A motion stays on the map of its configurations' types; a motion
+    effect may lead to another one. An object is as high as the map of the configuration that it
+    rests at or drives from: objects at different heights (the z of an SE3 frame; 0 for SE2) never
+    meet, and it has to be at a motion's height when that starts. At one height all is in one
+    plane, whatever the maps.
 """

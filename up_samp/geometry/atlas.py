@@ -1,0 +1,192 @@
+"""Several maps as one: side by side in one plane, so far apart that nothing of two of them meets.
+
+Each map is laid down along its own cells, however it is turned in the world: no cell is resampled,
+but for finer ones where maps differ in resolution. Poses go with their maps, and trajectories come
+back by ``Snapshot.to_world``. So everything that plans on one map plans on several.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from up_samp.geometry.maps import MOST_PIXELS, OccupancyGrid, load_map
+from up_samp.model import Configuration, MotionModel, UnsupportedError
+from up_samp.model.frames import Frame, PlacedMap
+from up_samp.model.snapshot import Snapshot, TermKind
+
+_BESIDE = 0.5
+"""How far (m) beyond the reach of its body an object that rests outside its map may be."""
+
+_DIGITS = 9
+"""Poses in the plane are rounded to so many digits: equal ones stay equal when a map is moved."""
+
+_SAME_HEIGHT = 1e-6
+"""Heights (m) that differ by less are one."""
+
+_FINEST = 1e-4
+"""Smallest cells (m) that maps of different resolutions are cut into."""
+
+
+def lay_out(snapshot: Snapshot) -> tuple[Snapshot, OccupancyGrid | None]:
+    """Return a problem on one grid in one plane (``None``: it has no map).
+
+    With one map that plane is the frame that the map's file states its origin in: wherever it lies
+    in the world, the motions are the same. Raises :class:`UnsupportedError` where several maps
+    cannot be told apart, :class:`~up_samp.model.ProblemError` where a map cannot be read.
+    """
+    if not snapshot.maps:
+        return snapshot, None
+    if len(snapshot.maps) == 1:
+        (placed,) = snapshot.maps
+        if placed.frame.is_identity or _in_space(snapshot):
+            return snapshot, in_world(placed)
+        return _moved(snapshot, (placed.frame,)), load_map(placed.file)
+    grids = [in_world(placed) for placed in snapshot.maps]
+    _check_apart(snapshot, grids)
+    radius = max((_radius(o.body.footprint) for o in snapshot.objects.values()), default=0.0)
+    reach = radius + _BESIDE
+    grid, lefts = _side_by_side(snapshot.maps, grids, 2.0 * (reach + radius) + _BESIDE)
+    to_world = [Frame(*g.origin).after(Frame(-left)) for g, left in zip(grids, lefts, strict=True)]
+    # what stands far outside its map touches nothing there, and must not touch another one
+    within = [
+        (left - reach, left + g.size[0] + reach) for g, left in zip(grids, lefts, strict=True)
+    ]
+    return _moved(snapshot, tuple(to_world), within), grid
+
+
+def _in_space(snapshot: Snapshot) -> bool:
+    return any(o.body.kinematics.model is MotionModel.SE3 for o in snapshot.objects.values())
+
+
+def _moved(
+    snapshot: Snapshot,
+    to_world: tuple[Frame, ...],
+    within: Sequence[tuple[float, float]] | None = None,
+) -> Snapshot:
+    """Return a problem with its poses in the plane that ``to_world`` leads back from; ``within``
+    are the lowest and highest x there, by map.
+    """
+    back = [frame.inverse for frame in to_world]
+    poses: dict[str, Configuration] = {}
+    for name, pose in snapshot.configurations.items():
+        k = snapshot.map_of[name]
+        x, y, yaw = (round(v, _DIGITS) for v in back[k].of(pose))
+        low, high = (x, x) if within is None else within[k]
+        poses[name] = (min(max(x, low), high), y, yaw)
+    return replace(snapshot, configurations=poses, to_world=to_world)
+
+
+def in_world(placed: PlacedMap) -> OccupancyGrid:
+    """Read a map and put it where its reference frame says."""
+    grid = load_map(placed.file)
+    if placed.frame.is_identity:
+        return grid
+    return replace(grid, origin=placed.frame.of(grid.origin))
+
+
+def _radius(footprint: Sequence[tuple[float, float]]) -> float:
+    return max((math.hypot(*corner) for corner in footprint), default=0.0)
+
+
+def _side_by_side(
+    maps: Sequence[PlacedMap], grids: Sequence[OccupancyGrid], gap: float
+) -> tuple[OccupancyGrid, list[float]]:
+    """Return one grid with all maps in a row, ``gap`` m apart, and where each begins (x, m)."""
+    cell = _common_cell(maps, grids)
+    times = [round(g.resolution / cell) for g in grids]
+    apart = math.ceil(gap / cell)
+    widths = [g.shape[1] * n for g, n in zip(grids, times, strict=True)]
+    rows = max(g.shape[0] * n for g, n in zip(grids, times, strict=True))
+    starts = [sum(widths[:k]) + k * apart for k in range(len(grids))]
+    shape = rows, starts[-1] + widths[-1]
+    if shape[0] * shape[1] > MOST_PIXELS:
+        raise UnsupportedError(
+            f"the maps {', '.join(m.label for m in maps)} need {shape[0] * shape[1]} cells of "
+            f"{cell:g} m together; {MOST_PIXELS} are the most"
+        )
+    occupied = np.zeros(shape, dtype=np.bool_)
+    unknown = np.ones(shape, dtype=np.bool_)
+    for grid, n, start in zip(grids, times, starts, strict=True):
+        here = slice(0, grid.shape[0] * n), slice(start, start + grid.shape[1] * n)
+        occupied[here] = _finer(grid.occupied, n)
+        unknown[here] = _finer(grid.unknown, n)
+    whole = OccupancyGrid(occupied, cell, unknown=unknown)
+    return whole, [start * cell for start in starts]
+
+
+def _finer(cells: npt.NDArray[np.bool_], n: int) -> npt.NDArray[np.bool_]:
+    return cells if n == 1 else np.repeat(np.repeat(cells, n, axis=0), n, axis=1)
+
+
+def _common_cell(maps: Sequence[PlacedMap], grids: Sequence[OccupancyGrid]) -> float:
+    """Return the largest edge (m) of which every map's cells are a whole number."""
+    if len({g.resolution for g in grids}) == 1:
+        return grids[0].resolution
+    sizes = [Fraction(g.resolution).limit_denominator(10**6) for g in grids]
+    scale = math.lcm(*(s.denominator for s in sizes))
+    cell = Fraction(math.gcd(*(int(s * scale) for s in sizes)), scale)
+    near = all(abs(float(s) - g.resolution) <= 1e-12 for s, g in zip(sizes, grids, strict=True))
+    if not near or cell < _FINEST:
+        told = ", ".join(f"{m.label}: {g.resolution:g} m" for m, g in zip(maps, grids, strict=True))
+        raise UnsupportedError(f"the resolutions of the maps do not fit together ({told})")
+    return float(cell)
+
+
+def _check_apart(snapshot: Snapshot, grids: Sequence[OccupancyGrid]) -> None:
+    """Raise where two maps of one height share ground: whose walls would count there?"""
+    grounds = [_ground(grid) for grid in grids]
+    reach = _resting_reach(snapshot)
+    for i, j in itertools.combinations(range(len(grids)), 2):
+        one, other = snapshot.maps[i], snapshot.maps[j]
+        if abs(one.height - other.height) > _SAME_HEIGHT:
+            continue
+        if shapely.area(shapely.intersection(grounds[i], grounds[j])) > grids[i].resolution ** 2:
+            raise UnsupportedError(
+                f"the maps {one.label} and {other.label} lie over each other at one height: give "
+                "the frame of one of them a height (an SE3 with z) if they are floors, or use one "
+                "map for both"
+            )
+        for a, b in ((i, j), (j, i)):
+            for name, (owner, radius) in reach.items():
+                spot = shapely.Point(snapshot.configurations[name][:2])
+                if snapshot.map_of[name] == a and spot.distance(grounds[b]) <= radius:
+                    raise UnsupportedError(
+                        f"object '{owner}' at '{name}', a configuration on map "
+                        f"{snapshot.maps[a].label}, may reach onto map {snapshot.maps[b].label} "
+                        "beside it: state both as one map"
+                    )
+
+
+def _ground(grid: OccupancyGrid) -> shapely.Polygon:
+    width, height = grid.size
+    corners = Frame(*grid.origin).out(
+        [(0, 0, 0), (width, 0, 0), (width, height, 0), (0, height, 0)]
+    )
+    return shapely.Polygon(corners[:, :2])
+
+
+def _resting_reach(snapshot: Snapshot) -> Mapping[str, tuple[str, float]]:
+    """Configuration -> the largest object that may rest there without having driven there (who
+    drives stays on the free cells of its map), and its radius (m).
+    """
+    drivers = {t.object for t in snapshot.tasks}
+    uses = [(o, place) for o, place in snapshot.initial.items() if o not in drivers]
+    for change in snapshot.changes:
+        term = change.term
+        known = term.kind is TermKind.CONSTANT
+        places = [term.name] if known else list(snapshot.configurations)
+        uses += [(change.object, place) for place in places if change.object not in drivers]
+    found: dict[str, tuple[str, float]] = {}
+    for owner, place in uses:
+        radius = _radius(snapshot.objects[owner].body.footprint)
+        if radius > found.get(place, ("", -1.0))[1]:
+            found[place] = owner, radius
+    return found
