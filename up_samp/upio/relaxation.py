@@ -159,8 +159,6 @@ def _add_state(relaxation: Relaxation, name: str) -> None:
     tasks = [t for t in snapshot.tasks if t.object == name]
     changes = [c for c in snapshot.changes if c.object == name]
     movers = {t.activity for t in tasks} | {c.activity for c in changes}
-    # a robot that is also set elsewhere in an instant must be so before it drives, not just then
-    mixed = bool(tasks) and bool(changes)
     early = int(all(_lasts(relaxation.activities[m]) for m in movers))
     own = _tracking_fluent(relaxation, name, tasks, changes, early)
     if own is None and early:
