@@ -119,3 +119,13 @@ def test_turns_on_the_spot_are_exact():
     report = MotionService(None).plan(query, Deadline.never())
     assert report.trajectory.duration == pytest.approx(3.0, rel=1e-9)
     assert judged(body, report.trajectory) == []
+
+
+@pytest.mark.parametrize("hair", [2e-10, 9e-7, 1.1e-6])
+def test_arcs_that_are_too_short_to_be_sampled_turn_all_the_same(hair):
+    # before a long straight: the end lies where the arcs lead, not 0.1 mm beside it
+    arcs = np.array([[0.0, 1.0], [-0.78, hair], [0.0, 90.0], [0.78, hair], [0.78, 2.0]])
+    start = np.zeros(3)
+    end = nodes_of(start, arcs)[-1]
+    trajectory = trajectory_of((tuple(start), tuple(end)), (arcs,), CAR)
+    assert judged(Body(RECTANGLE, CAR), trajectory) == []

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 from spacetime_oracle import CAR, Straight, judge, motion, room
 
@@ -16,6 +17,7 @@ from up_samp.model import (
 )
 from up_samp.motion.fleet import coordinate, earliest_arrival
 from up_samp.motion.fleet.coupled import couple
+from up_samp.motion.fleet.speed import reachable
 from up_samp.motion.fleet.timed_path import run_of
 from up_samp.motion.fleet.timings import natural_timing
 from up_samp.motion.fleet.workspace import rest_run, workspace_of
@@ -268,3 +270,17 @@ def test_coupling_refuses_what_it_cannot_do():
     again = motion("b", (37, 2, 0), (3, 2, 0))
     same = TimedMotion("c", again.object, CAR, again.poses, 0.0, math.inf)
     assert couple(workspace, [again, same], {}, [], Deadline.after(60)) is None
+
+
+def test_two_stops_a_hair_apart_cost_no_memory():
+    # the levels of top speed over cells of half a micrometre would be millions
+    edges = np.array([0.0, 0.5, 1.0, 1.0 + 5e-7, 1.0 + 1e-6, 1.5, 2.0])
+    halt = np.array([True, False, True, False, True, False, True])
+    head = np.arange(len(edges) + 1)
+    safe = np.tile([0.0, np.inf], (len(edges) + 1, 1))
+    index, sets = reachable(edges, halt, 1.0, 20.0, head, safe, 0.0, np.inf)
+    assert len(index) <= 4 * len(edges) + 1
+    last = (len(index) - 1) // len(edges) * (len(edges) - 1)
+    arrival = sets[index[last], 0]
+    ways = np.array([1.0, 1e-6, 1.0])
+    assert arrival == pytest.approx(float(2 * np.sqrt(ways).sum()), abs=1e-3)

@@ -11,12 +11,15 @@ import numpy.typing as npt
 from up_samp.geometry.compiled import kernel
 from up_samp.geometry.kernels import advance
 from up_samp.model import Configuration, Kinematics, Trajectory
+from up_samp.motion.curves.arcs import nodes_of
 from up_samp.motion.curves.reeds_shepp import run_time
 
 FloatArray = npt.NDArray[np.float64]
 
 SHORTEST = 1e-6
-"""Arcs shorter than this (m) are no samples of their own."""
+"""Arcs shorter than this (m) are no samples of their own. They turn all the same: what comes after
+them lies where they lead (1e-6 m of an arc are 0.1 mm after 100 m).
+"""
 
 
 def limits_of(kinematics: Kinematics) -> tuple[float, float, float]:
@@ -56,11 +59,16 @@ def distance_of_time(t: FloatArray, length: float, v: float, a: float) -> FloatA
 
 def runs_of(arcs: FloatArray) -> list[FloatArray]:
     """Split a path at its cusps."""
-    arcs = arcs[np.abs(arcs[:, 1]) > SHORTEST]
-    if len(arcs) == 0:
+    return [arcs[some] for some in _long_ones(arcs)]
+
+
+def _long_ones(arcs: FloatArray) -> list[npt.NDArray[np.intp]]:
+    """Return the numbers of the arcs that are sampled, run by run."""
+    some = np.nonzero(np.abs(arcs[:, 1]) > SHORTEST)[0]
+    if len(some) == 0:
         return []
-    cusps = np.nonzero(np.diff(np.sign(arcs[:, 1])))[0] + 1
-    return np.split(arcs, cusps)
+    cusps = np.nonzero(np.diff(np.sign(arcs[some, 1])))[0] + 1
+    return np.split(some, cusps)
 
 
 def _run_samples(arcs: FloatArray, v: float, a: float) -> tuple[FloatArray, FloatArray]:
@@ -95,11 +103,13 @@ def trajectory_of(
     rows = [np.array([poses[0][:3]], dtype=np.float64)]
     now = 0.0
     for target, arcs in zip(poses[1:], legs, strict=True):
-        for run in runs_of(arcs):
+        begins = nodes_of(rows[-1][-1], np.ascontiguousarray(arcs))
+        for some in _long_ones(arcs):
+            run = arcs[some]
             t, s = _run_samples(run, v, a)
             times.append(now + t)
             ends = np.cumsum(np.abs(run[:, 1]))
-            rows.append(poses_on(rows[-1][-1], np.ascontiguousarray(run), ends, s))
+            rows.append(poses_on(begins[some], run, ends, s))
             now = float(times[-1][-1])
         end = rows[-1][-1]
         turns = round((float(end[2]) - target[2]) / (2 * math.pi))
@@ -108,19 +118,18 @@ def trajectory_of(
 
 
 @kernel
-def poses_on(start: FloatArray, arcs: FloatArray, ends: FloatArray, s: FloatArray) -> FloatArray:
-    """Return the poses (n, 3) at driven distances ``s`` (sorted, m) along one run from ``start``.
+def poses_on(begins: FloatArray, arcs: FloatArray, ends: FloatArray, s: FloatArray) -> FloatArray:
+    """Return the poses (n, 3) at driven distances ``s`` (sorted, m) along one run.
 
-    ``ends``: distance driven at the end of each arc.
+    ``begins`` (m, 3): pose at each arc's start; ``ends``: distance driven at its end.
     """
     out = np.empty((s.shape[0], 3))
-    x, y, th = start[0], start[1], start[2]
     k, begin = 0, 0.0
     for i in range(s.shape[0]):
         while s[i] > ends[k] and k + 1 < ends.shape[0]:
-            x, y, th = advance(x, y, th, arcs[k, 0], arcs[k, 1])
             begin = ends[k]
             k += 1
+        x, y, th = begins[k, 0], begins[k, 1], begins[k, 2]
         part = s[i] - begin
         if arcs[k, 1] < 0.0:
             part = -part

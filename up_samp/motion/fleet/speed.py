@@ -134,6 +134,20 @@ def _arrivals(
 
 
 @kernel
+def _top(edges: FloatArray, halt: BoolArray, a: float, v_max: float) -> int:
+    """Return the highest speed level anywhere: that of ``v_max``, or from which the cells to the
+    next halt are just enough. (Two stops a hair apart make tiny cells, of which ``v_max`` would be
+    millions of levels.)
+    """
+    m, top, left = len(edges) - 1, 1, 0
+    for i in range(m - 1, 0, -1):
+        left = 0 if halt[i] else left + 1
+        ds = edges[i] - edges[i - 1]
+        top = max(top, min(left, int(np.ceil(v_max * v_max / (2 * a * ds) - 1e-9))))
+    return top
+
+
+@kernel
 def reachable(
     edges: FloatArray,
     halt: BoolArray,
@@ -150,10 +164,7 @@ def reachable(
     What cannot arrive until ``horizon`` (s) even at top speed from there is left out.
     """
     m = len(edges) - 1
-    top = 1
-    for i in range(m):
-        top = max(top, int(np.ceil(v_max * v_max / (2 * a * (edges[i + 1] - edges[i])) - 1e-9)))
-    width = top + 2
+    width = _top(edges, halt, a, v_max) + 2
     index = np.zeros((m + 1) * width + 1, dtype=np.int64)
     sets = np.empty((4096, 2))
     used = 0
