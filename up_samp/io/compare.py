@@ -12,7 +12,7 @@ from unified_planning.engines import PlanGenerationResultStatus
 from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.geometry import load_map
-from up_samp.io.plan_dict import PlanDict, described_objects
+from up_samp.io.plan_dict import PlanDict, described_objects, described_rides
 from up_samp.io.sampling import DECIMALS
 from up_samp.model import ProblemError
 from up_samp.model.snapshot import ChangeTask, Snapshot, TermKind
@@ -40,6 +40,7 @@ def contradictions(problem: SchedulingMotionProblem, plan: PlanDict) -> list[str
         *_activities(problem, plan),
         *_motions(plan, snapshot),
         *_changes(problem, plan, snapshot),
+        *_rides(plan, snapshot),
     ]
 
 
@@ -162,12 +163,24 @@ def _motions(plan: PlanDict, snapshot: Snapshot) -> Iterator[str]:
             yield f"the plan has no motion of '{name}' in activity '{activity}'"
 
 
+def _rides(plan: PlanDict, snapshot: Snapshot) -> Iterator[str]:
+    own = described_rides(snapshot, {a["name"] for a in plan["activities"]})
+    stated = plan.get("rides", [])
+    for ride in own:
+        if ride not in stated:
+            yield f"the plan does not say that '{ride['object']}' rides in '{ride['activity']}'"
+    for ride in stated:
+        if ride not in own:
+            yield f"'{ride['object']}' rides otherwise in '{ride['activity']}', by the problem"
+
+
 def _changes(problem: SchedulingMotionProblem, plan: PlanDict, snapshot: Snapshot) -> Iterator[str]:
     ends = {a["name"]: a["end"] * snapshot.seconds_per_unit for a in plan["activities"]}
     stated: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for entry in plan["changes"]:
         stated.setdefault((entry["activity"], entry["object"]), []).append(entry)
-    for change in snapshot.changes:
+    rides = [ChangeTask(r.activity, r.load, r.goal) for r in snapshot.rides]
+    for change in (*snapshot.changes, *rides):
         if change.activity not in ends:
             continue
         where = f"'{change.object}' by activity '{change.activity}'"

@@ -90,7 +90,14 @@ def check_plan(plan: Any, label: str) -> None:
 def _check_references(plan: PlanDict, label: str) -> None:
     objects = {o["name"] for o in plan["objects"]}
     activities = {a["name"] for a in plan["activities"]}
-    for entry in (*plan["motions"], *plan["changes"]):
+    driven = {(m["activity"], m["object"]) for m in plan["motions"]}
+    for ride in plan.get("rides", ()):
+        if (ride["activity"], ride["carrier"]) not in driven:
+            raise ProblemError(
+                f"{label}: '{short(ride['object'])}' rides in '{short(ride['activity'])}' on "
+                f"'{short(ride['carrier'])}', which does not drive in it"
+            )
+    for entry in (*plan["motions"], *plan["changes"], *plan.get("rides", ())):
         if entry["object"] not in objects:
             raise ProblemError(
                 f"{label} moves '{short(entry['object'])}', which is no object of it"

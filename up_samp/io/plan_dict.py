@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from typing import Any
 
 from unified_planning.engines import PlanGenerationResult
@@ -29,7 +29,9 @@ from up_samp.upio.read import read_problem
 FORMAT = "up-samp-plan"
 VERSION = 1
 MINOR = 1
-"""Minor versions only add fields; 1 adds ``dependencies`` (see :mod:`up_samp.execution`)."""
+"""Minor versions only add fields; 1 adds ``dependencies`` (see :mod:`up_samp.execution`) and
+``rides`` (loads that travel with robots).
+"""
 
 PlanDict = dict[str, Any]
 """A plan as JSON would hold it; see docs/plan-format.md."""
@@ -76,6 +78,8 @@ def plan_to_dict(
         "motions": _motions(plan, snapshot, times),
         "changes": _changes(plan, snapshot, times),
     }
+    if rides := described_rides(snapshot, times):
+        data["rides"] = rides
     if problem.base_variables:
         # only by these can a plan with variables be read back and judged
         data["parameters"] = {v.name: value_of(plan.get(v)) for v in problem.base_variables}
@@ -240,7 +244,8 @@ def _changes(
     plan: Schedule, snapshot: Snapshot, times: Mapping[str, tuple[float, float]]
 ) -> list[dict[str, Any]]:
     entries = []
-    for change in snapshot.changes:
+    rides = [ChangeTask(r.activity, r.load, r.goal) for r in snapshot.rides]
+    for change in (*snapshot.changes, *rides):
         if change.activity not in times:
             continue
         name = _configuration_name(plan, change, change.term)
@@ -253,6 +258,21 @@ def _changes(
             }
         )
     return sorted(entries, key=lambda e: e["time"])
+
+
+def described_rides(snapshot: Snapshot, present: Container[str]) -> list[dict[str, Any]]:
+    """Return which loads travel with whom, and where they are in their carrier's frame."""
+    return [
+        {
+            "activity": ride.activity,
+            "object": ride.load,
+            "carrier": task.object,
+            "offset": _pose(ride.offset),
+        }
+        for task in snapshot.tasks
+        for ride in task.rides
+        if ride.activity in present
+    ]
 
 
 def _configuration_name(plan: Schedule, change: ChangeTask, term: Term) -> str:

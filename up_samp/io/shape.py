@@ -147,6 +147,7 @@ def check_shape(plan: Mapping[str, Any], label: str) -> None:
         _need(plan, key, check, label, "")
     _maybe(plan["map"], "yaml", optional(text), label, "'map'")
     _maybe(plan, "parameters", values, label, "")
+    _check_rides(plan, label)
     for key, checks in ENTRIES.items():
         for i, entry in enumerate(plan[key]):
             where = f"entry {i} of '{key}'"
@@ -177,6 +178,19 @@ def _maybe(entry: Mapping[str, Any], key: str, check: Check, label: str, where: 
 def _refuse(label: str, field: str, wanted: str, value: Any) -> None:
     said = repr(short(value)) if isinstance(value, str) else short(value)
     raise ProblemError(f"{label}: {field} cannot be {said}: it must be {wanted}")
+
+
+def _check_rides(plan: Mapping[str, Any], label: str) -> None:
+    rides = plan.get("rides", [])
+    if not isinstance(rides, list):
+        _refuse(label, "'rides'", "a list", rides)
+    for i, ride in enumerate(rides):
+        where = f"entry {i} of 'rides'"
+        if not isinstance(ride, dict):
+            _refuse(label, where, "an object", ride)
+        for field in ("activity", "object", "carrier"):
+            _need(ride, field, text, label, where)
+        _need(ride, "offset", numbers(3), label, where)
 
 
 def _check_samples(motion: Mapping[str, Any], label: str) -> None:

@@ -59,7 +59,8 @@ class ScheduleReport:
 class ScheduledMotion:
     """A motion as a candidate schedule wants it: ``object`` drives ``configurations[0]`` through
     the others (names), in ``[start, end]`` (schedule units). ``given`` are the decisions (variable,
-    value) that the configurations come from.
+    value) that the configurations come from. ``loads`` travel with it (name, configuration at the
+    end).
     """
 
     activity: str
@@ -72,6 +73,12 @@ class ScheduledMotion:
     avoid: frozenset[str] | None = None
     static: frozenset[str] = frozenset()
     given: tuple[tuple[str, str], ...] = ()
+    loads: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def moved(self) -> frozenset[str]:
+        """The object and what travels with it."""
+        return frozenset({self.object, *(load for load, _ in self.loads)})
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
-from up_samp.model.bodies import Configuration, Movable
+from up_samp.model.bodies import Body, Configuration, Movable
 from up_samp.model.frames import Frame, PlacedMap
 
 
@@ -30,12 +31,26 @@ class Term:
 
 
 @dataclass(frozen=True)
+class Ride:
+    """``load`` travels on what ``activity`` drives: it is at ``origin`` before and at ``goal``
+    after, and ``offset`` (x, y, theta) is its pose in its carrier's frame.
+    """
+
+    activity: str
+    load: str
+    origin: Term
+    goal: Term
+    offset: Configuration
+
+
+@dataclass(frozen=True)
 class MotionTask:
     """One motion constraint: ``activity`` drives ``object`` through ``terms`` (start first).
 
     ``static`` and ``dynamic`` name the obstacles that the constraint lists (``None``: not given).
     ``index`` is the constraint's place among those of its activity, ``map`` the number of the map
-    that it drives on.
+    that it drives on. ``rides`` are the loads that travel with the object: all of them are one
+    body (:meth:`Snapshot.body`).
     """
 
     activity: str
@@ -45,6 +60,7 @@ class MotionTask:
     static: frozenset[str] | None = None
     dynamic: frozenset[str] | None = None
     map: int = 0
+    rides: tuple[Ride, ...] = ()
 
     @property
     def avoid(self) -> frozenset[str] | None:
@@ -71,6 +87,7 @@ class Snapshot:
     ``maps`` are the occupancy maps (none: the open plane), ``map_of`` tells the number of each
     configuration's map. Poses are in the world frame; where several maps were laid out side by
     side in one plane, they are in that plane, and ``to_world`` holds each map's way back.
+    ``laden`` are the bodies of motion tasks with loads, by activity and index.
     """
 
     name: str
@@ -83,11 +100,33 @@ class Snapshot:
     seconds_per_unit: float = 1.0
     map_of: Mapping[str, int] = field(default_factory=dict)
     to_world: tuple[Frame, ...] = ()
+    laden: Mapping[tuple[str, int], Body] = field(default_factory=dict)
 
     @property
     def map_file(self) -> str | None:
         """The ROS YAML of the first map."""
         return self.maps[0].file if self.maps else None
+
+    def body(self, activity: str, index: int, name: str) -> Body:
+        """Return what a motion task drives: the object ``name``, with its loads if it has any."""
+        return self.laden.get((activity, index)) or self.objects[name].body
+
+    @cached_property
+    def rides(self) -> tuple[Ride, ...]:
+        """All rides of all tasks."""
+        return tuple(ride for task in self.tasks for ride in task.rides)
+
+    @cached_property
+    def movers(self) -> Mapping[str, frozenset[str]]:
+        """Object -> activities that drive it, carry it or change it."""
+        found: dict[str, set[str]] = {name: set() for name in self.objects}
+        for task in self.tasks:
+            found[task.object].add(task.activity)
+        for ride in self.rides:
+            found[ride.load].add(ride.activity)
+        for change in self.changes:
+            found[change.object].add(change.activity)
+        return {name: frozenset(v) for name, v in found.items()}
 
     def tasks_of(self, activity: str) -> tuple[MotionTask, ...]:
         """Return the motion tasks of an activity."""
@@ -95,4 +134,4 @@ class Snapshot:
 
     def moved(self) -> frozenset[str]:
         """Return the objects that some activity moves or changes."""
-        return frozenset(t.object for t in self.tasks) | frozenset(c.object for c in self.changes)
+        return frozenset(name for name, movers in self.movers.items() if movers)

@@ -97,6 +97,7 @@ def tracks_of(plan: dict[str, Any]) -> list[Track]:
     for entry in plan["objects"]:
         name = entry["name"]
         legs = [_leg(m) for m in plan["motions"] if m["object"] == name]
+        legs += [_ridden(plan, ride) for ride in plan.get("rides", ()) if ride["object"] == name]
         changes = [
             (float(c["time"]), flat(c["configuration"]))
             for c in plan["changes"]
@@ -148,6 +149,17 @@ def _leg(motion: dict[str, Any]) -> Leg:
     poses = np.array([flat(r[1:]) for r in rows], dtype=np.float64)
     poses[:, 2] = np.unwrap(poses[:, 2])
     return Leg(motion["activity"], np.array([r[0] for r in rows], dtype=np.float64), poses)
+
+
+def _ridden(plan: dict[str, Any], ride: dict[str, Any]) -> Leg:
+    """Return how a load travels: as its carrier does, at its place in that one's frame."""
+    key = (ride["activity"], ride["carrier"])
+    leg = _leg(next(m for m in plan["motions"] if (m["activity"], m["object"]) == key))
+    x, y, theta = leg.poses.T
+    dx, dy, turned = (float(v) for v in ride["offset"])
+    c, s = np.cos(theta), np.sin(theta)
+    poses = np.column_stack((x + c * dx - s * dy, y + s * dx + c * dy, theta + turned))
+    return Leg(leg.activity, leg.times, poses)
 
 
 def horizon(plan: dict[str, Any]) -> float:

@@ -71,12 +71,11 @@ def check_static(itinerary: Itinerary) -> list[Refinement]:
             if change.object in motion.static and motion.start < change.time < motion.end:
                 found.append(rules.stays_put(motion.activity, change.activity, change.object))
         for drive in itinerary.motions:
-            if (
-                drive.object in motion.static
-                and drive.start < motion.end
-                and motion.start < drive.end
-            ):
-                found.append(rules.not_while_driving(motion.activity, drive.activity, drive.object))
+            if drive.start < motion.end and motion.start < drive.end:
+                found += [
+                    rules.not_while_driving(motion.activity, drive.activity, name)
+                    for name in sorted(drive.moved & motion.static)
+                ]
     return found
 
 
@@ -133,7 +132,7 @@ def check_path(
     context: Context, itinerary: Itinerary, motion: ScheduledMotion, check: Check
 ) -> list[Refinement]:
     """Layer 1, geometric: is there a path among what rests all through the motion's time?"""
-    body = context.snapshot.objects[motion.object].body
+    body = context.body(motion)
     obstacles = instant_obstacles(context, itinerary, motion)
     report = context.service.plan(
         PathQuery(body, motion.poses, obstacles),
@@ -181,15 +180,18 @@ def _blocked_as_timed(
     changes: dict[str, dict[str, int]] = {}
     given = dict(motion.given)
     for name in blockers:
-        tasks = [c for c in context.snapshot.changes if c.object == name]
         times = itinerary.schedule.times
-        ends = {c.activity: times[c.activity][1] if c.activity in times else -1 for c in tasks}
+        movers = sorted(context.movers[name])
+        ends = {a: times[a][1] if a in times else -1 for a in movers}
         before = [(time, a) for a, time in ends.items() if 0 <= time <= motion.start]
         set_by[name] = max(before)[1] if before else None
         changes[name] = ends
         for change in itinerary.changes:
             if (change.object, change.activity) == (name, set_by[name]):
                 given |= dict(change.given)
+        for drive in itinerary.motions:
+            if name in drive.moved and drive.activity == set_by[name]:
+                given |= dict(drive.given)
     cut = timed.blocked_as_timed(motion, set_by, changes, why, strength=strength)
     return rules.only_given(cut, tuple(sorted(given.items())))
 
@@ -198,7 +200,7 @@ def check_duration(
     context: Context, itinerary: Itinerary, motion: ScheduledMotion, check: Check
 ) -> list[Refinement]:
     """Layer 1, temporal: does the motion alone fit its scheduled time?"""
-    body = context.snapshot.objects[motion.object].body
+    body = context.body(motion)
     found = []
     if context.params.small_cuts:
         found = duration_refinements(context, context.like(motion), context.query_seconds)

@@ -132,21 +132,26 @@ class Context:
     @cached_property
     def instant(self) -> frozenset[str]:
         """Objects that change their configuration but never drive (doors)."""
-        return frozenset(c.object for c in self.snapshot.changes) - self.drivers
+        return frozenset(c.object for c in self.snapshot.changes) - self.drivers - self.loads
 
     @cached_property
-    def movers(self) -> dict[str, frozenset[str]]:
-        """Object -> activities that move or change it."""
-        found: dict[str, set[str]] = {name: set() for name in self.snapshot.objects}
-        for task in self.snapshot.tasks:
-            found[task.object].add(task.activity)
-        for change in self.snapshot.changes:
-            found[change.object].add(change.activity)
-        return {name: frozenset(v) for name, v in found.items()}
+    def loads(self) -> frozenset[str]:
+        """Objects that travel with others and never drive."""
+        return frozenset(r.load for r in self.snapshot.rides) - self.drivers
+
+    @property
+    def movers(self) -> Mapping[str, frozenset[str]]:
+        """Object -> activities that drive it, carry it or change it."""
+        return self.snapshot.movers
+
+    def body(self, motion: ScheduledMotion) -> Body:
+        """Return what a scheduled motion drives: an object, with its loads."""
+        return self.snapshot.body(motion.activity, motion.constraint, motion.object)
 
     def signature(self, case: MotionCase) -> Signature:
         """Return what a case is to the motion planner."""
-        body = self.snapshot.objects[case.task.object].body
+        task = case.task
+        body = self.snapshot.body(task.activity, task.index, task.object)
         return body, tuple(self.snapshot.configurations[n] for n in case.configurations)
 
     @cached_property
@@ -165,6 +170,7 @@ class Context:
     def returns_to(self, obstacle: str, configuration: str) -> bool:
         """Return whether some activity may bring ``obstacle`` to ``configuration``."""
         terms = [t.terms[-1] for t in self.snapshot.tasks if t.object == obstacle]
+        terms += [r.goal for r in self.snapshot.rides if r.load == obstacle]
         terms += [c.term for c in self.snapshot.changes if c.object == obstacle]
         return any(t.kind is not TermKind.CONSTANT or t.name == configuration for t in terms)
 

@@ -31,19 +31,19 @@ def groups_of(motions: Sequence[ScheduledMotion]) -> list[tuple[ScheduledMotion,
 def instant_obstacles(
     context: Context, itinerary: Itinerary, motion: ScheduledMotion
 ) -> tuple[Placed, ...]:
-    """Return the objects that rest all through a motion's time and never drive (doors, props).
+    """Return the objects that rest all through a motion's time and never drive (doors, pallets).
 
     Drivers are left to the group check: they may move away.
     """
     snapshot = context.snapshot
     found = []
     for name, place in snapshot.initial.items():
-        if name == motion.object or name in context.drivers:
+        if name in motion.moved or name in context.drivers:
             continue
         if motion.avoid is not None and name not in motion.avoid:
             continue
         resting = _resting_at(context, itinerary, name, motion.start, motion.end)
-        if resting is not None or name not in context.instant:
+        if resting is not None or not (name in context.instant or name in context.loads):
             pose = snapshot.configurations[resting or place]
             found.append(Placed(name, snapshot.objects[name].body, pose))
     return tuple(found)
@@ -53,6 +53,9 @@ def _resting_at(
     context: Context, itinerary: Itinerary, name: str, start: int, end: int
 ) -> str | None:
     """Return where ``name`` is all through (start, end), or None if it changes in between."""
+    for motion in itinerary.motions:
+        if name in motion.moved and motion.start < end and start < motion.end:
+            return None
     current = context.snapshot.initial[name]
     for since, place in itinerary.places(context.snapshot, name):
         if since <= start:
@@ -63,16 +66,21 @@ def _resting_at(
 
 
 def rests_of(context: Context, itinerary: Itinerary, moving: frozenset[str]) -> tuple[Rest, ...]:
-    """Return all rests (s, plan time) of objects other than those in ``moving``."""
+    """Return all rests (s, plan time) of objects other than those in ``moving``.
+
+    A load rests until its ride starts, and again from the ride's end on.
+    """
     snapshot = context.snapshot
     found = []
     for name in sorted(snapshot.initial):
         if name in moving:
             continue
         body = snapshot.objects[name].body
+        leaves = {m.end: m.start for m in itinerary.motions if name in m.moved - {m.object}}
         periods = itinerary.places(snapshot, name)
         for index, (since, place) in enumerate(periods):
             until = periods[index + 1][0] if index + 1 < len(periods) else math.inf
+            until = leaves.get(int(until), until) if math.isfinite(until) else until
             if until <= since:
                 continue
             pose = snapshot.configurations[place]
@@ -86,33 +94,90 @@ def group_query(
     """Return the question whether the motions of ``group`` can be made as scheduled.
 
     Objects that move outside the group rest meanwhile. A robot that moves several times in the
-    group is one chain: each motion holds its place until the next one is released.
+    group is one chain: each motion holds its place until the next one is released. With loads it is
+    another body: it is that one from its activity's start to its end, and rests alone before and
+    after.
     """
-    snapshot = context.snapshot
     moving = frozenset(m.object for m in group)
-    timed = []
+    timed, alone = [], []
     for motion in group:
-        own = sorted((m for m in group if m.object == motion.object), key=lambda m: m.start)
-        index = own.index(motion)
+        since, until = _presence(context, group, motion)
         timed.append(
             TimedMotion(
                 name=motion_key(motion),
                 object=motion.object,
-                body=snapshot.objects[motion.object].body,
+                body=context.body(motion),
                 poses=motion.poses,
                 release=context.seconds(motion.start),
                 due=context.seconds(motion.end),
-                present_from=-math.inf if index == 0 else context.seconds(motion.start),
-                present_until=(
-                    math.inf if index + 1 == len(own) else context.seconds(own[index + 1].start)
-                ),
+                present_from=since,
+                present_until=until,
                 avoid=motion.avoid,
             )
         )
+        if motion.loads:
+            alone += _around(context, group, motion, since, until)
     window = (group[0].start, max(m.end for m in group))
     rests = tuple(
         r
-        for r in rests_of(context, itinerary, moving)
+        for r in (*rests_of(context, itinerary, moving), *alone)
         if r.since <= context.seconds(window[1]) and r.until >= context.seconds(window[0])
     )
     return GroupQuery(tuple(timed), rests)
+
+
+def _chain(
+    group: Sequence[ScheduledMotion], motion: ScheduledMotion
+) -> tuple[ScheduledMotion | None, ScheduledMotion | None]:
+    """Return the motions of the same object before and after a motion in its group."""
+    own = sorted((m for m in group if m.object == motion.object), key=lambda m: m.start)
+    index = own.index(motion)
+    before = own[index - 1] if index else None
+    return before, own[index + 1] if index + 1 < len(own) else None
+
+
+def _presence(
+    context: Context, group: Sequence[ScheduledMotion], motion: ScheduledMotion
+) -> tuple[float, float]:
+    """Return from when to when (s) the body of a motion is there."""
+    before, after = _chain(group, motion)
+    loads = {name for name, _ in motion.loads}
+    since, until = context.seconds(motion.start), math.inf
+    if before is None:
+        since = -math.inf
+    if after is not None:
+        until = context.seconds(after.start)
+    if not loads:
+        return since, until
+    # at rest beside its loads it is the same body, as long as nobody else takes one of them and
+    # whoever keeps clear of it keeps clear of them
+    others = [m for m in group if m is not motion and m.object != motion.object]
+    same = all(m.avoid is None or loads <= m.avoid for m in others)
+    taken = [m for m in group if m is not motion and loads & m.moved]
+    if before is not None or not same or any(m.start < motion.start for m in taken):
+        since = context.seconds(motion.start)
+    if after is not None or not same or any(m.start >= motion.end for m in taken):
+        until = context.seconds(motion.end)
+    return since, until
+
+
+def _around(
+    context: Context,
+    group: Sequence[ScheduledMotion],
+    motion: ScheduledMotion,
+    since: float,
+    until: float,
+) -> list[Rest]:
+    """Return where an object rests without its loads before and after a ride."""
+    before, after = _chain(group, motion)
+    body = context.snapshot.objects[motion.object].body
+    found = []
+    if before is None and math.isfinite(since):
+        found.append((motion.poses[0], -math.inf, since))
+    if before is not None and before.loads:
+        found.append((motion.poses[0], context.seconds(before.end), since))
+    if math.isfinite(until):
+        next_start = math.inf if after is None else context.seconds(after.start)
+        if after is None or not after.loads:
+            found.append((motion.poses[-1], until, next_start))
+    return [Rest(motion.object, body, p, low, high) for p, low, high in found if low < high]

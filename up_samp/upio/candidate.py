@@ -25,6 +25,7 @@ class Itinerary:
         A move counts from its end on, where it leads.
         """
         events = [(m.end, m.configurations[-1]) for m in self.motions if m.object == name]
+        events += [(m.end, place) for m in self.motions for load, place in m.loads if load == name]
         events += [(c.time, c.configuration) for c in self.changes if c.object == name]
         return [(float("-inf"), snapshot.initial[name]), *sorted(events)]
 
@@ -42,6 +43,8 @@ def read_itinerary(relaxation: Relaxation, schedule: CandidateSchedule) -> Itine
             continue
         start, end = schedule.times[task.activity]
         names, given = _resolve(relaxation, schedule, task.activity, task.terms)
+        goals = [ride.goal for ride in task.rides]
+        put, _ = _resolve(relaxation, schedule, task.activity, goals)
         motions.append(
             ScheduledMotion(
                 activity=task.activity,
@@ -54,6 +57,7 @@ def read_itinerary(relaxation: Relaxation, schedule: CandidateSchedule) -> Itine
                 avoid=task.avoid,
                 static=task.static or frozenset(),
                 given=given,
+                loads=tuple((r.load, p) for r, p in zip(task.rides, put, strict=True)),
             )
         )
     changes = []

@@ -31,6 +31,7 @@ from up_samp.model.frames import PlacedMap
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
 from up_samp.upio.read_maps import check_flat, map_driven, read_maps
 from up_samp.upio.read_movable import read_movable
+from up_samp.upio.rides import Floor, find_rides, laden_bodies
 
 
 def read_problem(problem: SchedulingMotionProblem, seconds_per_unit: float = 1.0) -> Snapshot:
@@ -51,6 +52,9 @@ def read_problem(problem: SchedulingMotionProblem, seconds_per_unit: float = 1.0
     _check_initial(objects, configurations, initial, tasks, changes)
     _check_dimensions(objects, configurations, initial, tasks, changes)
     check_flat(maps, objects)
+    heights = {name: maps[number].height for name, number in map_of.items()}
+    floor = Floor(objects, configurations, initial, heights)
+    tasks, changes = find_rides(tasks, changes, floor)
     return Snapshot(
         name=problem.name or "problem",
         maps=maps,
@@ -61,6 +65,7 @@ def read_problem(problem: SchedulingMotionProblem, seconds_per_unit: float = 1.0
         changes=tuple(changes),
         seconds_per_unit=seconds_per_unit,
         map_of=map_of,
+        laden=laden_bodies(tasks, floor),
     )
 
 

@@ -156,7 +156,12 @@ def _copy_timed(source: TimedCondsEffs, target: TimedCondsEffs, rewriter: Rewrit
 def _add_state(relaxation: Relaxation, name: str) -> None:
     """Give object ``name`` a state fluent and tie its motions to it."""
     snapshot = relaxation.snapshot
-    tasks = [t for t in snapshot.tasks if t.object == name]
+    # who rides is moved like who drives: it has to be where it is taken from
+    tasks = [t for t in snapshot.tasks if t.object == name] + [
+        MotionTask(r.activity, 0, name, (r.origin, r.goal))
+        for r in snapshot.rides
+        if r.load == name
+    ]
     changes = [c for c in snapshot.changes if c.object == name]
     movers = {t.activity for t in tasks} | {c.activity for c in changes}
     early = int(all(_lasts(relaxation.activities[m]) for m in movers))
@@ -222,7 +227,8 @@ def _hold_static(relaxation: Relaxation, task: MotionTask) -> None:
         span = inner(activity, relaxation.early[name])
         activity.add_condition(span, manager.Equals(state, state))
         for other in relaxation.snapshot.tasks:
-            if other.object == name and other.activity != task.activity:
+            moved = {other.object, *(ride.load for ride in other.rides)}
+            if name in moved and other.activity != task.activity:
                 rival = relaxation.activities[other.activity]
                 scope = [a.present for a in (activity, rival) if a.optional]
                 apart = manager.Or(

@@ -56,7 +56,8 @@ def _hold_static(snapshot: Snapshot, problem: SchedulingProblem) -> None:
                 apart = manager.Or(manager.LE(other.end, one.start), manager.LE(one.end, other.end))
                 problem.add_constraint(apart, [a.present for a in (one, other) if a.optional])
         for drive in tasks:
-            if drive.object in (task.static or ()):
+            moved = {drive.object, *(ride.load for ride in drive.rides)}
+            if moved & (task.static or frozenset()):
                 other = activities[drive.activity]
                 apart = manager.Or(
                     manager.LE(other.end, one.start), manager.LE(one.end, other.start)

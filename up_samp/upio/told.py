@@ -56,9 +56,7 @@ def _not_just_set(relaxation: Relaxation, activity: Activity, name: str) -> None
     """Let ``activity`` not start at the very instant at which the object is set elsewhere."""
     manager = relaxation.problem.environment.expression_manager
     snapshot = relaxation.snapshot
-    movers = {c.activity for c in snapshot.changes if c.object == name}
-    movers |= {t.activity for t in snapshot.tasks if t.object == name}
-    for other in sorted(movers - {activity.name}):
+    for other in sorted(snapshot.movers[name] - {activity.name}):
         rival = relaxation.activities[other]
         apart = manager.Or(
             manager.LT(rival.end, activity.start), manager.LT(activity.start, rival.end)

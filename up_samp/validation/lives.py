@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
+from up_samp.validation.collisions import Shape
 from up_samp.validation.paths import pose_gap
+from up_samp.validation.rides import Ride, between, carried_along
 from up_samp.validation.scene import Jump, Scene, Task
 from up_samp.validation.se3 import AnyTrack, SpaceTrack, track_of
 from up_samp.validation.tracks import Track
@@ -43,6 +45,8 @@ class Piece:
     """
     height: float = 0.0
     """Of the map (m) that it is on."""
+    shape: Shape | None = None
+    """The body, where it is another one than the object's own (with what holds its load)."""
 
     def level(self, other: Piece) -> bool:
         """Return whether both are on maps of one height."""
@@ -58,12 +62,15 @@ class Piece:
 
 @dataclass(frozen=True)
 class _Event:
-    """A drive ``[start, end]`` (``task``) or a jump (``start == end``), in units."""
+    """A drive ``[start, end]`` (``task``; ``ride``: as its load) or a jump (``start == end``), in
+    units.
+    """
 
     start: int
     end: int
     task: Task | None = None
     jump: Jump | None = None
+    ride: Ride | None = None
 
     @property
     def activity(self) -> str:
@@ -80,6 +87,10 @@ def build_lives(
     events: dict[str, list[_Event]] = defaultdict(list)
     for task in scene.tasks:
         events[task.object].append(_Event(task.start, task.end, task=task))
+    tasks = {task.name: task for task in scene.tasks}
+    for ride in scene.rides:
+        task = tasks[ride.task]
+        events[ride.load].append(_Event(task.start, task.end, task=task, ride=ride))
     for jump in scene.jumps:
         events[jump.object].append(_Event(jump.time, jump.time, jump=jump))
     lives = {}
@@ -147,14 +158,51 @@ def _live(
             here, driven_by, height = target, "", scene.height(event.jump.place)
         elif event.task is not None and event.task.name in motions:
             times, poses = motions[event.task.name]
+            moves, task, shape = _moving(times, poses), event.task, None
             floor = scene.height(event.task.places[0])
-            found.extend(_continuity(event.task, here, poses, (height, floor)))
-            moves, height = _moving(times, poses), floor
-            yield Piece(track_of(times, poses, radius), start, end, event.task, moves, height)
-            here, driven_by = tuple(poses[-1].tolist()), event.task.activity
+            if event.ride is None:
+                found.extend(_continuity(event.task, here, poses, (height, floor)))
+                shape = _held(scene, event.task)
+                here, driven_by = tuple(poses[-1].tolist()), event.task.activity
+            else:
+                poses = carried_along(poses, event.ride.offset)
+                found.extend(_taken(event.ride, event.task, here, poses, (height, floor)))
+                task = replace(event.task, object=name)
+                here, driven_by = scene.pose(event.ride.goal), ""
+            height = floor
+            reach = radius if shape is None else max(radius, shape.radius)
+            track = track_of(times, poses, reach)
+            yield Piece(track, start, end, task, moves, height, shape=shape)
         since = end
     if here is not None:
         yield Piece(resting(here, radius), since, math.inf, None, height=height)
+
+
+def _held(scene: Scene, task: Task) -> Shape | None:
+    """Return what holds loads to the object of a task where they are not one polygon."""
+    loads = []
+    for ride in scene.rides:
+        shape = scene.shapes[ride.load]
+        if ride.task == task.name and isinstance(shape, Shape):
+            loads.append((shape, ride.offset))
+    carrier = scene.shapes[task.object]
+    return between(carrier, loads) if loads and isinstance(carrier, Shape) else None
+
+
+def _taken(
+    ride: Ride,
+    task: Task,
+    here: tuple[float, ...] | None,
+    poses: FloatArray,
+    heights: tuple[float, float],
+) -> Iterator[Violation]:
+    """A load is taken from where it stands."""
+    first = tuple(poses[0].tolist())
+    if here is None or pose_gap(here, first) > 2 * TOLERANCE or not same_height(*heights):
+        text = f"{task.what}: its load {ride.load} has to be at {_show(first)} but is "
+        text += "nowhere" if here is None else f"at {_show(here)}"
+        names = (task.object, ride.load)
+        yield Violation("continuity", text, (task.activity,), names, float(task.start))
 
 
 def _moving(times: FloatArray, poses: FloatArray) -> tuple[float, float] | None:

@@ -235,20 +235,31 @@ def _collisions(
         for piece in pieces:
             if piece.task is None:
                 continue
-            task, shape = piece.task, scene.shapes[name]
+            task, shape = piece.task, piece.shape or scene.shapes[name]
             blocked = scene.map_driven(task)
             time = _hits_map(shape, piece.track, blocked, piece.since, piece.until)
             if time is not None:
                 text = f"{task.what} meets the map at {time:.3f} s"
                 yield Violation("map-collision", text, (task.activity,), (name,), time)
             for other in lives:
-                for theirs in lives[other] if scene.avoids(task, other) else ():
-                    if not piece.level(theirs):
+                for theirs in lives[other]:
+                    keeps = _keeps_clear(scene, task, other, theirs.task)
+                    if not keeps or not piece.level(theirs):
                         continue
                     pair = frozenset((id(piece), id(theirs)))
                     if pair not in looked_at:
                         looked_at.add(pair)
                         yield from _meeting(scene, task, other, piece, theirs)
+
+
+def _keeps_clear(scene: Scene, task: Task, other: str, its: Task | None) -> bool:
+    """Return whether a task keeps clear of ``other`` while ``its`` task moves it (None: none
+    does): with what travels with it, it is one body.
+    """
+    if other in task.together:
+        return False
+    names = {other} if its is None else its.together | {other}
+    return any(scene.avoids(task, name) for name in names - task.together)
 
 
 def _hits_map(
@@ -283,9 +294,9 @@ def _meeting(
     while it moves itself, and while the other one does, where that has to keep clear of it.
     """
     moving = [piece.moves]
-    if theirs.task is not None and scene.avoids(theirs.task, task.object):
+    if theirs.task is not None and _keeps_clear(scene, theirs.task, task.object, task):
         moving.append(theirs.moves)
-    mine, shape = scene.shapes[task.object], scene.shapes[other]
+    mine, shape = piece.shape or scene.shapes[task.object], theirs.shape or scene.shapes[other]
     times = []
     for window in moving:
         both = None if window is None else theirs.during(*window)

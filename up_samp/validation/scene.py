@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -19,9 +19,13 @@ from up_samp.model import ProblemError, UnsupportedError
 from up_samp.validation.collisions import Shape
 from up_samp.validation.limits import Limits, limits_of
 from up_samp.validation.maps import BlockedMap, Ground, ground_of
+from up_samp.validation.rides import Ride, configurations_of, is_same, offset_between
 from up_samp.validation.se3 import Solid, load_solid
 from up_samp.validation.timeline import Reading, Timeline, show
 from up_samp.validation.values import MISSING, Key, Reader
+
+SAME_HEIGHT = 1e-3
+"""Maps whose heights differ by no more (m) are of one floor, for loads."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,8 @@ class Task:
     start: int
     end: int
     obstacles: tuple[Obstacle, ...] | None
+    together: frozenset[str] = frozenset()
+    """The object and all loads that travel with it: one body."""
 
     @property
     def what(self) -> str:
@@ -149,13 +155,65 @@ class Scene:
     @cached_property
     def tasks(self) -> list[Task]:
         """All motion constraints of present activities."""
+        found = []
+        for task in self._constraints:
+            loads = {r.load for r in self.rides if r.task == task.name}
+            mine = None
+            if task.obstacles is not None:
+                mine = tuple(o for o in task.obstacles if o.name not in loads)
+            found.append(replace(task, obstacles=mine, together=frozenset({task.object, *loads})))
+        return found
+
+    @cached_property
+    def _constraints(self) -> list[Task]:
         return [task for activity in self._present() for task in self._tasks_of(activity)]
+
+    @cached_property
+    def rides(self) -> list[Ride]:
+        """All loads that travel with what an activity drives (rule 18)."""
+        found = []
+        for effect in self._effects:
+            tasks = [t for t in self._constraints if t.activity == effect.activity]
+            mine = [ride for ride in (self._ride(t, effect) for t in tasks) if ride is not None]
+            if len(mine) > 1:
+                raise UnsupportedError(
+                    f"{effect.activity}: {effect.object} travels with two objects at once"
+                )
+            found += mine
+        return found
+
+    def _ride(self, task: Task, effect: Jump) -> Ride | None:
+        if effect.object == task.object or any(
+            self.movables[name].motion_model.name == "SE3" for name in (effect.object, task.object)
+        ):
+            return None
+        floor = self.height(task.places[0])
+        if abs(self.height(effect.place) - floor) > SAME_HEIGHT:
+            return None
+        start, goal = self.pose(task.places[0]), self.pose(task.places[-1])
+        offset = offset_between(goal, self.pose(effect.place))
+        stands = (offset_between(start, pose) for pose in self._stands(effect.object, floor))
+        if not any(is_same(offset, other) for other in stands):
+            return None
+        return Ride(task.activity, task.name, effect.object, effect.place, offset)
+
+    def _stands(self, name: str, floor: float) -> list[tuple[float, ...]]:
+        """Return all poses on a floor that the problem gives an object that is carried."""
+        values: list[str | None] = [self.initial[name]] if name in self.initial else []
+        for activity in self.problem.activities:
+            for movable, place in getattr(activity, "motion_effects", {}).items():
+                if movable.is_object_exp() and movable.object().name == name:
+                    values.append(place.object().name if place.is_object_exp() else None)
+        every = [o.name for o in self.problem.all_objects if isinstance(o, ConfigurationObject)]
+        places = configurations_of(values, every)
+        poses = (self.pose(n) for n in places if abs(self.height(n) - floor) <= SAME_HEIGHT)
+        return [pose for pose in poses if len(pose) == 3]
 
     @cached_property
     def carried(self) -> dict[str, frozenset[str]]:
         """What each present activity moves by its effects: no obstacle to what it drives."""
         found: dict[str, set[str]] = {}
-        for jump in self.jumps:
+        for jump in self._effects:
             found.setdefault(jump.activity, set()).add(jump.object)
         return {activity: frozenset(names) for activity, names in found.items()}
 
@@ -186,7 +244,7 @@ class Scene:
 
     def avoids(self, task: Task, name: str) -> bool:
         """Return whether a task keeps clear of object ``name``."""
-        if name == task.object:
+        if name in task.together:
             return False
         if task.obstacles is None:
             return name not in self.carried.get(task.activity, ())
@@ -194,7 +252,14 @@ class Scene:
 
     @cached_property
     def jumps(self) -> list[Jump]:
-        """All motion effects of present activities (each happens at its activity's end)."""
+        """All motion effects of present activities that set an object elsewhere in an instant
+        (at the activity's end): those of rides do not.
+        """
+        rides = {(r.activity, r.load) for r in self.rides}
+        return [e for e in self._effects if (e.activity, e.object) not in rides]
+
+    @cached_property
+    def _effects(self) -> list[Jump]:
         found = []
         for activity in self._present():
             _, end = self.timeline.decisions.times[activity.name]

@@ -109,11 +109,20 @@ Motions
     of the problem makes that one keep clear of it. What an activity moves by its effects, it
     *carries*: that is no obstacle to what the same activity drives, unless it is listed. For all
     others it is at its old configuration until the activity's end and at the new one from then
-    on; after the end it is an obstacle for its carrier, too. Objects without a configuration (no
-    initial one, no motion effect yet) are nowhere. Touching, and overlap by up to 1e-6 m, is no
-    contact. In space (SE3) bodies are their meshes and what is inside of closed ones; the map's
-    cells and bodies that move in the plane reach from the floor to the sky; touching a mesh is
-    contact.
+    on; after the end it is an obstacle for its carrier, too. What it carries *travels* with it
+    (in the plane) if it stands to its carrier in the end as it stood at the start: if one of the
+    configurations that the problem gives it (its first one, or one that a motion effect sets it
+    to) has the same pose in the frame of the carrier's starting configuration as its new one has
+    in the frame of the goal, within 1e-3 m and 1e-3 rad. Then it has to be there when the
+    activity starts, and carrier and loads are one body from the activity's start to its end:
+    while it moves, this body is disjoint from all that the constraint lists (its own parts,
+    listed or not, are none of it) and from the map; who keeps clear of one part keeps clear of
+    all. Where the parts do not make up one polygon without holes, the body is their convex hull.
+    Before and after, the load rests and is an obstacle like any other. Objects without a
+    configuration (no initial one, no motion effect yet) are nowhere. Touching, and overlap by up
+    to 1e-6 m, is no contact. In space (SE3) bodies are their meshes and what is inside of closed
+    ones; the map's cells and bodies that move in the plane reach from the floor to the sky;
+    touching a mesh is contact.
 19. Static obstacles rest between the activity's start and end. Where obstacles come with
     fluents, the fluent's value at the start is looked at. A static obstacle is there from the
     start to the end, and its fluent stays until a unit before the end (effects at ``end - 1`` tell

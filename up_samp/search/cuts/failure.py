@@ -58,21 +58,22 @@ class Failure:
         """
         names = {*self.report.conflict, *self.report.late} or set(self.scheduled)
         core = [m for m in self.group if motion_key(m) in names]
-        objects = {m.object for m in core}
+        objects = {name for m in core for name in m.moved}
         first, last = min(m.start for m in core), max(m.end for m in core)
         return [
             m
             for m in self.group
-            if motion_key(m) in names
-            or (m.object in objects and m.start <= last and m.end >= first)
+            if motion_key(m) in names or (m.moved & objects and m.start <= last and m.end >= first)
         ]
 
     def rivals(self, motions: Sequence[ScheduledMotion]) -> list[str]:
         """Return the other motion activities of the same objects: they might clear the way."""
-        objects = {m.object for m in motions}
+        objects = {name for m in motions for name in m.moved}
         mine = {m.activity for m in motions}
-        tasks = self.context.snapshot.tasks
-        return sorted({t.activity for t in tasks if t.object in objects} - mine)
+        snapshot = self.context.snapshot
+        drives = {t.activity for t in snapshot.tasks if t.object in objects}
+        rides = {r.activity for r in snapshot.rides if r.load in objects}
+        return sorted((drives | rides) - mine)
 
     def arrivals(self, motions: Sequence[ScheduledMotion]) -> dict[str, int]:
         """Return the ends that late ones need, in units after the first start of ``motions``."""

@@ -29,8 +29,7 @@ def handover_cuts(failure: Failure, late: str) -> list[Refinement]:
 
 def leaves_for(context: Context, other: ScheduledMotion, coming: ScheduledMotion) -> bool:
     """Return whether ``other`` begins where ``coming`` ends, before that one arrives."""
-    snapshot = context.snapshot
-    mine, theirs = snapshot.objects[coming.object].body, snapshot.objects[other.object].body
+    mine, theirs = context.body(coming), context.body(other)
     if other.object == coming.object or other.constraint or other.start > coming.end:
         return False
     if len(coming.poses[-1]) != 3 or len(other.poses[0]) != 3:

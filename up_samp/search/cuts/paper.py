@@ -50,7 +50,7 @@ def _explored(
     context: Context, motion: ScheduledMotion, obstacles: tuple[Placed, ...]
 ) -> tuple[list[MotionCase], frozenset[str]]:
     """Return the motions that an RRT tells impossible with this one, and what blocked it."""
-    body = context.snapshot.objects[motion.object].body
+    body = context.body(motion)
     planar = body.kinematics.model in (MotionModel.REEDSSHEPP, MotionModel.SE2)
     if not planar or len(motion.poses) != 2:
         return [], frozenset()
@@ -108,7 +108,7 @@ def group_cut(failure: Failure) -> Refinement:
     """Return the group refinement: geometric if no trajectories were found, else temporal."""
     context, group = failure.context, failure.group
     start = min(m.start for m in group)
-    moving = {m.object for m in group}
+    moving = {name for m in group for name in m.moved}
     places = {
         name: failure.itinerary.place_at(context.snapshot, name, start)
         for name in sorted(context.snapshot.moved())

@@ -39,8 +39,8 @@ def _set_onto(context: Context, itinerary: Itinerary, refusal: Refusal) -> Refin
     )
     if change is None:
         return None
-    moves = {t.activity for t in context.snapshot.tasks if t.object == other}
     sets = {c.activity for c in context.snapshot.changes if c.object == other}
+    moves = set(context.movers[other]) - sets
     times = itinerary.schedule.times
     before = [(times[a][1], a) for a in moves | sets if a in times and times[a][1] <= change.time]
     setter = max(before)[1] if before else None

@@ -72,7 +72,8 @@ def rest_cuts(failure: Failure, late: str) -> list[Refinement]:
     context, itinerary = failure.context, failure.itinerary
     motion, timed = failure.scheduled[late], failure.timed[late]
     window = (context.seconds(motion.start), context.seconds(motion.end))
-    busy = {m.object for m in itinerary.motions if m.start <= motion.end and m.end >= motion.start}
+    meanwhile = (m for m in itinerary.motions if m.start <= motion.end and m.end >= motion.start)
+    busy = {name for m in meanwhile for name in m.moved}
     rests = [
         r
         for r in rests_of(context, itinerary, frozenset(busy))

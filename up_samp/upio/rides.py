@@ -1,0 +1,209 @@
+"""Loads that travel with what carries them: which activities say so, and as which body.
+
+An activity that drives an object and has a motion effect on another one *carries* that one. Where
+the load stands to its carrier at the end as it stood at the start, it travels with it: the two are
+one body (docs/semantics.md). Elsewhere it is set down by other means, as the effect says.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import shapely
+from shapely.geometry import Polygon
+from shapely.geometry.base import BaseGeometry
+
+from up_samp.model import (
+    Body,
+    Configuration,
+    MotionModel,
+    Movable,
+    ProblemError,
+    UnsupportedError,
+)
+from up_samp.model.snapshot import ChangeTask, MotionTask, Ride, Term, TermKind
+
+SAME = 1e-3
+"""Relative poses this near (m, rad) are the same: as near as a plan has to come to a pose."""
+GRAIN = 1e-6
+"""Gaps between robot and load below twice this (m) are rounding, and closed."""
+STAY = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Floor:
+    """What a problem says of objects and configurations (``heights``: of their maps, m)."""
+
+    objects: Mapping[str, Movable]
+    configurations: Mapping[str, Configuration]
+    initial: Mapping[str, str]
+    heights: Mapping[str, float]
+
+    def planar(self, name: str) -> bool:
+        """Return whether an object moves in the plane."""
+        return self.objects[name].body.kinematics.model is not MotionModel.SE3
+
+
+def find_rides(
+    tasks: Sequence[MotionTask], changes: Sequence[ChangeTask], floor: Floor
+) -> tuple[list[MotionTask], list[ChangeTask]]:
+    """Return the tasks with the loads that travel with them, and the changes that are no rides.
+
+    :raises UnsupportedError: where it hangs on decisions whether a load travels, or who carries it.
+    """
+    of_activity: dict[str, list[MotionTask]] = {}
+    for task in tasks:
+        of_activity.setdefault(task.activity, []).append(task)
+    rides: dict[MotionTask, list[Ride]] = {}
+    left = []
+    for change in changes:
+        found = [
+            (task, ride)
+            for task in of_activity.get(change.activity, ())
+            for ride in _rides(task, change, changes, floor)
+        ]
+        if len(found) > 1:
+            raise UnsupportedError(
+                f"activity '{change.activity}': '{change.object}' would travel with "
+                f"{' and '.join(repr(t.object) for t, _ in found)}; one of them has to carry it"
+            )
+        if not found:
+            left.append(change)
+        for task, ride in found:
+            rides.setdefault(task, []).append(ride)
+    laden = [_with(task, tuple(rides.get(task, ()))) for task in tasks]
+    _check_lists(laden)
+    return laden, left
+
+
+def laden_bodies(tasks: Iterable[MotionTask], floor: Floor) -> dict[tuple[str, int], Body]:
+    """Return robot and loads as one body, for each task (activity, index) with loads."""
+    found = {}
+    for task in tasks:
+        if task.rides:
+            parts = [(floor.objects[r.load].body, r.offset) for r in task.rides]
+            body = floor.objects[task.object].body
+            found[task.activity, task.index] = replace(body, footprint=_joined(body, parts))
+    return found
+
+
+def _with(task: MotionTask, rides: tuple[Ride, ...]) -> MotionTask:
+    """Return a task with its rides: what rides is no obstacle to it, listed or not."""
+    if not rides:
+        return task
+    loads = {ride.load for ride in rides}
+    lists = [None if s is None else s - loads for s in (task.static, task.dynamic)]
+    return replace(task, static=lists[0], dynamic=lists[1], rides=rides)
+
+
+def _check_lists(tasks: Sequence[MotionTask]) -> None:
+    """Raise where a motion has to keep clear of a load that travels, but not of its carrier."""
+    pairs = {(task.object, ride.load) for task in tasks for ride in task.rides}
+    for task in tasks:
+        for carrier, load in sorted(pairs):
+            listed = task.dynamic is not None and load in task.dynamic
+            if listed and task.object != carrier and carrier not in (task.avoid or ()):
+                raise UnsupportedError(
+                    f"activity '{task.activity}' lists the dynamic obstacle '{load}' but not "
+                    f"'{carrier}', which carries it: robot and load are one body, so list both"
+                )
+
+
+def _rides(
+    task: MotionTask, change: ChangeTask, changes: Sequence[ChangeTask], floor: Floor
+) -> list[Ride]:
+    """Return the ride that a task and a motion effect of its activity make, if they do."""
+    load = change.object
+    if load == task.object or not (floor.planar(load) and floor.planar(task.object)):
+        return []
+    start, goal, to = task.terms[0], task.terms[-1], change.term
+    if goal == to and goal.kind is not TermKind.CONSTANT:
+        return [Ride(task.activity, load, start, to, STAY)]
+    places = _places(load, changes, floor)
+    ends = _offsets(goal, [to], floor)
+    if all(t.kind is TermKind.CONSTANT for t in (start, goal, to)):
+        if not ends:
+            return []
+        offset = ends[0][0]
+        near = [p for o, p in _offsets(start, places, floor) if _gap(o, offset) <= SAME]
+        return [Ride(task.activity, load, near[0], to, offset)] if near else []
+    begins = [o for o, _ in _offsets(start, places, floor)]
+    if any(_gap(o, p) <= SAME for (o, _), p in itertools.product(ends, begins)):
+        raise UnsupportedError(
+            f"activity '{task.activity}': whether '{load}' travels with '{task.object}' hangs on "
+            "decisions; state one activity for each pair of places"
+        )
+    return []
+
+
+def _places(load: str, changes: Sequence[ChangeTask], floor: Floor) -> list[Term]:
+    """Return where a load may be: at first, and where motion effects put it."""
+    found = [c.term for c in changes if c.object == load]
+    if load in floor.initial:
+        found.insert(0, Term(TermKind.CONSTANT, floor.initial[load]))
+    return list(dict.fromkeys(found))
+
+
+def _offsets(base: Term, others: Iterable[Term], floor: Floor) -> list[tuple[Configuration, Term]]:
+    """Return the poses of ``others`` in the frame of ``base``, for all that these may be."""
+    found = []
+    for one in _names(base, floor):
+        for other in others:
+            for name in _names(other, floor):
+                frame, pose = floor.configurations[one], floor.configurations[name]
+                if abs(floor.heights.get(one, 0.0) - floor.heights.get(name, 0.0)) > SAME:
+                    continue
+                found.append((relative(frame, pose), Term(TermKind.CONSTANT, name)))
+    return list(dict.fromkeys(found))
+
+
+def _names(term: Term, floor: Floor) -> list[str]:
+    if term.kind is not TermKind.CONSTANT:
+        return [n for n, pose in floor.configurations.items() if len(pose) == 3]
+    if term.name not in floor.configurations:
+        raise ProblemError(
+            f"the configuration '{term.name}' is not in the problem (add it with "
+            "problem.add_object)"
+        )
+    return [term.name] if len(floor.configurations[term.name]) == 3 else []
+
+
+def relative(frame: Configuration, pose: Configuration) -> Configuration:
+    """Return a planar ``pose`` as seen from ``frame``: x, y in its axes, turned by theta."""
+    dx, dy = pose[0] - frame[0], pose[1] - frame[1]
+    c, s = math.cos(frame[2]), math.sin(frame[2])
+    return c * dx + s * dy, c * dy - s * dx, math.remainder(pose[2] - frame[2], math.tau)
+
+
+def _gap(one: Configuration, other: Configuration) -> float:
+    turned = abs(math.remainder(one[2] - other[2], math.tau))
+    return max(math.dist(one[:2], other[:2]), turned)
+
+
+def _joined(
+    body: Body, loads: Sequence[tuple[Body, Configuration]]
+) -> tuple[tuple[float, float], ...]:
+    """Return the outline of robot and loads: their union where that is one polygon without holes,
+    else their convex hull (what holds them together is somewhere in between).
+    """
+    parts = [Polygon(body.footprint), *(_placed(b.footprint, at) for b, at in loads)]
+    outline = shapely.union_all(parts)
+    if not _simple(outline):
+        closed = shapely.union_all([p.buffer(GRAIN, join_style="mitre") for p in parts])
+        outline = closed.buffer(-GRAIN, join_style="mitre")
+    if not _simple(outline):
+        outline = shapely.union_all(parts).convex_hull
+    ring = shapely.remove_repeated_points(outline.exterior, GRAIN / 10).coords[:-1]
+    return tuple((float(x), float(y)) for x, y in ring)
+
+
+def _simple(outline: BaseGeometry) -> bool:
+    return isinstance(outline, Polygon) and not outline.interiors
+
+
+def _placed(footprint: Sequence[tuple[float, float]], at: Configuration) -> Polygon:
+    c, s = math.cos(at[2]), math.sin(at[2])
+    return Polygon([(at[0] + c * x - s * y, at[1] + s * x + c * y) for x, y in footprint])
