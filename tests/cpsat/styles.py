@@ -158,19 +158,12 @@ class Writer:
 
     def __init__(self, site: Site, style: Style) -> None:
         self.site, self.style = site, style
-        self.problem = SchedulingProblem(f"site in style: {style}")
         self.rng = random.Random(style.shuffled)
         self.luck = random.Random(style.spoiled)
-        self.spot, self.robot = UserType("spot"), UserType("robot")
-        places = self.shuffle(site.places)
-        self.spots = {p: self.problem.add_object(self.name("p", p), self.spot) for p in places}
         self.robots = range(len(site.starts))
-        self.bodies = [self.problem.add_object(self.name("r", r), self.robot) for r in self.robots]
+        self.problem = self._begin()
         self.at = self._fluents()
-        self.open = {
-            p: self.problem.add_fluent(f"open{p}", BoolType(), default_initial_value=False)
-            for p in site.doors
-        }
+        self.open = self._doors()
         self.holds = 0
         self.moves, self.works, self.openings = [], [], []
         for make in self.shuffle([self._all_moves, self._all_tasks, self._all_openings]):
@@ -186,7 +179,50 @@ class Writer:
             self._exactly_one(t)
             for before in site.tasks[t].after:
                 self._in_order(before, t)
+        self._finish()
         self.problem.add_quality_metric(MinimizeMakespan())
+
+    # -- what other kinds of problems do differently ---------------------------------------------
+    def _begin(self):
+        """Return the problem with its places (``spots``) and robots (``bodies``)."""
+        problem = SchedulingProblem(f"site in style: {self.style}")
+        self.spot, self.robot = UserType("spot"), UserType("robot")
+        places = self.shuffle(self.site.places)
+        self.spots = {p: problem.add_object(self.name("p", p), self.spot) for p in places}
+        self.bodies = [problem.add_object(self.name("r", r), self.robot) for r in self.robots]
+        return problem
+
+    def _doors(self):
+        """Return the fluents that say which doors are open."""
+        return {
+            p: self.problem.add_fluent(f"open{p}", BoolType(), default_initial_value=False)
+            for p in self.site.doors
+        }
+
+    def _road(self, r, a, b, length):
+        """Return the move of a robot along a road."""
+        m = self.problem.add_activity(self.name(f"move{a}to{b}by", r), length, optional=True)
+        if self.style.lasts == "bounds":
+            m.set_duration_bounds(length, length + 7)
+        if b in self.open:
+            m.add_condition(
+                ClosedTimeInterval(Timing(1, m.start), Timing(0, m.end)), self.open[b]()
+            )
+        return m
+
+    def _opening(self, r, p):
+        """Return how a robot opens a door."""
+        a = self.problem.add_activity(self.name(f"open{p}by", r), 1, optional=True)
+        delay = 0 if self.style.arrive == "end" else -1
+        a.add_effect(Timing(delay, a.end), self.open[p](), True)
+        return a
+
+    def _able(self, t):
+        """Return who may do a task."""
+        return self.robots
+
+    def _finish(self):
+        """State what else is asked for."""
 
     def name(self, kind, number):
         """Return the name of a thing; shuffled styles have other ones, in another order."""
@@ -231,20 +267,11 @@ class Writer:
     def _all_moves(self):
         for r in self.shuffle(self.robots):
             for (a, b), length in self.shuffle(self.site.ways(r)):
-                m = self.problem.add_activity(
-                    self.name(f"move{a}to{b}by", r), length, optional=True
-                )
-                if self.style.lasts == "bounds":
-                    m.set_duration_bounds(length, length + 7)
-                self.moves.append((r, m, a, b))
-                if b in self.open:
-                    m.add_condition(
-                        ClosedTimeInterval(Timing(1, m.start), Timing(0, m.end)), self.open[b]()
-                    )
+                self.moves.append((r, self._road(r, a, b, length), a, b))
 
     def _all_tasks(self):
         for t, task in self.shuffle(enumerate(self.site.tasks)):
-            for r in self.shuffle(self.robots):
+            for r in self.shuffle(self._able(t)):
                 a = self.problem.add_activity(
                     self.name(f"task{t}by", r), task.length, optional=True
                 )
@@ -253,10 +280,7 @@ class Writer:
     def _all_openings(self):
         for p in self.shuffle(self.site.doors):
             for r in self.shuffle(self.robots):
-                a = self.problem.add_activity(self.name(f"open{p}by", r), 1, optional=True)
-                delay = 0 if self.style.arrive == "end" else -1
-                a.add_effect(Timing(delay, a.end), self.open[p](), True)
-                self.openings.append((r, a, p))
+                self.openings.append((r, self._opening(r, p), p))
 
     # -- where robots are ------------------------------------------------------------------------
     def _needs(self):

@@ -109,3 +109,25 @@ def test_corners_pushed_outwards_save_time():
     assert pushed.duration < 0.99 * hugging.duration
     assert faults(pushed, KIN) == []
     assert smallest_clearance(pushed, SLIDER, scene.grid, ()) > 0
+
+
+def test_a_motion_lasts_as_long_as_its_reverse_whichever_is_asked_for_first():
+    grid = box_map(10, 7, [(4.4, 2.0, 10, 2.4), (4.4, 4.4, 10, 4.8)])
+    kin = Kinematics(MotionModel.SE2, 1.0, 1.0, 0.5, 1.0)
+    body = Body(((-0.4, -0.25), (0.4, -0.25), (0.4, 0.25), (-0.4, 0.25)), kin)
+    pairs = [
+        ((5.5, 1.2, 0.0), (2.6, 6.0, -math.pi / 2)),
+        ((7.0, 1.2, 0.0), (2.6, 6.0, -math.pi / 2)),
+        ((8.5, 3.4, 0.0), (1.0, 6.0, -math.pi / 2)),
+    ]
+    found = []
+    for turned in (False, True):
+        service = MotionService(grid)
+        for a, b in pairs:
+            ends = (b, a) if turned else (a, b)
+            for poses in (ends, ends[::-1]):
+                report = service.plan(PathQuery(body, poses), Deadline.after(30))
+                assert report.trajectory.poses[0] == pytest.approx(poses[0])
+                found.append(report.trajectory.duration)
+    assert found[:6] == pytest.approx(found[6:])
+    assert found[::2] == pytest.approx(found[1::2])

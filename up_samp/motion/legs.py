@@ -144,6 +144,20 @@ class Legs:
         return Found(leg, name)
 
     def _ask(self, name: str, query: LegQuery, deadline: Deadline) -> Leg | PathReport:
+        """Ask a planner, always in the direction that is remembered: what a motion and its reverse
+        last must not depend on which of the two was asked for first.
+        """
+        _, swap = self._key(name, query)
+        if not swap:
+            return self._ask_one_way(name, query, deadline)
+        turned = replace(query, start=query.goal, goal=query.start)
+        answer = self._ask_one_way(name, turned, deadline)
+        if isinstance(answer, PathReport) or answer.trajectory is None:
+            return answer
+        corners = None if answer.corners is None else answer.corners[::-1].copy()
+        return replace(answer, trajectory=reversed_trajectory(answer.trajectory), corners=corners)
+
+    def _ask_one_way(self, name: str, query: LegQuery, deadline: Deadline) -> Leg | PathReport:
         """Ask a planner; where it finds nothing soon, look for a stronger proof in between."""
         planner = self._planner(name)
         if name not in ("car", "planar") or self.scene.grid is None:

@@ -1,0 +1,103 @@
+"""Solve one site in several styles, and tell where the answers contradict each other."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from unified_planning.engines import PlanGenerationResultStatus as Status
+from unified_planning.shortcuts import OneshotPlanner
+
+from tests.metamorphic.motions import MotionStyle, write
+from tests.metamorphic.sites import MotionSite
+from up_samp.validation import validate_plan
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What came of a problem. ``refused``: what the validator has against the plan.
+
+    ``first``: time (s) to the first plan; ``seconds`` to the end.
+    """
+
+    style: MotionStyle
+    status: Status
+    makespan: int | None
+    bound: int
+    refused: str
+    first: float | None
+    seconds: float
+    why: str = ""
+
+
+def answer(
+    site: MotionSite, style: MotionStyle, folder: Path, *, timeout: float = 60.0, **params
+) -> Answer:
+    """Solve a site in a style, to optimality where time allows."""
+    problem = write(site, style, folder)
+    began, first = time.monotonic(), []
+
+    def watch(event) -> None:
+        if event.phase == "plan":
+            first.append(time.monotonic() - began)
+
+    params = {"optimal": True, "progress": watch, **params}
+    with OneshotPlanner(name="samp-refine[cpsat]", params=params) as planner:
+        result = planner.solve(problem, timeout=timeout)
+    seconds = time.monotonic() - began
+    metrics = result.metrics or {}
+    refused = ""
+    if result.plan is not None:
+        verdict = validate_plan(problem, result.plan)
+        refused = "" if verdict.valid else str(verdict)
+    return Answer(
+        style,
+        result.status,
+        int(metrics["makespan"]) if result.plan is not None else None,
+        int(metrics.get("lower_bound", 0)),
+        refused,
+        first[0] if first else None,
+        seconds,
+        "; ".join(m.message for m in result.log_messages or []),
+    )
+
+
+def contradictions(answers: Iterable[Answer]) -> list[str]:
+    """Return what cannot be true of problems that mean the same, as texts.
+
+    Styles of equal ``units`` mean the same: no lower bound of one may be above a plan's makespan of
+    another, and what is unsolvable in one has no plan in another.
+    """
+    found, by_meaning = [], {}
+    for a in answers:
+        by_meaning.setdefault(a.style.units, []).append(a)
+        if a.refused:
+            found.append(f"{a.style}: {a.refused}")
+        if a.status in (Status.INTERNAL_ERROR, Status.UNSUPPORTED_PROBLEM):
+            found.append(f"{a.style}: {a.status.name}: {a.why}")
+    for some in by_meaning.values():
+        found += _in_one_meaning(some)
+    return found
+
+
+def _in_one_meaning(answers: Sequence[Answer]) -> list[str]:
+    plans = [a for a in answers if a.makespan is not None]
+    if not plans:
+        return []
+    best = min(plans, key=lambda a: a.makespan)
+    found = [
+        f"{a.style}: {a.bound} is the least, but in style {best.style} there is {best.makespan}"
+        for a in answers
+        if a.bound > best.makespan
+    ]
+    found += [
+        f"{a.style}: {a.status.name} ({a.why}), but in style {best.style} there is a plan"
+        for a in answers
+        if a.status is Status.UNSOLVABLE_PROVEN
+    ]
+    optimal = {a.makespan for a in answers if a.status is Status.SOLVED_OPTIMALLY}
+    if len(optimal) > 1:
+        found.append(f"optimal are {sorted(optimal)}")
+    return found
