@@ -28,7 +28,7 @@ from unified_planning.shortcuts import (
 from up_samp.benchmarks.maps import hall_map
 from up_samp.model import Body, Kinematics, MotionModel
 from up_samp.model.refinement import Strength
-from up_samp.search.handover import proven_gap
+from up_samp.search.statements.handovers import proven_gap
 from up_samp.validation import validate_plan
 
 CAR = ((-1.0, -0.5), (1.0, -0.5), (1.0, 0.5), (-1.0, 0.5))

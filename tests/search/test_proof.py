@@ -3,13 +3,13 @@
 import itertools
 import math
 import random
-from types import SimpleNamespace
 
 import pytest
 
 from up_samp.model import Deadline
-from up_samp.search.conclusion import STALE_RESTARTS, UNTIMED_RESTARTS, may_restart
+from up_samp.search.budget import Budget
 from up_samp.search.proof import _fewest
+from up_samp.search.restarts import STALE_RESTARTS, UNTIMED_RESTARTS, Restarts
 
 
 @pytest.mark.parametrize("seed", range(30))
@@ -38,20 +38,16 @@ def test_answers_that_time_cut_short_make_it_larger_and_not_wrong(seed):
     assert core <= set(kept)
 
 
-def search(*, restarts=0, stale=0, seconds=60.0, limit=None):
-    return SimpleNamespace(
-        history=SimpleNamespace(restarts=restarts),
-        params=SimpleNamespace(max_restarts=limit),
-        deadline=Deadline.after(None if math.isinf(seconds) else seconds),
-        stale_restarts=stale,
-    )
+def may_restart(*, restarts=0, stale=0, seconds=60.0, limit=None):
+    deadline = Deadline.after(None if math.isinf(seconds) else seconds)
+    return Restarts(limit, done=restarts, stale=stale).may_begin(Budget(deadline, 10.0))
 
 
 def test_a_search_with_time_left_begins_anew_while_that_brings_anything():
-    assert may_restart(search(restarts=100))
-    assert not may_restart(search(restarts=100, stale=STALE_RESTARTS))
-    assert may_restart(search(restarts=UNTIMED_RESTARTS - 1, seconds=math.inf))
-    assert not may_restart(search(restarts=UNTIMED_RESTARTS, seconds=math.inf))
-    assert may_restart(search(restarts=4, limit=5))
-    assert not may_restart(search(restarts=5, limit=5))
-    assert not may_restart(search(limit=0))
+    assert may_restart(restarts=100)
+    assert not may_restart(restarts=100, stale=STALE_RESTARTS)
+    assert may_restart(restarts=UNTIMED_RESTARTS - 1, seconds=math.inf)
+    assert not may_restart(restarts=UNTIMED_RESTARTS, seconds=math.inf)
+    assert may_restart(restarts=4, limit=5)
+    assert not may_restart(restarts=5, limit=5)
+    assert not may_restart(limit=0)

@@ -23,7 +23,7 @@ from up_samp.model import (
 )
 from up_samp.motion import MotionService, register_planner
 from up_samp.motion.planners.car import CarPlanner
-from up_samp.search.context import LATE, Context
+from up_samp.search.facts import LATE, Facts
 from up_samp.test_cases.scene import Scene
 from up_samp.validation import validate_plan
 from up_samp.validation.plan import _LATE as LATE_IN_PLANS
@@ -135,11 +135,11 @@ def test_a_sharp_waypoint_is_passed_and_never_called_optimal_where_it_is_not():
 
 @pytest.mark.parametrize("unit", [0.1, 1, 60, 3600])
 def test_units_forgive_rounding_and_no_more_than_the_validator(unit):
-    context = SimpleNamespace(snapshot=SimpleNamespace(seconds_per_unit=unit))
+    facts = Facts(SimpleNamespace(seconds_per_unit=unit), {})
     for count in (1, 17, 1000):
-        assert Context.units(context, count * unit) == count
-        assert Context.units(context, count * unit * (1 + 1e-14)) == count
-        assert Context.units(context, count * unit + 2e-6) == count + 1
+        assert facts.units(count * unit) == count
+        assert facts.units(count * unit * (1 + 1e-14)) == count
+        assert facts.units(count * unit + 2e-6) == count + 1
     assert LATE < LATE_IN_PLANS
 
 

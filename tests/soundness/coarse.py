@@ -18,8 +18,7 @@ from tests.soundness.worlds import SECONDS, Change, Drive, World
 from up_samp.geometry import load_map
 from up_samp.model import CandidateSchedule, Deadline, GroupQuery, Outcome
 from up_samp.motion import MotionService
-from up_samp.search.context import places_between
-from up_samp.search.world import group_query, groups_of
+from up_samp.search.world import group_query, groups_of, places_between
 from up_samp.upio import read_itinerary, read_problem, relax
 
 Times = dict[str, tuple[int, int]]

@@ -14,7 +14,7 @@ from up_samp.model.refinement import Strength
 from up_samp.model.snapshot import TermKind
 from up_samp.refinement import holds
 from up_samp.scheduling.quirks import known_engines
-from up_samp.search.context import places_between
+from up_samp.search.world import places_between
 from up_samp.upio import read_itinerary, read_problem, relax
 from up_samp.validation import validate_plan
 

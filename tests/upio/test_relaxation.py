@@ -23,7 +23,7 @@ from up_samp.model.refinement import (
 )
 from up_samp.refinement import holds
 from up_samp.scheduling.cpsat import CpsatSession
-from up_samp.search.context import places_between
+from up_samp.search.world import places_between
 from up_samp.upio import read_itinerary, read_problem, relax, write_refinement
 
 

@@ -29,9 +29,10 @@ from up_samp.scheduling.quirks import is_compatible
 from up_samp.search.params import split_parameters
 
 if TYPE_CHECKING:
+    from up_samp.search.bounds import Incumbent
     from up_samp.search.conclusion import SearchResult
-    from up_samp.search.context import Context, Incumbent
     from up_samp.search.history import History, ProgressEvent
+    from up_samp.search.search import Search
     from up_samp.upio import SampSchedule
 
 # schedulers, motion planners and the validator are imported when a problem is solved: UP imports
@@ -54,6 +55,7 @@ _STATUSES = {
     "UNSOLVABLE": PlanGenerationResultStatus.UNSOLVABLE_PROVEN,
     "EXHAUSTED": PlanGenerationResultStatus.UNSOLVABLE_INCOMPLETELY,
     "OUT_OF_TIME": PlanGenerationResultStatus.TIMEOUT,
+    "STOPPED": PlanGenerationResultStatus.TIMEOUT,
     "FAILED": PlanGenerationResultStatus.INTERNAL_ERROR,
 }
 """UP's status for each :class:`up_samp.search.conclusion.Conclusion`, by its name."""
@@ -196,22 +198,21 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         if not moves:
             yield schedule_plainly(self, problem, deadline, optimal)
             return
-        context = self._open(problem, deadline, stream)
-        search = run(context, optimal=optimal)
+        search = self._open(problem, deadline, stream)
+        steps = run(search, optimal=optimal)
         try:
             while True:
-                incumbent = next(search)
-                yield self._intermediate(problem, context, incumbent)
+                yield self._intermediate(search, next(steps))
         except StopIteration as stop:
-            yield self._final(problem, context, stop.value)
+            yield self._final(problem, search, stop.value)
         except (InvalidPlanError, EngineError) as error:
-            yield self._failure(problem, context, str(error))
+            yield self._failure(problem, search, str(error))
         finally:
-            search.close()
+            steps.close()
 
     def _open(
         self, problem: SchedulingMotionProblem, deadline: Deadline, stream: IO[str] | None
-    ) -> Context:
+    ) -> Search:
         from up_samp.search.session import open_search
         from up_samp.validation import validate_plan, validate_schedule
 
@@ -241,65 +242,56 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         )
 
     # ------------------------------------------------------------------ results
-    def _intermediate(
-        self, problem: SchedulingMotionProblem, context: Context, incumbent: Incumbent
-    ) -> PlanGenerationResult:
-        from up_samp.search.session import to_plan
-
-        plan = to_plan(problem, context.snapshot, incumbent)
-        return self._result(PlanGenerationResultStatus.INTERMEDIATE, plan, context, "")
+    def _intermediate(self, search: Search, incumbent: Incumbent) -> PlanGenerationResult:
+        return self._result(PlanGenerationResultStatus.INTERMEDIATE, incumbent.plan, search, "")
 
     def _final(
-        self, problem: SchedulingMotionProblem, context: Context, ending: SearchResult
+        self, problem: SchedulingMotionProblem, search: Search, ending: SearchResult
     ) -> PlanGenerationResult:
         from up_samp.search.conclusion import Conclusion
-        from up_samp.search.session import to_plan
 
-        plan = None
-        if context.incumbent is not None:
-            plan = to_plan(problem, context.snapshot, context.incumbent)
+        incumbent = search.bounds.incumbent
+        plan = None if incumbent is None else incumbent.plan
         status = _STATUSES[ending.conclusion.name]
         solved = PlanGenerationResultStatus.SOLVED_SATISFICING
         if status is PlanGenerationResultStatus.SOLVED_OPTIMALLY and not problem.quality_metrics:
             status = solved
         if plan is not None and ending.conclusion is Conclusion.FAILED:
             status = solved
-        return self._result(status, plan, context, ending.why)
+        return self._result(status, plan, search, ending.why)
 
     def _failure(
-        self, problem: SchedulingMotionProblem, context: Context, why: str
+        self, problem: SchedulingMotionProblem, search: Search, why: str
     ) -> PlanGenerationResult:
         """Return what went wrong, and the best plan until then, if there is one."""
-        if context.incumbent is None:
-            return self._result(PlanGenerationResultStatus.INTERNAL_ERROR, None, context, why)
+        if search.bounds.incumbent is None:
+            return self._result(PlanGenerationResultStatus.INTERNAL_ERROR, None, search, why)
         from up_samp.search.conclusion import Conclusion, SearchResult
 
-        return self._final(problem, context, SearchResult(Conclusion.FAILED, why))
+        return self._final(problem, search, SearchResult(Conclusion.FAILED, why))
 
     def _result(
         self,
         status: PlanGenerationResultStatus,
         plan: Plan | None,
-        context: Context,
+        search: Search,
         why: str,
     ) -> PlanGenerationResult:
         level = (
             LogLevel.ERROR if status is PlanGenerationResultStatus.INTERNAL_ERROR else LogLevel.INFO
         )
         messages = [LogMessage(level, why)] if why else []
-        result = SampResult(status, plan, self.name, self._metrics(context), messages)
-        result.history = context.history
+        result = SampResult(status, plan, self.name, self._metrics(search), messages)
+        result.history = search.history
         return result
 
-    def _metrics(self, context: Context) -> dict[str, str]:
-        history = context.history
+    def _metrics(self, search: Search) -> dict[str, str]:
+        history, bounds = search.history, search.bounds
         metrics = {
             "preset": self.params.preset,
-            "lower_bound": str(context.lower_bound),
+            "lower_bound": str(bounds.lower),
             "bound_kind": (
-                "relative to the motion planner's durations"
-                if context.bound_is_relative
-                else "absolute"
+                "relative to the motion planner's durations" if bounds.relative else "absolute"
             ),
             "rounds": str(len(history.rounds)),
             "restarts": str(history.restarts),
@@ -309,7 +301,7 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
             "refinements_group": str(history.count(Layer.GROUP)),
             "seconds_scheduler": f"{history.seconds_scheduler:.3f}",
             "seconds_motion": f"{history.seconds_motion:.3f}",
-            "seconds_total": f"{context.deadline.elapsed():.3f}",
+            "seconds_total": f"{search.budget.deadline.elapsed():.3f}",
             "seconds_per_unit": repr(self.params.seconds_per_unit),
         }
         if history.recognised or history.left_over:
@@ -317,10 +309,10 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
             metrics["left_over"] = "; ".join(history.left_over)
         if history.refused:
             metrics["refused"] = str(len(history.refused))
-        if context.incumbent is not None:
-            makespan = context.incumbent.schedule.makespan
+        if bounds.incumbent is not None:
+            makespan = bounds.incumbent.schedule.makespan
             metrics["makespan"] = str(makespan)
-            metrics["gap"] = f"{1 - context.lower_bound / makespan if makespan else 0:.4f}"
+            metrics["gap"] = f"{1 - bounds.lower / makespan if makespan else 0:.4f}"
         return metrics
 
 

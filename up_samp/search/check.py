@@ -2,26 +2,27 @@
 
 Layer 1 asks for each motion alone whether there is a path and how long it takes; layer 2 whether
 the motions of a parallel group can be made as scheduled. Everything that a layer learns from one
-candidate is collected, unless the preset stops at the first refinement as the paper does.
+candidate is collected, unless the cuts stop at the first refinement as the paper does.
 """
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from up_samp.model import GroupQuery, GroupReport, Outcome, PathQuery, ScheduledMotion, Trajectory
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.refinement import rules, timed
 from up_samp.search.cases import MotionCase
-from up_samp.search.context import Context
-from up_samp.search.cuts import groups as group_rules
-from up_samp.search.cuts import paper
+from up_samp.search.cuts.alone import Alone
 from up_samp.search.cuts.exact import rejects
 from up_samp.search.cuts.failure import Failure
-from up_samp.search.params import GROUP_PLANNERS
-from up_samp.search.prepare import duration_refinements, fastest_path
+from up_samp.search.cuts.protocol import Cuts
+from up_samp.search.cuts.small import blocked
+from up_samp.search.events import Phase, Telling
+from up_samp.search.facts import Facts
+from up_samp.search.knowledge import Knowledge
+from up_samp.search.motions import Motions
 from up_samp.search.world import group_query, groups_of, instant_obstacles, motion_key
 from up_samp.upio import Itinerary
 
@@ -45,22 +46,113 @@ class Check:
         return not self.refinements and not self.needed and not self.failed
 
 
-def check_itinerary(
-    context: Context, itinerary: Itinerary, *, learn: bool = True, first_only: bool = False
-) -> Check:
-    """Check all motions of an itinerary; ``learn=False`` asks for trajectories alone."""
-    check = Check()
-    started = time.monotonic()
-    before = context.history.seconds_motion
-    check.refinements += check_static(itinerary)
-    for group in groups_of(itinerary.motions):
-        _check_group(context, itinerary, group, check, learn=learn, first_only=first_only)
-        if context.deadline.expired():
-            check.failed |= {motion_key(m) for m in group}
-        if context.deadline.expired() or (first_only and not check.passed):
-            break
-    context.history.seconds_motion = before + time.monotonic() - started
-    return check
+CheckAlone = Callable[["Checker", Itinerary, ScheduledMotion, Check], list[Refinement]]
+"""One layer that checks a motion alone and returns what it tells."""
+
+
+@dataclass(frozen=True)
+class Checker:
+    """Checks candidates. ``layers`` look at each motion alone, in order, until one finds something;
+    ``method`` is the group planner. ``thorough``: groups are driven also where a motion alone does
+    not fit (repairs need that).
+    """
+
+    motions: Motions
+    knowledge: Knowledge
+    cuts: Cuts
+    layers: tuple[CheckAlone, ...]
+    tell: Telling
+    method: str = "ladder"
+    thorough: bool = True
+    seed: int = 0
+
+    def check(self, itinerary: Itinerary) -> Check:
+        """Check all motions of a candidate (lines 8 to 15)."""
+        return self._checked(itinerary, learn=True, first_only=self.cuts.first_only)
+
+    def drive(self, itinerary: Itinerary) -> Check:
+        """Ask for trajectories alone: groups teach nothing."""
+        return self._checked(itinerary, learn=False, first_only=False)
+
+    def _checked(self, itinerary: Itinerary, *, learn: bool, first_only: bool) -> Check:
+        check = Check()
+        deadline = self.motions.budget.deadline
+        with self.motions.budget.motion_time():
+            check.refinements += check_static(itinerary)
+            for group in groups_of(itinerary.motions):
+                self._check_group(itinerary, group, check, learn=learn, first_only=first_only)
+                if deadline.expired():
+                    check.failed |= {motion_key(m) for m in group}
+                if deadline.expired() or (first_only and not check.passed):
+                    break
+        return check
+
+    def _check_group(
+        self,
+        itinerary: Itinerary,
+        group: Sequence[ScheduledMotion],
+        check: Check,
+        *,
+        learn: bool,
+        first_only: bool,
+    ) -> None:
+        found = self._check_alone(itinerary, group, check, first_only=first_only)
+        check.refinements += found
+        if found and not self.thorough:
+            return
+        if any(motion_key(m) in check.failed for m in group):
+            return
+        query = group_query(self.motions.facts, itinerary, group)
+        report, cut_short = self._coordinate(query)
+        check.trajectories.update(report.trajectories)
+        if report.outcome is not Outcome.FOUND:
+            check.failed |= report.conflict or {motion_key(m) for m in group}
+        for name, arrival in report.late.items():
+            check.needed[name] = self.motions.facts.units(arrival)
+        if learn and not found and (report.outcome is not Outcome.FOUND or report.late):
+            failure = Failure(
+                self.motions,
+                self.knowledge,
+                self.cuts.alike,
+                itinerary,
+                group,
+                query,
+                report,
+                cut_short,
+            )
+            check.refinements += self.cuts.group(failure)
+
+    def _check_alone(
+        self,
+        itinerary: Itinerary,
+        group: Sequence[ScheduledMotion],
+        check: Check,
+        *,
+        first_only: bool,
+    ) -> list[Refinement]:
+        """Return what the first layer tells that finds something."""
+        found: list[Refinement] = []
+        for layer in self.layers:
+            for motion in group:
+                found += layer(self, itinerary, motion, check)
+                if found and first_only:
+                    break
+            if found:
+                break
+        return found
+
+    def _coordinate(self, query: GroupQuery) -> tuple[GroupReport, bool]:
+        """Ask the motion service for a group; return also whether its time was up."""
+        if len(query.motions) > 1:
+            self.tell.stage(Phase.GROUP, count=len(query.motions))
+        deadline = self.motions.budget.group(len(query.motions))
+        seed = self.seed + self.knowledge.history.restarts
+        report = self.motions.service.coordinate(query, deadline, method=self.method, seed=seed)
+        return report, deadline.expired()
+
+    def rejected(self, itinerary: Itinerary, found: Sequence[Refinement]) -> bool:
+        """Return whether one of the refinements forbids the candidate."""
+        return any(rejects(self.knowledge.relaxation, itinerary, r) for r in found)
 
 
 def check_static(itinerary: Itinerary) -> list[Refinement]:
@@ -79,109 +171,83 @@ def check_static(itinerary: Itinerary) -> list[Refinement]:
     return found
 
 
-def _check_group(
-    context: Context,
-    itinerary: Itinerary,
-    group: Sequence[ScheduledMotion],
-    check: Check,
-    *,
-    learn: bool,
-    first_only: bool,
-) -> None:
-    params = context.params
-    found: list[Refinement] = []
-    if params.single_geometric:
-        for motion in group:
-            found += check_path(context, itinerary, motion, check)
-            if found and first_only:
-                break
-    if params.single_temporal and not found:
-        for motion in group:
-            found += check_duration(context, itinerary, motion, check)
-            if found and first_only:
-                break
-    check.refinements += found
-    if found and not params.incumbents:
-        return
-    if any(motion_key(m) in check.failed for m in group):
-        return
-    query = group_query(context, itinerary, group)
-    report, cut_short = coordinate(context, query)
-    check.trajectories.update(report.trajectories)
-    if report.outcome is not Outcome.FOUND:
-        check.failed |= report.conflict or {motion_key(m) for m in group}
-    for name, arrival in report.late.items():
-        check.needed[name] = context.units(arrival)
-    if learn and not found and (report.outcome is not Outcome.FOUND or report.late):
-        failure = Failure(context, itinerary, group, query, report, cut_short)
-        check.refinements += group_rules.learn(failure)
-
-
-def coordinate(context: Context, query: GroupQuery) -> tuple[GroupReport, bool]:
-    """Ask the motion service for a group; return also whether its time was up."""
-    if len(query.motions) > 1:
-        context.report("group", f"{len(query.motions)} motions together")
-    deadline = context.deadline.within(context.group_seconds(len(query.motions)))
-    method = GROUP_PLANNERS[context.params.group_planner.lower()]
-    seed = context.params.seed + context.history.restarts
-    report = context.service.coordinate(query, deadline, method=method, seed=seed)
-    return report, deadline.expired()
-
-
 def check_path(
-    context: Context, itinerary: Itinerary, motion: ScheduledMotion, check: Check
+    checker: Checker, itinerary: Itinerary, motion: ScheduledMotion, check: Check
 ) -> list[Refinement]:
     """Layer 1, geometric: is there a path among what rests all through the motion's time?"""
-    body = context.body(motion)
-    obstacles = instant_obstacles(context, itinerary, motion)
-    report = context.service.plan(
-        PathQuery(body, motion.poses, obstacles),
-        context.deadline.within(context.query_seconds),
-    )
+    motions, facts = checker.motions, checker.motions.facts
+    body = facts.body(motion)
+    obstacles = instant_obstacles(facts, itinerary, motion)
+    report = motions.path(PathQuery(body, motion.poses, obstacles))
     if report.outcome is Outcome.FOUND:
         return []
     check.failed.add(motion_key(motion))
     proven = report.outcome is Outcome.IMPOSSIBLE
-    strength = Strength.PROVEN if proven else Strength.HEURISTIC
     names = report.blockers if proven else frozenset(o.name for o in obstacles)
-    snapshot = context.snapshot
-    movable = {n: itinerary.place_at(snapshot, n, motion.start) for n in names if context.movers[n]}
-    why = report.reason or f"no path for {motion.activity} found"
-    same = _equivalent(context, motion, names)
-    if not movable:
-        never = ((rules.impossible(c.activity, why), c.given) for c in same)
-        return [replace(rules.only_given(r, g), strength=strength) for r, g in never]
-    if context.params.small_cuts or proven:
-        found = [
-            rules.only_given(
-                rules.blocked_while(c.activity, movable, context.movers, why, strength=strength),
-                c.given,
-            )
-            for c in same
-        ]
-    else:
-        found = paper.no_path(context, motion, obstacles, movable, why)
-    if not any(rejects(context, itinerary, r) for r in found):
-        exact = _blocked_as_timed(context, itinerary, motion, movable, why, strength)
-        found.append(exact)
+    alone = Alone(
+        motion,
+        obstacles,
+        {n: itinerary.place_at(facts.snapshot, n, motion.start) for n in names if facts.movers[n]},
+        _alike(checker, motion, names),
+        report.reason or f"no path for {motion.activity} found",
+        Strength.PROVEN if proven else Strength.HEURISTIC,
+    )
+    if not alone.places:
+        never = ((rules.impossible(c.activity, alone.why), c.given) for c in alone.cases)
+        return [replace(rules.only_given(r, g), strength=alone.strength) for r, g in never]
+    found = blocked(facts, alone) if proven else checker.cuts.no_path(motions, alone)
+    if not checker.rejected(itinerary, found):
+        found.append(_blocked_as_timed(facts, itinerary, alone))
     return found
 
 
-def _blocked_as_timed(
-    context: Context,
-    itinerary: Itinerary,
-    motion: ScheduledMotion,
-    blockers: Iterable[str],
-    why: str,
-    strength: Strength,
-) -> Refinement:
+def check_duration(
+    checker: Checker, itinerary: Itinerary, motion: ScheduledMotion, check: Check
+) -> list[Refinement]:
+    """Layer 1, temporal: does the motion alone fit its scheduled time?"""
+    motions, facts = checker.motions, checker.motions.facts
+    body = facts.body(motion)
+    told = checker.cuts.unobstructed(motions, checker.knowledge, motion)
+    found = [r for r in told if checker.rejected(itinerary, [r])]
+    if found:
+        return found
+    obstacles = instant_obstacles(facts, itinerary, motion)
+    query = PathQuery(body, motion.poses, obstacles)
+    report, strength = motions.fastest(query, motions.budget.query())
+    if report.trajectory is None:
+        return []
+    units = facts.units(report.trajectory.duration)
+    if units <= motion.end - motion.start:
+        return []
+    names = frozenset(o.name for o in obstacles)
+    alone = Alone(
+        motion,
+        obstacles,
+        {
+            o.name: itinerary.place_at(facts.snapshot, o.name, motion.start)
+            for o in obstacles
+            if facts.movers[o.name]
+        },
+        _alike(checker, motion, names),
+        f"the fastest motion found takes {report.trajectory.duration:.2f} s",
+        strength,
+    )
+    found = checker.cuts.too_slow(motions, alone, units)
+    if not checker.rejected(itinerary, found):
+        exact = _blocked_as_timed(facts, itinerary, alone)
+        found.append(rules.unless_longer(exact, motion.activity, units))
+    return found
+
+
+def _blocked_as_timed(facts: Facts, itinerary: Itinerary, alone: Alone) -> Refinement:
     """Return the cut for the blockers' changes as they are ordered."""
+    motion = alone.motion
     set_by: dict[str, str | None] = {}
     changes: dict[str, dict[str, int]] = {}
     given = dict(motion.given)
-    for name in blockers:
+    for name in alone.places:
         times = itinerary.schedule.times
-        movers = sorted(context.movers[name])
+        movers = sorted(facts.movers[name])
         ends = {a: times[a][1] if a in times else -1 for a in movers}
         before = [(time, a) for a, time in ends.items() if 0 <= time <= motion.start]
         set_by[name] = max(before)[1] if before else None
@@ -192,57 +258,16 @@ def _blocked_as_timed(
         for drive in itinerary.motions:
             if name in drive.moved and drive.activity == set_by[name]:
                 given |= dict(drive.given)
-    cut = timed.blocked_as_timed(motion, set_by, changes, why, strength=strength)
+    cut = timed.blocked_as_timed(motion, set_by, changes, alone.why, strength=alone.strength)
     return rules.only_given(cut, tuple(sorted(given.items())))
 
 
-def check_duration(
-    context: Context, itinerary: Itinerary, motion: ScheduledMotion, check: Check
-) -> list[Refinement]:
-    """Layer 1, temporal: does the motion alone fit its scheduled time?"""
-    body = context.body(motion)
-    found = []
-    if context.params.small_cuts:
-        found = duration_refinements(context, context.like(motion), context.query_seconds)
-        found = [r for r in found if rejects(context, itinerary, r)]
-        if found:
-            return found
-    obstacles = instant_obstacles(context, itinerary, motion)
-    query = PathQuery(body, motion.poses, obstacles)
-    report, strength = fastest_path(context, query, context.query_seconds)
-    if report.trajectory is None:
-        return []
-    units = context.units(report.trajectory.duration)
-    if units <= motion.end - motion.start:
-        return []
-    places = {
-        o.name: itinerary.place_at(context.snapshot, o.name, motion.start)
-        for o in obstacles
-        if context.movers[o.name]
-    }
-    why = f"the fastest motion found takes {report.trajectory.duration:.2f} s"
-    for case in _equivalent(context, motion, frozenset(o.name for o in obstacles)):
-        if context.params.small_cuts:
-            cut = rules.slower_while(
-                case.activity, units, places, context.movers, why, strength=strength
-            )
-            found.append(rules.only_given(cut, case.given))
-        else:
-            found.append(paper.takes_longer(context, motion, case, units, places, why, strength))
-    if not any(rejects(context, itinerary, r) for r in found):
-        exact = _blocked_as_timed(context, itinerary, motion, places, why, strength)
-        found.append(rules.unless_longer(exact, motion.activity, units))
-    return found
-
-
-def _equivalent(
-    context: Context, motion: ScheduledMotion, blockers: frozenset[str]
-) -> list[MotionCase]:
-    """Return the motion's case and, if asked for, those that are the same motion with equal bodies
-    and heed the ``blockers`` too.
+def _alike(
+    checker: Checker, motion: ScheduledMotion, blockers: frozenset[str]
+) -> tuple[MotionCase, ...]:
+    """Return the motion's case and those that are the same motion with equal bodies and heed the
+    ``blockers`` too, as far as the cuts are stated for them.
     """
-    mine, *others = context.like(motion)
-    if not context.params.equivalents:
-        return [mine]
+    mine, *others = checker.cuts.alike(checker.motions.facts, motion)
     heeding = [c for c in others if c.task.avoid is None or blockers <= c.task.avoid]
-    return sorted([mine, *heeding], key=lambda c: (c.activity, c.given))
+    return tuple(sorted([mine, *heeding], key=lambda c: (c.activity, c.given)))

@@ -7,10 +7,13 @@ import json
 from collections import Counter
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from up_samp.model.refinement import Layer, Refinement
 from up_samp.system.files import write_whole
+
+if TYPE_CHECKING:
+    from up_samp.search.budget import Budget
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,20 @@ class History:
     """... and what it took as it is written."""
     refused: list[str] = field(default_factory=list)
     """What the validator had against plans that the search took for valid; it learned from it."""
+
+    last_plan_round: int | None = None
+    """In which round the best plan was found ..."""
+    last_plan_at: float | None = None
+    """... and when (s since the start)."""
+
+    def planned(self, number: int, at: float) -> None:
+        """Note that a better plan was found."""
+        self.last_plan_round, self.last_plan_at = number, at
+
+    def take_times(self, budget: Budget) -> None:
+        """Note what was spent so far."""
+        self.seconds_scheduler = budget.seconds_scheduler
+        self.seconds_motion = budget.seconds_motion
 
     def count(self, layer: Layer) -> int:
         """Return how many refinements a layer gave."""

@@ -6,165 +6,150 @@ Algorithm 1 (Tosello et al., ICAPS 2026).
 
 from __future__ import annotations
 
-import time
 from collections.abc import Generator
 from dataclasses import replace
 
-from up_samp.model import CandidateSchedule, Deadline, ScheduleReport
+from up_samp.model import CandidateSchedule, ScheduleReport
 from up_samp.model.refinement import Refinement
-from up_samp.search.check import Check, check_itinerary
-from up_samp.search.conclusion import SearchResult, conclude, conclude_without_schedule
-from up_samp.search.context import Context, Incumbent
+from up_samp.search.bounds import Incumbent
+from up_samp.search.check import Check
+from up_samp.search.conclusion import (
+    SearchResult,
+    conclude,
+    conclude_stopped,
+    conclude_without_schedule,
+)
 from up_samp.search.cuts.exact import rejects
 from up_samp.search.cuts.refused import cuts_from
-from up_samp.search.handover import guess_handovers, state_handovers
+from up_samp.search.events import Phase
 from up_samp.search.history import Round
-from up_samp.search.prepare import (
-    state_bounds,
-    state_certificates,
-    state_durations,
-    state_places,
-)
-from up_samp.search.repair import repair
-from up_samp.search.slack import with_slack
-from up_samp.search.trace import write_trace
+from up_samp.search.search import Search
 from up_samp.upio import Itinerary, read_itinerary
 
 
-def solve(context: Context, *, optimal: bool) -> Generator[Incumbent, None, SearchResult]:
+def solve(search: Search, *, optimal: bool) -> Generator[Incumbent, None, SearchResult]:
     """Search for a plan; with ``optimal`` go on until its makespan meets the lower bound.
 
     Yields each plan that is better than all before it, and returns how the search ended.
     """
-    state_what_is_known(context)
-    while not context.deadline.expired():
-        report = get_schedule(context, optimal=optimal)  # line 4
-        if report.schedule is None or not is_better(context, report.schedule):
-            ending = conclude_without_schedule(context, report)  # lines 18 to 20
+    state_what_is_known(search)
+    while not search.budget.deadline.expired():
+        if search.stop is not None and search.stop(search.tell.state()):
+            return conclude_stopped(search)
+        report = get_schedule(search, optimal=optimal)  # line 4
+        if report.schedule is None or not is_better(search, report.schedule):
+            ending = conclude_without_schedule(search, report)  # lines 18 to 20
             if ending is not None:
                 return ending
             continue
-        itinerary = read_itinerary(context.relaxation, with_slack(context, report.schedule))
-        check = check_motions(context, itinerary)  # lines 6 to 15
-        learned = learn_from(context, itinerary, check)  # lines 31 and 35
-        found = adopt_or_repair(context, itinerary, check)  # line 16
-        refused = learn_from_refusal(context, found)
+        itinerary = read_itinerary(search.knowledge.relaxation, shaped(search, report.schedule))
+        check = check_motions(search, itinerary)  # lines 6 to 15
+        learned = learn_from(search, itinerary, check)  # lines 31 and 35
+        found = adopt_or_repair(search, itinerary, check)  # line 16
+        refused = learn_from_refusal(search, found)
         learned += refused
-        better = None if refused else keep_if_better(context, found)
-        record(context, replace(report, schedule=itinerary.schedule), check, learned)
+        better = None if refused else keep_if_better(search, found)
+        record(search, replace(report, schedule=itinerary.schedule), check, learned)
         if better is not None:
             yield better
-        if not refused and is_done(context, report, check, learned, optimal=optimal):
+        if not refused and is_done(search, check, learned, optimal=optimal):
             break
-    return conclude(context)
+    return conclude(search)
 
 
-def state_what_is_known(context: Context) -> None:
+def state_what_is_known(search: Search) -> None:
     """Tell the scheduler, before it starts, what holds for any schedule (bounds first)."""
-    started = time.monotonic()
-    params = context.params
-    stages = []
-    if params.bounds_first:
-        stages += [("lower bounds on motions", state_bounds)]
-    if params.certificates:
-        stages += [("proofs of unreachability", state_certificates)]
-        if context.native:
-            stages += [("places for one", state_places)]
-    if params.bounds_first:
-        stages += [("unobstructed motions", state_durations)]
-        if params.profiles:
-            stages += [("handing over places", state_handovers)]
-    for name, stage in stages:
-        context.report("prepare", name)
-        context.learn(stage(context))
-    context.history.seconds_motion = time.monotonic() - started
-    write_trace(context, None, context.standing)
+    with search.budget.motion_time():
+        for statement in search.components.statements:
+            search.tell.stage(Phase.PREPARE, statement.name)
+            search.learn(statement.find(search))
+    search.history.take_times(search.budget)
+    search.tell.round(None, search.knowledge.active, (), search.history)
 
 
-def get_schedule(context: Context, *, optimal: bool) -> ScheduleReport:
+def get_schedule(search: Search, *, optimal: bool) -> ScheduleReport:
     """Invoke the scheduler on the relaxation and what was learned (line 4).
 
     Our own scheduler is asked for good schedules until there is a plan, and then for better ones
     and for proofs, with more and more time.
     """
-    context.report("schedule", "scheduling")
-    last = context.incumbent.schedule if context.incumbent else None
-    proving = optimal and not (context.staged and last is None)
-    report = context.scheduler.solve(
-        schedule_deadline(context, proving=proving),
+    search.tell.stage(Phase.SCHEDULE)
+    bounds, pace = search.bounds, search.components.pace
+    planned = bounds.incumbent is not None
+    proving = optimal and (planned or not pace.staged)
+    guessing = bool(search.knowledge.guesses)
+    report = search.scheduler.solve(
+        pace.deadline(search.budget, planned=planned, proving=proving),
         optimal=proving,
-        hint=last,
-        lower_bound=None if context.heuristic else context.lower_bound,
+        hint=bounds.incumbent.schedule if bounds.incumbent else None,
+        lower_bound=None if guessing else bounds.lower,
     )
-    context.history.seconds_scheduler += report.seconds
+    search.budget.seconds_scheduler += report.seconds
     if report.recognised or report.left_over:
-        context.history.recognised = report.recognised
-        context.history.left_over = report.left_over
-    if report.bound is not None and not context.heuristic:
-        context.lower_bound = max(context.lower_bound, report.bound)
+        search.history.recognised = report.recognised
+        search.history.left_over = report.left_over
+    if report.bound is not None and not guessing:
+        bounds.lower = max(bounds.lower, report.bound)
+    search.tell.schedule(report)
     return report
 
 
-def schedule_deadline(context: Context, *, proving: bool) -> Deadline:
-    """Return by when the scheduler has to answer.
-
-    Another's scheduler would have to begin anew after a limit; ours goes on from what it knows.
-    """
-    if not context.staged:
-        return context.deadline
-    if proving:
-        return context.deadline.within(context.proof_seconds)
-    if context.incumbent is None:
-        return context.deadline.within(context.schedule_share * context.deadline.remaining())
-    return context.deadline
-
-
-def is_better(context: Context, schedule: CandidateSchedule) -> bool:
+def is_better(search: Search, schedule: CandidateSchedule) -> bool:
     """Return whether a candidate would be worth more than the best plan, if its motions fit."""
-    upper = context.upper_bound
-    return not context.staged or upper is None or schedule.makespan < upper
+    return not search.components.pace.staged or search.bounds.improves(schedule)
 
 
-def check_motions(context: Context, itinerary: Itinerary) -> Check:
+def shaped(search: Search, schedule: CandidateSchedule) -> CandidateSchedule:
+    """Return the candidate as it is easier to drive."""
+    for shape in search.components.shapers:
+        schedule = shape(search, schedule)
+    return schedule
+
+
+def check_motions(search: Search, itinerary: Itinerary) -> Check:
     """Check the candidate's motions (lines 8 to 15)."""
-    context.report("motions", f"checking {len(itinerary.motions)} motions")
-    return check_itinerary(context, itinerary, first_only=not context.params.small_cuts)
+    search.tell.stage(Phase.MOTIONS, count=len(itinerary.motions))
+    return search.checker.check(itinerary)
 
 
-def adopt_or_repair(context: Context, itinerary: Itinerary, check: Check) -> Incumbent | None:
+def adopt_or_repair(search: Search, itinerary: Itinerary, check: Check) -> Incumbent | None:
     """Return the candidate as a plan if its motions fit, else what can be made of it."""
     if check.passed:
-        return Incumbent(itinerary.schedule, check.trajectories)
-    if context.params.incumbents and not check.failed:
-        context.report("repair", "giving motions the time they need")
-        return repair(context, itinerary.schedule, check)
+        return search.plan_of(itinerary.schedule, check.trajectories)
+    for repair in search.components.repairs if not check.failed else ():
+        found = repair(search, itinerary.schedule, check)
+        if found is not None:
+            return found
     return None
 
 
-def learn_from_refusal(context: Context, found: Incumbent | None) -> list[Refinement]:
+def learn_from_refusal(search: Search, found: Incumbent | None) -> list[Refinement]:
     """Let the independent validator judge a plan; learn cuts that forbid it if it is refused.
 
     Raises :class:`InvalidPlanError` where nothing new can be learned from the refusal.
     """
-    refusals = context.validate(found) if found is not None else []
+    refusals = search.problem.judge(found.plan) if found is not None else []
     if found is None or not refusals:
         return []
+    cuts = []
+    if search.components.learns:
+        itinerary = read_itinerary(search.knowledge.relaxation, found.schedule)
+        cuts = cuts_from(search.facts, itinerary, refusals)
     texts = [f"{r.kind}: {r.what}" for r in refusals]
-    cuts = cuts_from(context, found.schedule, refusals) if context.params.refine else []
-    context.report("refused", texts[0])
-    context.history.refused += texts
-    if not context.learn(cuts):
+    search.tell.refusal(refusals)
+    search.history.refused += texts
+    if not search.learn(cuts):
         raise InvalidPlanError("; ".join(texts[:3]))
     return cuts
 
 
-def keep_if_better(context: Context, found: Incumbent | None) -> Incumbent | None:
+def keep_if_better(search: Search, found: Incumbent | None) -> Incumbent | None:
     """Make a valid plan the incumbent and return it, if it is the best so far."""
-    upper = context.upper_bound
-    if found is None or (upper is not None and found.schedule.makespan >= upper):
+    if found is None or not search.bounds.keep(found):
         return None
-    context.incumbent = found
-    context.report("plan", f"plan with makespan {found.schedule.makespan}")
+    # its round is not in the history yet
+    search.history.planned(len(search.history.rounds) + 1, search.budget.deadline.elapsed())
+    search.tell.plan(found)
     return found
 
 
@@ -172,52 +157,44 @@ class InvalidPlanError(RuntimeError):
     """The independent validator rejected a plan, and there is nothing new to learn from that."""
 
 
-def learn_from(context: Context, itinerary: Itinerary, check: Check) -> list[Refinement]:
+def learn_from(search: Search, itinerary: Itinerary, check: Check) -> list[Refinement]:
     """Write the candidate's refinements; return those that reject it."""
-    if not context.params.refine:
+    if not search.components.learns:
         return []
-    context.learn(check.refinements)
-    if not check.passed and context.params.bounds_first and context.params.profiles:
-        context.learn(guess_handovers(context))
-    return [r for r in check.refinements if rejects(context, itinerary, r)]
+    search.learn(check.refinements)
+    for statement in search.components.after_failure if not check.passed else ():
+        search.learn(statement.find(search))
+    relaxation = search.knowledge.relaxation
+    return [r for r in check.refinements if rejects(relaxation, itinerary, r)]
 
 
-def record(
-    context: Context, report: ScheduleReport, check: Check, learned: list[Refinement]
-) -> None:
-    """Write the round into the history, and the trace if asked for."""
-    history = context.history
+def record(search: Search, report: ScheduleReport, check: Check, learned: list[Refinement]) -> None:
+    """Write the round into the history."""
+    history, bounds = search.history, search.bounds
     schedule = report.schedule
+    history.take_times(search.budget)
     history.rounds.append(
         Round(
             number=len(history.rounds) + 1,
             makespan=None if schedule is None else schedule.makespan,
-            lower_bound=context.lower_bound,
-            upper_bound=context.upper_bound,
+            lower_bound=bounds.lower,
+            upper_bound=bounds.upper,
             refinements=len(learned),
             seconds_scheduler=history.seconds_scheduler,
             seconds_motion=history.seconds_motion,
-            elapsed=context.deadline.elapsed(),
+            elapsed=search.budget.deadline.elapsed(),
             outcome="fits" if check.passed else "refined",
         )
     )
-    context.report("round", f"{len(learned)} refinements" if learned else "candidate fits")
-    write_trace(context, report, check.refinements, learned)
+    search.tell.round(report, check.refinements, learned, history)
 
 
-def is_done(
-    context: Context,
-    report: ScheduleReport,
-    check: Check,
-    learned: list[Refinement],
-    *,
-    optimal: bool,
-) -> bool:
+def is_done(search: Search, check: Check, learned: list[Refinement], *, optimal: bool) -> bool:
     """Return whether there is all that was asked for, or nothing more to come."""
-    if not context.params.refine:
+    if not search.components.learns:
         return True
-    if context.incumbent is not None and (not optimal or context.is_optimal):
+    if search.bounds.incumbent is not None and (not optimal or search.bounds.met):
         return True
-    if check.passed and optimal and context.staged:
+    if check.passed and optimal and search.components.pace.staged:
         return False
     return check.passed or not learned

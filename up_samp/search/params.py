@@ -5,12 +5,17 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from up_samp.model.errors import ProblemError, short
+from up_samp.search.events import Observer
 from up_samp.search.history import ProgressEvent
+from up_samp.search.stopping import Stop
+
+if TYPE_CHECKING:
+    from up_samp.search.components import Components
 
 GROUP_PLANNERS = {"default": "ladder", "ladder": "ladder", "st-rrt*": "st-rrt*"}
 """Group planners by parameter: our ladder, or the paper's ST-RRT* for one robot after the other."""
@@ -42,6 +47,12 @@ class Parameters:
     trace: str | None = None
     """Folder for a readable trace of every candidate schedule and refinement."""
     progress: Callable[[ProgressEvent], None] | None = None
+    observers: Sequence[Observer] = ()
+    """Told of every event (:class:`up_samp.search.events.Observer`)."""
+    stop: Stop | None = None
+    """Stops the search after a round (:mod:`up_samp.search.stopping`); by time: ``timeout``."""
+    components: Components | None = None
+    """What the search is made of, instead of what the preset and its switches say."""
     path_planner: str = "default"
     group_planner: str = "default"
 
@@ -97,8 +108,13 @@ class Parameters:
                 good, wanted = isinstance(value, int) and plain, "a whole number"
             elif name in _TEXTS:
                 good, wanted = isinstance(value, str | os.PathLike), "a text"
-            elif name == "progress":
+            elif name in ("progress", "stop"):
                 good, wanted = callable(value), "a function"
+            elif name == "observers":
+                good = isinstance(value, Sequence) and all(isinstance(o, Observer) for o in value)
+                wanted = "a sequence of observers"
+            elif name == "components":
+                good, wanted = dataclasses.is_dataclass(value), "components of a search"
             else:
                 good, wanted = isinstance(value, bool), "True or False"
             if not good:

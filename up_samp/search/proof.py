@@ -23,10 +23,9 @@ from up_samp.model.refinement import (
     Refinement,
     Requires,
     Statement,
-    Strength,
 )
 from up_samp.scheduling.cpsat import CpsatSession
-from up_samp.search.context import Context
+from up_samp.search.budget import Budget
 from up_samp.upio import Relaxation, write_refinement
 
 PROOF_SHARE = 0.3
@@ -45,51 +44,105 @@ DOUBT_SECONDS = 2.0
 T = TypeVar("T")
 
 
-def leaves_nothing(context: Context, facts: Sequence[Refinement]) -> bool | None:
-    """Return whether the facts alone leave no schedule, by our own scheduler (None: not known)."""
-    report = _schedule(context, facts, (), _share(context, PROOF_SHARE, PROOF_SECONDS))
-    if report is None or (report.schedule is None and not _none_left(report)):
-        return None
-    return _none_left(report)
+@dataclass(frozen=True)
+class Prover:
+    """Asks our own scheduler about the relaxation with some facts and nothing else."""
 
+    relax: Callable[[], Relaxation]
+    budget: Budget
+    seed: int
 
-def sooner_than(context: Context, makespan: int) -> bool:
-    """Return whether our own scheduler finds a schedule that ends before ``makespan``, with all
-    that is in play, in little time: an engine that says there is none was told another problem, or
-    is wrong.
-    """
-    deadline = _share(context, DOUBT_SHARE, DOUBT_SECONDS)
-    report = _schedule(context, context.standing, (), deadline, before=makespan)
-    return report is not None and report.schedule is not None
+    def leaves_nothing(self, facts: Sequence[Refinement]) -> bool | None:
+        """Return whether the facts alone leave no schedule (None: not known)."""
+        report = self._schedule(facts, (), self.budget.share(PROOF_SHARE, PROOF_SECONDS))
+        if report is None or (report.schedule is None and not _none_left(report)):
+            return None
+        return _none_left(report)
 
+    def sooner_than(self, facts: Sequence[Refinement], makespan: int) -> bool:
+        """Return whether there is a schedule that ends before ``makespan``, with all that is in
+        play, in little time: an engine that says there is none was told another problem, or is
+        wrong.
+        """
+        deadline = self.budget.share(DOUBT_SHARE, DOUBT_SECONDS)
+        report = self._schedule(facts, (), deadline, before=makespan)
+        return report is not None and report.schedule is not None
 
-def few_of(
-    context: Context, facts: Sequence[Refinement], given: Sequence[Refinement] = ()
-) -> list[Refinement]:
-    """Return few of the ``facts`` that leave no schedule (with those ``given``), as all of them do:
-    as few as can be where time allows.
-    """
-    deadline = _share(context, EXPLAIN_SHARE, EXPLAIN_SECONDS)
-    # those first that one would rather be told
-    ordered = sorted(facts, key=lambda r: (r.layer is Layer.BOUND, r.layer is Layer.GROUP))
+    def few_of(
+        self, facts: Sequence[Refinement], given: Sequence[Refinement] = ()
+    ) -> list[Refinement]:
+        """Return few of the ``facts`` that leave no schedule (with those ``given``), as all of them
+        do: as few as can be where time allows.
+        """
+        deadline = self.budget.share(EXPLAIN_SHARE, EXPLAIN_SECONDS)
+        # those first that one would rather be told
+        ordered = sorted(facts, key=lambda r: (r.layer is Layer.BOUND, r.layer is Layer.GROUP))
 
-    def fails(some: Sequence[Refinement]) -> bool:
-        return _infeasible(context, [*given, *some], (), deadline)
+        def fails(some: Sequence[Refinement]) -> bool:
+            return self._infeasible([*given, *some], (), deadline)
 
-    return _fewest(ordered, fails)
+        return _fewest(ordered, fails)
 
+    def because(self, facts: Sequence[Refinement]) -> str:
+        """Return few of the proven ``facts`` that leave no schedule, with what they run into, as
+        text. All of them together leave none.
+        """
+        few = self.few_of(facts)
+        if not few:
+            return "the activities cannot be scheduled, whatever the motions"
+        text = "these proven facts leave no schedule: " + listed(few)
+        limits = self._limits_met(few)
+        return f"{text}; but {' and '.join(limits)}" if limits else text
 
-def because(context: Context, facts: Sequence[Refinement]) -> str:
-    """Return few of the proven ``facts`` that leave no schedule, with what they run into, as text.
+    def _limits_met(self, facts: Sequence[Refinement]) -> list[str]:
+        """Return the limits on the facts' activities without which there would be a schedule, as
+        far as there are few to look at.
+        """
+        names = {a for fact in facts for a in activities_of(fact.statement)}
+        limits = list(_limits(self.relax(), names))
+        if not limits or len(limits) > MOST_LIMITS:
+            return []
+        deadline = self.budget.share(EXPLAIN_SHARE, EXPLAIN_SECONDS)
 
-    All of them together leave none.
-    """
-    few = few_of(context, facts)
-    if not few:
-        return "the activities cannot be scheduled, whatever the motions"
-    text = "these proven facts leave no schedule: " + listed(few)
-    limits = _limits_met(context, few)
-    return f"{text}; but {' and '.join(limits)}" if limits else text
+        def fails(kept: Sequence[_Limit]) -> bool:
+            return self._infeasible(facts, [x for x in limits if x not in kept], deadline)
+
+        met = _fewest(limits, fails)
+        return [] if deadline.expired() else [limit.text for limit in met]
+
+    def _infeasible(
+        self, facts: Sequence[Refinement], lifted: Sequence[_Limit], deadline: Deadline
+    ) -> bool:
+        """Return whether it is proven that there is no schedule; ``lifted`` limits do not count."""
+        report = self._schedule(facts, lifted, deadline)
+        return report is not None and _none_left(report)
+
+    def _schedule(
+        self,
+        facts: Sequence[Refinement],
+        lifted: Sequence[_Limit],
+        deadline: Deadline,
+        *,
+        before: int | None = None,
+    ) -> ScheduleReport | None:
+        """Return what our own scheduler says of the problem with these facts; None if it cannot."""
+        if deadline.expired():
+            return None
+        relaxation = self.relax()
+        for limit in lifted:
+            limit.lift(relaxation)
+        for fact in facts:
+            write_refinement(relaxation, fact)
+        problem = relaxation.problem
+        if before is not None:
+            manager = problem.environment.expression_manager
+            for activity in problem.activities:
+                activity.add_constraint(manager.LT(activity.end, before))
+        session = CpsatSession(problem, seed=self.seed, workers=1)
+        try:
+            return session.solve(deadline, optimal=False)
+        except UnsupportedError:  # another engine may do what ours does not: no proof then
+            return None
 
 
 def listed(facts: Sequence[Refinement]) -> str:
@@ -99,48 +152,8 @@ def listed(facts: Sequence[Refinement]) -> str:
     return "; ".join(lines[:SHOWN]) + more
 
 
-def _share(context: Context, share: float, most: float) -> Deadline:
-    return context.deadline.within(min(most, share * context.deadline.remaining()))
-
-
-def _infeasible(
-    context: Context, facts: Sequence[Refinement], lifted: Sequence[_Limit], deadline: Deadline
-) -> bool:
-    """Return whether it is proven that there is no schedule; ``lifted`` limits do not count."""
-    report = _schedule(context, facts, lifted, deadline)
-    return report is not None and _none_left(report)
-
-
 def _none_left(report: ScheduleReport) -> bool:
     return report.status is ScheduleStatus.INFEASIBLE
-
-
-def _schedule(
-    context: Context,
-    facts: Sequence[Refinement],
-    lifted: Sequence[_Limit],
-    deadline: Deadline,
-    *,
-    before: int | None = None,
-) -> ScheduleReport | None:
-    """Return what our own scheduler says of the problem with these facts; None if it cannot."""
-    if deadline.expired():
-        return None
-    relaxation = context.relax()
-    for limit in lifted:
-        limit.lift(relaxation)
-    for fact in facts:
-        write_refinement(relaxation, fact)
-    problem = relaxation.problem
-    if before is not None:
-        manager = problem.environment.expression_manager
-        for activity in problem.activities:
-            activity.add_constraint(manager.LT(activity.end, before))
-    session = CpsatSession(problem, seed=context.params.seed, workers=1)
-    try:
-        return session.solve(deadline, optimal=False)
-    except UnsupportedError:  # another engine may do what ours does not: no proof then
-        return None
 
 
 def _fewest(items: Sequence[T], fails: Callable[[Sequence[T]], bool]) -> list[T]:
@@ -189,23 +202,6 @@ def _constraints(relaxation: Relaxation, owner: str | None) -> list[Any]:
     return found
 
 
-def _limits_met(context: Context, facts: Sequence[Refinement]) -> list[str]:
-    """Return the limits on the facts' activities without which there would be a schedule, as far
-    as there are few to look at.
-    """
-    names = {a for fact in facts for a in activities_of(fact.statement)}
-    limits = list(_limits(context.relax(), names))
-    if not limits or len(limits) > MOST_LIMITS:
-        return []
-    deadline = _share(context, EXPLAIN_SHARE, EXPLAIN_SECONDS)
-
-    def fails(kept: Sequence[_Limit]) -> bool:
-        return _infeasible(context, facts, [x for x in limits if x not in kept], deadline)
-
-    met = _fewest(limits, fails)
-    return [] if deadline.expired() else [limit.text for limit in met]
-
-
 def _limits(relaxation: Relaxation, names: set[str]) -> Iterator[_Limit]:
     for name in sorted(names & set(relaxation.activities)):
         upper = relaxation.activities[name].duration.upper
@@ -245,8 +241,3 @@ def activities_of(statement: Statement) -> set[str]:
         elif isinstance(literal, Overlap):
             found |= {literal.rival, *literal.activities}
     return found
-
-
-def proven_facts(context: Context) -> list[Refinement]:
-    """Return what is proven of all that is in play."""
-    return [r for r in context.standing if r.strength is Strength.PROVEN]

@@ -6,20 +6,24 @@ ends that the motions turned out to need, until the motions fit (or it has no sc
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from unified_planning.model.scheduling import Activity, SchedulingProblem
 
 from up_samp.model import CandidateSchedule, ScheduledMotion
 from up_samp.scheduling.cpsat import CpsatSession
-from up_samp.search.check import Check, check_itinerary
-from up_samp.search.context import Context, Incumbent
+from up_samp.search.bounds import Incumbent
+from up_samp.search.check import Check
 from up_samp.search.cuts.handovers import leaves_for
-from up_samp.search.slack import spread
+from up_samp.search.events import Phase
+from up_samp.search.motions import Motions
+from up_samp.search.search import Search
 from up_samp.search.world import motion_key
 from up_samp.upio import Itinerary, read_itinerary
 from up_samp.upio.restrict import restrict
+
+Spread = Callable[[Search, SchedulingProblem, CandidateSchedule], CandidateSchedule]
 
 MAX_STEPS = 25
 ENOUGH = 10
@@ -28,32 +32,48 @@ REPAIR_EFFORT = 0.4
 """Deterministic time of CP-SAT for one step: a few seconds at most."""
 
 
-def repair(context: Context, schedule: CandidateSchedule, check: Check) -> Incumbent | None:
+@dataclass(frozen=True)
+class Repairing:
+    """The component: see ``repair``. ``spread`` (see ``slack``) gives motions what time is left."""
+
+    spread: Spread | None = None
+
+    def __call__(
+        self, search: Search, schedule: CandidateSchedule, check: Check
+    ) -> Incumbent | None:
+        """Return a plan with the activities of ``schedule``, or None where none is found."""
+        search.tell.stage(Phase.REPAIR)
+        return repair(search, schedule, check, self.spread)
+
+
+def repair(
+    search: Search, schedule: CandidateSchedule, check: Check, spread: Spread | None
+) -> Incumbent | None:
     """Return a plan with the activities of ``schedule``, or None where this way finds none."""
-    problem = restrict(context.relaxation, context.snapshot, schedule)
-    session = CpsatSession(problem, seed=context.params.seed, workers=1, effort=REPAIR_EFFORT)
+    relaxation, facts = search.knowledge.relaxation, search.facts
+    deadline = search.budget.deadline
+    problem = restrict(relaxation, facts.snapshot, schedule)
+    session = CpsatSession(problem, seed=search.seed, workers=1, effort=REPAIR_EFFORT)
     activities = {a.name: a for a in problem.activities}
     current = schedule
-    demands = Demands(context, problem, activities)
-    itinerary = read_itinerary(context.relaxation, current)
+    demands = Demands(search.motions, problem, activities)
+    itinerary = read_itinerary(relaxation, current)
     for _ in range(MAX_STEPS):
-        if check.failed or context.deadline.expired():
+        if check.failed or deadline.expired():
             return None
         demands.add(itinerary, check.needed)
-        report = session.solve(context.deadline, optimal=True, hint=current)
-        if report.schedule is None:
-            return None
-        if context.upper_bound is not None and report.schedule.makespan >= context.upper_bound:
+        report = session.solve(deadline, optimal=True, hint=current)
+        if report.schedule is None or not search.bounds.improves(report.schedule):
             return None
         current = CandidateSchedule(
             report.schedule.times, {**schedule.parameters, **report.schedule.parameters}
         )
-        if context.params.slack:
-            current = spread(context, problem, current)
-        itinerary = read_itinerary(context.relaxation, current)
-        check = check_itinerary(context, itinerary, learn=False)
+        if spread is not None:
+            current = spread(search, problem, current)
+        itinerary = read_itinerary(relaxation, current)
+        check = search.checker.drive(itinerary)
         if check.passed:
-            return Incumbent(current, check.trajectories)
+            return search.plan_of(current, check.trajectories)
         if not check.needed:
             return None
     return None
@@ -83,7 +103,7 @@ class Demands:
     last longer would not help, if both were moved alike. Others last as long as they need.
     """
 
-    context: Context
+    motions: Motions
     problem: SchedulingProblem
     activities: Mapping[str, Activity]
     gaps: dict[tuple[str, str], int] = field(default_factory=dict)
@@ -104,7 +124,7 @@ class Demands:
         self, itinerary: Itinerary, late: ScheduledMotion, mine: Activity, end: int
     ) -> bool:
         """Tie a late arrival to the last departure from its goal; tell whether that is new."""
-        leaving = [m for m in itinerary.motions if leaves_for(self.context, m, late)]
+        leaving = [m for m in itinerary.motions if leaves_for(self.motions, m, late)]
         if not leaving:
             return False
         last = max(leaving, key=lambda m: (m.start, m.activity))

@@ -4,30 +4,47 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.plans import Schedule
 
 from up_samp.geometry import OccupancyGrid, lay_out
-from up_samp.model import Body, Configuration, Deadline, PathReport, Placed, ProblemError, Refusal
+from up_samp.model import (
+    Body,
+    CandidateSchedule,
+    Configuration,
+    Deadline,
+    PathReport,
+    Placed,
+    ProblemError,
+    Refusal,
+    Trajectory,
+)
 from up_samp.model.snapshot import Snapshot
 from up_samp.motion import MotionCache, MotionService
 from up_samp.scheduling import Scheduler, open_scheduler
+from up_samp.search.bounds import Bounds, Incumbent
+from up_samp.search.budget import Budget
+from up_samp.search.check import Checker
 from up_samp.search.conclusion import SearchResult
-from up_samp.search.context import Context, Incumbent
+from up_samp.search.events import Observer, State, Telling
+from up_samp.search.facts import Facts
+from up_samp.search.history import History
+from up_samp.search.knowledge import Knowledge
 from up_samp.search.loop import solve
-from up_samp.search.params import Parameters
-from up_samp.search.prepare import check_geometry
-from up_samp.search.tidy import tidied
-from up_samp.upio import (
-    Relaxation,
-    SampSchedule,
-    build_plan,
-    read_problem,
-    relax,
-    trajectory_key,
-)
+from up_samp.search.motions import Motions
+from up_samp.search.params import GROUP_PLANNERS, Parameters
+from up_samp.search.presets import components_of
+from up_samp.search.progress import ProgressObserver
+from up_samp.search.proof import Prover
+from up_samp.search.restarts import Restarts
+from up_samp.search.search import Problem, Search
+from up_samp.search.start_poses import check_start_poses
+from up_samp.search.stopping import runtime_of
+from up_samp.search.trace import TraceObserver
+from up_samp.upio import Relaxation, SampSchedule, build_plan, read_problem, relax, trajectory_key
 
 ScheduleCheck = Callable[[Any, Schedule], list[str]]
 PlanCheck = Callable[[SampSchedule], list[Refusal]]
@@ -43,14 +60,14 @@ def open_search(
     check_schedule: ScheduleCheck,
     check_plan: PlanCheck,
     native: bool,
-) -> Context:
+) -> Search:
     """Read the problem, check its geometry, relax it and open a scheduler on the relaxation.
 
     Raises :class:`ProblemError` where the problem is wrong, before any search.
     """
     snapshot, grid = lay_out(read_problem(problem, params.seconds_per_unit))
     service = open_service(snapshot, grid, params)
-    check_geometry(snapshot, service)
+    check_start_poses(snapshot, service)
 
     def relax_anew() -> Relaxation:
         return relax(problem, snapshot, hold_static=native)
@@ -65,22 +82,76 @@ def open_search(
             environment=problem.environment,
         )
 
-    def validate(incumbent: Incumbent) -> list[Refusal]:
-        return check_plan(to_plan(problem, snapshot, incumbent))
+    asked = Problem(
+        relax_anew,
+        scheduler_for,
+        partial(to_plan, problem, snapshot),
+        check_plan,
+        native,
+    )
+    return assemble(asked, service, params, deadline)
 
-    relaxation = relax_anew()
-    return Context(
-        snapshot=snapshot,
-        relaxation=relaxation,
-        service=service,
-        scheduler=scheduler_for(relaxation),
-        params=params,
-        deadline=deadline,
-        query_seconds=params.query_seconds,
-        relax=relax_anew,
-        open_scheduler=scheduler_for,
-        native=native,
-        validate=validate,
+
+def assemble(
+    problem: Problem, service: MotionService, params: Parameters, deadline: Deadline
+) -> Search:
+    """Return a search of the components that the parameters ask for."""
+    deadline = replace(deadline, at=min(deadline.at, deadline.started + runtime_of(params.stop)))
+    relaxation = problem.relax()
+    components = components_of(params, native=problem.native)
+    facts = Facts(relaxation.snapshot, relaxation.choices)
+    history, bounds = History(), Bounds()
+    knowledge = Knowledge(relaxation, history)
+    budget = Budget(deadline, params.query_seconds)
+    motions = Motions(facts, service, budget)
+    tell = Telling(observers_of(params), partial(state_of, history, bounds, deadline))
+    return Search(
+        problem=problem,
+        facts=facts,
+        knowledge=knowledge,
+        budget=budget,
+        bounds=bounds,
+        motions=motions,
+        checker=Checker(
+            motions,
+            knowledge,
+            components.cuts,
+            components.layers,
+            tell,
+            method=GROUP_PLANNERS[params.group_planner.lower()],
+            thorough=bool(components.repairs),
+            seed=params.seed,
+        ),
+        prover=Prover(problem.relax, budget, params.seed),
+        scheduler=problem.schedule(relaxation),
+        components=components,
+        restarts=Restarts(params.max_restarts),
+        tell=tell,
+        stop=params.stop,
+        seed=params.seed,
+    )
+
+
+def observers_of(params: Parameters) -> tuple[Observer, ...]:
+    """Return who is told what happens: those given, and the writers of progress and trace."""
+    found = list(params.observers)
+    if params.progress is not None:
+        found.append(ProgressObserver(params.progress))
+    if params.trace is not None:
+        found.append(TraceObserver(params.trace))
+    return tuple(found)
+
+
+def state_of(history: History, bounds: Bounds, deadline: Deadline) -> State:
+    """Return where a search is."""
+    return State(
+        rounds=len(history.rounds),
+        restarts=history.restarts,
+        lower_bound=bounds.lower,
+        upper_bound=bounds.upper,
+        elapsed=deadline.elapsed(),
+        last_plan_at=history.last_plan_at,
+        last_plan_round=history.last_plan_round,
     )
 
 
@@ -111,27 +182,32 @@ def open_service(
 
 
 def to_plan(
-    problem: SchedulingMotionProblem, snapshot: Snapshot, incumbent: Incumbent
+    problem: SchedulingMotionProblem,
+    snapshot: Snapshot,
+    schedule: CandidateSchedule,
+    trajectories: Mapping[str, Trajectory],
 ) -> SampSchedule:
-    """Return the UP plan of an incumbent; trajectories are in the world frame there."""
-    trajectories = dict(incumbent.trajectories)
+    """Return the UP plan of a schedule; trajectories are in the world frame there."""
+    found = dict(trajectories)
     for task in snapshot.tasks if snapshot.to_world else ():
         key = trajectory_key(task)
-        if key in trajectories:
-            own = trajectories[key]
-            trajectories[key] = replace(own, poses=snapshot.to_world[task.map].out(own.poses))
-    return build_plan(problem, snapshot, incumbent.schedule, trajectories)
+        if key in found:
+            own = found[key]
+            found[key] = replace(own, poses=snapshot.to_world[task.map].out(own.poses))
+    return build_plan(problem, snapshot, schedule, found)
 
 
-def run(context: Context, *, optimal: bool) -> Generator[Incumbent, None, SearchResult]:
+def run(search: Search, *, optimal: bool) -> Generator[Incumbent, None, SearchResult]:
     """Run the search, and leave out of its best plan what is needless; the scheduler is closed
     whatever happens.
     """
+    bounds = search.bounds
     try:
-        result = yield from solve(context, optimal=optimal)
-        if context.incumbent is not None and context.params.tidy:
-            context.report("tidy", "leaving out motions that nothing needs")
-            context.incumbent = tidied(context, context.incumbent) or context.incumbent
+        result = yield from solve(search, optimal=optimal)
+        for finish in search.components.finishers:
+            if bounds.incumbent is not None:
+                bounds.incumbent = finish(search, bounds.incumbent) or bounds.incumbent
         return result
     finally:
-        context.scheduler.close()
+        search.history.take_times(search.budget)
+        search.scheduler.close()

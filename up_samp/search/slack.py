@@ -11,7 +11,7 @@ from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.model import CandidateSchedule
 from up_samp.scheduling.cpsat import CpsatSession
-from up_samp.search.context import Context
+from up_samp.search.search import Search
 from up_samp.upio.restrict import restrict
 
 SLACKS = (1, 3, 6)
@@ -20,16 +20,16 @@ SLACK_EFFORT = 0.06
 """Deterministic time of CP-SAT that may go into it: well below a second."""
 
 
-def with_slack(context: Context, schedule: CandidateSchedule) -> CandidateSchedule:
+def with_slack(search: Search, schedule: CandidateSchedule) -> CandidateSchedule:
     """Return a candidate with the same activities and makespan and more time for its motions."""
-    metrics = context.relaxation.problem.quality_metrics
-    if not context.params.slack or any(not m.is_minimize_makespan() for m in metrics):
+    relaxation = search.knowledge.relaxation
+    if any(not m.is_minimize_makespan() for m in relaxation.problem.quality_metrics):
         return schedule
-    return spread(context, restrict(context.relaxation, context.snapshot, schedule), schedule)
+    return spread(search, restrict(relaxation, search.facts.snapshot, schedule), schedule)
 
 
 def spread(
-    context: Context, problem: SchedulingProblem, schedule: CandidateSchedule
+    search: Search, problem: SchedulingProblem, schedule: CandidateSchedule
 ) -> CandidateSchedule:
     """Return a schedule of ``problem`` (see ``restrict``) that ends no later than
     ``schedule`` and whose motions have as much slack as can be; ``schedule`` itself, if there is
@@ -37,7 +37,7 @@ def spread(
     """
     loose = problem.clone()
     manager = loose.environment.expression_manager
-    moving = {t.activity for t in context.snapshot.tasks}
+    moving = {t.activity for t in search.facts.snapshot.tasks}
     goals = {}
     for activity in loose.activities:
         loose.add_constraint(manager.LE(activity.end, schedule.makespan))
@@ -48,8 +48,8 @@ def spread(
                 goals[manager.LE(longer, activity.end)] = 1
     loose.clear_quality_metrics()
     loose.add_quality_metric(Oversubscription(goals))
-    session = CpsatSession(loose, seed=context.params.seed, workers=1, effort=SLACK_EFFORT)
-    report = session.solve(context.deadline, optimal=True, hint=schedule)
+    session = CpsatSession(loose, seed=search.seed, workers=1, effort=SLACK_EFFORT)
+    report = session.solve(search.budget.deadline, optimal=True, hint=schedule)
     if report.schedule is None:
         return schedule
     return CandidateSchedule(

@@ -15,10 +15,11 @@ from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.model import CandidateSchedule
 from up_samp.scheduling.cpsat import CpsatSession
-from up_samp.search.check import check_itinerary
-from up_samp.search.context import Context, Incumbent
+from up_samp.search.bounds import Incumbent
+from up_samp.search.events import Phase
 from up_samp.search.repair import demand
-from up_samp.upio import read_itinerary
+from up_samp.search.search import Search
+from up_samp.upio import Relaxation, read_itinerary
 from up_samp.upio.restrict import restrict
 
 MAX_STEPS = 8
@@ -26,21 +27,23 @@ TIDY_EFFORT = 0.2
 """Deterministic time of CP-SAT for one step: a few seconds at most."""
 
 
-def tidied(context: Context, plan: Incumbent) -> Incumbent | None:
+def tidied(search: Search, plan: Incumbent) -> Incumbent | None:
     """Return a valid plan with fewer motions than ``plan`` that ends no later, if one is found."""
-    weights = _weights(context, plan)
-    metrics = context.relaxation.problem.quality_metrics
+    search.tell.stage(Phase.TIDY)
+    relaxation, deadline = search.knowledge.relaxation, search.budget.deadline
+    weights = _weights(relaxation, plan)
+    metrics = relaxation.problem.quality_metrics
     if not weights or any(not m.is_minimize_makespan() for m in metrics):
         return None
-    problem = _loose(context, plan, weights)
+    problem = _loose(relaxation, plan, weights)
     activities = {a.name: a for a in problem.activities}
     manager = problem.environment.expression_manager
     current = plan.schedule
-    session = CpsatSession(problem, seed=context.params.seed, workers=1, effort=TIDY_EFFORT)
+    session = CpsatSession(problem, seed=search.seed, workers=1, effort=TIDY_EFFORT)
     for _ in range(MAX_STEPS):
-        if context.deadline.expired():
+        if deadline.expired():
             return None
-        report = session.solve(context.deadline, optimal=True, hint=current)
+        report = session.solve(deadline, optimal=True, hint=current)
         if report.schedule is None:
             return None
         gone = sorted(weights.keys() - report.schedule.times.keys())
@@ -48,10 +51,10 @@ def tidied(context: Context, plan: Incumbent) -> Incumbent | None:
             return None
         values = {**plan.schedule.parameters, **report.schedule.parameters}
         current = CandidateSchedule(report.schedule.times, values)
-        check = check_itinerary(context, read_itinerary(context.relaxation, current), learn=False)
+        check = search.checker.drive(read_itinerary(relaxation, current))
         if check.passed:
-            better = Incumbent(current, check.trajectories)
-            return None if context.validate(better) else better
+            better = search.plan_of(current, check.trajectories)
+            return None if search.problem.judge(better.plan) else better
         if check.failed or not check.needed:
             problem.add_constraint(manager.Or(activities[n].present for n in gone))
         else:
@@ -59,26 +62,27 @@ def tidied(context: Context, plan: Incumbent) -> Incumbent | None:
     return None
 
 
-def _weights(context: Context, plan: Incumbent) -> dict[str, int]:
+def _weights(relaxation: Relaxation, plan: Incumbent) -> dict[str, int]:
     """Return what leaving out each present optional motion is worth: one motion more than all
     driving, one unit of driving more than all changes without motions.
     """
     present = plan.schedule.times
-    optional = {a.name for a in context.relaxation.problem.activities if a.optional} & set(present)
-    drives = {t.activity for t in context.snapshot.tasks} & optional
-    changes = {c.activity for c in context.snapshot.changes} & optional - drives
+    optional = {a.name for a in relaxation.problem.activities if a.optional} & set(present)
+    drives = {t.activity for t in relaxation.snapshot.tasks} & optional
+    changes = {c.activity for c in relaxation.snapshot.changes} & optional - drives
     unit = len(changes) + 1
     lengths = {n: (present[n][1] - present[n][0]) * unit for n in drives}
     most = sum(lengths.values()) + unit
     return {n: most + lengths[n] for n in drives} | dict.fromkeys(changes, 1)
 
 
-def _loose(context: Context, plan: Incumbent, weights: Mapping[str, int]) -> SchedulingProblem:
+def _loose(
+    relaxation: Relaxation, plan: Incumbent, weights: Mapping[str, int]
+) -> SchedulingProblem:
     """Return the problem of the plan's activities, with the weighted ones optional."""
-    relaxation = context.relaxation
     twins = {twin.name for twin in relaxation.elsewhere.values()}
     free = frozenset(weights) | (twins & set(plan.schedule.times))
-    problem = restrict(relaxation, context.snapshot, plan.schedule, free=free)
+    problem = restrict(relaxation, relaxation.snapshot, plan.schedule, free=free)
     manager = problem.environment.expression_manager
     makespan = plan.schedule.makespan
     goals = {}

@@ -6,7 +6,8 @@ import math
 from collections.abc import Sequence
 
 from up_samp.model import GroupQuery, Placed, Rest, ScheduledMotion, TimedMotion
-from up_samp.search.context import Context
+from up_samp.model.snapshot import Snapshot
+from up_samp.search.facts import Facts
 from up_samp.upio import Itinerary
 
 
@@ -29,35 +30,34 @@ def groups_of(motions: Sequence[ScheduledMotion]) -> list[tuple[ScheduledMotion,
 
 
 def instant_obstacles(
-    context: Context, itinerary: Itinerary, motion: ScheduledMotion
+    facts: Facts, itinerary: Itinerary, motion: ScheduledMotion
 ) -> tuple[Placed, ...]:
     """Return the objects that rest all through a motion's time and never drive (doors, pallets).
 
     Drivers are left to the group check: they may move away.
     """
-    snapshot = context.snapshot
+    snapshot = facts.snapshot
     found = []
     for name, place in snapshot.initial.items():
-        if name in motion.moved or name in context.drivers:
+        if name in motion.moved or name in facts.drivers:
             continue
         if motion.avoid is not None and name not in motion.avoid:
             continue
-        resting = _resting_at(context, itinerary, name, motion.start, motion.end)
-        if resting is not None or not (name in context.instant or name in context.loads):
-            pose = snapshot.configurations[resting or place]
-            found.append(Placed(name, snapshot.objects[name].body, pose))
+        resting = _resting_at(facts, itinerary, name, motion.start, motion.end)
+        if resting is not None or not (name in facts.instant or name in facts.loads):
+            found.append(facts.placed(name, resting or place))
     return tuple(found)
 
 
 def _resting_at(
-    context: Context, itinerary: Itinerary, name: str, start: int, end: int
+    facts: Facts, itinerary: Itinerary, name: str, start: int, end: int
 ) -> str | None:
     """Return where ``name`` is all through (start, end), or None if it changes in between."""
     for motion in itinerary.motions:
         if name in motion.moved and motion.start < end and start < motion.end:
             return None
-    current = context.snapshot.initial[name]
-    for since, place in itinerary.places(context.snapshot, name):
+    current = facts.snapshot.initial[name]
+    for since, place in itinerary.places(facts.snapshot, name):
         if since <= start:
             current = place
         elif since < end:
@@ -65,12 +65,12 @@ def _resting_at(
     return current
 
 
-def rests_of(context: Context, itinerary: Itinerary, moving: frozenset[str]) -> tuple[Rest, ...]:
+def rests_of(facts: Facts, itinerary: Itinerary, moving: frozenset[str]) -> tuple[Rest, ...]:
     """Return all rests (s, plan time) of objects other than those in ``moving``.
 
     A load rests until its ride starts, and again from the ride's end on.
     """
-    snapshot = context.snapshot
+    snapshot = facts.snapshot
     found = []
     for name in sorted(snapshot.initial):
         if name in moving:
@@ -84,12 +84,12 @@ def rests_of(context: Context, itinerary: Itinerary, moving: frozenset[str]) -> 
             if until <= since:
                 continue
             pose = snapshot.configurations[place]
-            found.append(Rest(name, body, pose, context.seconds(since), context.seconds(until)))
+            found.append(Rest(name, body, pose, facts.seconds(since), facts.seconds(until)))
     return tuple(found)
 
 
 def group_query(
-    context: Context, itinerary: Itinerary, group: Sequence[ScheduledMotion]
+    facts: Facts, itinerary: Itinerary, group: Sequence[ScheduledMotion]
 ) -> GroupQuery:
     """Return the question whether the motions of ``group`` can be made as scheduled.
 
@@ -101,27 +101,27 @@ def group_query(
     moving = frozenset(m.object for m in group)
     timed, alone = [], []
     for motion in group:
-        since, until = _presence(context, group, motion)
+        since, until = _presence(facts, group, motion)
         timed.append(
             TimedMotion(
                 name=motion_key(motion),
                 object=motion.object,
-                body=context.body(motion),
+                body=facts.body(motion),
                 poses=motion.poses,
-                release=context.seconds(motion.start),
-                due=context.seconds(motion.end),
+                release=facts.seconds(motion.start),
+                due=facts.seconds(motion.end),
                 present_from=since,
                 present_until=until,
                 avoid=motion.avoid,
             )
         )
         if motion.loads:
-            alone += _around(context, group, motion, since, until)
+            alone += _around(facts, group, motion, since, until)
     window = (group[0].start, max(m.end for m in group))
     rests = tuple(
         r
-        for r in (*rests_of(context, itinerary, moving), *alone)
-        if r.since <= context.seconds(window[1]) and r.until >= context.seconds(window[0])
+        for r in (*rests_of(facts, itinerary, moving), *alone)
+        if r.since <= facts.seconds(window[1]) and r.until >= facts.seconds(window[0])
     )
     return GroupQuery(tuple(timed), rests)
 
@@ -137,16 +137,16 @@ def _chain(
 
 
 def _presence(
-    context: Context, group: Sequence[ScheduledMotion], motion: ScheduledMotion
+    facts: Facts, group: Sequence[ScheduledMotion], motion: ScheduledMotion
 ) -> tuple[float, float]:
     """Return from when to when (s) the body of a motion is there."""
     before, after = _chain(group, motion)
     loads = {name for name, _ in motion.loads}
-    since, until = context.seconds(motion.start), math.inf
+    since, until = facts.seconds(motion.start), math.inf
     if before is None:
         since = -math.inf
     if after is not None:
-        until = context.seconds(after.start)
+        until = facts.seconds(after.start)
     if not loads:
         return since, until
     # at rest beside its loads it is the same body, as long as nobody else takes one of them and
@@ -155,14 +155,14 @@ def _presence(
     same = all(m.avoid is None or loads <= m.avoid for m in others)
     taken = [m for m in group if m is not motion and loads & m.moved]
     if before is not None or not same or any(m.start < motion.start for m in taken):
-        since = context.seconds(motion.start)
+        since = facts.seconds(motion.start)
     if after is not None or not same or any(m.start >= motion.end for m in taken):
-        until = context.seconds(motion.end)
+        until = facts.seconds(motion.end)
     return since, until
 
 
 def _around(
-    context: Context,
+    facts: Facts,
     group: Sequence[ScheduledMotion],
     motion: ScheduledMotion,
     since: float,
@@ -170,14 +170,30 @@ def _around(
 ) -> list[Rest]:
     """Return where an object rests without its loads before and after a ride."""
     before, after = _chain(group, motion)
-    body = context.snapshot.objects[motion.object].body
+    body = facts.snapshot.objects[motion.object].body
     found = []
     if before is None and math.isfinite(since):
         found.append((motion.poses[0], -math.inf, since))
     if before is not None and before.loads:
-        found.append((motion.poses[0], context.seconds(before.end), since))
+        found.append((motion.poses[0], facts.seconds(before.end), since))
     if math.isfinite(until):
-        next_start = math.inf if after is None else context.seconds(after.start)
+        next_start = math.inf if after is None else facts.seconds(after.start)
         if after is None or not after.loads:
             found.append((motion.poses[-1], until, next_start))
     return [Rest(motion.object, body, p, low, high) for p, low, high in found if low < high]
+
+
+def places_between(
+    itinerary: Itinerary, snapshot: Snapshot, name: str, first: int, last: int
+) -> set[str]:
+    """Return the configurations that object ``name``'s state has during [first, last].
+
+    As PDDL 2.1 reads it: a change at t is seen from t + 1 on.
+    """
+    periods = itinerary.places(snapshot, name)
+    found = set()
+    for index, (since, place) in enumerate(periods):
+        until = periods[index + 1][0] if index + 1 < len(periods) else math.inf
+        if since + 1 <= last and first <= until:
+            found.add(place)
+    return found

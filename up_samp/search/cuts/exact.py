@@ -4,29 +4,25 @@ from __future__ import annotations
 
 from up_samp.model.refinement import Refinement
 from up_samp.refinement import holds, rules, timed
-from up_samp.search.context import Context, places_between
 from up_samp.search.cuts.failure import Failure
-from up_samp.upio import Itinerary
+from up_samp.search.world import places_between
+from up_samp.upio import Itinerary, Relaxation
 
 
 def or_exact(failure: Failure, found: list[Refinement]) -> list[Refinement]:
     """Return ``found``, with the exact cut added if nothing of it rejects the candidate."""
-    context, group = failure.context, failure.group
-    if any(rejects(context, failure.itinerary, r) for r in found):
+    snapshot, group = failure.facts.snapshot, failure.group
+    if any(rejects(failure.relaxation, failure.itinerary, r) for r in found):
         return found
     times = failure.itinerary.schedule.times
     mine = {m.activity for m in group}
     exact = timed.as_timed(
         group,
         failure.arrivals(group),
-        {
-            t.activity: times.get(t.activity)
-            for t in context.snapshot.tasks
-            if t.activity not in mine
-        },
+        {t.activity: times.get(t.activity) for t in snapshot.tasks if t.activity not in mine},
         {
             c.activity: (c.object, times[c.activity][1] if c.activity in times else None)
-            for c in context.snapshot.changes
+            for c in snapshot.changes
             if c.activity not in mine
         },
         failure.report.reason or "the group does not work as it is timed",
@@ -39,11 +35,10 @@ def or_exact(failure: Failure, found: list[Refinement]) -> list[Refinement]:
     return [*found, rules.only_given(exact, tuple(sorted(given)))]
 
 
-def rejects(context: Context, itinerary: Itinerary, refinement: Refinement) -> bool:
+def rejects(relaxation: Relaxation, itinerary: Itinerary, refinement: Refinement) -> bool:
     """Return whether a refinement forbids the candidate schedule."""
 
     def places(name: str, first: int, last: int) -> set[str]:
-        return places_between(itinerary, context.snapshot, name, first, last)
+        return places_between(itinerary, relaxation.snapshot, name, first, last)
 
-    early = context.relaxation.early
-    return not holds(refinement.statement, itinerary.schedule, places, early)
+    return not holds(refinement.statement, itinerary.schedule, places, relaxation.early)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 from up_samp.model import (
     GroupQuery,
@@ -14,21 +15,41 @@ from up_samp.model import (
     TimedMotion,
 )
 from up_samp.model.refinement import Strength
-from up_samp.search.context import Context
+from up_samp.search.facts import Facts
+from up_samp.search.knowledge import Knowledge
+from up_samp.search.motions import Motions
 from up_samp.search.world import motion_key
-from up_samp.upio import Itinerary
+from up_samp.upio import Itinerary, Relaxation
+
+if TYPE_CHECKING:
+    from up_samp.search.cuts.protocol import Alike
 
 
 @dataclass(frozen=True)
 class Failure:
-    """One group of a candidate, what was asked and answered. ``cut_short``: time was up."""
+    """One group of a candidate, what was asked and answered. ``cut_short``: time was up.
 
-    context: Context
+    ``alike`` tells for which motions a cut is to be stated.
+    """
+
+    motions: Motions
+    knowledge: Knowledge
+    alike: Alike
     itinerary: Itinerary
     group: Sequence[ScheduledMotion]
     query: GroupQuery
     report: GroupReport
     cut_short: bool
+
+    @property
+    def facts(self) -> Facts:
+        """The problem's facts."""
+        return self.motions.facts
+
+    @property
+    def relaxation(self) -> Relaxation:
+        """The relaxation with all that was learned."""
+        return self.knowledge.relaxation
 
     @property
     def found(self) -> bool:
@@ -70,7 +91,7 @@ class Failure:
         """Return the other motion activities of the same objects: they might clear the way."""
         objects = {name for m in motions for name in m.moved}
         mine = {m.activity for m in motions}
-        snapshot = self.context.snapshot
+        snapshot = self.facts.snapshot
         drives = {t.activity for t in snapshot.tasks if t.object in objects}
         rides = {r.activity for r in snapshot.rides if r.load in objects}
         return sorted((drives | rides) - mine)
@@ -80,7 +101,7 @@ class Failure:
         first = min(m.start for m in motions)
         late = self.report.late
         return {
-            m.activity: self.context.units(late[motion_key(m)]) - first
+            m.activity: self.facts.units(late[motion_key(m)]) - first
             for m in motions
             if motion_key(m) in late
         }
@@ -88,9 +109,9 @@ class Failure:
     def blockers(self, motions: Sequence[ScheduledMotion]) -> dict[str, str]:
         """Return who rests in the way of ``motions`` and might not, with its configuration."""
         start = min(m.start for m in motions)
-        snapshot = self.context.snapshot
+        snapshot = self.facts.snapshot
         return {
             name: self.itinerary.place_at(snapshot, name, start)
             for name in sorted(self.report.blockers)
-            if self.context.movers.get(name)
+            if self.facts.movers.get(name)
         }

@@ -11,10 +11,9 @@ from up_samp.model import Deadline, FixedMotion, ScheduledMotion, TimedMotion
 from up_samp.model.refinement import Given, Refinement
 from up_samp.model.snapshot import MotionTask
 from up_samp.refinement import rules
-from up_samp.search.cases import MotionCase, case_of
-from up_samp.search.context import Context
-from up_samp.search.cuts.arrivals import arrival_of, fastest
+from up_samp.search.cases import MotionCase
 from up_samp.search.cuts.failure import Failure
+from up_samp.search.motions import Motions
 
 PROFILE_SHARE = 0.05
 """Share of the remaining time (at most ``PROFILE_SECONDS``) that one late motion's profile gets."""
@@ -26,11 +25,7 @@ def pair_cuts(failure: Failure, late: str) -> list[Refinement]:
 
     Stated for all pairs of motions that are the same to the motion planner.
     """
-    context = failure.context
-    if not context.params.profiles:
-        return []
-    share = min(PROFILE_SECONDS, PROFILE_SHARE * context.deadline.remaining())
-    deadline = context.deadline.within(share)
+    deadline = failure.motions.budget.share(PROFILE_SHARE, PROFILE_SECONDS)
     for other in _partners(failure, late):
         if deadline.expired():
             break
@@ -57,7 +52,7 @@ def _partners(failure: Failure, late: str) -> list[str]:
 class _Pair:
     """Two motions; offsets are the second's start after the first's (units)."""
 
-    context: Context
+    motions: Motions
     first: TimedMotion
     second: TimedMotion
     slack_first: int
@@ -82,7 +77,7 @@ class _Pair:
         return self._leading(self.second)
 
     def _leading(self, motion: TimedMotion) -> FixedMotion | None:
-        drive = fastest(self.context, motion)
+        drive = self.motions.fastest_alone(motion)
         if drive is None:
             return None
         return FixedMotion(motion.name, motion.object, motion.body, drive, drive.start, drive.end)
@@ -95,8 +90,8 @@ class _Pair:
         """
         if leader is None:
             return None
-        context = self.context
-        release = context.seconds(offset)
+        facts = self.motions.facts
+        release = facts.seconds(offset)
         moved = replace(
             follower,
             release=release,
@@ -104,14 +99,10 @@ class _Pair:
             present_from=release,
             present_until=math.inf,
         )
-        arrival = arrival_of(
-            context,
-            moved,
-            fixed=(leader,),
-            enough=context.seconds(slack),
-            deadline=self.deadline,
+        arrival = self.motions.arrival(
+            moved, fixed=(leader,), enough=facts.seconds(slack), deadline=self.deadline
         )
-        return None if arrival is None else context.units(arrival)
+        return None if arrival is None else facts.units(arrival)
 
 
 def _pair_cut(
@@ -120,7 +111,7 @@ def _pair_cut(
     """Return the pair's cuts for the widest range of offsets that still rejects the candidate."""
     a, b = failure.scheduled[first], failure.scheduled[second]
     timed_a, timed_b = failure.timed[first], failure.timed[second]
-    pair = _Pair(failure.context, timed_a, timed_b, a.end - b.start, b.end - a.start, deadline)
+    pair = _Pair(failure.motions, timed_a, timed_b, a.end - b.start, b.end - a.start, deadline)
     offset = b.start - a.start
 
     def second_late(at: int) -> bool:
@@ -151,16 +142,16 @@ def _same_pairs(
     failure: Failure, first: str, second: str
 ) -> Iterator[tuple[MotionCase, MotionCase]]:
     """Yield the pair and all pairs of two objects' motions that are the same to the planner."""
-    context = failure.context
+    facts = failure.facts
     a, b = failure.scheduled[first], failure.scheduled[second]
-    mine = case_of(context.snapshot, a), case_of(context.snapshot, b)
+    mine = facts.case(a), facts.case(b)
     yield mine
-    if not context.params.equivalents or a.constraint or b.constraint:
+    if a.constraint or b.constraint:
         return
     if not (_heeds(a, b.object) and _heeds(b, a.object)):
         return
-    for one in context.like(a):
-        for two in context.like(b):
+    for one in failure.alike(facts, a):
+        for two in failure.alike(facts, b):
             x, y = one.task, two.task
             if x.object == y.object or (one, two) == mine or _contradict(one.given, two.given):
                 continue

@@ -10,26 +10,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from up_samp.model import CandidateSchedule, Refusal
+from up_samp.model import Refusal
 from up_samp.model.refinement import Given, Refinement
 from up_samp.refinement import rules, timed
-from up_samp.search.context import Context
-from up_samp.upio import Itinerary, read_itinerary
+from up_samp.search.facts import Facts
+from up_samp.upio import Itinerary
 
 
-def cuts_from(
-    context: Context, schedule: CandidateSchedule, refusals: Sequence[Refusal]
-) -> list[Refinement]:
-    """Return refinements that forbid ``schedule``, one for each refusal."""
-    itinerary = read_itinerary(context.relaxation, schedule)
+def cuts_from(facts: Facts, itinerary: Itinerary, refusals: Sequence[Refusal]) -> list[Refinement]:
+    """Return refinements that forbid the itinerary's schedule, one for each refusal."""
     found: dict[object, Refinement] = {}
     for refusal in refusals:
-        cut = _set_onto(context, itinerary, refusal) or _as_timed(context, itinerary, refusal)
+        cut = _set_onto(facts, itinerary, refusal) or _as_timed(facts, itinerary, refusal)
         found[cut.statement] = cut
     return list(found.values())
 
 
-def _set_onto(context: Context, itinerary: Itinerary, refusal: Refusal) -> Refinement | None:
+def _set_onto(facts: Facts, itinerary: Itinerary, refusal: Refusal) -> Refinement | None:
     """Return that an object must not be set to where another one rests, if that is it."""
     if refusal.kind != "collision" or len(refusal.activities) != 1 or len(refusal.objects) != 2:
         return None
@@ -39,8 +36,8 @@ def _set_onto(context: Context, itinerary: Itinerary, refusal: Refusal) -> Refin
     )
     if change is None:
         return None
-    sets = {c.activity for c in context.snapshot.changes if c.object == other}
-    moves = set(context.movers[other]) - sets
+    sets = {c.activity for c in facts.snapshot.changes if c.object == other}
+    moves = set(facts.movers[other]) - sets
     times = itinerary.schedule.times
     before = [(times[a][1], a) for a in moves | sets if a in times and times[a][1] <= change.time]
     setter = max(before)[1] if before else None
@@ -54,7 +51,7 @@ def _set_onto(context: Context, itinerary: Itinerary, refusal: Refusal) -> Refin
     return rules.only_given(cut, _given(itinerary))
 
 
-def _as_timed(context: Context, itinerary: Itinerary, refusal: Refusal) -> Refinement:
+def _as_timed(facts: Facts, itinerary: Itinerary, refusal: Refusal) -> Refinement:
     """Return that the activities of a refusal, with what moved its objects last, do not go
     together as they are timed; all that are present where it names none.
     """
@@ -63,7 +60,7 @@ def _as_timed(context: Context, itinerary: Itinerary, refusal: Refusal) -> Refin
     if names:
         last = max(times[a][1] for a in names)
         for thing in refusal.objects:
-            movers = context.movers.get(thing, frozenset()) - names
+            movers = facts.movers.get(thing, frozenset()) - names
             names |= {m for m in movers if m in times and times[m][0] <= last}
     cut = timed.exactly_as_timed({n: times[n] for n in sorted(names or times)}, refusal.what)
     return rules.only_given(cut, _given(itinerary))

@@ -13,7 +13,6 @@ import functools
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 
 import shapely
 
@@ -29,8 +28,9 @@ from up_samp.model import (
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.refinement import rules
 from up_samp.search.cases import MotionCase
-from up_samp.search.context import Context, Signature
-from up_samp.search.cuts.arrivals import arrival_of
+from up_samp.search.facts import Signature
+from up_samp.search.knowledge import Knowledge
+from up_samp.search.motions import Motions
 
 LONG_BEFORE = 1000.0
 """Seconds by which who arrives may have set out before the other one leaves."""
@@ -43,54 +43,60 @@ ALLOWANCE = 0.95
 """Accelerations are judged with a little tolerance: proven gaps are that much shorter."""
 
 
-def state_handovers(context: Context) -> list[Refinement]:
+def proven_handovers(motions: Motions) -> list[Refinement]:
     """Return the proven gaps at all shared places, before the first schedule."""
-    pairs = list(_pairs(context))
+    facts = motions.facts
+    pairs = list(_pairs(motions))
     if len(pairs) > MOST:
         return []
     found = []
     for leaving, coming in pairs:
-        units = context.units(proven_gap(context.signature(leaving), context.signature(coming)))
+        gap = proven_gap(facts.signature(leaving), facts.signature(coming))
+        units = facts.units(gap)
         if units > 0:
             found.append(_stated(leaving, coming, units, Strength.PROVEN))
     return found
 
 
-def guess_handovers(context: Context) -> list[Refinement]:
+def guessed_handovers(motions: Motions, knowledge: Knowledge) -> list[Refinement]:
     """Return the gaps between the fastest motions at all shared places; none the second time."""
-    if context.handovers_guessed:
+    if knowledge.handovers_guessed:
         return []
-    context.handovers_guessed = True
-    pairs = list(_pairs(context))
+    knowledge.handovers_guessed = True
+    pairs = list(_pairs(motions))
     if len(pairs) > MOST:
         return []
-    limit = min(EAGER_SECONDS, EAGER_SHARE * context.deadline.remaining())
-    deadline = context.deadline.within(limit if math.isfinite(limit) else EAGER_SECONDS)
+    deadline = motions.budget.share(EAGER_SHARE, EAGER_SECONDS)
     found = []
     for leaving, coming in pairs:
-        cut = handover(context, leaving, coming, deadline)
+        cut = handover(motions, knowledge, (leaving, coming), deadline)
         found += [] if cut is None else [cut]
     return found
 
 
 def handover(
-    context: Context, leaving: MotionCase, coming: MotionCase, deadline: Deadline
+    motions: Motions,
+    knowledge: Knowledge,
+    pair: tuple[MotionCase, MotionCase],
+    deadline: Deadline,
 ) -> Refinement | None:
-    """Return the gap between two motions as a statement: the larger of the two, if there is any.
+    """Return the gap between who leaves and who comes as a statement: the larger of the two, if
+    there is any.
 
     Past the deadline only the proven one is known.
     """
-    signatures = context.signature(leaving), context.signature(coming)
+    facts = motions.facts
+    signatures = facts.signature(pair[0]), facts.signature(pair[1])
     strength = Strength.PROVEN
-    units = context.units(proven_gap(*signatures))
-    if signatures not in context.handovers and not deadline.expired():
-        gap = _gap_of_the_fastest(context, *signatures, deadline)
+    units = facts.units(proven_gap(*signatures))
+    if signatures not in knowledge.handovers and not deadline.expired():
+        gap = _gap_of_the_fastest(motions, *signatures, deadline)
         if gap is not None or not deadline.expired():
-            context.handovers[signatures] = gap
-    gap = context.handovers.get(signatures)
-    if gap is not None and context.units(gap) > units:
-        units, strength = context.units(gap), Strength.HEURISTIC
-    return _stated(leaving, coming, units, strength) if units > 0 else None
+            knowledge.handovers[signatures] = gap
+    gap = knowledge.handovers.get(signatures)
+    if gap is not None and facts.units(gap) > units:
+        units, strength = facts.units(gap), Strength.HEURISTIC
+    return _stated(*pair, units, strength) if units > 0 else None
 
 
 def _stated(leaving: MotionCase, coming: MotionCase, units: int, strength: Strength) -> Refinement:
@@ -104,16 +110,17 @@ def _stated(leaving: MotionCase, coming: MotionCase, units: int, strength: Stren
     return rules.only_given(cut, tuple(sorted({*leaving.given, *coming.given})))
 
 
-def _pairs(context: Context) -> Iterator[tuple[MotionCase, MotionCase]]:
+def _pairs(motions: Motions) -> Iterator[tuple[MotionCase, MotionCase]]:
     """Yield (who leaves a place, who comes to it) for all motions that are known."""
+    signatures = motions.facts.by_signature
     leaving: dict[tuple[Body, Configuration], list[MotionCase]] = {}
     coming: dict[tuple[Body, Configuration], list[MotionCase]] = {}
-    for (body, poses), cases in sorted(context.by_signature.items(), key=lambda i: str(i[0][1])):
+    for (body, poses), cases in sorted(signatures.items(), key=lambda i: str(i[0][1])):
         leaving.setdefault((body, poses[0]), []).extend(cases)
         coming.setdefault((body, poses[-1]), []).extend(cases)
     for here, going in leaving.items():
         for there, arriving in coming.items():
-            if not _planar(here[0], there[0]) or not context.service.overlap(*here, *there):
+            if not _planar(here[0], there[0]) or not motions.service.overlap(*here, *there):
                 continue
             for one in going:
                 for other in arriving:
@@ -185,14 +192,14 @@ def _at(disc: tuple[float, float, float], pose: Configuration) -> tuple[float, f
 
 
 def _gap_of_the_fastest(
-    context: Context, leaving: Signature, coming: Signature, deadline: Deadline
+    motions: Motions, leaving: Signature, coming: Signature, deadline: Deadline
 ) -> float | None:
     """Return how long (s) after one's departure the other one arrives at the earliest, the first
     being as fast as can be and the second waiting where it likes; None where it was not found.
     """
     body, poses = leaving
-    limit = deadline.within(context.query_seconds)
-    report = context.service.plan(PathQuery(body, poses), limit)
+    limit = deadline.within(motions.budget.query_seconds)
+    report = motions.service.plan(PathQuery(body, poses), limit)
     if report.trajectory is None or not report.complete:
         return None
     leader = FixedMotion(
@@ -201,5 +208,5 @@ def _gap_of_the_fastest(
     follower = TimedMotion(
         "coming", "coming", coming[0], coming[1], -LONG_BEFORE, math.inf, -math.inf, math.inf
     )
-    arrival = arrival_of(context, replace(follower), fixed=(leader,), deadline=deadline)
+    arrival = motions.arrival(follower, fixed=(leader,), deadline=deadline)
     return None if arrival is None or arrival <= 0 else arrival

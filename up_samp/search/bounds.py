@@ -1,0 +1,50 @@
+"""The bounds of a search: the best plan so far, and what no plan can be better than."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from up_samp.model import CandidateSchedule, Trajectory
+from up_samp.upio import SampSchedule
+
+
+@dataclass(frozen=True)
+class Incumbent:
+    """A schedule with trajectories for all of its motions (by activity, s from the start), and the
+    UP plan of both.
+    """
+
+    schedule: CandidateSchedule
+    trajectories: Mapping[str, Trajectory]
+    plan: SampSchedule
+
+
+@dataclass
+class Bounds:
+    """Makespans in units. ``relative``: the lower one rests on the motion planner's durations."""
+
+    lower: int = 0
+    relative: bool = False
+    incumbent: Incumbent | None = None
+
+    @property
+    def upper(self) -> int | None:
+        """Makespan of the best plan so far."""
+        return None if self.incumbent is None else self.incumbent.schedule.makespan
+
+    @property
+    def met(self) -> bool:
+        """Whether the best plan meets the lower bound."""
+        return self.upper is not None and self.upper <= self.lower
+
+    def improves(self, schedule: CandidateSchedule) -> bool:
+        """Return whether a plan with this schedule would be the best so far."""
+        return self.upper is None or schedule.makespan < self.upper
+
+    def keep(self, found: Incumbent) -> bool:
+        """Make a valid plan the incumbent, if it is the best so far; return whether it is."""
+        if not self.improves(found.schedule):
+            return False
+        self.incumbent = found
+        return True

@@ -1,0 +1,121 @@
+"""Small cuts: general refinements where there are any, exact ones else.
+
+A failed group's attempts are tried in order; the first that rejects the candidate wins. If none
+does, the group is forbidden just as it was timed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import partial
+
+from up_samp.model import ScheduledMotion
+from up_samp.model.refinement import Refinement
+from up_samp.refinement import rules
+from up_samp.search.cuts.alone import Alone
+from up_samp.search.cuts.exact import or_exact, rejects
+from up_samp.search.cuts.failure import Failure
+from up_samp.search.cuts.protocol import Alike
+from up_samp.search.facts import Facts
+from up_samp.search.knowledge import Knowledge
+from up_samp.search.motions import Motions
+from up_samp.search.statements.durations import duration_of
+
+Attempt = Callable[[Failure, str], list[Refinement]]
+"""Returns what may be learned from one late motion (by its name) of a failed group."""
+
+
+@dataclass(frozen=True)
+class SmallCuts:
+    """Groups shrunk to what conflicts, with only the rivals that matter; see ``Cuts``."""
+
+    alike: Alike
+    attempts: tuple[Attempt, ...]
+    first_only: bool = False
+
+    def unobstructed(
+        self, motions: Motions, knowledge: Knowledge, motion: ScheduledMotion
+    ) -> list[Refinement]:
+        """Return what the motion's duration among fixed obstacles tells."""
+        cases = motions.facts.like(motion)
+        return duration_of(motions, knowledge, cases, motions.budget.query())
+
+    def no_path(self, motions: Motions, alone: Alone) -> list[Refinement]:
+        """Return that the motion and all alike must not be made while the blockers rest there."""
+        return blocked(motions.facts, alone)
+
+    def too_slow(self, motions: Motions, alone: Alone, units: int) -> list[Refinement]:
+        """Return that the motion and all alike take that long while the blockers rest there."""
+        movers, why = motions.facts.movers, alone.why
+        return [
+            rules.only_given(
+                rules.slower_while(
+                    c.activity, units, alone.places, movers, why, strength=alone.strength
+                ),
+                c.given,
+            )
+            for c in alone.cases
+        ]
+
+    def group(self, failure: Failure) -> list[Refinement]:
+        """Return refinements that reject the candidate's group."""
+        if not failure.found:
+            return or_exact(failure, [_together_cut(failure)])
+        found: list[Refinement] = []
+        for name in sorted(failure.report.late, key=lambda n: (failure.timed[n].release, n)):
+            found += _first_violated(failure, (partial(a, failure, name) for a in self.attempts))
+            if failure.motions.budget.deadline.expired():
+                break
+        return or_exact(failure, found or [_timing_cut(failure)])
+
+
+def blocked(facts: Facts, alone: Alone) -> list[Refinement]:
+    """Return that the motion and all alike must not be made while the blockers rest there."""
+    movers, why = facts.movers, alone.why
+    return [
+        rules.only_given(
+            rules.blocked_while(c.activity, alone.places, movers, why, strength=alone.strength),
+            c.given,
+        )
+        for c in alone.cases
+    ]
+
+
+def _first_violated(
+    failure: Failure, attempts: Iterable[Callable[[], list[Refinement]]]
+) -> list[Refinement]:
+    for attempt in attempts:
+        found = attempt()
+        if any(rejects(failure.relaxation, failure.itinerary, r) for r in found):
+            return found
+    return []
+
+
+def _together_cut(failure: Failure) -> Refinement:
+    """Return that motions do not go together: as they are timed at first; what fails at other
+    offsets, too, is kept apart whatever the offsets.
+    """
+    names = failure.report.conflict or set(failure.scheduled)
+    motions = [m for name, m in failure.scheduled.items() if name in names]
+    why = failure.report.reason or "no trajectories found in time"
+    together = frozenset(m.activity for m in motions)
+    known = failure.knowledge.failed_together
+    rule = rules.not_together if together in known else rules.group_fails
+    known.add(together)
+    return rule(motions, failure.blockers(motions), failure.facts.movers, why)
+
+
+def _timing_cut(failure: Failure) -> Refinement:
+    motions = failure.conflict
+    arrivals = failure.arrivals(motions)
+    why = f"{', '.join(sorted(arrivals))} cannot arrive in time among the others"
+    return rules.group_timing(
+        motions,
+        arrivals,
+        failure.blockers(motions),
+        failure.facts.movers,
+        why,
+        rivals=failure.rivals(motions),
+        strength=failure.strength,
+    )

@@ -1,0 +1,118 @@
+"""Facts of the problem: what no search changes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+from up_samp.model import Body, Configuration, Placed, ScheduledMotion
+from up_samp.model.snapshot import Snapshot, Term, TermKind
+from up_samp.search.cases import MotionCase, case_of, cases_of
+from up_samp.upio import Choice
+
+Signature = tuple[Body, tuple[Configuration, ...]]
+"""What a motion is to the motion planner: motions of equal signatures are equivalent."""
+
+LATE = 9e-7
+"""Lateness (s) that counts as rounding: less than the validator forgives (1e-6 s)."""
+
+
+@dataclass(frozen=True)
+class Facts:
+    """The problem as it was read, and what follows from it at once.
+
+    ``choices``: what configurations hang on that are no constants (see ``Relaxation.choices``).
+    """
+
+    snapshot: Snapshot
+    choices: Mapping[tuple[str, Term, bool], Choice]
+
+    # ------------------------------------------------------------------ units
+    def seconds(self, units: float) -> float:
+        """Return schedule units in s."""
+        return units * self.snapshot.seconds_per_unit
+
+    def units(self, seconds: float) -> int:
+        """Return s in schedule units, rounded up. ``LATE`` s are forgiven, whatever a unit is."""
+        return math.ceil((seconds - LATE) / self.snapshot.seconds_per_unit)
+
+    # ---------------------------------------------------------------- motions
+    @cached_property
+    def cases(self) -> tuple[MotionCase, ...]:
+        """All motions between known configurations (none of a task with too many of them)."""
+        return tuple(c for task in self.snapshot.tasks for c in cases_of(task, self.choices))
+
+    def signature(self, case: MotionCase) -> Signature:
+        """Return what a case is to the motion planner."""
+        task = case.task
+        body = self.snapshot.body(task.activity, task.index, task.object)
+        return body, tuple(self.snapshot.configurations[n] for n in case.configurations)
+
+    @cached_property
+    def by_signature(self) -> dict[Signature, list[MotionCase]]:
+        """Equivalent motions."""
+        found: dict[Signature, list[MotionCase]] = {}
+        for case in self.cases:
+            found.setdefault(self.signature(case), []).append(case)
+        return found
+
+    def case(self, motion: ScheduledMotion) -> MotionCase:
+        """Return the case that a scheduled motion is."""
+        return case_of(self.snapshot, motion)
+
+    def like(self, motion: ScheduledMotion) -> list[MotionCase]:
+        """Return the case that a scheduled motion is, and all that are the same to the planner."""
+        case = self.case(motion)
+        return list(dict.fromkeys((case, *self.by_signature.get(self.signature(case), ()))))
+
+    # ---------------------------------------------------------------- objects
+    @cached_property
+    def drivers(self) -> frozenset[str]:
+        """Objects that some activity drives."""
+        return frozenset(t.object for t in self.snapshot.tasks)
+
+    @cached_property
+    def instant(self) -> frozenset[str]:
+        """Objects that change their configuration but never drive (doors)."""
+        return frozenset(c.object for c in self.snapshot.changes) - self.drivers - self.loads
+
+    @cached_property
+    def loads(self) -> frozenset[str]:
+        """Objects that travel with others and never drive."""
+        return frozenset(r.load for r in self.snapshot.rides) - self.drivers
+
+    @property
+    def movers(self) -> Mapping[str, frozenset[str]]:
+        """Object -> activities that drive it, carry it or change it."""
+        return self.snapshot.movers
+
+    def body(self, motion: ScheduledMotion) -> Body:
+        """Return what a scheduled motion drives: an object, with its loads."""
+        return self.snapshot.body(motion.activity, motion.constraint, motion.object)
+
+    def placed(self, name: str, configuration: str) -> Placed:
+        """Return an object at a configuration."""
+        snapshot = self.snapshot
+        return Placed(name, snapshot.objects[name].body, snapshot.configurations[configuration])
+
+    @cached_property
+    def fixed(self) -> tuple[Placed, ...]:
+        """The movable objects that nothing ever moves."""
+        initial = self.snapshot.initial
+        return tuple(
+            self.placed(n, initial[n]) for n in sorted(set(initial) - self.snapshot.moved())
+        )
+
+    def returns_to(self, obstacle: str, configuration: str) -> bool:
+        """Return whether some activity may bring ``obstacle`` to ``configuration``."""
+        terms = [t.terms[-1] for t in self.snapshot.tasks if t.object == obstacle]
+        terms += [r.goal for r in self.snapshot.rides if r.load == obstacle]
+        terms += [c.term for c in self.snapshot.changes if c.object == obstacle]
+        return any(t.kind is not TermKind.CONSTANT or t.name == configuration for t in terms)
+
+
+def just_this(facts: Facts, motion: ScheduledMotion) -> list[MotionCase]:
+    """Return the case that a motion is, and nothing that is like it."""
+    return [facts.case(motion)]

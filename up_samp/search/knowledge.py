@@ -1,0 +1,66 @@
+"""What a search has learned: refinements, written into the relaxation, and what they rest on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from up_samp.model.refinement import Refinement, Strength
+from up_samp.search.facts import Signature
+from up_samp.search.history import History
+from up_samp.upio import Relaxation, write_refinement
+
+
+@dataclass
+class Knowledge:
+    """``active`` are the refinements in play; ``relaxation`` holds them all.
+
+    The rest is remembered so that nothing is asked or said twice: ``stated`` bounds (units) and
+    ``durations`` (s) of motions, ``handovers``: gaps (s) between a departure and an arrival at the
+    same place, relative to the planner, and groups that ``failed_together`` at some offsets.
+    """
+
+    relaxation: Relaxation
+    history: History
+    active: list[Refinement] = field(default_factory=list)
+    stated: dict[Signature, int] = field(default_factory=dict)
+    durations: dict[Signature, float] = field(default_factory=dict)
+    handovers: dict[tuple[Signature, Signature], float | None] = field(default_factory=dict)
+    handovers_guessed: bool = False
+    """The gaps between the fastest motions were stated: once is enough, also after a restart."""
+    failed_together: set[frozenset[str]] = field(default_factory=set)
+    feasible_facts: int | None = None
+    """How many proven facts alone are known to leave a schedule (or could not be refuted)."""
+    _written: set[object] = field(default_factory=set)
+
+    def learn(self, refinements: Iterable[Refinement]) -> list[Refinement]:
+        """Write refinements into the relaxation and return those that are new."""
+        new = []
+        for refinement in refinements:
+            if refinement.statement in self._written:
+                continue
+            self._written.add(refinement.statement)
+            write_refinement(self.relaxation, refinement)
+            self.history.refinements.append(refinement)
+            self.active.append(refinement)
+            new.append(refinement)
+        return new
+
+    def start_over(self, relaxation: Relaxation) -> None:
+        """Begin anew on a fresh relaxation with what is proven or relative; drop the guesses."""
+        self.active = [r for r in self.active if r.strength is not Strength.HEURISTIC]
+        self.relaxation = relaxation
+        self.failed_together.clear()
+        self._written = {r.statement for r in self.active}
+        for refinement in self.active:
+            write_refinement(relaxation, refinement)
+
+    @property
+    def proven(self) -> list[Refinement]:
+        """What is proven of all that is in play."""
+        return [r for r in self.active if r.strength is Strength.PROVEN]
+
+    @property
+    def guesses(self) -> list[Refinement]:
+        """What is in play and may remove valid plans."""
+        return [r for r in self.active if r.strength is Strength.HEURISTIC]

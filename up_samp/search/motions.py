@@ -1,0 +1,80 @@
+"""Questions to the motion planners about the motions of one problem."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from up_samp.model import (
+    Deadline,
+    FixedMotion,
+    Outcome,
+    PathQuery,
+    PathReport,
+    Rest,
+    TimedMotion,
+    Trajectory,
+)
+from up_samp.model.refinement import Strength
+from up_samp.motion.fleet import earliest_arrival
+from up_samp.motion.proofs.after_opening import AfterOpening
+from up_samp.search.budget import Budget
+from up_samp.search.facts import Facts
+
+if TYPE_CHECKING:
+    from up_samp.motion import MotionService
+
+
+@dataclass(frozen=True)
+class Motions:
+    """Asks the motion service about motions of the problem, within the search's budget."""
+
+    facts: Facts
+    service: MotionService
+    budget: Budget
+
+    def path(self, query: PathQuery) -> PathReport:
+        """Return the planner's path for a motion alone, within one query's time."""
+        return self.service.plan(query, self.budget.query())
+
+    def fastest(self, query: PathQuery, deadline: Deadline) -> tuple[PathReport, Strength]:
+        """Return the planner's answer and what its duration is worth.
+
+        Only a motion whose planner finished its search is the planner's fastest.
+        """
+        report = self.service.plan(query, deadline)
+        return report, Strength.RELATIVE if report.complete else Strength.HEURISTIC
+
+    def fastest_alone(self, motion: TimedMotion) -> Trajectory | None:
+        """Return the motion's fastest trajectory with nobody else there, from time 0; None where
+        none was found, or the search for it was not finished.
+        """
+        report = self.path(PathQuery(motion.body, motion.poses))
+        return report.trajectory if report.complete else None
+
+    def arrival(
+        self,
+        motion: TimedMotion,
+        rests: tuple[Rest, ...] = (),
+        fixed: tuple[FixedMotion, ...] = (),
+        *,
+        enough: float | None = None,
+        deadline: Deadline | None = None,
+    ) -> float | None:
+        """Return the motion's earliest arrival (s) among these, or None if none was found.
+
+        An arrival by ``enough`` (s) is good enough, and then the first that is found is returned.
+        """
+        # due at once: then it looks for the earliest arrival, not for any in time
+        early = replace(motion, due=motion.release if enough is None else enough)
+        limit = (deadline or self.budget.deadline).within(self.budget.query_seconds)
+        report = earliest_arrival(self.service, early, rests, fixed, limit)
+        # what a search that was cut short found need not be the earliest: it says nothing
+        found = report.outcome is Outcome.FOUND and report.complete
+        return report.trajectory.end if found and report.trajectory is not None else None
+
+    @cached_property
+    def after(self) -> AfterOpening:
+        """Bounds on motions that wait for a door."""
+        return AfterOpening(self.service.certifier)

@@ -1,0 +1,129 @@
+"""Presets: which components a search is made of, by the ideas that are switched on.
+
+Each part names the ideas that it belongs to; a preset (or an ablation) without one of them leaves
+the part out. This is the only place that reads the switches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeVar
+
+from up_samp.search.check import CheckAlone, check_duration, check_path
+from up_samp.search.components import Components, Finisher, Shaper, Statement
+from up_samp.search.cuts.handovers import handover_cuts
+from up_samp.search.cuts.paper import PaperCuts
+from up_samp.search.cuts.profiles import pair_cuts
+from up_samp.search.cuts.protocol import Cuts
+from up_samp.search.cuts.resting import door_cuts, rest_cuts
+from up_samp.search.cuts.small import Attempt, SmallCuts
+from up_samp.search.events import Phase
+from up_samp.search.facts import Facts, just_this
+from up_samp.search.pace import AtOnce, Staged
+from up_samp.search.params import Parameters
+from up_samp.search.repair import Repairing
+from up_samp.search.slack import spread, with_slack
+from up_samp.search.statements.durations import fastest_durations, lower_bounds
+from up_samp.search.statements.handovers import guessed_handovers, proven_handovers
+from up_samp.search.statements.unary_places import unary_places
+from up_samp.search.statements.unreachable import unreachable
+from up_samp.search.tidy import tidied
+
+Part = TypeVar("Part")
+Ideas = tuple[str, ...]
+
+UNARY_PLACES = Statement("unary places", lambda s: unary_places(s.motions))
+STATEMENTS: Sequence[tuple[Statement, Ideas]] = (
+    (
+        Statement("lower bounds on motions", lambda s: lower_bounds(s.motions, s.knowledge)),
+        ("bounds_first",),
+    ),
+    (Statement("proofs of unreachability", lambda s: unreachable(s.motions)), ("certificates",)),
+    (UNARY_PLACES, ("certificates", "native")),
+    (
+        Statement(
+            "unobstructed motions",
+            lambda s: fastest_durations(
+                s.motions,
+                s.knowledge,
+                lambda count, total: s.tell.stage(
+                    Phase.PREPARE, "unobstructed motions", count, total
+                ),
+            ),
+        ),
+        ("bounds_first",),
+    ),
+    (
+        Statement("handing over places", lambda s: proven_handovers(s.motions)),
+        ("bounds_first", "profiles"),
+    ),
+)
+AFTER_FAILURE: Sequence[tuple[Statement, Ideas]] = (
+    (
+        Statement("handing over places", lambda s: guessed_handovers(s.motions, s.knowledge)),
+        ("bounds_first", "profiles"),
+    ),
+)
+LAYERS: Sequence[tuple[CheckAlone, Ideas]] = (
+    (check_path, ("single_geometric",)),
+    (check_duration, ("single_temporal",)),
+)
+ATTEMPTS: Sequence[tuple[Attempt, Ideas]] = (
+    (handover_cuts, ("profiles",)),
+    (door_cuts, ()),
+    (rest_cuts, ()),
+    (pair_cuts, ("profiles",)),
+)
+"""What a late motion may tell: its goal was just left by another one; it waits for a door; what
+rests is in its way; it meets another one at a whole range of start offsets.
+"""
+SHAPERS: Sequence[tuple[Shaper, Ideas]] = ((with_slack, ("slack",)),)
+FINISHERS: Sequence[tuple[Finisher, Ideas]] = ((tidied, ("tidy",)),)
+
+
+def components_of(params: Parameters, *, native: bool) -> Components:
+    """Return the components that parameters ask for.
+
+    ``native``: the scheduler is our own, which knows unary places and goes on from what it knows.
+    """
+    if params.components is not None:
+        return params.components
+    ideas = {name for name in SWITCHES if getattr(params, name)} | ({"native"} if native else set())
+
+    def with_ideas(parts: Sequence[tuple[Part, Ideas]]) -> tuple[Part, ...]:
+        return tuple(part for part, needed in parts if ideas.issuperset(needed))
+
+    return Components(
+        statements=with_ideas(STATEMENTS),
+        layers=with_ideas(LAYERS),
+        cuts=_cuts(ideas, with_ideas(ATTEMPTS), params.seed),
+        pace=Staged() if ideas >= {"native", "incumbents"} else AtOnce(),
+        shapers=with_ideas(SHAPERS),
+        repairs=with_ideas(((Repairing(spread if "slack" in ideas else None), ("incumbents",)),)),
+        after_failure=with_ideas(AFTER_FAILURE),
+        for_proofs=() if native else with_ideas(((UNARY_PLACES, ("certificates",)),)),
+        finishers=with_ideas(FINISHERS),
+        learns="refine" in ideas,
+    )
+
+
+def _cuts(ideas: set[str], attempts: tuple[Attempt, ...], seed: int) -> Cuts:
+    alike = Facts.like if "equivalents" in ideas else just_this
+    if "small_cuts" in ideas:
+        return SmallCuts(alike, attempts)
+    return PaperCuts(alike, widened="equivalents" in ideas, seed=seed)
+
+
+SWITCHES = (
+    "refine",
+    "bounds_first",
+    "certificates",
+    "small_cuts",
+    "equivalents",
+    "profiles",
+    "incumbents",
+    "slack",
+    "tidy",
+    "single_geometric",
+    "single_temporal",
+)

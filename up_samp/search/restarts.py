@@ -1,0 +1,42 @@
+"""Restarts without what was only guessed (lines 17 to 20)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from up_samp.model.refinement import Refinement
+from up_samp.search.budget import Budget
+
+UNTIMED_RESTARTS = 3
+"""Restarts where there is no time limit."""
+STALE_RESTARTS = 8
+"""Restarts in a row that may bring nothing but guesses made before, from other random numbers."""
+
+
+@dataclass
+class Restarts:
+    """``limit``: so many at most (None: as long as there is time and they bring anything new).
+
+    ``stale``: how many in a row guessed nothing new.
+    """
+
+    limit: int | None = None
+    done: int = 0
+    stale: int = 0
+    _before: set[frozenset[object]] = field(default_factory=set)
+
+    def may_begin(self, budget: Budget) -> bool:
+        """Return whether another attempt is worth it."""
+        if self.limit is not None:
+            return self.done < self.limit
+        if budget.unlimited:
+            return self.done < UNTIMED_RESTARTS
+        return self.stale < STALE_RESTARTS
+
+    def begin(self, guesses: Sequence[Refinement]) -> None:
+        """Count a restart that drops these guesses."""
+        known = frozenset(r.statement for r in guesses)
+        self.done += 1
+        self.stale = self.stale + 1 if known in self._before else 0
+        self._before.add(known)

@@ -1,0 +1,85 @@
+"""One search: its parts, and how they are told of what is found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+from up_samp.model import CandidateSchedule, Refusal, Trajectory
+from up_samp.model.refinement import Refinement, Strength
+from up_samp.scheduling import Scheduler
+from up_samp.search.bounds import Bounds, Incumbent
+from up_samp.search.budget import Budget
+from up_samp.search.check import Checker
+from up_samp.search.components import Components
+from up_samp.search.events import Telling
+from up_samp.search.facts import Facts
+from up_samp.search.history import History
+from up_samp.search.knowledge import Knowledge
+from up_samp.search.motions import Motions
+from up_samp.search.proof import Prover
+from up_samp.search.restarts import Restarts
+from up_samp.search.stopping import Stop
+from up_samp.upio import Relaxation, SampSchedule
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What a search asks of the problem as UP has it.
+
+    ``relax`` makes the relaxation anew, without refinements; ``schedule`` opens a scheduler on one
+    (``native``: our own, which knows unary places); ``build`` makes the UP plan of a schedule and
+    its trajectories; ``judge`` is the independent validator.
+    """
+
+    relax: Callable[[], Relaxation]
+    schedule: Callable[[Relaxation], Scheduler]
+    build: Callable[[CandidateSchedule, Mapping[str, Trajectory]], SampSchedule]
+    judge: Callable[[SampSchedule], list[Refusal]]
+    native: bool
+
+
+@dataclass
+class Search:
+    """The parts of one search. Only the stages of the loop take all of it; what they call takes
+    what it uses.
+    """
+
+    problem: Problem
+    facts: Facts
+    knowledge: Knowledge
+    budget: Budget
+    bounds: Bounds
+    motions: Motions
+    checker: Checker
+    prover: Prover
+    scheduler: Scheduler
+    components: Components
+    restarts: Restarts
+    tell: Telling
+    stop: Stop | None = None
+    seed: int = 0
+
+    @property
+    def history(self) -> History:
+        """What happened so far."""
+        return self.knowledge.history
+
+    def learn(self, refinements: Iterable[Refinement]) -> int:
+        """Tell the scheduler what is new of these and return how many that were."""
+        new = self.knowledge.learn(refinements)
+        self.bounds.relative |= any(r.strength is Strength.RELATIVE for r in new)
+        self.tell.refinements(new)
+        return len(new)
+
+    def start_over(self) -> None:
+        """Begin anew with what is proven or relative; drop what was only guessed."""
+        self.scheduler.close()
+        self.knowledge.start_over(self.problem.relax())
+        self.scheduler = self.problem.schedule(self.knowledge.relaxation)
+
+    def plan_of(
+        self, schedule: CandidateSchedule, trajectories: Mapping[str, Trajectory]
+    ) -> Incumbent:
+        """Return a schedule whose motions were found, with the UP plan of it."""
+        return Incumbent(schedule, trajectories, self.problem.build(schedule, trajectories))

@@ -1,0 +1,99 @@
+"""How long motions take: lower bounds for any planner, and the planner's own fastest ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from up_samp.model import Deadline, Outcome, PathQuery
+from up_samp.model.refinement import Refinement, Strength
+from up_samp.model.snapshot import MotionTask
+from up_samp.refinement import rules
+from up_samp.search.cases import MotionCase
+from up_samp.search.knowledge import Knowledge
+from up_samp.search.motions import Motions
+
+EAGER_SHARE = 0.2
+"""Share of the remaining time (at most ``EAGER_SECONDS``) that goes into durations known early."""
+EAGER_SECONDS = 30.0
+EAGER_QUERY_SECONDS = 2.0
+"""Limit of one query before the first schedule; what takes longer may never be needed."""
+TELL_EVERY = 10
+"""Progress is told once for so many motions."""
+
+
+def lower_bounds(motions: Motions, knowledge: Knowledge) -> list[Refinement]:
+    """Return a lower bound on every motion's duration, admissible for any planner: for whatever
+    is decided, and (where that tells more) for each choice of its decisions.
+    """
+    why = "no motion between these poses is faster, whatever else stands there"
+    bounds: dict[MotionTask, dict[MotionCase, int]] = {}
+    for signature, cases in motions.facts.by_signature.items():
+        units = motions.facts.units(motions.service.lower_bound_through(*signature))
+        knowledge.stated[signature] = units if units > 1 else 0
+        for case in cases:
+            bounds.setdefault(case.task, {})[case] = units
+    found = []
+    for task, units_of in bounds.items():
+        least = min(units_of.values())
+        if least > 1:
+            found.append(rules.lasts(task.activity, least, why))
+        for case, units in units_of.items():
+            if units > max(least, 1):
+                found.append(rules.only_given(rules.lasts(task.activity, units, why), case.given))
+    return found
+
+
+def fastest_durations(
+    motions: Motions, knowledge: Knowledge, tell: Callable[[int, int], None]
+) -> list[Refinement]:
+    """Return the planner's own best duration of every motion, as far as time allows.
+
+    They are found among the fixed obstacles alone: objects that move only make motions slower.
+    ``tell`` is called with how many of how many motions are done.
+    """
+    deadline = motions.budget.share(EAGER_SHARE, EAGER_SECONDS)
+    found = []
+    signatures = motions.facts.by_signature
+    seconds = min(EAGER_QUERY_SECONDS, motions.budget.query_seconds)
+    for count, cases in enumerate(signatures.values()):
+        if deadline.expired():
+            break
+        if count % TELL_EVERY == 0:
+            tell(count, len(signatures))
+        limit = motions.budget.deadline.within(seconds)
+        told = duration_of(motions, knowledge, cases, limit)
+        found += [r for r in told if r.strength is not Strength.HEURISTIC]
+    return found
+
+
+def duration_of(
+    motions: Motions, knowledge: Knowledge, cases: Sequence[MotionCase], deadline: Deadline
+) -> list[Refinement]:
+    """Plan a motion among fixed obstacles; return what that tells of ``cases``, all of which are
+    this motion.
+    """
+    facts = motions.facts
+    signature = facts.signature(cases[0])
+    if signature in knowledge.durations:
+        return []
+    # what is said of all equivalent motions may count on what all of them heed only
+    obstacles = tuple(
+        o for o in facts.fixed if all(c.task.avoid is None or o.name in c.task.avoid for c in cases)
+    )
+    report, strength = motions.fastest(PathQuery(*signature, obstacles), deadline)
+    if report.outcome is Outcome.IMPOSSIBLE:
+        return [
+            rules.only_given(rules.impossible(c.activity, report.reason), c.given) for c in cases
+        ]
+    if report.trajectory is None:
+        return []
+    if strength is Strength.RELATIVE:
+        knowledge.durations[signature] = report.trajectory.duration
+    units = facts.units(report.trajectory.duration)
+    if units <= knowledge.stated.get(signature, 0):
+        return []
+    why = f"the planner's fastest unobstructed motion takes {report.trajectory.duration:.2f} s"
+    return [
+        rules.only_given(rules.lasts(c.activity, units, why, strength=strength), c.given)
+        for c in cases
+    ]

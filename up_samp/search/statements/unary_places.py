@@ -1,0 +1,85 @@
+"""Unary places: configurations that overlap hold one driving object at a time."""
+
+from __future__ import annotations
+
+import itertools
+
+from up_samp.model.refinement import Refinement
+from up_samp.model.snapshot import TermKind
+from up_samp.refinement import rules
+from up_samp.search.facts import Facts
+from up_samp.search.motions import Motions
+
+
+def unary_places(motions: Motions) -> list[Refinement]:
+    """Return that configurations which overlap hold one driving object at a time."""
+    nodes = _resting_nodes(motions.facts)
+    found = []
+    covered: set[tuple[int, int]] = set()
+    edges = _overlapping(motions, nodes)
+    for pair in sorted(edges):
+        if pair in covered:
+            continue
+        clique = _grow(pair, len(nodes), edges, nodes)
+        covered |= {p for p in itertools.combinations(sorted(clique), 2)}
+        found.append(_place(motions.facts, [nodes[i] for i in sorted(clique)]))
+    return found
+
+
+def _resting_nodes(facts: Facts) -> list[tuple[str, str]]:
+    """Return (object, configuration) for objects whose whole motion is known and heeds all."""
+    snapshot = facts.snapshot
+    nodes: set[tuple[str, str]] = set()
+    for name in sorted(facts.drivers):
+        tasks = [t for t in snapshot.tasks if t.object == name]
+        constant = all(t.kind is TermKind.CONSTANT for task in tasks for t in task.terms)
+        heeds = all(t.avoid is None or t.avoid >= facts.drivers - {name} for t in tasks)
+        changed = any(c.object == name for c in snapshot.changes)
+        if constant and heeds and not changed:
+            nodes |= {(name, t.name) for task in tasks for t in (task.terms[0], task.terms[-1])}
+            nodes.add((name, snapshot.initial[name]))
+    return sorted(nodes)
+
+
+def _overlapping(motions: Motions, nodes: list[tuple[str, str]]) -> set[tuple[int, int]]:
+    snapshot = motions.facts.snapshot
+    edges = set()
+    for i, j in itertools.combinations(range(len(nodes)), 2):
+        (a, place_a), (b, place_b) = nodes[i], nodes[j]
+        if a != b and motions.service.overlap(
+            snapshot.objects[a].body,
+            snapshot.configurations[place_a],
+            snapshot.objects[b].body,
+            snapshot.configurations[place_b],
+        ):
+            edges.add((i, j))
+    return edges
+
+
+def _grow(
+    pair: tuple[int, int],
+    count: int,
+    edges: set[tuple[int, int]],
+    nodes: list[tuple[str, str]],
+) -> set[int]:
+    """Return a clique around an edge: all of different objects overlap each other."""
+    clique = set(pair)
+    for node in range(count):
+        if node not in clique and all(
+            nodes[node][0] == nodes[m][0] or (min(node, m), max(node, m)) in edges for m in clique
+        ):
+            clique.add(node)
+    return clique
+
+
+def _place(facts: Facts, members: list[tuple[str, str]]) -> Refinement:
+    inside = set(members)
+    arrivals, departures = set(), set()
+    for task in facts.snapshot.tasks:
+        if (task.object, task.terms[-1].name) in inside:
+            arrivals.add(task.activity)
+        if (task.object, task.terms[0].name) in inside:
+            departures.add(task.activity)
+    taken = any(facts.snapshot.initial[name] == place for name, place in members)
+    name = "_".join(sorted({place for _, place in members}))
+    return rules.place_for_one(name, arrivals, departures, taken)

@@ -1,0 +1,118 @@
+"""Proofs that a motion cannot be made while an object like a door is where it is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from functools import partial
+
+from up_samp.model import MotionModel, Placed
+from up_samp.model.refinement import Layer, Refinement, Strength, end_of, start_of
+from up_samp.model.snapshot import TermKind
+from up_samp.refinement import rules
+from up_samp.search.cases import MotionCase
+from up_samp.search.facts import Facts, Signature
+from up_samp.search.motions import Motions
+
+
+def unreachable(motions: Motions) -> list[Refinement]:
+    """Return proofs of what is unreachable while a door-like object is where it may be."""
+    found: list[Refinement] = []
+    for obstacle, configuration in _instant_places(motions.facts):
+        placed = motions.facts.placed(obstacle, configuration)
+        for signature, cases in motions.facts.by_signature.items():
+            heeding = [c for c in cases if c.task.avoid is None or obstacle in c.task.avoid]
+            if heeding and signature[0].kinematics.model is not MotionModel.SE3:
+                found += _certify(motions, signature, heeding, placed, configuration)
+    return found
+
+
+def _certify(
+    motions: Motions,
+    signature: Signature,
+    cases: list[MotionCase],
+    placed: Placed,
+    configuration: str,
+) -> list[Refinement]:
+    facts, service = motions.facts, motions.service
+    body, poses = signature
+    why = f"{placed.name} at {configuration} blocks the way"
+    _, at_start = service.pose_blockers(body, poses[0], (placed,))
+    if at_start:
+        why = f"{placed.name} at {configuration} lies on the first pose"
+        if facts.returns_to(placed.name, configuration):
+            return _blocked_while(facts, cases, placed.name, configuration, why)
+        changes = facts.movers[placed.name]
+        return [
+            rules.only_given(rules.gone_before(start_of(c.activity), changes, 0, why), c.given)
+            for c in cases
+        ]
+    proof = service.certificate(body, poses, (placed,))
+    if proof is None:
+        return []
+    # a static obstacle stays all the time: then it must be gone from the start
+    # (a condition cannot hang on decisions: there the weaker cut has to do)
+    static = [c for c in cases if placed.name in (c.task.static or ()) and not c.given]
+    others = [c for c in cases if c not in static]
+    found = [rules.needs_away(c.activity, placed.name, configuration, why) for c in static]
+    if not others:
+        return found
+    if facts.returns_to(placed.name, configuration):
+        cuts = _blocked_while(facts, others, placed.name, configuration, why)
+    else:
+        tail = _tail_units(motions, signature, placed)
+        cuts = [opened(facts, c, placed.name, configuration, tail, why) for c in others]
+    return found + cuts
+
+
+def _blocked_while(
+    facts: Facts, cases: list[MotionCase], obstacle: str, configuration: str, why: str
+) -> list[Refinement]:
+    places = {obstacle: configuration}
+    return [
+        rules.only_given(rules.blocked_while(c.activity, places, facts.movers, why), c.given)
+        for c in cases
+    ]
+
+
+def opened(
+    facts: Facts,
+    case: MotionCase,
+    obstacle: str,
+    configuration: str,
+    tail: int,
+    why: str,
+    *,
+    strength: Strength = Strength.PROVEN,
+    layer: Layer = Layer.GEOMETRIC,
+) -> Refinement:
+    """Return that an obstacle which does not come back has left ``tail`` units before the end."""
+    changes = facts.movers[obstacle]
+    if len(changes) <= 1 and not case.given:
+        return rules.needs_open(
+            case.activity, obstacle, configuration, tail, why, strength=strength, layer=layer
+        )
+    # a condition would forbid further changes in its interval, although the obstacle has gone
+    point = end_of(case.activity)
+    cut = rules.gone_before(point, changes, max(1, tail), why, strength=strength, layer=layer)
+    return rules.only_given(cut, case.given)
+
+
+def _tail_units(motions: Motions, signature: Signature, placed: Placed) -> int:
+    """Return how long a motion at least takes after the obstacle has gone (whole units, down)."""
+    body, poses = signature
+    seconds = motions.after.seconds(body, poses, placed, partial(motions.service.bounds.way, body))
+    return math.floor(seconds / motions.facts.snapshot.seconds_per_unit)
+
+
+def _instant_places(facts: Facts) -> Iterator[tuple[str, str]]:
+    snapshot = facts.snapshot
+    for obstacle in sorted(facts.instant):
+        places = {snapshot.initial[obstacle]}
+        places |= {
+            c.term.name
+            for c in snapshot.changes
+            if c.object == obstacle and c.term.kind is TermKind.CONSTANT
+        }
+        for place in sorted(places):
+            yield obstacle, place
