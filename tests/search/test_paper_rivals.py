@@ -7,6 +7,7 @@ import pytest
 from up_samp.model import ScheduledMotion
 from up_samp.model.refinement import Overlap, Strength
 from up_samp.search.cuts import paper
+from up_samp.search.facts import just_this
 
 
 def failure(opening):
@@ -20,7 +21,7 @@ def failure(opening):
         changes=[SimpleNamespace(activity="opens", object="door")],
     )
     return SimpleNamespace(
-        context=SimpleNamespace(snapshot=snapshot),
+        facts=SimpleNamespace(snapshot=snapshot),
         group=(motion,),
         found=True,
         itinerary=SimpleNamespace(
@@ -40,6 +41,6 @@ def failure(opening):
     ],
 )
 def test_a_door_that_may_open_meanwhile(opening, strength, rivals):
-    cut = paper.group_cut(failure(opening))
+    (cut,) = paper.PaperCuts(just_this).group(failure(opening))
     assert cut.strength is strength
     assert {x.rival for x in cut.statement.literals if isinstance(x, Overlap)} == rivals

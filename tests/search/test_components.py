@@ -1,0 +1,230 @@
+"""Searches put together from parts: observers, stopping criteria, components of one's own."""
+
+import math
+from dataclasses import replace
+
+import pytest
+from unified_planning.engines import PlanGenerationResultStatus as Status
+from unified_planning.shortcuts import AnytimePlanner, OneshotPlanner
+
+import up_samp.search.session as session
+from tests.upio.hall import Hall
+from up_samp.model import ProblemError
+from up_samp.model.refinement import Strength
+from up_samp.search import (
+    FirstPlan,
+    Gap,
+    MaxRounds,
+    MaxRuntime,
+    NoImprovement,
+    Observer,
+    Parameters,
+    State,
+    split_parameters,
+)
+from up_samp.search.components import Components, Statement
+from up_samp.search.cuts.paper import PaperCuts
+from up_samp.search.cuts.small import SmallCuts
+from up_samp.search.pace import AtOnce, Staged
+from up_samp.search.params import ABLATIONS, PRESETS
+from up_samp.search.presets import components_of
+
+
+def crossing(folder):
+    """Two robots that change places, and an optional door that has to be opened for both."""
+    hall = Hall(folder, robots=2, door=True)
+    for robot in (0, 1):
+        hall.move(f"go{robot}", robot, f"left{robot}", f"right{robot}")
+        hall.move(f"back{robot}", robot, f"right{robot}", f"left{robot}", optional=True)
+    hall.open_door(optional=True).add_release_date(5)
+    return hall.problem
+
+
+def solve(problem, **params):
+    with OneshotPlanner(name="samp-refine[cpsat]", params=params) as planner:
+        return planner.solve(problem, timeout=60)
+
+
+class Recorder(Observer):
+    def __init__(self):
+        self.events = []
+
+    def __getattribute__(self, name):
+        if not name.startswith("on_"):
+            return super().__getattribute__(name)
+        return lambda event: self.events.append((name, event))
+
+    def named(self, name):
+        return [event for kind, event in self.events if kind == name]
+
+
+def door_in_the_way(folder):
+    hall = Hall(folder, door=True)
+    hall.move("go", 0, "left0", "right0")
+    hall.open_door(optional=True).add_release_date(5)
+    return hall.problem
+
+
+@pytest.mark.parametrize(("preset", "make"), [("default", crossing), ("paper", door_in_the_way)])
+def test_observers_are_told_each_event_by_name(tmp_path, preset, make):
+    recorder = Recorder()
+    result = solve(make(tmp_path), preset=preset, observers=[recorder])
+    history = result.history
+    rounds = [e for e in recorder.named("on_round") if e.report is not None]
+    assert len(rounds) == len(history.rounds)
+    learned = [r for e in recorder.named("on_refinement") for r in e.refinements]
+    assert learned == history.refinements
+    plans = recorder.named("on_plan")
+    makespans = [e.incumbent.schedule.makespan for e in plans]
+    assert makespans == sorted(makespans, reverse=True)
+    assert makespans[-1] == int(result.metrics["makespan"])
+    assert len(recorder.named("on_schedule")) >= len(rounds)
+    assert len(recorder.named("on_restart")) == history.restarts
+    elapsed = [event.state.elapsed for _, event in recorder.events]
+    assert elapsed == sorted(elapsed)
+    assert {e.phase.value for e in recorder.named("on_stage")} >= {"schedule", "motions"}
+
+
+def test_what_an_observer_raises_ends_the_search(tmp_path):
+    class Bored(Observer):
+        def on_schedule(self, event):
+            raise RuntimeError("enough of this")
+
+    with pytest.raises(RuntimeError, match="enough of this"):
+        solve(crossing(tmp_path), observers=[Bored()])
+
+
+def test_a_plan_is_built_once_for_each_incumbent(tmp_path, monkeypatch):
+    built = []
+
+    def build(problem, snapshot, schedule, trajectories):
+        built.append(schedule)
+        return original(problem, snapshot, schedule, trajectories)
+
+    original = session.build_plan
+    monkeypatch.setattr(session, "build_plan", build)
+    recorder = Recorder()
+    params = {"observers": [recorder], "tidy": False}
+    with AnytimePlanner(name="samp-refine[cpsat]", params=params) as planner:
+        results = list(planner.get_solutions(crossing(tmp_path), timeout=60))
+    plans = recorder.named("on_plan")
+    assert results[-1].plan is plans[-1].incumbent.plan
+    assert [r.plan for r in results[:-1]] == [e.incumbent.plan for e in plans]
+    assert len(built) == len({id(s) for s in built})
+    checked = [e for e in recorder.named("on_round") if e.report is not None]
+    assert len(plans) <= len(built) <= len(checked)
+
+
+def state(**changes):
+    return replace(State(3, 0, 80, 100, 12.0, 2.0, 1), **changes)
+
+
+@pytest.mark.parametrize(
+    ("stop", "yes", "no"),
+    [
+        (MaxRuntime(12), {}, {"elapsed": 11.9}),
+        (MaxRounds(3), {}, {"rounds": 2}),
+        (Gap(0.2), {}, {"lower_bound": 79}),
+        (Gap(0.5), {}, {"upper_bound": None}),
+        (NoImprovement(rounds=2), {}, {"last_plan_round": 2}),
+        (NoImprovement(seconds=10), {}, {"last_plan_at": 3.0}),
+        (NoImprovement(rounds=1), {}, {"last_plan_round": None, "last_plan_at": None}),
+        (FirstPlan(), {}, {"upper_bound": None}),
+        (FirstPlan() | MaxRounds(9), {}, {"upper_bound": None}),
+        (MaxRounds(9) | FirstPlan() | Gap(0), {}, {"upper_bound": None}),
+        (MaxRounds(9) | (lambda s: s.restarts > 1), {"restarts": 2}, {}),
+    ],
+)
+def test_criteria_say_when_to_stop(stop, yes, no):
+    assert stop(state(**yes))
+    assert not stop(state(**no))
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: MaxRuntime(-1),
+        lambda: MaxRuntime(math.nan),
+        lambda: MaxRounds(0),
+        lambda: MaxRounds(1.5),
+        lambda: MaxRounds(True),
+        lambda: Gap("0.1"),
+        lambda: NoImprovement(rounds=0),
+    ],
+)
+def test_criteria_that_make_no_sense_are_refused(make):
+    with pytest.raises(ProblemError):
+        make()
+
+
+def test_the_shortest_runtime_of_several_criteria_counts():
+    assert (FirstPlan() | MaxRuntime(3) | MaxRuntime(2)).runtime == 2
+    assert FirstPlan().runtime == math.inf
+
+
+def test_a_search_stops_as_it_was_told(tmp_path):
+    problem = crossing(tmp_path)
+    best = solve(problem, optimal=True)
+    assert best.status is Status.SOLVED_OPTIMALLY
+    result = solve(door_in_the_way(tmp_path), preset="paper", stop=MaxRounds(1))
+    assert result.status is Status.TIMEOUT
+    assert result.plan is None
+    assert "before there was a plan" in result.log_messages[0].message
+    assert len(result.history.rounds) == 1
+    result = solve(problem, optimal=True, stop=FirstPlan())
+    assert result.plan is not None
+    assert int(result.metrics["makespan"]) >= int(best.metrics["makespan"])
+    assert solve(problem, stop=MaxRuntime(0)).status is Status.TIMEOUT
+
+
+def test_a_preset_is_a_list_of_components():
+    def parts(preset, native=True):
+        params, _ = split_parameters({"preset": preset})
+        return components_of(params, native=native)
+
+    full = parts("default")
+    assert [s.name for s in full.statements] == [
+        "lower bounds on motions",
+        "proofs of unreachability",
+        "unary places",
+        "unobstructed motions",
+        "handing over places",
+    ]
+    assert isinstance(full.cuts, SmallCuts)
+    assert isinstance(full.pace, Staged)
+    assert not full.for_proofs
+    other = parts("default", native=False)
+    assert isinstance(other.pace, AtOnce)
+    assert [s.name for s in other.for_proofs] == ["unary places"]
+    paper = parts("paper")
+    assert isinstance(paper.cuts, PaperCuts)
+    assert paper.learns
+    assert (paper.statements, paper.repairs, paper.shapers, paper.finishers) == ((), (), (), ())
+    assert not parts("sequential").learns
+    for name in ABLATIONS:
+        assert parts(name) != full
+    assert set(PRESETS) == {"default", "paper", "sequential"}
+
+
+def test_components_of_ones_own(tmp_path):
+    """A search told by a statement of one's own that a drive lasts longer."""
+    from up_samp.refinement import rules
+
+    params, _ = split_parameters({})
+    plain = components_of(params, native=True)
+    slow = Statement(
+        "a speed limit",
+        lambda search: [rules.lasts("go0", 40, "made up", strength=Strength.HEURISTIC)],
+    )
+    mine = replace(plain, statements=(*plain.statements, slow))
+    assert isinstance(mine, Components)
+    result = solve(crossing(tmp_path), components=mine, max_restarts=0)
+    assert int(result.metrics["makespan"]) >= 40
+
+
+@pytest.mark.parametrize(
+    "given", [{"observers": 3}, {"observers": [print]}, {"stop": 3}, {"components": "paper"}]
+)
+def test_parts_that_are_none_are_refused(given):
+    with pytest.raises(ProblemError, match=next(iter(given))):
+        Parameters(**given)
