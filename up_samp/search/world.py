@@ -49,9 +49,7 @@ def instant_obstacles(
     return tuple(found)
 
 
-def _resting_at(
-    facts: Facts, itinerary: Itinerary, name: str, start: int, end: int
-) -> str | None:
+def _resting_at(facts: Facts, itinerary: Itinerary, name: str, start: int, end: int) -> str | None:
     """Return where ``name`` is all through (start, end), or None if it changes in between."""
     for motion in itinerary.motions:
         if name in motion.moved and motion.start < end and start < motion.end:
@@ -88,9 +86,7 @@ def rests_of(facts: Facts, itinerary: Itinerary, moving: frozenset[str]) -> tupl
     return tuple(found)
 
 
-def group_query(
-    facts: Facts, itinerary: Itinerary, group: Sequence[ScheduledMotion]
-) -> GroupQuery:
+def group_query(facts: Facts, itinerary: Itinerary, group: Sequence[ScheduledMotion]) -> GroupQuery:
     """Return the question whether the motions of ``group`` can be made as scheduled.
 
     Objects that move outside the group rest meanwhile. A robot that moves several times in the
