@@ -32,7 +32,7 @@ def with_dependencies(
         if key not in ("minor", "dependencies"):
             data[key] = value
         if key == "version":
-            data["minor"] = MINOR
+            data["minor"] = max(MINOR, plan.get("minor", 0))
     data["dependencies"] = graph_to_dict(dependencies.graph)
     return data
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from up_samp.io.floors import side_by_side
 from up_samp.validation.collisions import Shape, hits_body
 from up_samp.validation.tracks import Track
 
@@ -38,6 +39,7 @@ class _Piece:
 
 def contacts_of(record: dict[str, Any]) -> list[Contact]:
     """Return all contacts in a record: pairs of pieces of two lives of which one drives."""
+    record, _ = side_by_side(record)  # on different floors nobody meets
     shapes, lives = {}, {}
     for entry in record["objects"]:
         name = entry["name"]

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.execution.graph import At, Event
+from up_samp.io.floors import side_by_side
 from up_samp.io.sampling import rows_trajectory
 from up_samp.model import Body, Configuration, Kinematics, MotionModel, UnsupportedError
 from up_samp.motion.fleet.paths import Hull, Path, hull_of, path_of, resting_path
@@ -151,6 +152,7 @@ def lives_of(plan: Mapping[str, Any]) -> dict[str, Life]:
 
     Raises :class:`UnsupportedError` for free flyers: their motions have no planar footprint.
     """
+    plan, _ = side_by_side(plan)
     unit = float(plan["seconds_per_unit"])
     ends = {a["name"]: a["end"] * unit for a in plan["activities"]}
     lives = {}

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 
 from up_samp.execution.lives import Drive, Life
+from up_samp.io.floors import map_number, side_by_side
 from up_samp.io.plan_dict import PlanDict
+from up_samp.model.frames import Frame
 
 Drivings = dict[tuple[str, str], list[tuple[float, float]]]
 """(time, progress) of each motion (activity, object)."""
@@ -42,7 +44,13 @@ def record_of(
                 {**entry, "start": round(start / unit, 6), "end": round(end / unit, 6)}
             )
     activities.sort(key=lambda a: (a["start"], a["end"]))
-    motions = [_motion(drives[key], trace) for key, trace in drivings.items()]
+    planned = {(m["activity"], m["object"]): m for m in plan["motions"]}
+    frames = side_by_side(plan)[1]
+    motions = []
+    for key, trace in drivings.items():
+        number = map_number(planned[key])
+        motion = _motion(drives[key], trace, frames[number].inverse)
+        motions.append({**motion, "map": number} if "map" in planned[key] else motion)
     for motion in plan["motions"]:
         name, key = motion["activity"], (motion["activity"], motion["object"])
         if name in done and key not in drives:
@@ -71,18 +79,19 @@ def record_of(
     return record
 
 
-def _motion(drive: Drive, trace: list[tuple[float, float]]) -> dict[str, Any]:
+def _motion(drive: Drive, trace: list[tuple[float, float]], home: Frame) -> dict[str, Any]:
+    """Return what was driven; ``home`` leads back to where the plan has it."""
     motion: dict[str, Any] = {
         "activity": drive.activity,
         "object": drive.object,
-        "samples": _rows(drive, trace),
+        "samples": _rows(drive, trace, home),
     }
     if drive.avoid is not None:
         motion["avoid"] = sorted(drive.avoid)
     return motion
 
 
-def _rows(drive: Drive, trace: list[tuple[float, float]]) -> list[list[float]]:
+def _rows(drive: Drive, trace: list[tuple[float, float]], home: Frame) -> list[list[float]]:
     """Return samples [t, x, y, theta]; where the path's curvature changes there is one, too."""
     times = np.array([t for t, _ in trace])
     s = np.array([p for _, p in trace])
@@ -100,7 +109,7 @@ def _rows(drive: Drive, trace: list[tuple[float, float]]) -> list[list[float]]:
         s = np.concatenate([s, kinks])
         order = np.argsort(times, kind="stable")
         times, s = times[order], s[order]
-    poses = path.poses_at(s)
+    poses = home.out(path.poses_at(s))
     rows: list[list[float]] = []
     for t, pose in zip(times, poses, strict=True):
         row = [round(float(t), 6), *(round(float(v), 6) + 0.0 for v in pose)]

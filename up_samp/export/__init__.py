@@ -10,7 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from up_samp.io import PlanDict
-from up_samp.model import ProblemError
+from up_samp.io.floors import maps_of, moved
+from up_samp.model import ProblemError, UnsupportedError
 
 FORMATS = {
     "csv": "up_samp.export.tables",
@@ -25,12 +26,22 @@ FORMATS = {
 def export_plan(plan: PlanDict, to: str, folder: Path) -> list[Path]:
     """Write a plan in the format ``to`` (one of :data:`FORMATS`) into a folder; return the files.
 
+    Tables are in the world frame, the others in that of the map's file.
+
     Raises :class:`ProblemError` for a format that is not known, and
     :class:`~up_samp.model.UnsupportedError` for what a format cannot say.
     """
     if to not in FORMATS:
         raise ProblemError(f"there is no format '{to}'; known are {', '.join(FORMATS)}")
     export: Callable[[PlanDict, Path], list[Path]] = importlib.import_module(FORMATS[to]).export
+    maps = maps_of(plan)
+    if len(maps) > 1:
+        named = ", ".join(m.label for m in maps)
+        raise UnsupportedError(f"the format '{to}' holds one map; this plan has {named}")
+    if maps and to != "csv" and not maps[0].frame.is_identity:
+        # others take a map as its file has it
+        own = moved(plan, [maps[0].frame.inverse])
+        plan = {**own, "map": {"yaml": maps[0].file}}
     folder.mkdir(parents=True, exist_ok=True)
     return export(plan, folder)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import os
 from collections import Counter
@@ -12,9 +13,12 @@ from unified_planning.engines import PlanGenerationResultStatus
 from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.geometry import load_map
+from up_samp.geometry.atlas import in_world
+from up_samp.io.floors import map_number, maps_of
 from up_samp.io.plan_dict import PlanDict, described_objects, described_rides
 from up_samp.io.sampling import DECIMALS
 from up_samp.model import ProblemError
+from up_samp.model.frames import PlacedMap
 from up_samp.model.snapshot import ChangeTask, Snapshot, TermKind
 from up_samp.upio.read import read_problem
 
@@ -39,6 +43,7 @@ def contradictions(problem: SchedulingMotionProblem, plan: PlanDict) -> list[str
         *_objects(plan, snapshot),
         *_activities(problem, plan),
         *_motions(plan, snapshot),
+        *_on_maps(plan, snapshot),
         *_changes(problem, plan, snapshot),
         *_rides(plan, snapshot),
     ]
@@ -48,18 +53,13 @@ def poses_beyond(problem: SchedulingMotionProblem, plan: PlanDict) -> list[str]:
     """Return, in words, which motions lead further from the map than it is large, or turn round
     and round: nobody can have planned them, and sweeping them has no end.
     """
-    own = read_problem(problem, plan["seconds_per_unit"]).map_file
-    low, high = (-math.inf, -math.inf), (math.inf, math.inf)
-    if own is not None:
-        grid = load_map(own)
-        rows, cols = grid.shape
-        corners = [grid.point_of(r, c) for r in (0, rows) for c in (0, cols)]
-        reach = math.hypot(*grid.size)
-        low = min(x for x, _ in corners) - reach, min(y for _, y in corners) - reach
-        high = max(x for x, _ in corners) + reach, max(y for _, y in corners) + reach
+    limits = [_limits(m) for m in read_problem(problem, plan["seconds_per_unit"]).maps]
+    everywhere = (-math.inf, -math.inf), (math.inf, math.inf)
     found = []
     for motion in plan["motions"]:
         what = f"the motion of '{motion['object']}' in activity '{motion['activity']}'"
+        number = map_number(motion)
+        low, high = limits[number] if number < len(limits) else everywhere
         for row in motion["samples"]:
             here, turned = row[1:3], row[3] if len(row) == 4 else 0.0
             outside = any(not a <= v <= b for a, v, b in zip(low, here, high, strict=True))
@@ -68,6 +68,17 @@ def poses_beyond(problem: SchedulingMotionProblem, plan: PlanDict) -> list[str]:
                 found.append(f"{what} leads to ({place}) at {row[0]:g} s, far from the map")
                 break
     return found
+
+
+def _limits(placed: PlacedMap) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the lowest and highest coordinates within a map's length of it."""
+    grid = in_world(placed)
+    rows, cols = grid.shape
+    corners = [grid.point_of(r, c) for r in (0, rows) for c in (0, cols)]
+    reach = math.hypot(*grid.size)
+    low = min(x for x, _ in corners) - reach, min(y for _, y in corners) - reach
+    high = max(x for x, _ in corners) + reach, max(y for _, y in corners) + reach
+    return low, high
 
 
 def _head(plan: PlanDict, snapshot: Snapshot) -> Iterator[str]:
@@ -88,20 +99,30 @@ def _head(plan: PlanDict, snapshot: Snapshot) -> Iterator[str]:
 
 
 def _map(plan: PlanDict, snapshot: Snapshot) -> Iterator[str]:
-    stated, own = plan["map"].get("yaml"), snapshot.map_file
-    if stated is None or own is None:
-        if stated != own:
-            yield f"the plan's map is {stated or 'none'}, the problem's is {own or 'none'}"
+    stated, own = maps_of(plan), list(snapshot.maps)
+    if "maps" in plan and stated and maps_of({"map": plan["map"]}) != stated[:1]:
+        yield "the plan's map is not the first of its maps"
+    if len(stated) != len(own):
+        told, wanted = (", ".join(m.label for m in maps) or "none" for maps in (stated, own))
+        yield f"the plan's map is {told}, the problem's is {wanted}"
         return
-    if os.path.abspath(stated) == os.path.abspath(own):
+    for one, other in zip(stated, own, strict=True):
+        yield from _one_map(one, other)
+
+
+def _one_map(stated: PlacedMap, own: PlacedMap) -> Iterator[str]:
+    place, wanted = ([*dataclasses.astuple(m.frame), m.height] for m in (stated, own))
+    if not _equal(place, wanted):
+        yield f"the plan's map '{stated.file}' has the frame and height {place}, not {wanted}"
+    if os.path.abspath(stated.file) == os.path.abspath(own.file):
         return
     try:
-        same = load_map(stated).digest == load_map(own).digest
+        same = load_map(stated.file).digest == load_map(own.file).digest
     except ProblemError as error:
         yield f"the plan's map cannot be read: {error}"
         return
     if not same:
-        yield f"the plan's map '{stated}' is not the problem's map '{own}'"
+        yield f"the plan's map '{stated.file}' is not the problem's map '{own.file}'"
 
 
 def _objects(plan: PlanDict, snapshot: Snapshot) -> Iterator[str]:
@@ -174,6 +195,16 @@ def _rides(plan: PlanDict, snapshot: Snapshot) -> Iterator[str]:
             yield f"'{ride['object']}' rides otherwise in '{ride['activity']}', by the problem"
 
 
+def _on_maps(plan: PlanDict, snapshot: Snapshot) -> Iterator[str]:
+    """Yield which motions and changes are not on the map that the problem has them on."""
+    drives = {(t.activity, t.object): t.map for t in snapshot.tasks}
+    for motion in plan["motions"]:
+        wanted = drives.get((motion["activity"], motion["object"]))
+        if wanted is not None and map_number(motion) != wanted:
+            where = f"of '{motion['object']}' in activity '{motion['activity']}'"
+            yield f"the motion {where} is on map {map_number(motion)}, not on map {wanted}"
+
+
 def _changes(problem: SchedulingMotionProblem, plan: PlanDict, snapshot: Snapshot) -> Iterator[str]:
     ends = {a["name"]: a["end"] * snapshot.seconds_per_unit for a in plan["activities"]}
     stated: dict[tuple[str, str], list[dict[str, Any]]] = {}
@@ -211,6 +242,8 @@ def _change(
     pose = snapshot.configurations.get(name)
     if pose is not None and not _equal(stated["configuration"], list(pose)):
         yield f"the change of {where} puts it at {stated['configuration']}, not at {list(pose)}"
+    if map_number(stated) != snapshot.map_of.get(name, 0) and pose is not None:
+        yield f"the change of {where} is on map {map_number(stated)}"
 
 
 def _parameter(plan: PlanDict, name: str) -> object:

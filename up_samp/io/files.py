@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from up_samp.io.floors import map_entries
 from up_samp.io.plan_dict import FORMAT, VERSION, PlanDict
 from up_samp.io.shape import check_shape
 from up_samp.model import ProblemError
@@ -57,9 +58,10 @@ def read_plan(path: str | os.PathLike[str]) -> PlanDict:
     except (ValueError, RecursionError) as error:  # not UTF-8, not JSON, or absurdly so
         raise ProblemError(f"plan file '{source}' is not JSON: {short(str(error))}") from error
     check_plan(plan, f"plan file '{source}'")
-    yaml = plan["map"].get("yaml")
-    if yaml is not None and not os.path.isabs(yaml):
-        plan["map"]["yaml"] = str((source.parent / yaml).resolve())
+    for entry in map_entries(plan):
+        yaml = entry.get("yaml")
+        if yaml is not None and not os.path.isabs(yaml):
+            entry["yaml"] = str((source.parent / yaml).resolve())
     return dict(plan)
 
 
@@ -97,6 +99,10 @@ def _check_references(plan: PlanDict, label: str) -> None:
                 f"{label}: '{short(ride['object'])}' rides in '{short(ride['activity'])}' on "
                 f"'{short(ride['carrier'])}', which does not drive in it"
             )
+    count = max(1, len(plan.get("maps", ())))
+    for entry in (*plan["objects"], *plan["motions"], *plan["changes"]):
+        if not 0 <= entry.get("map", 0) < count:
+            raise ProblemError(f"{label} has no map {entry['map']}: there are {count} (from 0)")
     for entry in (*plan["motions"], *plan["changes"], *plan.get("rides", ())):
         if entry["object"] not in objects:
             raise ProblemError(

@@ -13,6 +13,7 @@ from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.plans import Schedule
 
+from up_samp.io.floors import described_map
 from up_samp.io.sampling import DECIMALS, path_trajectory, trajectory_rows
 from up_samp.model import (
     Configuration,
@@ -32,6 +33,9 @@ MINOR = 1
 """Minor versions only add fields; 1 adds ``dependencies`` (see :mod:`up_samp.execution`) and
 ``rides`` (loads that travel with robots).
 """
+
+MINOR_MAPS = 2
+"""2 adds maps with frames and heights, and several maps."""
 
 PlanDict = dict[str, Any]
 """A plan as JSON would hold it; see docs/plan-format.md."""
@@ -62,6 +66,7 @@ def plan_to_dict(
     activities = _activities(problem, plan)
     times = {a["name"]: (a["start"], a["end"]) for a in activities}
     whole = seconds_per_unit % 1 == 0
+    maps = described_maps(snapshot)
     data: PlanDict = {
         "format": FORMAT,
         "version": VERSION,
@@ -72,7 +77,7 @@ def plan_to_dict(
         "lower_bound": _plain(lower_bound),
         # not rounded: it is multiplied with times of any size
         "seconds_per_unit": int(seconds_per_unit) if whole else seconds_per_unit,
-        "map": {"yaml": None if snapshot.map_file is None else os.path.abspath(snapshot.map_file)},
+        "map": dict(maps[0]) if maps else {"yaml": None},
         "objects": described_objects(snapshot),
         "activities": activities,
         "motions": _motions(plan, snapshot, times),
@@ -80,6 +85,10 @@ def plan_to_dict(
     }
     if rides := described_rides(snapshot, times):
         data["rides"] = rides
+    if len(maps) > 1 or "frame" in data["map"] or "height" in data["map"]:
+        data["minor"] = MINOR_MAPS
+    if len(maps) > 1:
+        data["maps"] = maps
     if problem.base_variables:
         # only by these can a plan with variables be read back and judged
         data["parameters"] = {v.name: value_of(plan.get(v)) for v in problem.base_variables}
@@ -139,6 +148,16 @@ def _plain(value: float | None) -> float | int | None:
     return int(value) if float(value).is_integer() else round(float(value), DECIMALS)
 
 
+def described_maps(snapshot: Snapshot) -> list[dict[str, Any]]:
+    """Return the problem's maps as a plan file describes them."""
+    return [described_map(m, os.path.abspath(m.file)) for m in snapshot.maps]
+
+
+def on_map(snapshot: Snapshot, number: int) -> dict[str, int]:
+    """Return what an entry says about its map: nothing where there is one map."""
+    return {"map": number} if len(snapshot.maps) > 1 else {}
+
+
 def described_objects(snapshot: Snapshot) -> list[dict[str, Any]]:
     """Return the problem's movable objects as a plan file describes them."""
     return [_object(o, snapshot) for o in snapshot.objects.values()]
@@ -157,6 +176,8 @@ def _object(movable: Movable, snapshot: Snapshot) -> dict[str, Any]:
         "a_max": _plain(limits.a_max),
         "initial": None if place is None else _pose(snapshot.configurations[place]),
     }
+    if place is not None:
+        entry |= on_map(snapshot, snapshot.map_of[place])
     if limits.model is not MotionModel.REEDSSHEPP:
         entry["omega_max"] = _plain(limits.omega_max)
     if movable.body.mesh is not None:
@@ -220,6 +241,7 @@ def _motions(
                 "activity": task.activity,
                 "object": task.object,
                 "samples": trajectory_rows(trajectory),
+                **on_map(snapshot, task.map),
             }
         )
     return sorted(entries, key=lambda e: (times[e["activity"]][0], e["samples"][0][0]))
@@ -255,6 +277,7 @@ def _changes(
                 "object": change.object,
                 "time": _plain(times[change.activity][1] * snapshot.seconds_per_unit),
                 "configuration": _pose(snapshot.configurations[name]),
+                **on_map(snapshot, snapshot.map_of[name]),
             }
         )
     return sorted(entries, key=lambda e: e["time"])

@@ -90,6 +90,12 @@ def values(value: Any) -> str | None:
     return None if good else "an object of names and plain values"
 
 
+def index(value: Any) -> str | None:
+    """Check the number of a map."""
+    good = isinstance(value, int) and not isinstance(value, bool) and value >= 0
+    return None if good else "a whole number from 0"
+
+
 def model(value: Any) -> str | None:
     """Check a motion model's name."""
     names = [m.value for m in MotionModel]
@@ -133,10 +139,11 @@ MAYBE: Mapping[str, Mapping[str, Check]] = {
         "a_max": number,
         "omega_max": number,
         "mesh": optional(text),
+        "map": index,
     },
     "activities": {"parameters": values},
-    "motions": {},
-    "changes": {},
+    "motions": {"map": index},
+    "changes": {"map": index},
 }
 """Fields that an entry need not have."""
 
@@ -145,7 +152,7 @@ def check_shape(plan: Mapping[str, Any], label: str) -> None:
     """Raise :class:`ProblemError` that names the first field that is missing or of a wrong type."""
     for key, check in PLAN.items():
         _need(plan, key, check, label, "")
-    _maybe(plan["map"], "yaml", optional(text), label, "'map'")
+    _check_maps(plan, label)
     _maybe(plan, "parameters", values, label, "")
     _check_rides(plan, label)
     for key, checks in ENTRIES.items():
@@ -159,6 +166,20 @@ def check_shape(plan: Mapping[str, Any], label: str) -> None:
                 _maybe(entry, field, check, label, where)
     for motion in plan["motions"]:
         _check_samples(motion, label)
+
+
+def _check_maps(plan: Mapping[str, Any], label: str) -> None:
+    entries = plan.get("maps", [])
+    if not isinstance(entries, list):
+        _refuse(label, "'maps'", "a list", entries)
+    for where, entry in (("'map'", plan["map"]), *(("an entry of 'maps'", e) for e in entries)):
+        if not isinstance(entry, dict):
+            _refuse(label, where, "an object", entry)
+        _maybe(entry, "yaml", optional(text), label, where)
+        _maybe(entry, "frame", numbers(3), label, where)
+        _maybe(entry, "height", number, label, where)
+    for entry in entries:
+        _need(entry, "yaml", text, label, "an entry of 'maps'")
 
 
 def _need(entry: Mapping[str, Any], key: str, check: Check, label: str, where: str) -> None:

@@ -13,7 +13,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from up_samp.plotting.background import background_of
+from up_samp.plotting.background import ground_of
 from up_samp.plotting.names import with_short_names
 from up_samp.plotting.scene import scene_of
 from up_samp.plotting.tracks import stops_of, tracks_of
@@ -30,15 +30,18 @@ def animation_html(
     It holds everything (map, data, script) and loads nothing from anywhere. ``places`` maps names
     to poses (:func:`up_samp.plotting.places_of`): those where motions start or end are named.
     """
-    plan = with_short_names(plan)
-    ground = background_of(plan)
+    laid = ground_of(with_short_names(plan))
+    plan, ground = laid.plan, laid.background
     buffer = io.BytesIO()
     picture = ground.image(_WIDEST)
     picture.quantize(32).save(buffer, format="PNG", optimize=True)
     scene = scene_of(plan)
     scene["places"] = [
         {"name": " / ".join(stop.names), "at": [round(v, 3) for v in stop.pose[:2]]}
-        for stop in stops_of(tracks_of(plan), places or {})
+        for stop in stops_of(tracks_of(plan), laid.places(places))
+    ]
+    scene["places"] += [
+        {"name": name, "at": [round(v, 3) for v in corner]} for name, corner in laid.labels
     ]
     scene["extent"] = [round(v, 4) for v in ground.extent]
     scene["map"] = "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")

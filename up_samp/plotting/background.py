@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +11,10 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from up_samp.geometry.maps import OccupancyGrid, load_map
+from up_samp.geometry.atlas import in_world
+from up_samp.geometry.maps import MOST_PIXELS, OccupancyGrid
+from up_samp.io.floors import maps_of, side_by_side
+from up_samp.model.frames import Frame
 from up_samp.plotting.colors import FREE, OCCUPIED, UNKNOWN
 from up_samp.plotting.tracks import Track, tracks_of
 
@@ -32,16 +36,87 @@ class Background:
         return picture.resize(size, Image.Resampling.BOX) if scale < 1.0 else picture
 
 
-def background_of(plan: dict[str, Any]) -> Background:
-    """Return the picture of the plan's map: free white, occupied dark, unknown light grey.
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """A plan laid out for a picture: ``plan`` with its floors side by side, the ``background``
+    under it, and ``shifts``, where the maps of each height went. ``labels`` name floors, with the
+    point (m) of their upper left corner; with one floor there is none.
+    """
+
+    plan: dict[str, Any]
+    background: Background
+    shifts: Mapping[float, Frame]
+    labels: tuple[tuple[str, tuple[float, float]], ...] = ()
+
+    def places(self, given: Mapping[str, tuple[float, ...]] | None) -> dict[str, Sequence[float]]:
+        """Return named poses (with the height of their map, see ``Place``) where they are drawn."""
+        found: dict[str, Sequence[float]] = {}
+        for name, pose in (given or {}).items():
+            shift = self.shifts.get(getattr(pose, "height", 0.0), Frame())
+            found[name] = (pose[0] + shift.x, pose[1] + shift.y, *pose[2:])
+        return found
+
+
+class Place(tuple[float, ...]):
+    """A pose that knows how high (m) its map is."""
+
+    height: float = 0.0
+
+    @classmethod
+    def at(cls, pose: Iterable[float], height: float) -> Place:
+        """Return a pose on a map ``height`` m up."""
+        place = cls(pose)
+        place.height = height
+        return place
+
+
+def ground_of(plan: dict[str, Any]) -> Ground:
+    """Return a plan laid out for a picture, with the picture of its maps: free white, occupied
+    dark, unknown light grey.
 
     Without a map: a white rectangle around everything that the plan shows. Raises
     :class:`~up_samp.model.ProblemError` where the map's files are missing or wrong.
     """
-    path = plan["map"].get("yaml")
-    if path is None:
-        return _blank(tracks_of(plan))
-    return _drawn(load_map(path))
+    maps = maps_of(plan)
+    if not maps:
+        return Ground(plan, _blank(tracks_of(plan)), {})
+    drawn = [_drawn(in_world(placed)) for placed in maps]
+    if len(maps) == 1:
+        return Ground(plan, drawn[0], {})
+    boxes = [(e[0], e[2], e[1], e[3]) for e in (d.extent for d in drawn)]
+    laid, frames = side_by_side(plan, boxes)
+    for k, (one, frame) in enumerate(zip(drawn, frames, strict=True)):
+        left, right, bottom, top = one.extent
+        extent = (left + frame.x, right + frame.x, bottom + frame.y, top + frame.y)
+        drawn[k] = Background(one.pixels, extent)
+    labels = tuple((m.label, (d.extent[0], d.extent[3])) for m, d in zip(maps, drawn, strict=True))
+    shifts = {m.height: frame for m, frame in zip(maps, frames, strict=True)}
+    return Ground(laid, _joined(drawn), shifts, labels)
+
+
+def background_of(plan: dict[str, Any]) -> Background:
+    """Return the picture under a plan (see :func:`ground_of`)."""
+    return ground_of(plan).background
+
+
+def _joined(parts: Sequence[Background]) -> Background:
+    """Return one picture of several that lie beside each other; between them it is white."""
+    left, bottom = (min(p.extent[i] for p in parts) for i in (0, 2))
+    right, top = (max(p.extent[i] for p in parts) for i in (1, 3))
+    cell = min((p.extent[1] - p.extent[0]) / p.pixels.shape[1] for p in parts)
+    cell = max(cell, math.sqrt((right - left) * (top - bottom) / MOST_PIXELS))
+    shape = math.ceil((top - bottom) / cell), math.ceil((right - left) / cell)
+    pixels = np.full((*shape, 3), 255, dtype=np.uint8)
+    for part in parts:
+        low, high, under, over = part.extent
+        rows, cols = part.pixels.shape[:2]
+        first, last = round((top - over) / cell), round((top - under) / cell)
+        west, east = round((low - left) / cell), round((high - left) / cell)
+        row = ((np.arange(last - first) + 0.5) * rows / (last - first)).astype(int)
+        col = ((np.arange(east - west) + 0.5) * cols / (east - west)).astype(int)
+        room = pixels[first:last, west:east]
+        room[:] = part.pixels[row][:, col][: room.shape[0], : room.shape[1]]
+    return Background(pixels, (left, left + shape[1] * cell, top - shape[0] * cell, top))
 
 
 def _drawn(grid: OccupancyGrid) -> Background:

@@ -8,7 +8,7 @@ from typing import Any
 
 from PIL import Image, ImageDraw, ImageFont
 
-from up_samp.plotting.background import Background, background_of
+from up_samp.plotting.background import Background, ground_of
 from up_samp.plotting.colors import FIXTURE, INK, color_of, mixed
 from up_samp.plotting.names import with_short_names
 from up_samp.plotting.tracks import Track, horizon, tracks_of
@@ -30,8 +30,8 @@ def write_gif(
     The plan's time runs faster than life where it is longer than ``seconds``; the clock in the
     picture shows it.
     """
-    plan = with_short_names(plan)
-    ground = background_of(plan)
+    laid = ground_of(with_short_names(plan))
+    plan, ground = laid.plan, laid.background
     still = ground.image(width)
     end = horizon(plan)
     count = max(2, round(min(seconds, end) * frames_per_second))

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 from matplotlib.transforms import Bbox
 
-from up_samp.plotting.background import background_of
+from up_samp.plotting.background import Place, ground_of
 from up_samp.plotting.colors import FIXTURE, INK, color_of, mixed
 from up_samp.plotting.gantt import title_of
 from up_samp.plotting.labels import Label, place_labels
@@ -21,6 +21,10 @@ from up_samp.plotting.names import with_short_names
 from up_samp.plotting.tracks import FloatArray, Leg, Track, stops_of, tracks_of
 
 _Pose = tuple[float, float, float]
+
+
+_PLATE = {"fc": "white", "ec": "none", "pad": 1.5, "alpha": 0.85}
+"""What a floor's name stands on."""
 
 
 def plot_map(
@@ -38,8 +42,8 @@ def plot_map(
     than driven (doors) are solid as they are at first and outlined as they become. Returns the
     axes; without ``ax``, those of a new figure.
     """
-    plan = with_short_names(plan)
-    ground = background_of(plan)
+    laid = ground_of(with_short_names(plan))
+    plan, ground = laid.plan, laid.background
     left, right, bottom, top = ground.extent
     if ax is None:
         width = 13.0
@@ -62,8 +66,10 @@ def plot_map(
     for track in tracks:
         if not track.moves and track.initial is not None:
             labels += _draw_still(ax, track)
-    for stop in stops_of(movers, places or {}):
+    for stop in stops_of(movers, laid.places(places)):
         labels.append(_named(stop.track, " / ".join(stop.names), stop.pose, INK))
+    for name, corner in laid.labels:
+        ax.text(*corner, name, fontsize=8, color=INK, va="top", bbox=_PLATE, zorder=6)
     ax.set_title(title_of(plan), loc="left", fontsize=11, color=INK)
     _legend(ax, movers, [t for t in tracks if not t.moves])
     place_labels(ax, labels, avoid=_stops(ax, movers))
@@ -76,7 +82,9 @@ def places_of(problem: Any) -> dict[str, tuple[float, ...]]:
     for obj in problem.all_objects:
         configuration = getattr(obj, "configuration", None)
         if configuration is not None:
-            found[obj.name] = tuple(float(v) for v in configuration)
+            frame = tuple(obj.type.occupancy_map.reference_frame)
+            height = float(frame[2]) if len(frame) == 7 else 0.0
+            found[obj.name] = Place.at((float(v) for v in configuration), height)
     return found
 
 

@@ -1,0 +1,181 @@
+"""Plans on maps with frames and on several floors: files, pictures, exports, execution."""
+
+import copy
+import json
+import math
+
+import numpy as np
+import pytest
+from jsonschema import Draft202012Validator
+from unified_planning.model.motion import SE3
+from unified_planning.shortcuts import LE, OneshotPlanner
+
+from tests.search.test_maps import House, hall, lifted
+from up_samp.execution import Delays, dependencies_of, simulate, with_dependencies
+from up_samp.execution.judge import contacts_of
+from up_samp.export import export_plan
+from up_samp.io import contradictions, plan_from_dict, read_plan, result_to_dict, write_plan
+from up_samp.io.files import check_plan
+from up_samp.io.floors import maps_of, side_by_side
+from up_samp.model import ProblemError, UnsupportedError
+from up_samp.model.frames import Frame
+from up_samp.plotting.background import ground_of
+from up_samp.plotting.tracks import tracks_of
+from up_samp.validation import validate_plan
+
+HIGH = Frame(4.0, 1.0, 0.3)
+
+
+@pytest.fixture(scope="module")
+def house(tmp_path_factory):
+    """A robot takes the lift to the upper floor, where another one drives across."""
+    folder = tmp_path_factory.mktemp("house")
+    maps = [hall(folder, "low", height=1.7), hall(folder, "high", 0.05)]
+    made = House(maps, [lifted(Frame(), 0.0), lifted(HIGH, 3.0)])
+    for k in range(2):
+        made.pose(f"w{k}", k, 1.5, 0.85, 0.0)
+        made.pose(f"lift{k}", k, 10.5, 0.85, 0.0)
+    made.pose("n1", 1, 6.0, 2.0, 0.0)
+    made.robot("r0", "w0")
+    made.robot("r1", "n1")
+    out = made.move("out", "r0", "w0", "lift0")
+    ride = made.problem.add_motion_activity("ride", 7)
+    ride.add_motion_effect(made.robots["r0"], made.poses["lift1"])
+    back = made.move("back", "r0", "lift1", "w1")
+    made.move("aside", "r1", "n1", "lift1").add_deadline(9)
+    made.move("clear", "r1", "lift1", "n1")
+    made.problem.add_constraint(LE(out.end, ride.start))
+    made.problem.add_constraint(LE(ride.end, back.start))
+    return made
+
+
+@pytest.fixture(scope="module")
+def solved(house):
+    with OneshotPlanner(name="samp-refine[cpsat]") as planner:
+        result = planner.solve(house.problem, timeout=60)
+    assert result.plan is not None
+    return result_to_dict(house.problem, result)
+
+
+def test_a_plan_file_names_maps_frames_and_heights(house, solved, tmp_path):
+    assert solved["minor"] == 2
+    assert [m.height for m in maps_of(solved)] == [0.0, 3.0]
+    assert solved["maps"][1]["frame"] == [4.0, 1.0, 0.3]
+    numbers = {m["activity"]: m["map"] for m in solved["motions"]}
+    assert numbers == {"out": 0, "back": 1, "aside": 1, "clear": 1}
+    assert [c["map"] for c in solved["changes"]] == [1]
+    again = read_plan(write_plan(tmp_path / "plan.json", solved))
+    assert again == json.loads(json.dumps(solved))
+    assert contradictions(house.problem, again) == []
+    assert validate_plan(house.problem, plan_from_dict(house.problem, again)).valid
+
+
+def test_a_plan_fits_its_schema(solved):
+    from importlib.resources import files
+
+    schema = json.loads(files("up_samp.io").joinpath("plan.schema.json").read_text())
+    assert list(Draft202012Validator(schema).iter_errors(solved)) == []
+
+
+@pytest.mark.parametrize(
+    ("spoil", "text"),
+    [
+        (lambda p: p["maps"][1].update(height=4.0), "height"),
+        (lambda p: p["maps"][1].update(frame=[4.0, 1.0, 0.2]), "frame"),
+        (lambda p: p["maps"].pop(), "the problem's is 'low.yaml', 'high.yaml'"),
+        (lambda p: p["map"].update(height=1.0), "not the first"),
+        (lambda p: p["motions"][0].update(map=1), "is on map 1"),
+        (lambda p: p["changes"][0].update(map=0), "is on map 0"),
+        (lambda p: p["objects"][0].update(map=1), "has map 1"),
+    ],
+)
+def test_contradictions_about_maps_are_named(house, solved, spoil, text):
+    plan = copy.deepcopy(solved)
+    spoil(plan)
+    assert any(text in said for said in contradictions(house.problem, plan))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "text"),
+    [
+        (lambda p: p["motions"][0].update(map=2), "no map 2"),
+        (lambda p: p["motions"][0].update(map="x"), "'map'"),
+        (lambda p: p["maps"][0].update(frame=[1, 2]), "'frame'"),
+        (lambda p: p.update(maps={}), "'maps'"),
+    ],
+)
+def test_wrong_maps_are_refused(solved, spoil, text):
+    plan = copy.deepcopy(solved)
+    spoil(plan)
+    with pytest.raises(ProblemError, match=text):
+        check_plan(plan, "the plan")
+
+
+def test_floors_are_drawn_beside_each_other(solved):
+    ground = ground_of(solved)
+    left, right, bottom, top = ground.background.extent
+    assert len(ground.labels) == 2
+    free = {}
+    for track in tracks_of(ground.plan):
+        for leg in track.legs:
+            for x, y, _ in leg.poses[:: max(1, len(leg.poses) // 9)]:
+                rows, cols = ground.background.pixels.shape[:2]
+                row = int((top - y) / (top - bottom) * rows)
+                col = int((x - left) / (right - left) * cols)
+                free.setdefault(leg.activity, []).append(ground.background.pixels[row, col].min())
+    assert set(free) == {"out", "back", "aside", "clear"}
+    assert min(min(v) for v in free.values()) > 240  # they drive on what is drawn as free
+
+
+def test_floors_are_apart_in_execution(house, solved):
+    """Nobody on one floor waits for somebody on another."""
+    apart, frames = side_by_side(solved)
+    assert frames[0] != frames[1]
+    assert apart["motions"][0]["samples"][0][1:] != apart["motions"][-1]["samples"][0][1:]
+    full = with_dependencies(house.problem, solved)
+    assert full["minor"] == 2
+    graph = dependencies_of(house.problem, solved).graph
+    for edge in graph.edges:
+        if edge.kind == "meeting":
+            assert {graph.events[i].activity for i in (edge.first, edge.then)} <= {
+                "back", "aside", "clear", "ride"
+            }  # fmt: skip
+    run = simulate(dependencies_of(house.problem, solved), solved, Delays(slow=0.5), 1)
+    assert contacts_of(run.record) == []
+    poses = {m["activity"]: m["samples"][-1][1:] for m in run.record["motions"]}
+    wanted = {m["activity"]: m["samples"][-1][1:] for m in solved["motions"]}
+    for name, pose in wanted.items():
+        assert np.allclose(poses[name], pose, atol=2e-3)
+
+
+def test_exports_are_in_the_frame_of_the_map(tmp_path):
+    frame = Frame(30.0, -7.0, 0.5)
+    made = House([hall(tmp_path, "low")], [(frame.x, frame.y, frame.yaw)])
+    made.pose("w0", 0, 1.5, 1.5, 0.0)
+    made.pose("e0", 0, 9.5, 1.5, 0.0)
+    made.robot("r0", "w0")
+    made.move("go", "r0", "w0", "e0")
+    with OneshotPlanner(name="samp-refine[cpsat]") as planner:
+        result = planner.solve(made.problem, timeout=60)
+    plan = result_to_dict(made.problem, result)
+    assert plan["map"]["frame"] == [30.0, -7.0, 0.5]
+    assert contradictions(made.problem, plan) == []
+    plan = with_dependencies(made.problem, plan)
+    export_plan(plan, "nav2", tmp_path / "nav2")
+    text = "".join(p.read_text() for p in (tmp_path / "nav2").rglob("*.yaml"))
+    assert "9.5" in text
+    assert str(round(frame.of((9.5, 1.5, 0.0))[0], 3)) not in text
+
+
+def test_exports_of_floors_are_refused(solved, tmp_path):
+    with pytest.raises(UnsupportedError, match=r"low\.yaml"):
+        export_plan(solved, "vda5050", tmp_path)
+
+
+def test_frames_turn_both_ways():
+    frame = Frame(1.0, -2.0, 2.2)
+    pose = (3.0, 4.0, -0.4)
+    assert np.allclose(frame.inverse.of(frame.of(pose)), pose)
+    assert np.allclose(frame.after(Frame(*pose)).of((0, 0, 0)), frame.of(pose))
+    turned = SE3(0, 0, 0, 0, 0, math.sin(1.1), math.cos(1.1))
+    assert np.allclose(2 * math.atan2(turned.rz, turned.rw), frame.yaw)

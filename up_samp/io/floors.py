@@ -1,0 +1,123 @@
+"""The maps of a plan dictionary: where they lie, and plans with their floors taken apart."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from up_samp.io.sampling import DECIMALS
+from up_samp.model.frames import Frame, PlacedMap
+
+PlanDict = dict[str, Any]
+Box = tuple[float, float, float, float]
+"""(left, bottom, right, top), m."""
+
+GAP = 2.0
+"""Distance (m) between floors that are drawn or looked at side by side."""
+
+
+def described_map(placed: PlacedMap, path: str) -> dict[str, Any]:
+    """Return a map as plan files have it: ``frame`` and ``height`` only where they are not 0."""
+    entry: dict[str, Any] = {"yaml": path}
+    if not placed.frame.is_identity:
+        frame = (placed.frame.x, placed.frame.y, placed.frame.yaw)
+        entry["frame"] = [round(v, DECIMALS) + 0.0 for v in frame]
+    if placed.height:
+        entry["height"] = round(placed.height, DECIMALS)
+    return entry
+
+
+def maps_of(plan: Mapping[str, Any]) -> list[PlacedMap]:
+    """Return the maps of a plan (none: the open plane)."""
+    entries = plan.get("maps") or [plan["map"]]
+    return [
+        PlacedMap(e["yaml"], Frame(*e.get("frame", (0.0, 0.0, 0.0))), float(e.get("height", 0.0)))
+        for e in entries
+        if e.get("yaml") is not None
+    ]
+
+
+def map_entries(plan: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the entries of a plan that name a map file, for whoever has to change the path."""
+    return [plan["map"], *plan.get("maps", ())]
+
+
+def map_number(entry: Mapping[str, Any]) -> int:
+    """Return the number of the map of an object's first pose, a motion or a change."""
+    return int(entry.get("map", 0))
+
+
+def moved(plan: Mapping[str, Any], frames: Sequence[Frame]) -> PlanDict:
+    """Return a plan with all poses moved: those on map k lie in ``frames[k]``."""
+
+    def put(pose: Sequence[float], k: int) -> list[float]:
+        if len(pose) != 3:  # in space: the frames are those of floors
+            return list(pose)
+        return [round(v, DECIMALS) + 0.0 for v in frames[k].of(pose)]
+
+    objects = [
+        o if o["initial"] is None else {**o, "initial": put(o["initial"], map_number(o))}
+        for o in plan["objects"]
+    ]
+    motions = [
+        {**m, "samples": [[r[0], *put(r[1:], map_number(m))] for r in m["samples"]]}
+        for m in plan["motions"]
+    ]
+    changes = [
+        {**c, "configuration": put(c["configuration"], map_number(c))} for c in plan["changes"]
+    ]
+    return {**plan, "objects": objects, "motions": motions, "changes": changes}
+
+
+def side_by_side(
+    plan: Mapping[str, Any], boxes: Sequence[Box] = ()
+) -> tuple[PlanDict, list[Frame]]:
+    """Return a plan whose floors lie beside each other in one plane, and where each map went.
+
+    Maps of one height stay together. ``boxes`` are what the maps take up (by default as much as the
+    plan's poses need). With one map the plan is returned as it is.
+    """
+    maps = maps_of(plan)
+    if len(maps) < 2:
+        return dict(plan), [Frame()] * max(1, len(maps))
+    levels = sorted({m.height for m in maps})
+    taken: dict[float, Box] = {}
+    for k, box in (*enumerate(boxes), *_poses(plan)):
+        old = taken.get(maps[k].height, box)
+        taken[maps[k].height] = (*map(min, old[:2], box[:2]), *map(max, old[2:], box[2:]))  # type: ignore[assignment]
+    nothing: Box = (0.0, 0.0, 0.0, 0.0)
+    wide = max(b[2] - b[0] for b in (nothing, *taken.values()))
+    tall = max(b[3] - b[1] for b in (nothing, *taken.values()))
+    x, y = taken.get(levels[0], nothing)[:2]
+    shifts: dict[float, Frame] = {}
+    for height in levels:
+        left, bottom, right, top = taken.get(height, nothing)
+        shifts[height] = Frame(x - left, y - bottom)
+        if wide >= tall:
+            y += top - bottom + GAP
+        else:
+            x += right - left + GAP
+    frames = [shifts[m.height] for m in maps]
+    return moved(plan, frames), frames
+
+
+def _poses(plan: Mapping[str, Any]) -> Iterator[tuple[int, Box]]:
+    """Yield what each pose takes up, with the number of its map."""
+    reach = {
+        o["name"]: max((math.hypot(*c) for c in o["footprint"]), default=0.0)
+        for o in plan["objects"]
+    }
+
+    def around(name: str, x: float, y: float) -> Box:
+        r = reach[name]
+        return x - r, y - r, x + r, y + r
+
+    for item in plan["objects"]:
+        if item["initial"] is not None:
+            yield map_number(item), around(item["name"], *item["initial"][:2])
+    for motion in plan["motions"]:
+        for row in motion["samples"]:
+            yield map_number(motion), around(motion["object"], *row[1:3])
+    for change in plan["changes"]:
+        yield map_number(change), around(change["object"], *change["configuration"][:2])
