@@ -11,7 +11,7 @@ from unified_planning.model.motion import SE3
 from unified_planning.shortcuts import LE, OneshotPlanner
 
 from tests.search.test_maps import House, hall, lifted
-from up_samp.execution import Delays, dependencies_of, simulate, with_dependencies
+from up_samp.execution import Delays, Executor, dependencies_of, simulate, with_dependencies
 from up_samp.execution.judge import contacts_of
 from up_samp.export import export_plan
 from up_samp.io import contradictions, plan_from_dict, read_plan, result_to_dict, write_plan
@@ -165,6 +165,12 @@ def test_exports_are_in_the_frame_of_the_map(tmp_path):
     text = "".join(p.read_text() for p in (tmp_path / "nav2").rglob("*.yaml"))
     assert "9.5" in text
     assert str(round(frame.of((9.5, 1.5, 0.0))[0], 3)) not in text
+
+
+def test_what_is_left_of_a_plan_on_floors_is_refused(house, solved):
+    executor = Executor(solved, house.problem)
+    with pytest.raises(UnsupportedError, match="several maps"):
+        executor.remaining_problem()
 
 
 def test_exports_of_floors_are_refused(solved, tmp_path):

@@ -26,6 +26,7 @@ from up_samp.execution.graph import At, Event
 from up_samp.execution.lives import Drive
 from up_samp.execution.state import Phase, State
 from up_samp.execution.substitute import Substitution, later_by, names_in
+from up_samp.io.floors import maps_of
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import Configuration, ProblemError, UnsupportedError
 from up_samp.scheduling.compilers.plain import Expr, show
@@ -94,6 +95,10 @@ class _Builder:
     ):
         if not isinstance(problem, SchedulingMotionProblem):
             raise UnsupportedError("remaining problems are made of problems with motions only")
+        if len(maps_of(plan)) > 1:
+            raise UnsupportedError(
+                f"what is left of '{problem.name}' cannot be said yet: the plan is on several maps"
+            )
         self.source, self.plan, self.state, self.drives = problem, plan, state, drives
         self.surprise = surprise
         self.unit = float(plan["seconds_per_unit"])
