@@ -272,10 +272,11 @@ def _lifted(snapshot: Snapshot) -> frozenset[str]:
         maps[name] = {snapshot.map_of[place]}
     for task in snapshot.tasks:
         maps[task.object].add(task.map)
-    for change in snapshot.changes:
-        term = change.term
+    put = [(c.object, c.term) for c in snapshot.changes]
+    put += [(r.load, r.goal) for r in snapshot.rides]
+    for name, term in put:
         known = term.kind is TermKind.CONSTANT
-        maps[change.object].add(snapshot.map_of[term.name] if known else None)
+        maps[name].add(snapshot.map_of[term.name] if known else None)
     return frozenset(name for name, found in maps.items() if len(found) > 1)
 
 
