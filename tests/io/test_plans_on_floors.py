@@ -10,7 +10,7 @@ from jsonschema import Draft202012Validator
 from unified_planning.model.motion import SE3
 from unified_planning.shortcuts import LE, OneshotPlanner
 
-from tests.search.test_maps import House, hall, lifted
+from tests.search.test_several_maps import House, hall, lifted
 from up_samp.execution import Delays, Executor, dependencies_of, simulate, with_dependencies
 from up_samp.execution.judge import contacts_of
 from up_samp.export import export_plan
