@@ -4,22 +4,17 @@ import pytest
 from independent import judge
 
 from up_samp.benchmarks import tight_places as tight
-from up_samp.model import Deadline, Outcome
+from up_samp.model import Deadline, GroupReport, Outcome
 from up_samp.motion.fleet import coordinate
+from up_samp.motion.fleet.knots import Knot, untied
 from up_samp.motion.fleet.lacam import Agent, Joint
 from up_samp.motion.fleet.roadmap import Roadmap
+from up_samp.motion.fleet.workspace import workspace_of
 from up_samp.motion.service import MotionService
 
-CASES = {
-    "pocket": tight.pocket,
-    "lay-by": tight.lay_by,
-    "ring of three": lambda body: tight.ring(body, 3),
-    "ring of four": lambda body: tight.ring(body, 4),
-    "door both ways": lambda body: tight.door(body, 6),
-    "square": lambda body: tight.square(body, 6),
-    "square of ten": tight.square,
-}
-SLOW = {"square of ten"}
+SLOW = {"square of ten", "full ring of six", "room of nine, seven"}
+SLOWER = {("differential", "square of six"), ("differential", "full ring of three")}
+SLOWER |= {("differential", "full ring, three speeds"), ("omni", "full ring, three speeds")}
 
 
 def solve(traffic, seconds=300.0):
@@ -28,15 +23,15 @@ def solve(traffic, seconds=300.0):
 
 
 def everything():
-    for case in CASES:
-        for kind in tight.BODIES:
-            slow = kind == "car" or case in SLOW or (kind, case) == ("differential", "square")
-            yield pytest.param(case, kind, marks=[pytest.mark.long] if slow else [])
+    for name, case in tight.CASES.items():
+        for kind in case.bodies:
+            slow = kind == "car" or name in SLOW or (kind, name) in SLOWER
+            yield pytest.param(name, kind, marks=[pytest.mark.long] if slow else [])
 
 
 @pytest.mark.parametrize(("case", "kind"), list(everything()))
 def test_everybody_gets_through(case, kind, tmp_path):
-    traffic = CASES[case](tight.BODIES[kind]())
+    traffic = tight.CASES[case].build(tight.BODIES[kind]())
     judge(traffic, solve(traffic), tmp_path)
 
 
@@ -48,15 +43,28 @@ def test_the_pocket_is_used_well(kind, tmp_path):
     assert 2 * 15.4 < total < 41.0
 
 
-def test_four_change_corners_in_a_room_of_nine_places(tmp_path):
-    traffic = tight.puzzle(tight.omni())
-    judge(traffic, solve(traffic), tmp_path)
+def test_an_l_slides_round_a_corner_wherever_it_starts(tmp_path):
+    grid = tight.corner().grid
+    for start, goal in (((1.9, 1.013), (6.987, 5.5)), ((2.9, 1.028), (6.973, 6.4))):
+        ends = [((*start, 0.0), (*goal, 0.0))]
+        traffic = tight.Traffic("corner", grid, tight.drives(tight.omni(tight.ELL), ends))
+        judge(traffic, solve(traffic), tmp_path)
 
 
-@pytest.mark.long
-def test_seven_in_a_room_of_nine_places(tmp_path):
-    traffic = tight.full_puzzle(tight.omni())
-    judge(traffic, solve(traffic), tmp_path)
+def test_where_nobody_can_go_first_all_go_at_once(tmp_path):
+    body = tight.omni(tight.DISC)
+    traffic = tight.carousel(body)
+    service = MotionService(traffic.grid)
+    workspace, motions = workspace_of(service), traffic.query.motions
+    assert joint(traffic, body, 1.6).search(10_000, Deadline.never()) is None
+    search = joint(traffic, body, 1.6, together=True)
+    steps = search.search(10_000, Deadline.never())
+    assert [len(group) for group in search.turns(steps[0])] == [4]
+    knot = Knot(workspace, service.scene, motions, (), [None] * 4, Deadline.never())
+    [drives] = untied(knot, search.agents, (10_000,), together=True)
+    assert {robot for robot, _ in drives} == {0, 1, 2, 3}
+    found = {motions[robot].name: path.natural for robot, path in drives}
+    judge(traffic, GroupReport(Outcome.FOUND, found), tmp_path)
 
 
 @pytest.mark.long
@@ -69,16 +77,16 @@ def test_no_room_at_all_is_not_called_impossible():
     assert report.conflict == {"go0", "go1"}
 
 
-def joint(traffic, body):
+def joint(traffic, body, cell=1.0, together=False):
     service = MotionService(traffic.grid)
     ends = [pose for m in traffic.query.motions for pose in m.poses]
-    roadmap = Roadmap(service.scene, body, ends, (), (), 1.0)
+    roadmap = Roadmap(service.scene, body, ends, (), (), cell)
     agents = []
     for m in traffic.query.motions:
         goal = roadmap.place(m.poses[-1])
         agents.append(Agent(roadmap, roadmap.place(m.poses[0]), goal, roadmap.to_go(goal)))
     heeds = [[i != j for j in range(len(agents))] for i in range(len(agents))]
-    return Joint(agents, heeds, 0.01, 0)
+    return Joint(agents, heeds, 0.01, 0, together)
 
 
 def test_joint_moves_lead_from_start_to_goal_one_by_one():
@@ -87,9 +95,10 @@ def test_joint_moves_lead_from_start_to_goal_one_by_one():
     assert steps is not None
     at = [agent.start for agent in search.agents]
     for step in steps:
-        order = search.one_by_one(step)
-        assert order is not None
-        for i in order:
+        groups = search.turns(step)
+        assert groups is not None
+        assert all(len(group) == 1 for group in groups)
+        for [i] in groups:
             assert step[i].source == at[i]
             rests = [(j, search.agents[j].roadmap.rest(at[j])) for j in range(len(at)) if j != i]
             assert not any(search.overlap(i, step[i], j, rest) for j, rest in rests)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,8 @@ Pose = tuple[float, float, float]
 UP = math.pi / 2
 SQUARE = ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5))
 TRUCK = ((-0.6, -0.4), (0.6, -0.4), (0.6, 0.4), (-0.6, 0.4))
+DISC = tuple((0.5 * math.cos(math.pi * k / 8), 0.5 * math.sin(math.pi * k / 8)) for k in range(16))
+SMALL = ((-0.4, -0.4), (0.4, -0.4), (0.4, 0.4), (-0.4, 0.4))
 ELL = ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.0), (0.0, 0.0), (0.0, 0.5), (-0.5, 0.5))
 
 
@@ -106,6 +108,39 @@ def ring(body: Body, robots: int) -> Traffic:
     places = places[:robots]
     ends = [(p, places[(i + 1) % len(places)]) for i, p in enumerate(places)]
     return Traffic(f"ring-{robots}", grid, drives(body, ends))
+
+
+def full_ring(body: Body, robots: int = 3, speeds: Sequence[float] = ()) -> Traffic:
+    """Everybody drives to where the next one is, in a round way with no place left over; with
+    ``speeds`` (m/s) of their own.
+    """
+    radius, wide, cell = (1.0, 1.8, 0.05) if robots < 4 else (0.27 * robots, 1.8, 0.05)
+    size = 2 * (radius + wide) + 1.0
+    across = (np.arange(round(size / cell)) + 0.5) * cell - size / 2
+    away = np.hypot(across[None, :], across[:, None])
+    grid = OccupancyGrid((away < radius - wide / 2) | (away > radius + wide / 2), cell)
+    places: list[Pose] = []
+    for i in range(robots):
+        angle = 2 * math.pi * i / robots
+        x, y = (size / 2 + radius * f(angle) for f in (math.cos, math.sin))
+        places.append((x, y, math.remainder(angle + UP, 2 * math.pi)))
+    query = drives(body, [(p, places[(i + 1) % robots]) for i, p in enumerate(places)])
+    if speeds:
+        motions = [
+            replace(m, body=replace(body, kinematics=replace(body.kinematics, v_max=v)))
+            for m, v in zip(query.motions, speeds, strict=True)
+        ]
+        query = GroupQuery(tuple(motions))
+    return Traffic(f"full-ring-{robots}", grid, query)
+
+
+def carousel(body: Body, spacing: float = 1.6) -> Traffic:
+    """Four in the corners of a room that holds no more; each drives to the next corner."""
+    low, high = 2.0, 2.0 + spacing
+    grid = hall(6, 6, [(low - 0.7, low - 0.7, high + 0.7, high + 0.7)])
+    corners = [(low, low, 0.0), (high, low, 0.0), (high, high, 0.0), (low, high, 0.0)]
+    ends = [(p, corners[(i + 1) % 4]) for i, p in enumerate(corners)]
+    return Traffic("carousel", grid, drives(body, ends))
 
 
 def puzzle(body: Body) -> Traffic:
@@ -199,3 +234,30 @@ def corner() -> Traffic:
     grid = hall(8, 8, [(0.5, 0.5, 7.5, 1.54), (6.46, 0.5, 7.5, 7.5)], 0.02)
     ends = [((1.5, 1.02, 0.0), (6.98, 6.5, 0.0))]
     return Traffic("corner", grid, drives(omni(ELL), ends))
+
+
+@dataclass(frozen=True)
+class Case:
+    """A tight place, and the bodies for which it makes sense."""
+
+    build: Callable[[Body], Traffic]
+    bodies: tuple[str, ...] = ("omni", "car", "differential")
+
+
+CASES: dict[str, Case] = {
+    "pocket": Case(pocket),
+    "lay-by": Case(lay_by),
+    "ring of three": Case(lambda body: ring(body, 3)),
+    "ring of four": Case(lambda body: ring(body, 4)),
+    "door both ways": Case(lambda body: door(body, 6)),
+    "full ring of three": Case(full_ring),
+    "full ring, three speeds": Case(lambda body: full_ring(body, 3, (1.0, 0.5, 0.8))),
+    "full ring of six": Case(lambda body: full_ring(body, 6)),
+    "carousel of four": Case(lambda body: carousel(omni(DISC)), ("omni",)),
+    "square of six": Case(lambda body: square(body, 6)),
+    "square of ten": Case(square),
+    "room of nine, four": Case(puzzle, ("omni",)),
+    "room of nine, four small": Case(lambda body: puzzle(differential(SMALL)), ("differential",)),
+    "room of nine, seven": Case(full_puzzle, ("omni",)),
+    "corner": Case(lambda body: corner(), ("omni",)),
+}

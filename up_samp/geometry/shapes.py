@@ -21,6 +21,9 @@ CORE = 2e-6
 SLACK_MIN, SLACK_MAX = 1e-4, 0.2
 """Smallest and largest extra inflation (m) that the swept checks use in tight places."""
 
+FINER = 0.1
+"""Share of the least extra inflation that the finer checks use."""
+
 
 @dataclass(frozen=True, eq=False)
 class Shape:
@@ -30,7 +33,8 @@ class Shape:
     ``circumscribed`` is the radius of the smallest disc about the reference point that covers
     it, ``inscribed`` that of the largest disc about it inside (0 if the point is outside);
     ``inner`` = (x, y, r) is the largest disc inside it anywhere. ``margin`` is the clearance (m)
-    that ``data`` asks for.
+    that ``data`` asks for, ``grain`` the least extra inflation (m; 0: by the margin) that swept
+    checks of it use.
     """
 
     footprint: tuple[Point, ...]
@@ -40,11 +44,20 @@ class Shape:
     inscribed: float
     inner: tuple[float, float, float]
     discs: FloatArray
+    grain: float = 0.0
+
+    @cached_property
+    def finer(self) -> Shape:
+        """The same footprint and margin, with checks that also pass gaps hardly wider than that.
+
+        They take more time.
+        """
+        return replace(self, grain=max(FINER * float(self.data.slack[2]), SLACK_MIN))
 
     @cached_property
     def data(self) -> ShapeData:
         """The arrays that the kernels take (see :class:`ShapeData`)."""
-        slack = np.array([0.0, 0.0, *_slacks(self.margin, self.inner[2])])
+        slack = np.array([0.0, 0.0, *_slacks(self.grain or self.margin, self.inner[2])])
         # level 0 is the bare footprint, level 1 has the margin, the others margin and slack
         levels = [
             [

@@ -32,11 +32,11 @@ from up_samp.model import (
     TimedMotion,
     Trajectory,
 )
-from up_samp.motion.fleet.knots import untie
+from up_samp.motion.fleet.knots import Drives, untie
 from up_samp.motion.fleet.paths import Path, path_of
 from up_samp.motion.fleet.timed_path import Run, run_of
-from up_samp.motion.fleet.timings import Timing
-from up_samp.motion.fleet.waiting import Window, fit, parked_all_the_time
+from up_samp.motion.fleet.timings import Timing, natural_timing
+from up_samp.motion.fleet.waiting import Window, first_start, fit, parked_all_the_time
 from up_samp.motion.fleet.workspace import Workspace, rest_run
 
 MOST_ROBOTS = 3
@@ -49,6 +49,9 @@ DRIVES = 200
 """Drives planned at most."""
 GREED = 2.0
 """Weight of what is left to drive: the first good sequence is as good as the best, nearly."""
+
+TOGETHER = 40
+"""Begins tried for drives that have to be at the same time."""
 
 State = tuple[int, ...]
 
@@ -117,7 +120,7 @@ def _find_places(coupling: Coupling, scene: Scene, alone: Mapping[str, Run], see
 
 
 def _runs_of(
-    coupling: Coupling, sequence: Sequence[tuple[int, Path]] | None, alone: Mapping[str, Run]
+    coupling: Coupling, sequence: Sequence[Drives] | None, alone: Mapping[str, Run]
 ) -> dict[str, Run] | None:
     """Return the runs of all robots for a sequence of drives, if it can be timed."""
     if sequence is None:
@@ -190,7 +193,7 @@ def _blocked(workspace: Workspace, body: Body, pose: Configuration, others: Sequ
     return sum(len(workspace.conflicts(path, rest)) > 0 for path in others)
 
 
-def _sequence(coupling: Coupling) -> list[tuple[int, Path]] | None:
+def _sequence(coupling: Coupling) -> list[Drives] | None:
     """Return a cheap sequence of drives (robot, path) from all starts to all goals."""
     count = len(coupling.motions)
     start, goal = (0,) * count, (1,) * count
@@ -230,7 +233,7 @@ def _sequence(coupling: Coupling) -> list[tuple[int, Path]] | None:
             continue
         settled.add(state)
         if state == goal:
-            return list(drives)
+            return [(one,) for one in drives]
         for i, at in enumerate(state):
             for place in range(len(coupling.places[i])):
                 after = (*state[:i], place, *state[i + 1 :])
@@ -240,7 +243,7 @@ def _sequence(coupling: Coupling) -> list[tuple[int, Path]] | None:
     return None
 
 
-def _timed(coupling: Coupling, sequence: Sequence[tuple[int, Path]]) -> list[list[Run]] | None:
+def _timed(coupling: Coupling, sequence: Sequence[Drives]) -> list[list[Run]] | None:
     """Return the drives of each robot, every one as early as those before it in the sequence
     allow.
     """
@@ -249,26 +252,63 @@ def _timed(coupling: Coupling, sequence: Sequence[tuple[int, Path]]) -> list[lis
         [replace(rest_run(workspace, Rest(m.object, m.body, m.poses[0])), avoid=m.avoid)]
         for m in motions
     ]
-    for robot, path in sequence:
-        motion, last = motions[robot], legs[robot][-1]
-        drives = len(legs[robot]) > 1
-        since = last.arrival if drives else motion.present_from
-        window = Window(since, max(motion.release, last.arrival) if drives else motion.release)
-        final = path.poses[-1][:2].tolist() == list(motion.poses[1][:2])
-        leg = replace(
-            motion,
-            poses=(_pose(path, 0), _pose(path, -1)),
-            release=window.release,
-            present_until=motion.present_until if final else math.inf,
-        )
-        others = [o for i, runs in enumerate(legs) if i != robot for o in runs]
-        run = fit(workspace, leg, window, path, [*coupling.world, *others])
-        if run is None:
+    for drives in sequence:
+        robots = {robot for robot, _ in drives}
+        others = [run for i, runs in enumerate(legs) if i not in robots for run in runs]
+        parts = [_leg(motions[robot], legs[robot], path) for robot, path in drives]
+        found = _begun(coupling, parts, [*coupling.world, *others])
+        if found is None:
             return None
-        # from then on the robot is where this drive leaves it
-        legs[robot][-1] = replace(last, until=min(last.until, since if drives else run.since))
-        legs[robot].append(run)
+        for (robot, _), (_, window, _), run in zip(drives, parts, found, strict=True):
+            last, moved = legs[robot][-1], len(legs[robot]) > 1
+            # from then on the robot is where this drive leaves it
+            until = min(last.until, window.since if moved else run.since)
+            legs[robot][-1] = replace(last, until=until)
+            legs[robot].append(run)
     return [runs[1:] for runs in legs]
+
+
+def _leg(motion: TimedMotion, legs: Sequence[Run], path: Path) -> tuple[TimedMotion, Window, Path]:
+    """Return a robot's next drive after those in ``legs``, and when it may begin."""
+    last, moved = legs[-1], len(legs) > 1
+    since = last.arrival if moved else motion.present_from
+    window = Window(since, max(motion.release, last.arrival) if moved else motion.release)
+    final = path.poses[-1][:2].tolist() == list(motion.poses[1][:2])
+    leg = replace(
+        motion,
+        poses=(_pose(path, 0), _pose(path, -1)),
+        release=window.release,
+        present_until=motion.present_until if final else math.inf,
+    )
+    return leg, window, path
+
+
+def _begun(
+    coupling: Coupling, parts: Sequence[tuple[TimedMotion, Window, Path]], others: Sequence[Run]
+) -> list[Run] | None:
+    """Return the runs of drives that go at the same time: one with its speed tuned, several begun
+    together, as early as all of them can.
+    """
+    if len(parts) == 1:
+        run = fit(coupling.workspace, *parts[0], others)
+        return None if run is None else [run]
+    begin = max(window.release for _, window, _ in parts)
+    for _ in range(TOGETHER):
+        found = []
+        for leg, window, path in parts:
+            start = first_start(
+                coupling.workspace, leg, replace(window, release=begin), path, others
+            )
+            if start is None:
+                return None
+            found.append(start)
+        if max(found) <= begin:
+            return [
+                run_of(leg, path, natural_timing(path, begin), window.since)
+                for leg, window, path in parts
+            ]
+        begin = max(found)
+    return None
 
 
 def _pose(path: Path, index: int) -> Configuration:

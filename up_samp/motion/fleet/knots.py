@@ -22,7 +22,7 @@ from up_samp.model import Body, Configuration, Deadline, Placed, TimedMotion, Tr
 from up_samp.motion.fleet.abilities import abilities_of
 from up_samp.motion.fleet.lacam import Agent, Joint
 from up_samp.motion.fleet.margins import kept
-from up_samp.motion.fleet.moves import Move, drive
+from up_samp.motion.fleet.moves import Move, drive, in_step
 from up_samp.motion.fleet.paths import Path, hull_of, path_of
 from up_samp.motion.fleet.roadmap import Edge, Roadmap, cells_of
 from up_samp.motion.fleet.timed_path import Run, avoids
@@ -48,16 +48,10 @@ ROUNDS = 8
 
 
 @dataclass(frozen=True)
-class Step:
-    """A move of one robot in a sequence in which everybody else rests."""
-
-    robot: int
-    edge: Edge
-
-
-@dataclass(frozen=True)
 class Trip:
-    """A drive of one robot along moves (one or more) while everybody else rests."""
+    """A drive of one robot along moves (one or more) while all others rest that have no trip in the
+    same stage.
+    """
 
     robot: int
     edges: tuple[Edge, ...]
@@ -76,6 +70,14 @@ class Trip:
     def seconds(self) -> float:
         """About how long it takes."""
         return sum(edge.cost for edge in self.edges)
+
+
+Stage = tuple[Trip, ...]
+"""Trips at the same time, while everybody else rests: one, or several of one move each that are
+driven in step."""
+
+Drives = tuple[tuple[int, Path], ...]
+"""Paths of robots at the same time: one, or several with a timing in which they keep clear."""
 
 
 @dataclass
@@ -116,7 +118,7 @@ def untie(
     world: Sequence[Run],
     deadline: Deadline,
     seed: int = 0,
-) -> list[tuple[int, Path]] | None:
+) -> list[Drives] | None:
     """Return drives (robot, path) in a sequence that brings everybody from start to goal, each one
     clear of all others at rest where the drives before left them; or None if none is found.
 
@@ -128,6 +130,7 @@ def untie(
         return None
     paths = [alone[m.name].path if m.name in alone else None for m in motions]
     knot = Knot(workspace, scene, motions, world, paths, deadline, seed)
+    known: list[list[Agent]] = []
     done: set[tuple[float, ...]] = set()
     for level, attempts in enumerate(WORK):
         cells = tuple(cells_of(m.body)[level] for m in motions)
@@ -139,19 +142,25 @@ def untie(
             agents = _agents(knot, cells, own)
             if agents is None or any(agent.start not in agent.to_go for agent in agents):
                 continue
-            drives = _untied(knot, agents, attempts)
+            drives = untied(knot, agents, attempts)
             if drives is not None:
                 return drives
             if deadline.expired() or _places(agents) > MANY:
                 return None
+            known.append(agents)
+    # nobody can go first: some at the same time, then; in a ring there are three at least
+    for agents in known if len(motions) > 2 else ():
+        drives = None if deadline.expired() else untied(knot, agents, (SHORT,), together=True)
+        if drives is not None:
+            return drives
     return None
 
 
-def _untied(
-    knot: Knot, agents: Sequence[Agent], attempts: Sequence[int]
-) -> list[tuple[int, Path]] | None:
+def untied(
+    knot: Knot, agents: Sequence[Agent], attempts: Sequence[int], *, together: bool = False
+) -> list[Drives] | None:
     """Return drives that bring everybody from start to goal, if some are found."""
-    found = _joint_moves(knot, agents, attempts)
+    found = _joint_moves(knot, agents, attempts, together)
     if found is None:
         return None
     joint, steps = found
@@ -173,14 +182,14 @@ def _margin(wish: float, motions: Sequence[TimedMotion]) -> float:
 
 
 def _joint_moves(
-    knot: Knot, agents: Sequence[Agent], attempts: Sequence[int]
+    knot: Knot, agents: Sequence[Agent], attempts: Sequence[int], together: bool
 ) -> tuple[Joint, list[tuple[Edge, ...]]] | None:
     """Return joint moves on roadmaps of one grain, and who found them, if some are found."""
     places = _places(agents)
     for attempt, most in enumerate(attempts):
         if most > SHORT and places > FEW:
             continue
-        joint = Joint(agents, knot.heeds, knot.margin, 100 * knot.seed + attempt)
+        joint = Joint(agents, knot.heeds, knot.margin, 100 * knot.seed + attempt, together)
         steps = joint.search(most, knot.deadline)
         if steps is not None:
             return joint, steps
@@ -211,41 +220,69 @@ def _agents(knot: Knot, cells: Sequence[float], marks: bool) -> list[Agent] | No
     return [agents[i] for i in range(len(knot.motions))]
 
 
-def _in_order(joint: Joint, steps: Sequence[tuple[Edge, ...]]) -> list[Step]:
-    """Return the moves one by one, each clear of everybody else at rest."""
-    return [Step(i, step[i]) for step in steps for i in joint.one_by_one(step) or ()]
+def _in_order(joint: Joint, steps: Sequence[tuple[Edge, ...]]) -> list[Stage]:
+    """Return the moves one by one, each clear of everybody else at rest; those that have to be at
+    the same time together.
+    """
+    return [
+        tuple(Trip(i, (step[i],)) for i in group)
+        for step in steps
+        for group in joint.turns(step) or ()
+    ]
 
 
-def _drives(knot: Knot, joint: Joint, loose: Sequence[Trip]) -> list[tuple[int, Path]] | None:
+def _drives(knot: Knot, joint: Joint, loose: Sequence[Stage]) -> list[Drives] | None:
     """Return the drives with a planner's paths where it finds shorter ones."""
     at: list[Configuration] = [m.poses[0] for m in knot.motions]
-    found: list[tuple[int, Path]] = []
-    for trip in loose:
-        robot, motion = trip.robot, knot.motions[trip.robot]
-        end = joint.agents[robot].roadmap.poses[trip.end]
-        parked = [
-            Placed(other.object, other.body, at[j])
-            for j, other in enumerate(knot.motions)
-            if joint.heeds[robot][j]
-        ]
-        wide = [Placed(p.name, grown(p.body, AIR), p.pose) for p in parked]
-        path = knot.workspace.detour(
-            motion.body, (at[robot], end), [*knot.static[robot], *wide], knot.deadline
-        )
-        moves = [edge.move for edge in trip.edges]
-        whole = _between(drive(moves, motion.body.kinematics), at[robot], end)
-        own = path_of(whole, motion.body, _marks(moves))
-        options = sorted(
-            (p for p in (path, own) if p is not None), key=lambda p: p.natural.duration
-        )
-        rests = [knot.workspace.resting(p.body, p.pose) for p in parked]
-        clear = (p for p in options if not any(len(knot.workspace.conflicts(p, r)) for r in rests))
-        chosen = next(clear, None)
-        if chosen is None:
-            return None
-        found.append((robot, chosen))
-        at[robot] = end
+    found: list[Drives] = []
+    for stage in loose:
+        ends = {t.robot: joint.agents[t.robot].roadmap.poses[t.end] for t in stage}
+        if len(stage) == 1:
+            path = _drive(knot, joint, stage[0], at, ends[stage[0].robot])
+            if path is None:
+                return None
+            found.append(((stage[0].robot, path),))
+        else:
+            found.append(_together(knot, stage, at, ends))
+        for robot, end in ends.items():
+            at[robot] = end
     return found
+
+
+def _together(
+    knot: Knot, stage: Stage, at: Sequence[Configuration], ends: Mapping[int, Configuration]
+) -> Drives:
+    """Return the paths of trips that are driven in step."""
+    robots = [t.robot for t in stage]
+    moves = [t.edges[0].move for t in stage]
+    motions = in_step(moves, [knot.motions[i].body.kinematics for i in robots])
+    return tuple(
+        (i, path_of(_between(motion, at[i], ends[i]), knot.motions[i].body, _marks([move])))
+        for i, move, motion in zip(robots, moves, motions, strict=True)
+    )
+
+
+def _drive(
+    knot: Knot, joint: Joint, trip: Trip, at: Sequence[Configuration], end: Configuration
+) -> Path | None:
+    """Return a path for a trip: a planner's, or the moves themselves."""
+    robot, motion = trip.robot, knot.motions[trip.robot]
+    parked = [
+        Placed(other.object, other.body, at[j])
+        for j, other in enumerate(knot.motions)
+        if joint.heeds[robot][j]
+    ]
+    wide = [Placed(p.name, grown(p.body, AIR), p.pose) for p in parked]
+    path = knot.workspace.detour(
+        motion.body, (at[robot], end), [*knot.static[robot], *wide], knot.deadline
+    )
+    moves = [edge.move for edge in trip.edges]
+    whole = _between(drive(moves, motion.body.kinematics), at[robot], end)
+    own = path_of(whole, motion.body, _marks(moves))
+    options = sorted((p for p in (path, own) if p is not None), key=lambda p: p.natural.duration)
+    rests = [knot.workspace.resting(p.body, p.pose) for p in parked]
+    clear = (p for p in options if not any(len(knot.workspace.conflicts(p, r)) for r in rests))
+    return next(clear, None)
 
 
 def _between(motion: Trajectory, start: Configuration, goal: Configuration) -> Trajectory:
@@ -268,7 +305,7 @@ def _marks(moves: Sequence[Move]) -> list[Configuration]:
     return marks + [tuple(float(v) for v in m.rows[-1]) for m in moves]
 
 
-def _joined(joint: Joint, order: Sequence[Step]) -> list[Trip]:
+def _joined(joint: Joint, order: Sequence[Stage]) -> list[Stage]:
     """Return the moves as drives, in an order that keeps who goes before whom where
     two moves meet.
 
@@ -276,92 +313,111 @@ def _joined(joint: Joint, order: Sequence[Step]) -> list[Trip]:
     """
     count = len(joint.agents)
     mine: list[list[int]] = [[] for _ in range(count)]
-    waits: list[set[int]] = []
-    for k, step in enumerate(order):
-        waits.append(
-            {
-                q
-                for q in range(k)
-                if joint.overlap(step.robot, step.edge, order[q].robot, order[q].edge)
-            }
-        )
-        mine[step.robot].append(k)
+    waits = [{q for q in range(k) if _meet(joint, order[k], order[q])} for k in range(len(order))]
+    for k, stage in enumerate(order):
+        for trip in stage:
+            mine[trip.robot].append(k)
     done: set[int] = set()
-    drives: list[Trip] = []
+    drives: list[Stage] = []
     while len(done) < len(order):
         options: list[tuple[bool, int, int, list[int]]] = []
         for robot in range(count):
             left = [k for k in mine[robot] if k not in done]
             ready: list[int] = []
             for k in left:
-                if not waits[k] <= done:
+                if not waits[k] <= done or len(order[k]) > 1:
                     break
                 ready.append(k)
             if ready:
                 options.append((len(ready) < len(left), -len(ready), robot, ready))
         # the first of those left can always go: the given order is one that works
+        first = next(k for k in range(len(order)) if k not in done)
+        if len(order[first]) > 1:
+            options.append((True, -1, count, [first]))
         _, _, robot, ready = min(options, key=lambda option: option[:3])
         done |= set(ready)
-        drives.append(Trip(robot, tuple(order[k].edge for k in ready)))
+        if robot == count:
+            drives.append(order[first])
+        else:
+            drives.append((Trip(robot, tuple(order[k][0].edges[0] for k in ready)),))
     return drives
 
 
-def loosened(joint: Joint, trips: Sequence[Trip]) -> list[Trip]:
+def _meet(joint: Joint, a: Stage, b: Stage) -> bool:
+    """Return whether any moves of two stages come too close to each other."""
+    return any(
+        joint.overlap(t.robot, e, u.robot, f)
+        for t in a
+        for u in b
+        for e in t.edges
+        for f in u.edges
+    ) or bool({t.robot for t in a} & {t.robot for t in b} and len(a) + len(b) > 2)
+
+
+def loosened(joint: Joint, stages: Sequence[Stage]) -> list[Stage]:
     """Return a sequence with fewer stops and shorter ways: two drives of a robot become one, early
     or late, where the others do not need it to stand in between.
     """
-    found = list(trips)
+    found = list(stages)
     for _ in range(ROUNDS):
-        before = len(found), sum(t.seconds for t in found)
+        before = len(found), _seconds(found)
         k = 0
         while k < len(found):
             k += 0 if _merge(joint, found, k) else 1
         for k in range(len(found)):
             _shorten(joint, found, k)
-        if (len(found), sum(t.seconds for t in found)) == before:
+        if (len(found), _seconds(found)) == before:
             break
     return found
 
 
-def _merge(joint: Joint, trips: list[Trip], k: int) -> bool:
+def _seconds(stages: Sequence[Stage]) -> float:
+    return sum(trip.seconds for stage in stages for trip in stage)
+
+
+def _merge(joint: Joint, stages: list[Stage], k: int) -> bool:
     """Join drive ``k`` with the same robot's next one, in place; return whether that works."""
-    first = trips[k]
-    n = next((i for i in range(k + 1, len(trips)) if trips[i].robot == first.robot), -1)
-    if n < 0:
+    first = stages[k][0]
+    after = range(k + 1, len(stages))
+    n = next((i for i in after if any(t.robot == first.robot for t in stages[i])), -1)
+    if n < 0 or len(stages[k]) > 1 or len(stages[n]) > 1:
         return False
-    second, roadmap = trips[n], joint.agents[first.robot].roadmap
-    between = trips[k + 1 : n]
+    second, roadmap = stages[n][0], joint.agents[first.robot].roadmap
+    between = [trip for stage in stages[k + 1 : n] for trip in stage]
     for place, when in ((first.start, n), (second.end, k)):
         rest = roadmap.rest(place)
         if any(joint.overlap(first.robot, rest, t.robot, e) for t in between for e in t.edges):
             continue
         if first.start == second.end:
-            del trips[n], trips[k]
+            del stages[n], stages[k]
             return True
         limit = first.seconds + second.seconds + STOP
-        rests = _rests(joint, trips, when)
+        rests = _rests(joint, stages, when)
         way = _route(joint, first.robot, (first.start, second.end), rests, limit)
         if way is not None:
-            trips[when] = Trip(first.robot, way)
-            del trips[k if when == n else n]
+            stages[when] = (Trip(first.robot, way),)
+            del stages[k if when == n else n]
             return True
     return False
 
 
-def _shorten(joint: Joint, trips: list[Trip], k: int) -> None:
+def _shorten(joint: Joint, stages: list[Stage], k: int) -> None:
     """Replace a drive by the shortest one among the others at rest."""
-    trip = trips[k]
+    if len(stages[k]) > 1:
+        return
+    trip = stages[k][0]
     ends, limit = (trip.start, trip.end), trip.seconds - 1e-9
-    way = _route(joint, trip.robot, ends, _rests(joint, trips, k), limit)
+    way = _route(joint, trip.robot, ends, _rests(joint, stages, k), limit)
     if way:
-        trips[k] = Trip(trip.robot, way)
+        stages[k] = (Trip(trip.robot, way),)
 
 
-def _rests(joint: Joint, trips: Sequence[Trip], k: int) -> list[Edge]:
+def _rests(joint: Joint, stages: Sequence[Stage], k: int) -> list[Edge]:
     """Return everybody's rest before drive ``k``."""
     at = [agent.start for agent in joint.agents]
-    for trip in trips[:k]:
-        at[trip.robot] = trip.end
+    for stage in stages[:k]:
+        for trip in stage:
+            at[trip.robot] = trip.end
     return [agent.roadmap.rest(place) for agent, place in zip(joint.agents, at, strict=True)]
 
 

@@ -11,6 +11,7 @@ complete on the roadmaps; what they leave out may still be possible.
 
 from __future__ import annotations
 
+import itertools
 import random
 from collections import deque
 from collections.abc import Sequence
@@ -50,12 +51,18 @@ class _Node:
 
 class Joint:
     """Searches joint moves of ``agents``; ``heeds[i][j]``: whether i and j must keep apart by
-    ``margin`` m.
+    ``margin`` m; ``together``: also joint moves in which some have to go at the same time.
     """
 
     def __init__(
-        self, agents: Sequence[Agent], heeds: Sequence[Sequence[bool]], margin: float, seed: int
+        self,
+        agents: Sequence[Agent],
+        heeds: Sequence[Sequence[bool]],
+        margin: float,
+        seed: int,
+        together: bool = False,
     ) -> None:
+        self.together = together
         self.agents, self.heeds, self.margin = agents, heeds, margin
         self.rng = random.Random(seed)
         self._lots = [self.rng.random() for _ in agents] if seed else []
@@ -166,31 +173,38 @@ class Joint:
             if robot not in chosen and not self._push(robot, node, rests, chosen):
                 return None
         step = tuple(chosen[i] for i in range(len(self.agents)))
-        return step if self.one_by_one(step) is not None else None
+        return step if self.turns(step) is not None else None
 
-    def one_by_one(self, step: tuple[Edge, ...]) -> list[int] | None:
-        """Return an order in which those that move can do so while all others rest, None where
-        some have to move at the same time.
+    def turns(self, step: tuple[Edge, ...]) -> list[list[int]] | None:
+        """Return groups of those that move, in an order in which one group after the other can
+        move while all others rest. Those of a group move in step: in a full ring nobody can go
+        first. None where that is not wanted, or a move in step stops on its way (``Move.steady``).
         """
-        left = [i for i, edge in enumerate(step) if edge.source != edge.target]
-        order: list[int] = []
-        while left:
-            ready = next(
-                (i for i in left if not any(self._blocks(step, j, i, left) for j in left)), -1
-            )
-            if ready < 0 or any(self._blocks(step, j, ready, []) for j in order):
+        moving = [i for i, edge in enumerate(step) if edge.source != edge.target]
+        # before[i]: who has to go before i does, or with it
+        before: dict[int, set[int]] = {i: set() for i in moving}
+        for i, j in itertools.permutations(moving, 2):
+            if self._blocks(step, j, step[j].source, i):
+                before[i].add(j)
+            if self._blocks(step, j, step[j].target, i):
+                before[j].add(i)
+        for k, i in itertools.product(moving, moving):
+            if k in before[i]:
+                before[i] |= before[k]
+        groups: list[list[int]] = []
+        for i in sorted(moving, key=lambda i: (len(before[i] | {i}), i)):
+            if not any(i in group for group in groups):
+                groups.append(sorted({i} | {j for j in before[i] if i in before[j]}))
+        for group in groups:
+            steady = self.together and all(step[i].move.steady for i in group)
+            if len(group) > 1 and not steady:
                 return None
-            left.remove(ready)
-            order.append(ready)
-        return order
+        return groups
 
-    def _blocks(self, step: tuple[Edge, ...], j: int, i: int, left: Sequence[int]) -> bool:
-        """Return whether robot j, at rest before its move (if it is ``left``) or after it, is in
-        the way of i's move.
-        """
-        if i == j or not self.heeds[i][j]:
+    def _blocks(self, step: tuple[Edge, ...], j: int, place: int, i: int) -> bool:
+        """Return whether robot j, at rest at a place, is in the way of i's move."""
+        if not self.heeds[i][j]:
             return False
-        place = step[j].source if j in left else step[j].target
         return self.overlap(i, step[i], j, self.agents[j].roadmap.rest(place))
 
     def overlap(self, i: int, a: Edge, j: int, b: Edge) -> bool:

@@ -15,7 +15,14 @@ from up_samp.model import Body, Configuration, Kinematics, Trajectory
 from up_samp.motion.curves.arcs import length_of, merged, nodes_of, reversed_arcs
 from up_samp.motion.curves.reeds_shepp import fastest, run_time
 from up_samp.motion.curves.straight import leg_profile, timed_chain
-from up_samp.motion.curves.trapezoid import limits_of, runs_of, trajectory_of
+from up_samp.motion.curves.trapezoid import (
+    distance_of_time,
+    limits_of,
+    poses_on,
+    runs_of,
+    time_of_distance,
+    trajectory_of,
+)
 from up_samp.motion.fleet.abilities import abilities_of
 
 FloatArray = npt.NDArray[np.float64]
@@ -38,6 +45,11 @@ class Move:
     rows: FloatArray
     seconds: float
     arcs: FloatArray | None = None
+
+    @property
+    def steady(self) -> bool:
+        """Whether it needs no stop between its ends."""
+        return len(self.rows) == 2 or (self.arcs is not None and len(runs_of(self.arcs)) == 1)
 
     def back(self) -> Move:
         """Return the same move from its end to its start."""
@@ -95,6 +107,58 @@ def drive(moves: Sequence[Move], kinematics: Kinematics) -> Trajectory:
         ends = [tuple(float(v) for v in row) for row in (moves[0].rows[0], moves[-1].rows[-1])]
         return trajectory_of(ends, [merged(np.concatenate(arcs))], kinematics)
     return timed_chain(corners_of(moves), kinematics)
+
+
+def in_step(moves: Sequence[Move], kinematics: Sequence[Kinematics]) -> list[Trajectory]:
+    """Return steady moves of several robots driven at the same share of each at every instant,
+    from time 0, as fast as all of them can.
+    """
+    speed = acceleration = math.inf
+    marks = {1.0}
+    for move, kin in zip(moves, kinematics, strict=True):
+        if move.arcs is None:
+            _, v, a = leg_profile(move.rows[0], move.rows[-1], kin)
+        else:
+            lengths = np.abs(move.arcs[:, 1])
+            v, a = kin.v_max / lengths.sum(), kin.a_max / lengths.sum()
+            marks |= set((np.cumsum(lengths)[:-1] / lengths.sum()).tolist())
+        speed, acceleration = min(speed, v), min(acceleration, a)
+    times, shares = _shared_profile(sorted(marks), speed, acceleration)
+    found = []
+    for move in moves:
+        start = move.rows[0]
+        if move.arcs is None:
+            rows = start + shares[:, None] * (move.rows[-1] - start)
+        else:
+            ends = np.cumsum(np.abs(move.arcs[:, 1]))
+            rows = poses_on(start.copy(), move.arcs, ends, shares * ends[-1])
+        found.append(Trajectory(times.copy(), rows))
+    return found
+
+
+def _shared_profile(
+    marks: Sequence[float], speed: float, acceleration: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return times (s) and shares (0 to 1) of a drive from rest to rest, the ``marks`` among them;
+    limits in shares.
+    """
+    if math.isinf(acceleration):  # turns on the spot
+        total = 1.0 / speed
+        at = np.array(marks) * total
+    else:
+        total = float(run_time(1.0, speed, acceleration))
+        at = time_of_distance(np.array(marks), 1.0, speed, acceleration)
+    count = max(2, math.ceil(total / Trajectory.MAX_STEP - 1e-9))
+    times = np.union1d(np.linspace(0.0, total, count + 1), at)
+    times = times[np.concatenate([[True], np.diff(times) > 1e-9])]
+    times[-1] = total
+    shares = (
+        times / total
+        if math.isinf(acceleration)
+        else distance_of_time(times, 1.0, speed, acceleration)
+    )
+    shares[-1] = 1.0
+    return times, shares
 
 
 def corners_of(moves: Sequence[Move]) -> FloatArray:

@@ -24,7 +24,7 @@ from up_samp.model import Body, Configuration, Placed
 from up_samp.motion.fleet.abilities import abilities_of
 from up_samp.motion.fleet.conflicts import sweep_table
 from up_samp.motion.fleet.lanes import arcs_between
-from up_samp.motion.fleet.moves import Key, Move, State, Tensor, steer
+from up_samp.motion.fleet.moves import Key, Move, State, Tensor, steer, straight_move
 from up_samp.motion.fleet.paths import Hull, Path, hull_of
 from up_samp.motion.guides.search_space import widest_shape
 
@@ -329,9 +329,18 @@ class Roadmap:
         nodes += [self._new(tuple(row.tolist())) for row in poses[1:-1]]
         nodes.append(self.place(_pose(path.poses[-1])))
         for i, (a, b) in enumerate(itertools.pairwise(marks)):
-            self._link(nodes[i], nodes[i + 1], [_part(path, float(a), float(b))])
+            self._link(nodes[i], nodes[i + 1], [self._along(path, float(a), float(b))])
         for node in nodes[1:-1]:
             self._join(node, 2)
+
+    def _along(self, path: Path, first: float, last: float) -> Move:
+        """Return the move between two marks of a path, straight where the body can."""
+        if abilities_of(self.body).sideways:
+            start, goal = path.poses_at(np.array([first, last]))
+            move = straight_move(start, goal, self.body.kinematics)
+            if self._sweeps_free(move.rows):
+                return move
+        return _part(path, first, last)
 
 
 def _pose(row: FloatArray) -> Configuration:

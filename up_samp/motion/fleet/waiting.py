@@ -71,6 +71,19 @@ def fit(
         horizon = window.release + 4 * (horizon - window.release) + 60.0
 
 
+def first_start(
+    workspace: Workspace, motion: TimedMotion, window: Window, path: Path, others: Sequence[Run]
+) -> float | None:
+    """Return when a motion can first begin its ``path`` with the path's own timing (s), if ever."""
+    rows = workspace.forbidden(path, motion.object, motion.avoid, others)
+    rows = rows[(rows[:, 2] > window.release) | (rows[:, 0] == path.cells + 1)]
+    blocked, earliest, latest = forbidden_starts(
+        rows, path.natural_held, window.release, motion.present_until
+    )
+    start = first_gap(blocked[np.argsort(blocked[:, 0], kind="stable")], earliest, latest)
+    return start if start < math.inf else None
+
+
 def _end_rows(
     workspace: Workspace, motion: TimedMotion, path: Path, later: Sequence[Run]
 ) -> FloatArray:

@@ -180,7 +180,7 @@ class Workspace:
         if self.scene is None:
             return {}
         car = CarSettings((0.7,), (8_000,), rounds=400, patience=120)
-        slider = PlanarSettings((1.0,), (16,), (20_000,), rounds=200, shifts=(0.25,))
+        slider = PlanarSettings((1.0,), (16,), (20_000,), tight=None, rounds=200, shifts=(0.25,))
         return {
             MotionModel.REEDSSHEPP: CarPlanner(self.scene, 0, car),
             MotionModel.SE2: PlanarPlanner(self.scene, 0, slider),

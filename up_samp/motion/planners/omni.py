@@ -27,19 +27,41 @@ GAIN = 1e-3
 """Seconds that a corner's new place must save."""
 
 
+CELL = 0.02
+"""Cells (m) by which a search that slides tells poses apart: it is for gaps of centimetres."""
+
+
+@dataclass(frozen=True)
+class _Grain:
+    """A resolution: ``step`` in inner radii, ``bins`` of headings, size of the search tree."""
+
+    step: float
+    bins: int
+    nodes: int
+    tight: bool = False
+
+
 @dataclass(frozen=True)
 class PlanarSettings:
     """Effort of the planar planner. ``levels``: step in inner radii of the footprint, coarse to
-    fine; ``bins``: headings at each level; ``nodes``: size of each search tree.
+    fine; ``bins``: headings at each level; ``nodes``: size of each search tree. ``tight``: the same
+    for a last search that slides along walls into gaps narrower than its steps (None: without).
     """
 
     levels: tuple[float, ...] = (1.0, 0.5, 0.25)
     bins: tuple[int, ...] = (16, 24, 36)
     nodes: tuple[int, ...] = (60_000, 250_000, 400_000)
+    tight: tuple[float, int, int] | None = (0.5, 24, 60_000)
     weight: float = 1.15
     rounds: int = 600
     shifts: tuple[float, ...] = (0.25, 1.0, 0.5)
     slice: int = 4000
+
+    @property
+    def grains(self) -> list[_Grain]:
+        """The searches, in the order in which they are tried."""
+        found = [_Grain(*row) for row in zip(self.levels, self.bins, self.nodes, strict=True)]
+        return found if self.tight is None else [*found, _Grain(*self.tight, True)]
 
 
 class PlanarPlanner:
@@ -62,7 +84,7 @@ class PlanarPlanner:
         if shape is None:
             reason = "the start or the goal touches the map or an obstacle"
             return Leg(None, reason, complete=True)
-        chain, reason = self._chain(body, shape, start, goal, obstacles, budget)
+        chain, shape, reason = self._chain(body, shape, start, goal, obstacles, budget)
         if chain is None:
             return Leg(None, reason, budget.used, not budget.cut)
         glider = Glider(self.scene, body, shape, obstacles)
@@ -81,13 +103,16 @@ class PlanarPlanner:
         goal: Configuration,
         obstacles: tuple[Placed, ...],
         budget: Budget,
-    ) -> tuple[FloatArray | None, str]:
-        """Return nodes (n, 3) of straight pieces, theta continuous, or None and why not."""
+    ) -> tuple[FloatArray | None, Shape, str]:
+        """Return nodes (n, 3) of straight pieces, theta continuous, or None, the shape that they
+        are free for, and why there are none.
+        """
         reason = "out of time"
-        for level in range(len(self.settings.levels)):
-            if level > 0 and budget.spent():
+        for k, grain in enumerate(self.settings.grains):
+            if k > 0 and budget.spent():
                 break
-            nodes, dry = self._search(body, shape, start, goal, obstacles, level, budget)
+            shape = shape.finer if grain.tight else shape
+            nodes, dry = self._search(body, shape, start, goal, obstacles, grain, budget)
             if nodes is not None:
                 kin = body.kinematics
                 limits = np.array([kin.v_max, kin.omega_max, kin.a_max])
@@ -95,9 +120,9 @@ class PlanarPlanner:
                 nodes = shortened(
                     data, polys, shape.data, nodes, limits, self.settings.rounds, self.seed
                 )
-                return pieces(nodes), ""
+                return pieces(nodes), shape, ""
             reason = "no path at the finest resolution" + ("" if dry else " within fixed effort")
-        return None, "out of time" if budget.cut else reason
+        return None, shape, "out of time" if budget.cut else reason
 
     def _search(
         self,
@@ -106,11 +131,11 @@ class PlanarPlanner:
         start: Configuration,
         goal: Configuration,
         obstacles: tuple[Placed, ...],
-        level: int,
+        grain: _Grain,
         budget: Budget,
     ) -> tuple[FloatArray | None, bool]:
         """Run A* at one resolution; return the chain or None, and whether it ran dry."""
-        settings, kin = self.settings, body.kinematics
+        kin, bins = body.kinematics, grain.bins
         origin, target = (np.array(p[:3], dtype=np.float64) for p in (start, goal))
         data, polys = self.scene.data, self.scene.polys(obstacles)
         turn = math.remainder(target[2] - origin[2], 2 * math.pi)
@@ -119,13 +144,13 @@ class PlanarPlanner:
         dx, dy = float(way[0]), float(way[1])
         if straight_free(data, polys, shape.data, x, y, th, dx, dy, turn):
             return np.array([origin, [target[0], target[1], origin[2] + turn]]), False
-        step = settings.levels[level] * shape.inner[2]
-        bins = settings.bins[level]
-        low_level = (0, 0.0, settings.weight)
+        step = grain.step * shape.inner[2]
+        cell = min(step, CELL) if grain.tight else step
+        guide = (0, 0.0, self.settings.weight)
         space = pose_space(
-            self.scene, (start, goal), obstacles, 16 * shape.circumscribed, step, bins, low_level
+            self.scene, (start, goal), obstacles, 16 * shape.circumscribed, cell, bins, guide
         )
-        tree = hybrid.new_tree(settings.nodes[level], space.keys)
+        tree = hybrid.new_tree(grain.nodes, space.keys)
         moves = [(i * step, j * step, 0.0) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
         moves += [(0.0, 0.0, 2 * math.pi / bins), (0.0, 0.0, -2 * math.pi / bins)]
         field = self.fields.toward(shape, goal, obstacles)
@@ -144,7 +169,8 @@ class PlanarPlanner:
                 origin,
                 target,
                 limits,
-                settings.slice,
+                grain.tight,
+                self.settings.slice,
             )
             budget.used += int(tree.counters[2]) - before
         if state != 1:

@@ -17,6 +17,9 @@ from up_samp.motion.planners.hybrid_astar import Field, Tree, _key, field_value
 
 FloatArray = npt.NDArray[np.float64]
 
+SLIDE = 0.02
+"""Shares of a step that are too short for a slide."""
+
 
 @kernel
 def straight_free(
@@ -49,6 +52,30 @@ def straight_free(
 
 
 @inner
+def _free_share(
+    grid: GridData,
+    polys: PolyData,
+    shape: ShapeData,
+    x: float,
+    y: float,
+    th: float,
+    dx: float,
+    dy: float,
+    turn: float,
+) -> float:
+    """Return the share of a straight motion up to which it keeps the margin (1: all the way)."""
+    reach = math.sqrt(dx * dx + dy * dy) + abs(turn) * shape.numbers[0]
+    least = 0.1 * shape.slack[2]
+    share = 0.0
+    while share < 1.0:
+        c = clearance(grid, polys, shape, x + share * dx, y + share * dy, th + share * turn)
+        if c < 2.0 * least:
+            return share
+        share += c / reach
+    return 1.0
+
+
+@inner
 def _wrapped(angle: float) -> float:
     angle = angle % (2.0 * math.pi)
     return angle - 2.0 * math.pi if angle > math.pi else angle
@@ -71,6 +98,44 @@ def _to_go(
     return max(far / limits[0], abs(_wrapped(goal[2] - th)) / limits[1])
 
 
+@inner
+def _grown(
+    tree: Tree,
+    grid: GridData,
+    polys: PolyData,
+    shape: ShapeData,
+    field: Field,
+    space: Space,
+    node: int,
+    dx: float,
+    dy: float,
+    dth: float,
+    goal: FloatArray,
+    limits: FloatArray,
+) -> bool:
+    """Add the pose a straight step away from ``node`` to the tree, where it is free and the
+    soonest way there; return False where something is in the way of the step.
+    """
+    x, y, th = tree.nodes[node, 0], tree.nodes[node, 1], tree.nodes[node, 2]
+    key = _key(space, x + dx, y + dy, th + dth, False)
+    if key < 0:
+        return True
+    time = tree.nodes[node, 3] + _cost(dx, dy, dth, limits)
+    if time >= tree.table[key] - 1e-4:
+        return True
+    rest = _to_go(field, x + dx, y + dy, th + dth, goal, limits)
+    if rest == math.inf or not straight_free(grid, polys, shape, x, y, th, dx, dy, dth):
+        return False
+    tree.table[key] = time
+    n = tree.counters[0]
+    tree.counters[0] += 1
+    tree.nodes[n, 0], tree.nodes[n, 1], tree.nodes[n, 2] = x + dx, y + dy, th + dth
+    tree.nodes[n, 3], tree.nodes[n, 5] = time, time + space.weight * rest
+    tree.links[n, 0], tree.links[n, 1] = node, key
+    push(tree.heap, tree.nodes, tree.counters, n)
+    return True
+
+
 @kernel
 def expand_planar(
     tree: Tree,
@@ -83,12 +148,15 @@ def expand_planar(
     start: FloatArray,
     goal: FloatArray,
     limits: FloatArray,
+    tight: bool,
     budget: int,
 ) -> int:
     """Expand up to ``budget`` nodes towards ``goal``; plants the tree if it is empty.
 
     ``steps`` (n, 3): primitive moves. ``space.weight``: of the time to
-    go. ``limits``: v (m/s), omega (rad/s). Returns 0: more to do, 1: reached
+    go. ``limits``: v (m/s), omega (rad/s). ``tight``:
+    where a step does not go all the way, slide up to what is in the way, and half as far: so the
+    tree gets into gaps that are narrower than its steps. Returns 0: more to do, 1: reached
     by a straight piece from node ``counters[3]``, 2: the open list ran empty, 3: the tree is full.
     """
     if tree.counters[0] == 0:
@@ -103,7 +171,7 @@ def expand_planar(
     for _ in range(budget):
         if tree.counters[1] == 0:
             return 2
-        if tree.counters[0] + steps.shape[0] > tree.nodes.shape[0]:
+        if tree.counters[0] + 3 * steps.shape[0] > tree.nodes.shape[0]:
             return 3
         node = pop(tree.heap, tree.nodes, tree.counters)
         x, y, th = tree.nodes[node, 0], tree.nodes[node, 1], tree.nodes[node, 2]
@@ -117,22 +185,16 @@ def expand_planar(
             return 1
         for i in range(steps.shape[0]):
             dx, dy, dth = steps[i, 0], steps[i, 1], steps[i, 2]
-            key = _key(space, x + dx, y + dy, th + dth, False)
-            if key < 0:
+            if _grown(tree, grid, polys, shape, field, space, node, dx, dy, dth, goal, limits):
                 continue
-            time = tree.nodes[node, 3] + _cost(dx, dy, dth, limits)
-            if time >= tree.table[key] - 1e-4:
-                continue
-            rest = _to_go(field, x + dx, y + dy, th + dth, goal, limits)
-            if rest == math.inf or not straight_free(grid, polys, shape, x, y, th, dx, dy, dth):
-                continue
-            tree.table[key] = time
-            n = tree.counters[0]
-            tree.counters[0] += 1
-            tree.nodes[n, 0], tree.nodes[n, 1], tree.nodes[n, 2] = x + dx, y + dy, th + dth
-            tree.nodes[n, 3], tree.nodes[n, 5] = time, time + space.weight * rest
-            tree.links[n, 0], tree.links[n, 1] = node, key
-            push(tree.heap, tree.nodes, tree.counters, n)
+            if tight:
+                free = _free_share(grid, polys, shape, x, y, th, dx, dy, dth)
+                for part in (0.5 * free, free):
+                    if SLIDE < part < 1.0:
+                        _grown(
+                            tree, grid, polys, shape, field, space, node,
+                            part * dx, part * dy, part * dth, goal, limits,
+                        )  # fmt: skip
     return 0
 
 
