@@ -53,7 +53,7 @@ class Site:
     """``roads[a, b]`` is how long a move takes; ``doors[place]`` is where its door is opened.
 
     ``starts`` are places. ``home``: all have to be where they started in the end. ``private``:
-    nobody goes where another one starts.
+    nobody goes where another one starts. ``visits[robot]`` is where it has to arrive some time.
     """
 
     starts: tuple[int, ...]
@@ -62,6 +62,7 @@ class Site:
     doors: dict[int, int] = field(default_factory=dict)
     home: bool = False
     private: bool = False
+    visits: dict[int, int] = field(default_factory=dict)
 
     def ways(self, robot: int) -> list[tuple[tuple[int, int], int]]:
         """Return the roads of a robot."""
@@ -179,6 +180,9 @@ class Writer:
             self._exactly_one(t)
             for before in site.tasks[t].after:
                 self._in_order(before, t)
+        for r, p in site.visits.items():
+            arriving = [m.present for q, m, _, b in self.moves if (q, b) == (r, p)]
+            self.problem.add_constraint(Or(arriving))
         self._finish()
         self.problem.add_quality_metric(MinimizeMakespan())
 
@@ -506,4 +510,6 @@ def small(seed: int) -> Site:
         after = (rng.randrange(t),) if t and rng.random() < 0.4 else ()
         tasks.append(Task(spots, rng.randint(1, 3), rng.choice([None, 0, 1]), after))
     doors = {rng.choice(places): rng.choice(places)} if rng.random() < 0.4 else {}
-    return Site(starts, roads, tuple(tasks), doors, rng.random() < 0.3)
+    home = rng.random() < 0.3
+    visits = {r: rng.choice(places) for r in range(len(starts)) if rng.random() < 0.4}
+    return Site(starts, roads, tuple(tasks), doors, home, visits=visits)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from cpsat.styles import LOOSE, SPOILED, TIGHT, Style, shop, small, store, write
+from cpsat.styles import LOOSE, SPOILED, TIGHT, Site, Style, shop, small, store, write
 from cpsat.truth import answer, bound_without_search, collapsed_optimum, nothing_recognised
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
@@ -80,3 +80,25 @@ def test_a_tight_style_loses_no_unit_where_a_loose_one_does():
         for style in (Style(), Style(arrive="end"))
     )
     assert 0 < loose - tight <= len(site.roads)
+
+
+def test_who_only_has_to_come_somewhere_is_on_a_route():
+    """Doors one behind the other: nothing happens at the goals, and only moves need the doors."""
+    roads = {(0, 1): 4, (1, 2): 3, (2, 3): 5, (0, 4): 2, (2, 5): 2, (5, 3): 1}
+    roads |= {(b, a): length for (a, b), length in roads.items()}
+    site = Site((0, 0), roads, (), {1: 4, 3: 5}, visits={0: 3, 1: 3})
+    makespans = set()
+    for style in (Style(), Style(alone="uses"), Style(fluents="precedences")):
+        problem = write(site, style)
+        model = ScheduleModel(problem)
+        model.build(Watcher(problem).look())
+        routes = find_routes(model)
+        assert [len(route.visits) for route in routes] == [1, 1]
+        (place,) = routes[0].visits[0][1]
+        assert len(routes[0].entries[place]) == 2
+        report = CpsatSession(problem, workers=1).solve(Deadline.after(60))
+        assert report.status is ScheduleStatus.OPTIMAL
+        assert set(report.schedule.times) <= {a.name for a in problem.activities}
+        makespans.add(report.schedule.makespan)
+    # one opens the first door (2, 1), goes back (2) and all the way in (4, 3, 2, 1)
+    assert makespans == {15}

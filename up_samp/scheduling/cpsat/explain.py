@@ -45,6 +45,8 @@ def name_of(model: ScheduleModel, key: Key) -> str:
 def _route(model: ScheduleModel, route: Route) -> str:
     doors = len({e.state for entries in route.entries.values() for e in entries})
     parts = [f"{len(route.moves)} moves", f"{len(route.stops)} stops"]
+    if route.visits:
+        parts.append(f"{len(route.visits)} places to come to")
     if doors:
         parts.append(f"{doors} needed open on the way")
     if route.home is not None:

@@ -7,11 +7,12 @@ from __future__ import annotations
 import heapq
 import itertools
 from collections.abc import Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 from up_samp.scheduling.cpsat.encode.statevars import Key, Read, StateVar
+from up_samp.scheduling.cpsat.encode.store import TRUE
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.encode.timeline import Link, Timeline
 
@@ -64,6 +65,9 @@ class Route:
     still: Still = field(default_factory=dict)
     returns: dict[str, frozenset[int]] = field(default_factory=dict)
     """Stops after which the traveller has to come to one of these places some time."""
+    visits: list[tuple[str, frozenset[int]]] = field(default_factory=list)
+    """Places where the traveller has to arrive some time, with a name for each: nothing happens
+    there. As stops they last no time, and begin when a move ends (see :meth:`with_visits`)."""
     lag: int = 1
     """Time from the end of a move until its effect is seen: 1 for an effect at the end, 0 for one
     at ``end - 1``."""
@@ -79,6 +83,10 @@ class Route:
     def step(self) -> int:
         """Time from the end of a move to what may come next (its effect has to be seen)."""
         return max(self.lag, self.gap)
+
+    def with_visits(self) -> Route:
+        """Return the same route with its visits among its stops."""
+        return replace(self, stops=[*self.stops, *self.visits])
 
     def rest(self, stop: str) -> int:
         """Return the time from the end of a move to a stop."""
@@ -302,6 +310,7 @@ def _route(model: ScheduleModel, timeline: Timeline, cliques: Cliques) -> Route:
     final = _final(model, state)
     route = Route(state.key, gap, state.initial or 0, final, moves, stops, late, lag=lag)
     _find_returns(model, route)
+    _find_visits(model, route)
     _find_entries(model, route, timeline)
     route.still = _find_still(model, timeline)
     return route
@@ -372,6 +381,29 @@ def _find_returns(model: ScheduleModel, route: Route) -> None:
             route.final = places
 
 
+def _find_visits(model: ScheduleModel, route: Route) -> None:
+    """Find the places to which one of some moves has to be made.
+
+    A visit begins when such a move ends, so nothing may need a rest after it.
+    """
+    if route.gap > 0:
+        return
+    leading = {model.world.activities[m.name].present: m.to for m in route.moves}
+    clauses = [form[1:] if form.__class__ is tuple and form[0] == "|" else (form,)
+               for form in model.stated]  # fmt: skip
+    clauses += [*model.exact.values(), *((p,) for p in leading if p == TRUE)]
+    visited = set()
+    for clause in clauses:
+        if all(literal.__class__ is int for literal in clause):
+            places = {leading.get(literal) for literal in clause}
+            if len(places) == 1:
+                visited |= places
+    known = {next(iter(places)) for _, places in route.stops if len(places) == 1}
+    for place in sorted(visited - {None} - known):
+        route.visits.append((f"visit {place} of {route.key}", frozenset((place,))))
+    route.late |= {name for name, _ in route.visits}
+
+
 def _find_entries(model: ScheduleModel, route: Route, timeline: Timeline) -> None:
     """Find what every transition into a place needs of other state variables (open doors)."""
     into: dict[int, list[ActivityVars]] = {}
@@ -379,7 +411,7 @@ def _find_entries(model: ScheduleModel, route: Route, timeline: Timeline) -> Non
         activity = model.states.activity(link.write.owner or 0)
         into.setdefault(link.write.value.const, []).append(activity)
     movers = {link.write.owner for link in timeline.linked.values()}
-    needs: dict[int, dict[tuple[Key, frozenset[int]], int]] = {}
+    needs: Needs = {}
     for other in model.states.vars.values():
         if any(write.owner in movers for write in other.writes):
             continue  # a move may provide what it needs itself
@@ -400,6 +432,31 @@ def _find_entries(model: ScheduleModel, route: Route, timeline: Timeline) -> Non
                 continue
             lead = min(needs[a.index][key, allowed] for a in activities)
             route.entries.setdefault(place, []).append(Entry(key, allowed, max(0, lead)))
+    _find_closed_off(model, route, needs)
+
+
+Needs = dict[int, dict[tuple[Key, frozenset[int]], int]]
+"""What each move needs of other state variables -> how long before what is done where it leads."""
+
+
+def _find_closed_off(model: ScheduleModel, route: Route, needs: Needs) -> None:
+    """Find the places to which there is no way but by moves that all need the same (rooms behind
+    a door): to come there, one of these has been made before.
+    """
+    index = {move.name: model.world.activities[move.name].index for move in route.moves}
+    for key, allowed in sorted({need for some in needs.values() for need in some}, key=str):
+        if model.states.vars[key].initial in allowed:
+            continue
+        free = [m for m in route.moves if (key, allowed) not in needs.get(index[m.name], {})]
+        leads = [some[key, allowed] for some in needs.values() if (key, allowed) in some]
+        reached, size = {route.initial}, 0
+        while size < len(reached):
+            size = len(reached)
+            reached |= {m.to for m in free if m.origins & reached}
+        for place in sorted({m.to for m in route.moves} - reached):
+            known = route.entries.setdefault(place, [])
+            if not any((e.state, e.allowed) == (key, allowed) for e in known):
+                known.append(Entry(key, allowed, max(0, min(leads))))
 
 
 def _find_still(model: ScheduleModel, timeline: Timeline) -> Still:

@@ -19,6 +19,7 @@ from up_samp.scheduling.cpsat.routing.detection import Route, UnitPlace, find_un
 class Task:
     """Done once, in one of ``ways``: (route, stop's name, places). ``after`` are (task, time from
     its start), ``apart`` are (task, gap). ``changes`` are (state, value, time from the start).
+    A ``visit`` is done by nothing but arriving.
     """
 
     length: int
@@ -27,6 +28,7 @@ class Task:
     after: list[tuple[int, int]] = field(default_factory=list)
     apart: list[tuple[int, int]] = field(default_factory=list)
     changes: list[tuple[Key, int, int]] = field(default_factory=list)
+    visit: bool = False
 
 
 @dataclass
@@ -62,6 +64,8 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> Work | None:
                 tasks.append(Task(activity.least, wanted))
             owners[activity.index] = numbers[start]
             tasks[numbers[start]].ways.append((number, name, places))
+        for name, places in route.visits:
+            tasks.append(Task(0, True, [(number, name, places)], visit=True))
     names = {n for r in routes for n, _ in r.stops}
     others = [a for a in model.world.activities.values() if a.name not in names]
     if any(a.present == TRUE or a.present in model.exact for a in others):

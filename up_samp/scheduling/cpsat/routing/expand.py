@@ -14,6 +14,8 @@ def expand(routes: list[Route], schedule: CandidateSchedule) -> CandidateSchedul
     times = dict(schedule.times)
     for route in routes:
         _expand(route, times)
+    for name in (name for route in routes for name, _ in route.visits):
+        times.pop(name, None)
     return CandidateSchedule(times, schedule.parameters)
 
 

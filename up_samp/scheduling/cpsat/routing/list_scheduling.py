@@ -106,7 +106,8 @@ class Decoder:
             start = max(start, since + entry.lead) if since is not None else start
         start = self._undisturbed(task, start)
         self.done[number] = (start, start + task.length)
-        self.times[name] = (start, start + task.length)
+        if not task.visit:
+            self.times[name] = (start, start + task.length)
         for key, value, delay in task.changes:
             self.changed.setdefault(key, []).append((start + delay, value))
         robot.free = start + task.length + robot.route.gap

@@ -13,6 +13,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from unified_planning.model.scheduling import Activity
+
 from up_samp.model import Deadline
 from up_samp.scheduling.cpsat.encode.alternatives import merge_forms
 from up_samp.scheduling.cpsat.encode.statevars import Write
@@ -43,12 +45,17 @@ class Collapsed:
     def __init__(
         self, full: ScheduleModel, parts: Additions, routes: list[Route], deadline: Deadline
     ) -> None:
-        self.routes = routes
         self.full = full
         removed = {move.name for route in routes for move in route.moves}
+        self.routes = routes = [route.with_visits() for route in routes]
         self.model = ScheduleModel(full.problem)
         self.model.limit_at_least = full.limit
-        self.model.build(without(parts, removed), deadline)
+        kept = without(parts, removed)
+        environment = full.problem.environment
+        kept.activities += [
+            Activity(name, 0, _env=environment) for route in routes for name, _ in route.visits
+        ]
+        self.model.build(kept, deadline)
         self.units = find_unit_places(full, routes)
         self._legs = Legs(self.model.store, self.model.limit, self.units, routes)
         self._forms: list[Form] = []
@@ -236,7 +243,9 @@ class Collapsed:
         """Translate values of the full model's variables to this model's."""
         found = {}
         for name, made in self.model.world.activities.items():
-            other = self.full.world.activities[name]
+            other = self.full.world.activities.get(name)
+            if other is None:  # a visit
+                continue
             pairs = [(made.present, other.present)] if made.present != TRUE else []
             for mine, theirs in ((made.start, other.start), (made.end, other.end)):
                 pairs.append((mine.terms[0][0], theirs.terms[0][0]))

@@ -113,9 +113,10 @@ def _squeezed(work: Work, tasks: list[Task]) -> int:
         for route_number, stop, places in task.ways:
             route = work.routes[route_number]
             own = {name for t in tasks for _, name, _ in t.ways}
-            spots = {p for name, some in route.stops if name not in own for p in some}
+            stops = [*route.stops, *route.visits]
+            spots = {p for name, some in stops if name not in own for p in some}
             spots.add(route.initial)
-            late = max((route.step - route.rest(s) for s, _ in route.stops), default=0)
+            late = max((route.step - route.rest(s) for s, _ in stops), default=0)
             for place in places:
                 around = min(_detours(route, stop, place, spots, late), default=INFINITE)
                 least = min(least, task.length + max(0, around))
