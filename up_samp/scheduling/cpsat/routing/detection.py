@@ -394,12 +394,11 @@ def _find_visits(model: ScheduleModel, route: Route) -> None:
     clauses += [*model.exact.values(), *((p,) for p in leading if p == TRUE)]
     visited = set()
     for clause in clauses:
-        if all(literal.__class__ is int for literal in clause):
-            places = {leading.get(literal) for literal in clause}
-            if len(places) == 1:
-                visited |= places
+        if all(literal.__class__ is int and literal in leading for literal in clause):
+            places = {leading[literal] for literal in clause}
+            visited |= places if len(places) == 1 else set()
     known = {next(iter(places)) for _, places in route.stops if len(places) == 1}
-    for place in sorted(visited - {None} - known):
+    for place in sorted(visited - known):
         route.visits.append((f"visit {place} of {route.key}", frozenset((place,))))
     route.late |= {name for name, _ in route.visits}
 
