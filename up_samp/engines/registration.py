@@ -8,11 +8,14 @@ from typing import Any
 import unified_planning.environment as up_environment
 from unified_planning.environment import Environment
 
+from up_samp.system.imports import load_cp_model
+
 ENGINES = (
     ("cpsat", "up_samp.engines.cpsat", "CpsatEngine"),
     ("samp-validator", "up_samp.engines.validator", "SampValidator"),
 )
 META_ENGINES = (("samp-refine", "up_samp.engines.samp", "SampRefine"),)
+_WITH_ORTOOLS = ("cpse",)
 BEST = "samp-refine[cpsat]"
 """What UP takes for a problem with motions, if it is asked for no engine by name."""
 
@@ -31,6 +34,8 @@ def register(environment: Environment | None = None) -> None:
         if name in factory.engines:
             continue
         try:
+            if name in _WITH_ORTOOLS:
+                load_cp_model()
             importlib.import_module(module)
         except ModuleNotFoundError as error:
             if error.name is not None and error.name.startswith("up_samp"):

@@ -32,6 +32,7 @@ from numba.core.serialize import dumps
 
 from up_samp.system.files import whole
 from up_samp.system.folders import cache_folder, is_writable, say_uncached
+from up_samp.system.imports import load_numba_arrays
 
 try:
     import fcntl
@@ -149,6 +150,7 @@ class KernelCache:
 
     def load_overload(self, types: Any, context: Any) -> Any:
         """Return the compiled kernel for argument ``types``, or ``None`` to have it compiled."""
+        load_numba_arrays()
         context.refresh()
         path = self._path(types, context.codegen())
         if path is None:

@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
 
 from up_samp.geometry import kernels
+from up_samp.geometry.cells import distances_to, grown
 from up_samp.geometry.kernels import GridData, PolyData
 from up_samp.geometry.maps import OccupancyGrid
 from up_samp.geometry.memory import Memory
@@ -27,8 +27,7 @@ def clearance_field(blocked: npt.NDArray[np.bool_], resolution: float) -> npt.ND
     transform (Maurer et al. 2003) gives a bound that holds for whole cells.
     """
     padded = np.pad(blocked, 1, constant_values=True)
-    grown = ndimage.maximum_filter(padded, size=3, mode="constant", cval=1)
-    distance = ndimage.distance_transform_edt(~grown.astype(np.bool_))[1:-1, 1:-1]
+    distance = distances_to(grown(padded))[1:-1, 1:-1]
     return np.ascontiguousarray(distance * (resolution * (1 - 1e-6)), dtype=np.float32)
 
 

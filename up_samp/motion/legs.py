@@ -23,7 +23,12 @@ from up_samp.motion.checks import is_sound
 from up_samp.motion.curves.trajectories import reversed_trajectory
 from up_samp.motion.proofs.certificates import Certifier
 from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
-from up_samp.motion.registry import SECOND_OPINION_SECONDS, make_planner, planner_names
+from up_samp.motion.registry import (
+    PLANNERS,
+    SECOND_OPINION_SECONDS,
+    make_planner,
+    planner_names,
+)
 
 PLANAR = (MotionModel.REEDSSHEPP, MotionModel.PIVOT, MotionModel.SE2)
 LAZY_ROUNDS = 3
@@ -223,7 +228,9 @@ class Legs:
     def _key(self, name: str, query: LegQuery) -> tuple[tuple[object, ...], bool]:
         scope = (self.scene.digest, name, self.scene.margin, self.settings.seed)
         what = query.body, query.start, query.goal
-        return MotionCache.key(scope, *what, self._planner(name).reversible)
+        # OMPL's planners by their own names never are, and need not be loaded to tell
+        reversible = name in PLANNERS and self._planner(name).reversible
+        return MotionCache.key(scope, *what, reversible)
 
     def clears(self, trajectory: Trajectory, body: Body, placed: Placed) -> bool:
         """Return whether a motion keeps the scene's margin from a resting object, all the way."""

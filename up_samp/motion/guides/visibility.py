@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csgraph
 
+from up_samp.geometry.cells import shortest_ways
 from up_samp.geometry.compiled import kernel
 
 FloatArray = npt.NDArray[np.float64]
@@ -116,7 +116,7 @@ class Visibility:
         self._sums = np.zeros((blocked.shape[0], blocked.shape[1] + 1), dtype=np.int32)
         np.cumsum(blocked, axis=1, out=self._sums[:, 1:])
         lengths = corner_matrix(self._sums, corners)
-        self._between = csgraph.dijkstra(lengths) if len(corners) else lengths
+        self._between = shortest_ways(lengths)
 
     def distance(self, a: tuple[float, float], b: tuple[float, float]) -> float:
         """Return the shortest distance (m) between two points given in the original grid's cells.

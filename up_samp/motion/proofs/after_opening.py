@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
 
+from up_samp.geometry.cells import distances_to
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.shapes import core_of, shape_of
 from up_samp.model import Body, Configuration, Kinematics, MotionModel, Placed
@@ -59,7 +59,7 @@ class AfterOpening:
 
         def measured() -> tuple[Regions, FloatArray]:
             inside = np.isin(regions.labels, sorted(regions.reached(start, 0)))
-            return regions, ndimage.distance_transform_edt(~inside)
+            return regions, distances_to(inside)
 
         # the regions are kept with what is known of them: their id is not used again meanwhile
         _, distances = self._distances.get_or((id(regions), start), measured)
@@ -68,6 +68,8 @@ class AfterOpening:
         point = (goal[0] + c * cx - s * cy, goal[1] + s * cx + c * cy)
         row, col = grid.cells_of([point])[0]
         cells = float(distances[row, col])
+        if math.isinf(cells):
+            return 0.0  # the start lies in the obstacle itself: nothing is known of its way out
         # both points may lie anywhere in their cells
         return max(0.0, (cells - math.sqrt(2.0)) * grid.resolution)
 

@@ -20,9 +20,9 @@ from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
 
 from up_samp.geometry import Scene
+from up_samp.geometry.cells import distances_to, label_regions
 from up_samp.geometry.compiled import kernel
 from up_samp.geometry.kernels import PolyData
 from up_samp.geometry.memory import Memory
@@ -34,7 +34,6 @@ from up_samp.motion.proofs.heading_slices import separated
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int32]
 
-EIGHT = np.ones((3, 3), dtype=np.int8)
 MOST_ALTERNATIVES = 16
 
 
@@ -133,7 +132,7 @@ class Certifier:
         """Distance (m), centre to centre, from each cell to the nearest blocked or outside one."""
         assert self.scene.grid is not None
         padded = np.pad(self.scene.grid.blocked, 1, constant_values=True)
-        cells = ndimage.distance_transform_edt(~padded)[1:-1, 1:-1]
+        cells = distances_to(padded)[1:-1, 1:-1]
         return (cells * self.scene.grid.resolution).astype(np.float32)
 
     @cached_property
@@ -141,6 +140,8 @@ class Certifier:
         """(row + 1, column + 1) of the blocked or outside cell nearest to each cell."""
         assert self.scene.grid is not None
         padded = np.pad(self.scene.grid.blocked, 1, constant_values=True)
+        from scipy import ndimage
+
         indices = ndimage.distance_transform_edt(
             ~padded, return_distances=False, return_indices=True
         )
@@ -291,13 +292,14 @@ class Certifier:
     def _build(self, radius: float, placed: Sequence[Placed]) -> Regions:
         free, owners = self._cells(radius, placed)
         labels = np.empty(free.shape, dtype=np.int32)
-        count = ndimage.label(free & (owners == 0), structure=EIGHT, output=labels)
+        count = label_regions(free & (owners == 0), labels)
         sets: dict[int, int] = {}
         # what lies in obstacles is few cells: look at no others
         near = _box(owners)
         zone = free[near] & (owners[near] != 0)
         for value in np.unique(owners[near][zone]):
-            part, n = ndimage.label(zone & (owners[near] == value), structure=EIGHT)
+            part = np.empty(zone.shape, dtype=np.int32)
+            n = label_regions(zone & (owners[near] == value), part)
             labels[near][part > 0] = part[part > 0] + count
             sets.update((count + i, int(value)) for i in range(1, n + 1))
             count += n

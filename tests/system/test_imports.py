@@ -1,0 +1,58 @@
+"""What is put off is there when it is used."""
+
+import subprocess
+import sys
+
+import pytest
+
+
+def _run(script):
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split()
+
+
+def test_cp_model_comes_without_pandas_and_gets_it_when_asked():
+    pytest.importorskip("pandas")
+    said = _run(
+        """
+import sys
+from up_samp.system.imports import load_cp_model
+load_cp_model()
+from ortools.sat.python import cp_model
+print("pandas" in sys.modules)
+model = cp_model.CpModel()
+x = model.new_int_var(0, 4, "x")
+model.add(2 * x >= 5)
+solver = cp_model.CpSolver()
+assert solver.solve(model) == cp_model.OPTIMAL
+print("pandas" in sys.modules)
+import pandas as pd
+series = model.new_bool_var_series("b", pd.Index(["one", "two"]))
+model.add(sum(series) == 1)
+solver.solve(model)
+values = solver.boolean_values(series)
+print(isinstance(values, pd.Series), int(values.sum()))
+"""
+    )
+    assert said == ["False", "False", "True", "1"]
+
+
+def test_kernels_come_without_linear_algebra_and_can_do_it_all_the_same():
+    said = _run(
+        """
+import sys
+import numpy as np
+from up_samp.system.imports import load_numba_arrays
+import numba
+load_numba_arrays()
+total = numba.njit(lambda a: np.min(a) + a.sum())
+print(total(np.arange(4.0)), "scipy.linalg" in sys.modules)
+turned = numba.njit(lambda a, b: np.dot(a, b))
+print(turned(np.eye(2), np.ones(2)).sum())
+print(numba.njit(lambda a: np.linalg.det(a))(np.eye(3)))
+"""
+    )
+    assert said == ["6.0", "False", "2.0", "1.0"]

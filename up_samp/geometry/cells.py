@@ -1,0 +1,176 @@
+"""Distances and regions over the cells of a grid, as scipy's ``ndimage`` and ``csgraph`` give them.
+
+Importing those takes a quarter of a small problem's whole time, so there are kernels for it here;
+they give the same numbers, bit by bit. Only large graphs, where scipy's search is the better one,
+still go there.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.geometry.compiled import inner, kernel
+
+BoolArray = npt.NDArray[np.bool_]
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int32]
+
+SMALL_GRAPH = 150
+"""Nodes up to which the kernels look for shortest ways: some milliseconds."""
+
+
+def distances_to(blocked: BoolArray) -> FloatArray:
+    """Return the distance (in cells, centre to centre) of every cell to the nearest blocked one
+    (inf: there is none).
+    """
+    if not blocked.any():
+        return np.full(blocked.shape, np.inf)
+    return cell_distances(np.ascontiguousarray(blocked))
+
+
+def grown(blocked: BoolArray) -> BoolArray:
+    """Return the cells that are blocked or touch a blocked one, also at a corner."""
+    tall = blocked.copy()
+    tall[1:] |= blocked[:-1]
+    tall[:-1] |= blocked[1:]
+    wide = tall.copy()
+    wide[:, 1:] |= tall[:, :-1]
+    wide[:, :-1] |= tall[:, 1:]
+    return wide
+
+
+def shortest_ways(lengths: FloatArray) -> FloatArray:
+    """Return the least length of a way between any two nodes, inf where there is none.
+
+    ``lengths`` (n, n): those of the edges, symmetric, 0 where there is none.
+    """
+    if len(lengths) <= SMALL_GRAPH:
+        return all_pairs(lengths)
+    from scipy.sparse import csgraph
+
+    return np.asarray(csgraph.dijkstra(lengths))
+
+
+@kernel
+def cell_distances(blocked: BoolArray) -> FloatArray:
+    """Return the exact distance (in cells) of every cell to the nearest blocked one.
+
+    First along each column, then for each row the lower envelope of its columns' parabolas
+    (Meijster, Roerdink, Hesselink 2000): linear in the cells, in whole numbers up to the root.
+    """
+    rows, cols = blocked.shape
+    near = np.empty((rows, cols), dtype=np.int32)
+    far = rows + cols
+    for r in range(rows):
+        for c in range(cols):
+            before = near[r - 1, c] if r > 0 else far
+            near[r, c] = 0 if blocked[r, c] else min(far, before + 1)
+    for r in range(rows - 2, -1, -1):
+        for c in range(cols):
+            near[r, c] = min(near[r, c], near[r + 1, c] + 1)
+    out = np.empty((rows, cols))
+    squares = np.empty(cols, dtype=np.int64)
+    owner, since = np.empty(cols, dtype=np.int64), np.empty(cols, dtype=np.int64)
+    for r in range(rows):
+        for c in range(cols):
+            squares[c] = np.int64(near[r, c]) * near[r, c]
+        last = 0
+        owner[0], since[0] = 0, 0
+        for c in range(1, cols):
+            while last >= 0:
+                at, i = since[last], owner[last]
+                if (at - i) * (at - i) + squares[i] <= (at - c) * (at - c) + squares[c]:
+                    break
+                last -= 1
+            if last < 0:
+                last, owner[0], since[0] = 0, c, 0
+                continue
+            i = owner[last]
+            first = 1 + (c * c - i * i + squares[c] - squares[i]) // (2 * (c - i))
+            if first < cols:
+                last += 1
+                owner[last], since[last] = c, first
+        for c in range(cols - 1, -1, -1):
+            i = owner[last]
+            out[r, c] = math.sqrt((c - i) * (c - i) + squares[i])
+            if c == since[last]:
+                last -= 1
+    return out
+
+
+@inner
+def _root(parents: IntArray, label: int) -> int:
+    """Return the least label known to mean the same region."""
+    while parents[label] != label:
+        parents[label] = parents[parents[label]]
+        label = parents[label]
+    return label
+
+
+@kernel
+def label_regions(cells: BoolArray, labels: IntArray) -> int:
+    """Number the regions of ``cells`` from 1 in the order of their first cells (row by row) and
+    return how many there are. Cells that touch at a corner belong together; ``labels`` is 0 where
+    there is no cell.
+
+    Two passes with a union-find over the labels given in the first (Rosenfeld & Pfaltz 1966).
+    """
+    rows, cols = cells.shape
+    parents = np.empty((rows + 1) // 2 * ((cols + 1) // 2) + 1, dtype=np.int32)
+    given = 0
+    for r in range(rows):
+        for c in range(cols):
+            if not cells[r, c]:
+                labels[r, c] = 0
+                continue
+            left = labels[r, c - 1] if c > 0 else 0
+            up = labels[r - 1, c] if r > 0 else 0
+            before = labels[r - 1, c - 1] if r > 0 and c > 0 else 0
+            after = labels[r - 1, c + 1] if r > 0 and c + 1 < cols else 0
+            known = max(left, up, before)
+            if up == 0 and after > 0 and known > 0 and after != known:
+                one, other = _root(parents, known), _root(parents, after)
+                parents[max(one, other)] = min(one, other)
+            known = max(known, after)
+            if known == 0:
+                given += 1
+                parents[given] = given
+                known = given
+            labels[r, c] = known
+    count = 0
+    for label in range(1, given + 1):
+        if parents[label] == label:
+            count += 1
+            parents[label] = count
+        else:
+            parents[label] = parents[parents[label]]
+    for r in range(rows):
+        for c in range(cols):
+            if labels[r, c] > 0:
+                labels[r, c] = parents[labels[r, c]]
+    return count
+
+
+@kernel
+def all_pairs(lengths: FloatArray) -> FloatArray:
+    """Return all shortest lengths by Dijkstra's search from each node, without a heap."""
+    n = lengths.shape[0]
+    out = np.full((n, n), np.inf)
+    for source in range(n):
+        done = np.zeros(n, dtype=np.bool_)
+        out[source, source] = 0.0
+        for _ in range(n):
+            best, node = np.inf, -1
+            for i in range(n):
+                if not done[i] and out[source, i] < best:
+                    best, node = out[source, i], i
+            if node < 0:
+                break
+            done[node] = True
+            for i in range(n):
+                if lengths[node, i] > 0.0 and best + lengths[node, i] < out[source, i]:
+                    out[source, i] = best + lengths[node, i]
+    return out
