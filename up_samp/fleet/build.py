@@ -49,6 +49,16 @@ from unified_planning.shortcuts import (
 
 from up_samp.fleet.crowds import Crowd, Passing
 from up_samp.fleet.faults import Fault, FleetError
+from up_samp.fleet.loads import (
+    MARK,
+    attached_of,
+    ends_of,
+    is_under,
+    load_pose,
+    place_of,
+    poses_of,
+    ridden,
+)
 from up_samp.fleet.outlines import corners, movable
 from up_samp.fleet.records import FleetRecords, Order, Outline, Pose, RobotType, Stop, Task
 from up_samp.fleet.visits import WORK, Role, Successions, Visit, fits, moves_needed, visits_of
@@ -86,6 +96,8 @@ class _Writer:
         self.places: dict[str, ConfigurationObject] = {}
         self.robots: dict[str, MovableObject] = {}
         self.doors: dict[str, MovableObject] = {}
+        self.pallets: dict[str, MovableObject] = {}
+        self.stands: dict[tuple[str, str], ConfigurationObject] = {}
         self.keep_out: dict[str, list[MovableObject]] = {}
         self.crowds: list[Crowd] = []
         self.rooms: dict[str, tuple[MovableObject, FNode]] = {}
@@ -98,11 +110,12 @@ class _Writer:
         self.robot_at: dict[str, FNode] = {}
 
     def write(self) -> SchedulingMotionProblem:
-        for name, place in self.records.places.items():
-            self.places[name] = self._pose(name, place.pose)
+        for name, pose in poses_of(self.records).items():
+            self.places[name] = self._pose(name, pose)
         for name, resource in self.records.resources.items():
             self.resources[name] = self.problem.add_resource(name, resource.capacity)
         self._robots()
+        self._pallets()
         self._doors()
         self._zones()
         for visits in self.visits.values():
@@ -146,9 +159,23 @@ class _Writer:
                 end = Equals(self.robot_at[name], self.places[robot.end])
                 self.problem.add_condition(TimePointInterval(GlobalEndTiming()), end)
 
-    def _fixture(self, name: str, outline: Outline, pose: ConfigurationObject) -> MovableObject:
+    def _pallets(self) -> None:
+        """Loads that travel with robots: they stand at their pickup at first."""
+        for order in attached_of(self.records):
+            assert order.attached is not None
+            pickups, deliveries = ends_of(order)
+            name = f"load{MARK}{order.id}"
+            for place in dict.fromkeys((*pickups, *deliveries)):
+                pose = load_pose(order.attached, self.records.places[place_of(place)].pose)
+                self.stands[order.id, place] = self._pose(f"load{MARK}{place}", pose)
+            at = self.stands[order.id, pickups[0]]
+            self.pallets[order.id] = self._fixture(name, order.attached.footprint, at, "load")
+
+    def _fixture(
+        self, name: str, outline: Outline, pose: ConfigurationObject, kind: str = "fixture"
+    ) -> MovableObject:
         fixture = MovableObject(
-            name, MovableType("fixture"), footprint=corners(outline), motion_model=MotionModels.SE2
+            name, MovableType(kind), footprint=corners(outline), motion_model=MotionModels.SE2
         )
         self.problem.add_object(fixture)
         self.problem.set_initial_configuration(fixture, pose)
@@ -241,8 +268,12 @@ class _Writer:
         needed = moves_needed(self.visits[robot], Successions(self.records, kind))
         longest = self._longest(kind)
         for (origin, to), copies in needed.items():
+            order = ridden(self.records, origin, to)
+            verb = f"move_{robot}_{origin}_to_{to}"
+            if order is not None:
+                verb = f"carry_{order.id}_{robot}_{place_of(origin)}_to_{place_of(to)}"
             for number in range(1, copies + 1):
-                name = f"move_{robot}_{origin}_to_{to}" + (f"_{number}" if number > 1 else "")
+                name = verb + (f"_{number}" if number > 1 else "")
                 self._move(robot, origin, to, name, longest)
 
     def _move(self, robot: str, origin: str, to: str, name: str, longest: int) -> None:
@@ -265,13 +296,29 @@ class _Writer:
                 self.places[origin],
                 [self.places[to]],
                 static_obstacles=static,
-                dynamic_obstacles_at_start=[r for r in self.robots.values() if r is not mover],
+                dynamic_obstacles_at_start=self._moving(robot, origin, to),
             )
         )
         a.add_motion_effect(mover, self.places[to])
+        order = ridden(self.records, origin, to)
+        if order is not None:
+            a.add_motion_effect(self.pallets[order.id], self.stands[order.id, to])
         a.add_condition(at_start(a), Equals(self.robot_at[robot], self.places[origin]))
         a.add_effect(a.end, self.robot_at[robot], self.places[to])
         self.busy[robot].append(a)
+
+    def _moving(self, robot: str, origin: str, to: str) -> list[MovableObject]:
+        """Return what else moves and is in the way of a drive: other robots, and all loads on the
+        floor but for those that it takes along, or stands under when it begins or ends.
+        """
+        kind = self.records.robot_types[self.records.robots[robot].type]
+        found = [r for name, r in self.robots.items() if name != robot]
+        for order in attached_of(self.records):
+            assert order.attached is not None
+            mine = {name for end in ends_of(order) for name in end} & {origin, to}
+            if not (mine and (len(mine) == 2 or is_under(kind, order.attached))):
+                found.append(self.pallets[order.id])
+        return found
 
     def _longest(self, kind: RobotType) -> int:
         """Return how long a move may take (units): four times along the map's edges, and a
@@ -317,8 +364,9 @@ class _Writer:
                 deliver.add_increase_effect(deliver.end, fluent(), amount)
 
     def _pair(self, robot: str, order: Order) -> tuple[Activity, Activity]:
-        pick = Visit(robot, Role.PICKUP, order.id, order.pickup.at)
-        deliver = Visit(robot, Role.DELIVERY, order.id, order.delivery.at)
+        pickups, deliveries = ends_of(order)
+        pick = Visit(robot, Role.PICKUP, order.id, pickups)
+        deliver = Visit(robot, Role.DELIVERY, order.id, deliveries)
         return self.activities[pick], self.activities[deliver]
 
     def _jobs(self) -> None:

@@ -10,8 +10,9 @@ from functools import cached_property
 from pathlib import Path
 
 from up_samp.fleet.faults import NO_ROBOT, able, carries, needs_robot
+from up_samp.fleet.loads import attached_of, load_pose, place_of, with_load
 from up_samp.fleet.outlines import body_of, still
-from up_samp.fleet.records import FleetRecords, Order, Pose, Task
+from up_samp.fleet.records import Attached, FleetRecords, Order, Pose, Task
 from up_samp.fleet.visits import Role, visits_of
 from up_samp.geometry import load_map
 from up_samp.model import (
@@ -55,7 +56,8 @@ def check_fleet(
     if not records.robots:
         return [Finding(Level.ERROR, "robots", NO_ROBOT.what)]
     checker = _Checker(records, folder, seconds_per_drive)
-    findings = list(itertools.chain(checker.poses(), checker.pairs(), checker.ways()))
+    stages = (checker.poses(), checker.pairs(), checker.loads(), checker.ways())
+    findings = list(itertools.chain(*stages))
     return sorted(findings, key=lambda f: list(Level).index(f.level))
 
 
@@ -71,7 +73,7 @@ class _Checker:
         for robot in records.robots:
             kind = records.robots[robot].type
             for visit in visits_of(records, robot):
-                self.used.setdefault(kind, set()).update(visit.places)
+                self.used.setdefault(kind, set()).update(map(place_of, visit.places))
 
     def doors(self) -> tuple[Placed, ...]:
         return tuple(
@@ -141,7 +143,7 @@ class _Checker:
                 if any(
                     visit.role is Role.OPEN
                     and visit.what == name
-                    and any(self._reaches(robot, place, shut) for place in visit.places)
+                    and any(self._reaches(robot, place_of(p), shut) for p in visit.places)
                     for robot in self.records.robots
                     for visit in visits_of(self.records, robot)
                 )
@@ -173,7 +175,7 @@ class _Checker:
         zones = self.zones(mine.type)
         used: dict[str, set[Role]] = {}
         for visit in visits_of(self.records, robot):
-            for place in visit.places:
+            for place in map(place_of, visit.places):
                 used.setdefault(place, set()).add(visit.role)
         for place, roles in used.items():
             goal = self.places[place]
@@ -219,12 +221,54 @@ class _Checker:
             if not isinstance(job, Order)
             or carries(self.records.robot_types[self.records.robots[r].type], job)
         ]
-        if any(all(reach[r] & set(at) for _, at in stops) for r in fit):
+        able_to = [r for r in fit if all(reach[r] & set(at) for _, at in stops)]
+        if able_to:
+            if isinstance(job, Order) and job.attached is not None:
+                yield from self._rides(job, job.attached, able_to)
             return
         lost = [what for what, at in stops if not any(reach[r] & set(at) for r in fit)]
         what = f"its {' and its '.join(lost)}" if lost else "both its ends"
         text = f"no robot that may do it ({', '.join(fit)}) can reach {what}"
         yield Finding(Level.NOTE if job.optional else Level.ERROR, job.id, text)
+
+    def _rides(self, order: Order, load: Attached, fit: list[str]) -> Iterator[Finding]:
+        """Whether robots get through with a load that is as large as theirs."""
+        level = Level.NOTE if order.optional else Level.ERROR
+        stands, outline = self.places[order.pickup.at[0]], still(load.footprint)
+        wall, _ = self.service.pose_blockers(outline, load_pose(load, stands), ())
+        if wall:
+            yield Finding(level, order.id, "its load would stand in a wall or outside the map")
+            return
+        stuck = [
+            r for r in fit if all(self._is_stuck(r, order, load, p) for p in order.delivery.at)
+        ]
+        for robot in stuck if len(stuck) < len(fit) else ():
+            text = f"robot '{robot}' does not get through with its load (proven)"
+            yield Finding(Level.NOTE, order.id, text)
+        if len(stuck) == len(fit):
+            text = f"no robot that may do it ({', '.join(fit)}) gets through with its load (proven)"
+            yield Finding(level, order.id, text)
+
+    def _is_stuck(self, robot: str, order: Order, load: Attached, place: str) -> bool:
+        kind = self.records.robots[robot].type
+        body = with_load(self.records.robot_types[kind], load)
+        ends = self.places[order.pickup.at[0]], self.places[place]
+        placed = (*self.zones(kind), *(d for d in self.doors() if d.name in self.shut))
+        return self.service.certificate(body, ends, placed) is not None
+
+    def loads(self) -> Iterator[Finding]:
+        """Loads that stand in each other or on robots."""
+        bodies = []
+        for order in attached_of(self.records):
+            assert order.attached is not None
+            pose = load_pose(order.attached, self.places[order.pickup.at[0]])
+            bodies.append((f"the load of '{order.id}'", still(order.attached.footprint), pose))
+        for name, robot in self.records.robots.items():
+            bodies.append((f"robot '{name}'", self.bodies[robot.type], self.places[robot.start]))
+        for (one, a, p), (other, b, q) in itertools.combinations(bodies, 2):
+            if one.startswith("the load") and self.service.overlap(a, p, b, q):
+                subject = one.split("'")[1]
+                yield Finding(Level.ERROR, subject, f"{one} and {other} would overlap at first")
 
 
 def _and(names: frozenset[str]) -> str:

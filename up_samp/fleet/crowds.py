@@ -13,8 +13,9 @@ from pathlib import Path
 
 from shapely.geometry import Polygon
 
+from up_samp.fleet.loads import place_of, ridden, with_load
 from up_samp.fleet.outlines import body_of, placed, still
-from up_samp.fleet.records import FleetRecords
+from up_samp.fleet.records import Attached, FleetRecords
 from up_samp.geometry import load_map
 from up_samp.model import Placed
 from up_samp.motion import MotionService
@@ -46,7 +47,9 @@ class Crowd:
         return self._inside(mine.type, mine.start)
 
     def passing(self, robot: str, origin: str, to: str) -> Passing:
-        """Return what the drive of ``robot`` from ``origin`` to ``to`` has to do with the zone."""
+        """Return what the drive of ``robot`` from ``origin`` to ``to`` has to do with the zone,
+        with the load that rides with it.
+        """
         kind = self._records.robots[robot].type
         key = (kind, origin, to)
         if key not in self._known:
@@ -54,23 +57,25 @@ class Crowd:
         return self._known[key]
 
     def _passing(self, kind: str, origin: str, to: str) -> Passing:
-        leaves, comes = self._inside(kind, origin), self._inside(kind, to)
+        order = ridden(self._records, origin, to)
+        load = None if order is None else order.attached
+        leaves, comes = self._inside(kind, origin, load), self._inside(kind, to, load)
         if leaves or comes:
             return {(True, True): Passing.WITHIN, (False, True): Passing.IN}.get(
                 (leaves, comes), Passing.OUT
             )
-        poses = [self._records.places[p].pose for p in (origin, to)]
+        poses = [self._records.places[place_of(p)].pose for p in (origin, to)]
         zone = self._records.zones[self.zone]
         area = Placed(self.zone, still(zone.polygon), (0.0, 0.0, 0.0))
-        body = body_of(self._records.robot_types[kind])
+        mine = self._records.robot_types[kind]
+        body = body_of(mine) if load is None else with_load(mine, load)
         proof = self._service.certificate(body, poses, (area,))
         return Passing.AROUND if proof is None else Passing.THROUGH
 
-    def _inside(self, kind: str, place: str) -> bool:
-        outline = placed(
-            self._records.robot_types[kind].footprint, self._records.places[place].pose
-        )
-        return bool(self._polygon.intersects(Polygon(outline)))
+    def _inside(self, kind: str, place: str, load: Attached | None = None) -> bool:
+        mine, pose = self._records.robot_types[kind], self._records.places[place_of(place)].pose
+        body = body_of(mine) if load is None else with_load(mine, load)
+        return bool(self._polygon.intersects(Polygon(placed(body.footprint, pose))))
 
     @cached_property
     def _service(self) -> MotionService:

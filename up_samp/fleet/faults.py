@@ -129,6 +129,20 @@ def _orders(records: FleetRecords) -> Iterator[Fault]:
         yield from _stop(records, order.delivery, (*path, "delivery"))
         yield from _job(records, order, path)
         yield from _loads(records, order, path)
+        yield from _attached(order, path)
+
+
+def _attached(order: Order, path: Path) -> Iterator[Fault]:
+    """A load with a footprint stands somewhere, and is brought elsewhere."""
+    if order.attached is None:
+        return
+    if len(order.pickup.at) > 1:
+        text = "its load stands at one place; name that one"
+        yield Fault((*path, "pickup"), text)
+    same = sorted(set(order.pickup.at) & set(order.delivery.at))
+    if same:
+        text = f"its load stands at '{same[0]}' already; deliver it elsewhere"
+        yield Fault((*path, "delivery"), text)
 
 
 def _tasks(records: FleetRecords) -> Iterator[Fault]:

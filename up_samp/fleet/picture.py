@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Polygon
 
 from up_samp.fleet.checks import Finding, Level
+from up_samp.fleet.loads import attached_of, load_pose
 from up_samp.fleet.outlines import placed
 from up_samp.fleet.records import FleetRecords, Outline, Pose
 from up_samp.plotting.background import background_of
@@ -47,6 +48,11 @@ def draw_fleet(
         ax.add_patch(Polygon(opened, fc="none", ec=FIXTURE, ls="--"))
         ax.add_patch(Polygon(leaf, fc=FIXTURE, ec=INK))
         labels.append(_label(name, door.closed, leaf, FIXTURE))
+    for job in attached_of(records):
+        if job.attached is not None:
+            at = load_pose(job.attached, records.places[job.pickup.at[0]].pose)
+            load = placed(job.attached.footprint, at)
+            ax.add_patch(Polygon(load, fc=mixed(FIXTURE, 0.6), ec=FIXTURE, zorder=1.5))
     starts = {r.start: name for name, r in records.robots.items()}
     order = list(records.robots)
     shape = _usual(records)
@@ -73,6 +79,8 @@ def draw_fleet(
         Patch(fc=mixed(INK, 0.85), ec=INK, label="place"),
         Patch(fc=FIXTURE, label="door, closed"),
     ]
+    if attached_of(records):
+        keys.append(Patch(fc=mixed(FIXTURE, 0.6), ec=FIXTURE, label="load"))
     if bad:
         keys.append(Patch(fc=WRONG, label="wrong: see the list"))
     ax.legend(handles=keys, loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=4.5,

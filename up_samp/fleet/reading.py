@@ -18,7 +18,6 @@ _UNIONS = ("tuple[", "constrained", "function-", "Stop", "Place", "str")
 NOT_YET = {
     "battery": "batteries and charging are not supported yet",
     "charger": "batteries and charging are not supported yet",
-    "attached": "loads whose shape travels with the robot are not supported yet; load counts",
     "closes": "doors that close again are not supported yet",
 }
 """Keys that one may expect, and what to say of them."""

@@ -159,13 +159,26 @@ AnyPlace = Annotated[Place, BeforeValidator(_place, json_schema_input_type=Place
 
 
 @dataclass(frozen=True)
+class Attached:
+    """A load that travels with its robot: its footprint, and where it is in the robot's frame
+    (``offset``: x and y in m, heading in rad; on top of it where none is given).
+    """
+
+    __pydantic_config__ = STRICT
+    footprint: Outline
+    offset: Pose = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
 class Order:
     """One robot takes a load from ``pickup`` to ``delivery``.
 
-    ``load``: how many of each kind it takes up of the robot's capacity. ``skills``: what the robot
-    must have; ``robots``: who may do it (none named: all). ``after``: orders and tasks that have
-    ended before. ``priority``: an order of a higher one begins no later than those of lower ones.
-    ``optional``: it may be left out, which counts as ``penalty`` more seconds of makespan.
+    ``load``: how many of each kind it takes up of the robot's capacity. ``attached``: it has a
+    footprint, stands on the floor, and is one body with the robot that carries it. ``skills``:
+    what the robot must have; ``robots``: who may do it (none named: all). ``after``: orders and
+    tasks that have ended before. ``priority``: an order of a higher one begins no later than those
+    of lower ones. ``optional``: it may be left out, which counts as ``penalty`` more seconds of
+    makespan.
     """
 
     __pydantic_config__ = STRICT
@@ -173,6 +186,7 @@ class Order:
     pickup: AnyStop
     delivery: AnyStop
     load: Mapping[Name, Count] = field(default_factory=lambda: {"item": 1})
+    attached: Attached | None = None
     skills: Names = ()
     robots: Names = ()
     after: Names = ()

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from up_samp.fleet.faults import able, carries, needs_robot
+from up_samp.fleet.loads import ends_of
 from up_samp.fleet.records import FleetRecords, Order, RobotType
 
 
@@ -59,8 +60,9 @@ def visits_of(records: FleetRecords, robot: str) -> list[Visit]:
     visits = [Visit(robot, Role.START, mine.start, (mine.start,))]
     for order in records.orders:
         if robot in able(records, order) and carries(kind, order):
-            visits.append(Visit(robot, Role.PICKUP, order.id, order.pickup.at))
-            visits.append(Visit(robot, Role.DELIVERY, order.id, order.delivery.at))
+            pickups, deliveries = ends_of(order)
+            visits.append(Visit(robot, Role.PICKUP, order.id, pickups))
+            visits.append(Visit(robot, Role.DELIVERY, order.id, deliveries))
     for task in records.tasks:
         if needs_robot(task) and robot in able(records, task):
             visits.append(Visit(robot, Role.TASK, task.id, task.at))
@@ -100,12 +102,19 @@ class Successions:
             return False
         if a.what in self._orders and a.what == b.what:
             return a.role is Role.PICKUP
+        if self._rides(a, Role.PICKUP) or self._rides(b, Role.DELIVERY):
+            return False  # from the one to the other, and nowhere else
         if a.role in WORK and b.what in self._after.get(a.what, ()):
             return False
         if a.what in self._orders and b.what in self._orders:
             apart = a.role is Role.DELIVERY and b.role is Role.PICKUP
             return apart or self.together(a.what, b.what)
         return not (b.role is Role.END and a.role is Role.PICKUP)
+
+    def _rides(self, visit: Visit, role: Role) -> bool:
+        """Return whether a visit has that role in an order whose load travels with the robot."""
+        order = self._orders.get(visit.what)
+        return visit.role is role and order is not None and order.attached is not None
 
     def together(self, a: str, b: str) -> bool:
         """Return whether the robot can carry both orders' loads at the same time."""

@@ -66,6 +66,9 @@ def plot_map(
     for track in tracks:
         if not track.moves and track.initial is not None:
             labels += _draw_still(ax, track)
+    for track in tracks:
+        if not track.moves:
+            _draw_rides(ax, track, step)
     for stop in stops_of(movers, laid.places(places)):
         labels.append(_named(stop.track, " / ".join(stop.names), stop.pose, INK))
     for name, corner in laid.labels:
@@ -77,11 +80,14 @@ def plot_map(
 
 
 def places_of(problem: Any) -> dict[str, tuple[float, ...]]:
-    """Return the named configurations of a UP problem, for the labels of :func:`plot_map`."""
+    """Return the named configurations of a UP problem, for the labels of :func:`plot_map`.
+
+    Names with ``@`` are left out: ``Fleet`` gives them to poses that share a place.
+    """
     found: dict[str, tuple[float, ...]] = {}
     for obj in problem.all_objects:
         configuration = getattr(obj, "configuration", None)
-        if configuration is not None:
+        if configuration is not None and "@" not in obj.name:
             frame = tuple(obj.type.occupancy_map.reference_frame)
             height = float(frame[2]) if len(frame) == 7 else 0.0
             found[obj.name] = Place.at((float(v) for v in configuration), height)
@@ -109,6 +115,15 @@ def _draw_mover(ax: Axes, track: Track, color: str, step: float) -> None:
             _draw_body(ax, track, pose, fc=mixed(color, 0.35), ec=color, lw=1.1, zorder=4)
     if track.initial is not None:
         _draw_body(ax, track, track.initial, fc=color, ec=INK, lw=1.2, zorder=5)
+
+
+def _draw_rides(ax: Axes, track: Track, step: float) -> None:
+    """Draw where a load is on its robot's way."""
+    for leg in track.legs:
+        for pose in _along(leg, step):
+            outline = track.outline(pose)
+            style = {"fc": mixed(FIXTURE, 0.6), "ec": FIXTURE, "lw": 0.6, "alpha": 0.5}
+            ax.add_patch(Polygon(outline, closed=True, zorder=1.9, **style))
 
 
 def _draw_body(ax: Axes, track: Track, pose: _Pose, **style: Any) -> None:
@@ -203,6 +218,8 @@ def _legend(ax: Axes, movers: list[Track], still: list[Track]) -> None:
     keys.append(Patch(fc=mixed(INK, 0.5), ec=INK, label="a motion's start or end"))
     if still:
         keys.append(Patch(fc=FIXTURE, ec=INK, label="door, or other object, at first"))
+    if any(t.legs for t in still):
+        keys.append(Patch(fc=mixed(FIXTURE, 0.6), ec=FIXTURE, label="load on its robot"))
     if any(t.changes for t in still):
         keys.append(Patch(fc="none", ec=FIXTURE, ls="--", label="after a change"))
     ax.legend(

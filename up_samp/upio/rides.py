@@ -86,8 +86,13 @@ def laden_bodies(tasks: Iterable[MotionTask], floor: Floor) -> dict[tuple[str, i
         if task.rides:
             parts = [(floor.objects[r.load].body, r.offset) for r in task.rides]
             body = floor.objects[task.object].body
-            found[task.activity, task.index] = replace(body, footprint=_joined(body, parts))
+            found[task.activity, task.index] = laden_body(body, parts)
     return found
+
+
+def laden_body(body: Body, loads: Sequence[tuple[Body, Configuration]]) -> Body:
+    """Return a body with ``loads`` at poses in its frame, as one."""
+    return replace(body, footprint=_joined(body, loads))
 
 
 def _with(task: MotionTask, rides: tuple[Ride, ...]) -> MotionTask:

@@ -1,0 +1,135 @@
+"""Loads that travel with their robots: pallets on the floor, in the words of ``Fleet``."""
+
+from pathlib import Path
+
+import pytest
+from shapely.geometry import Polygon
+
+from up_samp.fleet import Fleet, FleetError
+from up_samp.fleet.checks import Level
+from up_samp.plotting.tracks import tracks_of
+from up_samp.validation import validate_plan
+
+MAPS = Path(__file__).parents[2] / "examples" / "maps"
+PALLET = (1.2, 1.0)
+FORKS = [(-0.9, -0.4), (0.5, -0.4), (0.5, 0.4), (-0.9, 0.4)]
+
+
+def floor(robots=1, footprint=(1.2, 0.8)):
+    """Two rooms with an opening of 4 m between them."""
+    fleet = Fleet(MAPS / "two_rooms.yaml")
+    fleet.add_robot_type(
+        "lift", footprint, model="diff", v_max=2.0, a_max=1.0, omega_max=2.0
+    )  # fmt: skip
+    for i in range(robots):
+        fleet.add_place(f"home{i}", 2, 3 + 4 * i)
+        fleet.add_robot(f"r{i}", "lift", f"home{i}", end=f"home{i}")
+    for name, x, y in (("a", 7, 3), ("b", 7, 12), ("c", 12, 12), ("d", 12, 4), ("e", 25, 11)):
+        fleet.add_place(name, x, y)
+    return fleet
+
+
+def solved(fleet):
+    result = fleet.solve(optimal=True)
+    assert result.plan is not None, result.explain()
+    assert validate_plan(fleet.problem, result.plan).valid
+    return result, {a["name"]: (a["start"], a["end"]) for a in result.data["activities"]}
+
+
+def shapes_at(result, when):
+    tracks = tracks_of(result.data)
+    return {t.name: Polygon(t.outline(t.at(when))) for t in tracks if t.at(when) is not None}
+
+
+def test_a_pallet_rides_and_stands_where_it_was_put():
+    fleet = floor()
+    fleet.add_order("o1", "a", "d", attached={"footprint": PALLET})
+    fleet.add_order("o2", "b", "c", attached={"footprint": PALLET})
+    result, times = solved(fleet)
+    for order, origin, to in (("o1", "a", "d"), ("o2", "b", "c")):
+        ride = times[f"carry_{order}_r0_{origin}_to_{to}"]
+        assert times[f"pick_{order}_r0"][1] <= ride[0]
+        assert ride[1] <= times[f"deliver_{order}_r0"][0]
+        rides = [m for m in result.data["motions"] if m["activity"].startswith(f"carry_{order}")]
+        middle = rides[0]["samples"]
+        world = shapes_at(result, middle[len(middle) // 2][0])
+        assert world["r0"].within(world[f"load@{order}"].buffer(0.2))
+    goal = shapes_at(result, 1e5)["load@o1"].centroid
+    assert (goal.x, goal.y) == pytest.approx((12, 4), abs=1e-3)
+
+
+def test_a_robot_drives_round_pallets_but_under_its_own():
+    fleet = floor()
+    fleet.add_order("o1", "a", "e", attached={"footprint": PALLET})
+    fleet.add_place("way", 4.5, 3)
+    fleet.add_order("late", "way", "c", attached={"footprint": PALLET}, after="o1")
+    result, _ = solved(fleet)
+    for motion in result.data["motions"]:
+        if motion["activity"] != "move_r0_home0_to_a@o1":
+            continue
+        for row in motion["samples"][::5]:
+            world = shapes_at(result, row[0])
+            assert world["r0"].intersection(world["load@late"]).area < 1e-6
+    last = shapes_at(result, motion["samples"][0][0])
+    assert last["r0"].area > 0
+
+
+@pytest.mark.parametrize("ahead", [0.7, 0.9, 1.0])
+def test_a_truck_carries_before_itself(ahead):
+    """Its forks are under the pallet, touch it, or are 10 cm away: then it drives round to it."""
+    fleet = floor(footprint=FORKS)
+    fleet.add_order("o", "a", "e", attached={"footprint": (0.8, 1.2), "offset": (ahead, 0.0, 0.0)})
+    result, _ = solved(fleet)
+    (ride,) = result.data["rides"]
+    assert ride["offset"] == [ahead, 0.0, 0.0]
+    come = next(m for m in result.data["motions"] if m["activity"] == "move_r0_home0_to_a@o")
+    worlds = [shapes_at(result, row[0]) for row in come["samples"][::5]]
+    into = [w["r0"].intersection(w["load@o"]).area > 1e-6 for w in worlds]
+    assert any(into) == (ahead < 0.9)
+
+
+def test_a_load_too_wide_for_the_opening_is_told_by_check_and_by_solve():
+    fleet = floor()
+    fleet.add_order("wide", "b", "e", attached={"footprint": (4.6, 4.6)})
+    errors = [str(f) for f in fleet.check() if f.level is Level.ERROR]
+    assert errors == [
+        "error: wide: no robot that may do it (r0) gets through with its load (proven)"
+    ]
+    assert fleet.solve().status == "UNSOLVABLE_PROVEN"
+    # as a load that only counts, it goes through
+    bare = floor()
+    bare.add_order("wide", "b", "e")
+    solved(bare)
+
+
+def test_pallets_at_the_same_place_get_out_of_each_others_way():
+    """o2's pallet stands where o1's is to be put: it has to go first."""
+    fleet = floor(2)
+    fleet.add_order("o1", "a", "b", attached={"footprint": PALLET})
+    fleet.add_order("o2", "b", "c", attached={"footprint": PALLET})
+    result, times = solved(fleet)
+    first = next(v for k, v in times.items() if k.startswith("carry_o2"))
+    then = next(v for k, v in times.items() if k.startswith("carry_o1"))
+    assert first[0] < then[1]
+    for when in range(0, int(result.makespan) + 1):
+        world = shapes_at(result, float(when))
+        assert world["load@o1"].intersection(world["load@o2"]).area < 1e-6
+
+
+def test_a_load_stands_at_one_place_and_goes_to_another():
+    fleet = floor()
+    with pytest.raises(FleetError, match=r"orders\[0\].pickup: its load stands at one place"):
+        fleet.add_order("o", ["a", "b"], "c", attached={"footprint": PALLET})
+    with pytest.raises(FleetError, match=r"orders\[0\].delivery: its load stands at 'a' already"):
+        fleet.add_order("o", "a", ["a", "b"], attached={"footprint": PALLET})
+    with pytest.raises(FleetError, match=r"orders\[0\].attached.footprint"):
+        fleet.add_order("o", "a", "b", attached={"footprint": [1.0]})
+
+
+def test_loads_that_overlap_at_first_are_told():
+    fleet = floor()
+    fleet.add_place("near", 7.5, 3)
+    fleet.add_order("o1", "a", "b", attached={"footprint": PALLET})
+    fleet.add_order("o2", "near", "c", attached={"footprint": PALLET})
+    text = "error: o1: the load of 'o1' and the load of 'o2' would overlap at first"
+    assert text in [str(f) for f in fleet.check()]
