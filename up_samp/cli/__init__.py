@@ -8,6 +8,7 @@ import argparse
 import gc
 import io
 import os
+import signal
 import sys
 from collections.abc import Sequence
 
@@ -15,6 +16,7 @@ from up_samp.model.errors import SampError
 
 ERROR = 2
 INTERRUPTED = 130
+TERMINATED = 143
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -44,6 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):  # names in any script, on any terminal
                 stream.reconfigure(errors="backslashreplace")
+        signal.signal(signal.SIGTERM, _terminate)
     args = make_parser().parse_args(argv)
     from unified_planning.shortcuts import get_environment
 
@@ -53,9 +56,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         if sys.stdout is not None:
             sys.stdout.flush()
         return code
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
         print("\nup-samp: stopped", file=sys.stderr)
-        return INTERRUPTED
+        return TERMINATED if _was_terminated(stop) else INTERRUPTED
     except BrokenPipeError:
         # whoever read our output has seen enough; let the interpreter's exit not complain
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -65,6 +68,20 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         print(f"up-samp: {_message(error)}", file=sys.stderr)
         return ERROR
+
+
+class _Terminated(KeyboardInterrupt):
+    """SIGTERM: like Ctrl-C, so that the best plan is kept and files are whole."""
+
+
+def _terminate(_number: int, _frame: object) -> None:
+    raise _Terminated
+
+
+def _was_terminated(stop: BaseException | None) -> bool:
+    while stop is not None and not isinstance(stop, _Terminated):
+        stop = stop.__cause__
+    return stop is not None
 
 
 def _message(error: Exception) -> str:

@@ -20,6 +20,7 @@ from up_samp.cli.progress import Progress
 from up_samp.cli.table import schedule_table
 from up_samp.io import PlanDict, result_to_dict, write_plan
 from up_samp.model import EngineError, UnsupportedError
+from up_samp.model.errors import InterruptedSearch
 from up_samp.search.params import PRESETS
 from up_samp.system.files import check_folder
 
@@ -92,8 +93,20 @@ def solve_and_show(problem: SchedulingProblem, args: argparse.Namespace) -> int:
         if folder is not None:
             check_folder(folder, option)
     started = time.monotonic()
-    result = _solve(problem, args)
-    seconds = time.monotonic() - started
+    try:
+        result = _solve(problem, args)
+    except InterruptedSearch as stop:
+        _show(problem, args, stop.result, time.monotonic() - started)
+        raise
+    return _show(problem, args, result, time.monotonic() - started)
+
+
+def _show(
+    problem: SchedulingProblem,
+    args: argparse.Namespace,
+    result: PlanGenerationResult,
+    seconds: float,
+) -> int:
     if result.plan is None:
         _explain_failure(problem, result, seconds)
         return 1

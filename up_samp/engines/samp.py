@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
+import logging
+import traceback
 import warnings
 from collections.abc import Callable, Iterator
 from typing import IO, TYPE_CHECKING, Any
@@ -23,7 +27,8 @@ from unified_planning.plans import Plan, Schedule
 
 from up_samp.engines.direct import DirectFace
 from up_samp.engines.kinds import engine_kind, samp_kind
-from up_samp.model import Deadline, EngineError, MotionModel, Refusal
+from up_samp.model import Deadline, EngineError, MotionModel, Refusal, SampError
+from up_samp.model.errors import InterruptedSearch, short
 from up_samp.model.refinement import Layer
 from up_samp.scheduling.quirks import is_compatible
 from up_samp.search.params import split_parameters
@@ -37,6 +42,8 @@ if TYPE_CHECKING:
 
 # schedulers, motion planners and the validator are imported when a problem is solved: UP imports
 # this module when it is asked for its engines
+
+log = logging.getLogger(__name__)
 
 credits = Credits(
     "samp-refine",
@@ -184,6 +191,7 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         moves = isinstance(problem, SchedulingMotionProblem) and problem.motion_activities
         # imports, too, are made before the clock runs
         from up_samp.engines.plain import schedule_plainly
+        from up_samp.search.conclusion import Conclusion, SearchResult
         from up_samp.search.loop import InvalidPlanError
         from up_samp.search.session import run
 
@@ -198,7 +206,8 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         if not moves:
             yield schedule_plainly(self, problem, deadline, optimal)
             return
-        search = self._open(problem, deadline, stream)
+        told = _Listener(self._progress(stream))
+        search = self._open(problem, deadline, told)
         steps = run(search, optimal=optimal)
         try:
             while True:
@@ -207,18 +216,29 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
             yield self._final(problem, search, stop.value)
         except (InvalidPlanError, EngineError) as error:
             yield self._failure(problem, search, str(error))
+        except KeyboardInterrupt as stop:
+            if search.bounds.incumbent is None:
+                raise
+            best = SearchResult(Conclusion.SOLVED, "stopped; this is the best plan until then")
+            raise InterruptedSearch(self._final(problem, search, best)) from stop
+        except Exception as error:
+            planned = search.bounds.incumbent is not None
+            if told.failed or (isinstance(error, SampError) and not planned):
+                raise
+            log.exception("the search broke down")
+            yield self._failure(problem, search, _broke_down(error))
         finally:
             steps.close()
 
     def _open(
-        self, problem: SchedulingMotionProblem, deadline: Deadline, stream: IO[str] | None
+        self, problem: SchedulingMotionProblem, deadline: Deadline, told: _Listener
     ) -> Search:
         from up_samp.search.session import open_search
         from up_samp.validation import validate_plan, validate_schedule
 
         params = self.params
-        if stream is not None and params.progress is None:
-            params = _with_progress(params, stream)
+        if told.tell is not None:
+            params = dataclasses.replace(params, progress=told)
         spu = params.seconds_per_unit
 
         def check_plan(plan: SampSchedule) -> list[Refusal]:
@@ -240,6 +260,11 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
             check_plan=check_plan,
             native=self._native,
         )
+
+    def _progress(self, stream: IO[str] | None) -> Callable[[ProgressEvent], None] | None:
+        if self.params.progress is not None or stream is None:
+            return self.params.progress
+        return functools.partial(_write_event, stream)
 
     # ------------------------------------------------------------------ results
     def _intermediate(self, search: Search, incumbent: Incumbent) -> PlanGenerationResult:
@@ -316,18 +341,33 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         return metrics
 
 
-def _with_progress(params: Any, stream: IO[str]) -> Any:
-    """Return parameters that write each step to ``stream``."""
-    import dataclasses
+class _Listener:
+    """Hands progress on. What the listener raises is meant to end the solve: it is no breakdown."""
 
-    def write(event: ProgressEvent) -> None:
-        bounds = f"[{event.lower_bound}, {event.upper_bound}]"
-        stream.write(
-            f"{event.elapsed:8.2f} s  round {event.round}  {bounds}  {event.phase}: "
-            f"{event.message}\n"
-        )
+    def __init__(self, tell: Callable[[ProgressEvent], None] | None) -> None:
+        self.tell, self.failed = tell, False
 
-    return dataclasses.replace(params, progress=write)
+    def __call__(self, event: ProgressEvent) -> None:
+        assert self.tell is not None
+        try:
+            self.tell(event)
+        except BaseException:
+            self.failed = True
+            raise
+
+
+def _write_event(stream: IO[str], event: ProgressEvent) -> None:
+    bounds = f"[{event.lower_bound}, {event.upper_bound}]"
+    stream.write(
+        f"{event.elapsed:8.2f} s  round {event.round}  {bounds}  {event.phase}: {event.message}\n"
+    )
+
+
+def _broke_down(error: Exception) -> str:
+    """Return what was raised and where, for a message."""
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    said = short(str(error), 500) or "no further word"
+    return f"{type(error).__name__}: {said} ({place.filename}, line {place.lineno})"
 
 
 __all__ = ["SampRefine", "SampResult"]

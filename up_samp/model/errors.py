@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import reprlib
+from typing import Any
 
 
 class SampError(Exception):
@@ -19,6 +20,16 @@ class UnsupportedError(SampError, NotImplementedError):
 
 class EngineError(SampError, RuntimeError):
     """A wrapped engine crashed, answered wrongly, or overran its deadline."""
+
+
+class InterruptedSearch(KeyboardInterrupt):
+    """Ctrl-C (or whatever raises ``KeyboardInterrupt``) after the search had found a plan:
+    ``result`` is the UP result with the best one until then.
+    """
+
+    def __init__(self, result: Any) -> None:
+        super().__init__("the search was stopped; its best plan is in 'result'")
+        self.result = result
 
 
 def short(value: object, size: int = 80) -> str:

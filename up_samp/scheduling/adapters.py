@@ -299,9 +299,12 @@ class EngineScheduler:
             if answer.status == "exception":
                 message = _broke_down(self.name, answer.message)
             return _report(status, lower_bound, started, message)
-        schedule = compiled.map_back(CandidateSchedule(answer.times, answer.parameters))
-        schedule = complete(self._problem, schedule)
-        wrong = self._violations(schedule)
+        try:
+            schedule = compiled.map_back(CandidateSchedule(answer.times, answer.parameters))
+            schedule = complete(self._problem, schedule)
+            wrong = self._violations(schedule)
+        except LookupError as error:
+            wrong = [f"{error} is missing in it, or not in the problem"]
         if wrong:
             message = f"engine {self.name} {_WRONG}: " + "; ".join(wrong)
             return _report(ScheduleStatus.ERROR, lower_bound, started, message)
@@ -349,7 +352,8 @@ def _satisficing(engine: Any) -> Any:
     from up_samp.scheduling.quirks import quirks_of
 
     name = quirks_of(engine).satisficing
-    return engine if name is None else getattr(sys.modules[engine.__module__], name)
+    # an engine derived from a known one lives elsewhere, and is asked itself
+    return engine if name is None else getattr(sys.modules[engine.__module__], name, engine)
 
 
 def _broke_down(engine: str, told: str) -> str:

@@ -111,6 +111,7 @@ def _end(process: subprocess.Popen[bytes], folder: str, errors: IO[bytes]) -> No
     with contextlib.suppress(ProcessLookupError, PermissionError):
         os.killpg(process.pid, signal.SIGKILL)
     process.wait()
+    child.end_all_with("TMPDIR", folder)  # servers in sessions of their own
     for stream in (process.stdin, process.stdout, errors):
         if stream is not None:
             with contextlib.suppress(OSError):

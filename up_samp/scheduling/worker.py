@@ -26,6 +26,7 @@ from dataclasses import dataclass, field
 from typing import IO, Any
 
 from up_samp.scheduling.compilers.plain import PlainProblem
+from up_samp.system import child
 
 _LONGEST = 2.0e6
 """Longest time limit (s) for an engine: aries counts milliseconds in 32 bits."""
@@ -159,6 +160,7 @@ def _read_tasks(stream: IO[bytes], tasks: queue.SimpleQueue[Task], folder: str) 
         while True:
             tasks.put(receive(stream))
     except (EOFError, OSError):
+        child.end_all_with("TMPDIR", folder)
         shutil.rmtree(folder, ignore_errors=True)
         os.killpg(os.getpgid(0), signal.SIGKILL)
 

@@ -43,7 +43,12 @@ def conclude_without_schedule(search: Search, report: ScheduleReport) -> SearchR
     if search.budget.deadline.expired() or bounds.met:
         return conclude(search)
     if report.status in (ScheduleStatus.OUT_OF_TIME, ScheduleStatus.FOUND):
-        return None if search.components.pace.more(planned=planned) else conclude(search)
+        if search.components.pace.more(planned=planned):
+            return None
+        if planned:
+            return conclude(search)
+        why = report.message or "the scheduler gave up before its time was over"
+        return SearchResult(Conclusion.OUT_OF_TIME, why)
     if not planned:
         facts = refutation(search, report)
         if facts is not None:

@@ -6,7 +6,9 @@ a module that lies there by chance, or by malice, would be run. Children get thi
 
 from __future__ import annotations
 
+import contextlib
 import os
+import signal
 import sys
 import threading
 from collections.abc import Mapping, Sequence
@@ -51,6 +53,40 @@ def environment(extra: Mapping[str, str] | None = None) -> dict[str, str]:
     """Return this process's environment variables with ``extra``, and its path for the child."""
     paths = [p for p in sys.path if os.path.isabs(p)]
     return {**os.environ, **(extra or {}), "PYTHONPATH": os.pathsep.join(paths)}
+
+
+def end_all_with(variable: str, value: str) -> None:
+    """Kill all processes that have ``variable=value`` in their environment but this one: those
+    that a child started, and they in turn, whatever session they are in (where the system shows
+    environments as Linux does; nowhere else).
+    """
+    wanted = f"{variable}={value}".encode()
+    for _ in range(_ROUNDS):
+        found = [pid for pid in _pids() if pid != os.getpid() and _has(pid, wanted)]
+        if not found:
+            return
+        for pid in found:
+            with contextlib.suppress(OSError):
+                os.kill(pid, signal.SIGKILL)
+
+
+_ROUNDS = 5
+"""Times to look again: a process may start another one before it is killed."""
+
+
+def _pids() -> list[int]:
+    try:
+        return [int(entry) for entry in os.listdir("/proc") if entry.isdigit()]
+    except OSError:
+        return []
+
+
+def _has(pid: int, wanted: bytes) -> bool:
+    try:
+        with open(f"/proc/{pid}/environ", "rb") as stream:
+            return wanted in stream.read().split(b"\0")
+    except OSError:  # another user's, or gone
+        return False
 
 
 def die_with(descriptor: int) -> None:
