@@ -1,5 +1,5 @@
-"""Wrapped engines that misbehave: aries-opt but for one thing, from the first call on, or (names that
-end in ``Later``) from the third, when there is a plan to be kept.
+"""Wrapped engines that misbehave: aries-opt but for one thing, from the first call on, or (names
+that end in ``Later``) from the third, when there is a plan to be kept.
 """
 
 from __future__ import annotations
