@@ -80,7 +80,7 @@ def bad_engines(names: list[str], *, later: bool, timeout: float = 8.0):
             wrong.append(f"only {len(events)} of {len(names)} ran: {outcome.err[-600:]}")
         for name, event in zip(names, events, strict=False):
             wrong += _after_kept(event, name) if later else _after_nothing(event, name)
-            if event.get("seconds", 0) > timeout + 2 * LATE:
+            if event.get("seconds", 0) > timeout + LATE:
                 wrong.append(f"{name} took {event['seconds']:.1f} s")
         return wrong
 
