@@ -13,8 +13,8 @@ PLACES = {
     "leg": ("up_samp.motion.legs", "Legs", "find"),
     "certificate": ("up_samp.motion.proofs.certificates", "Certifier", "prove"),
     "bound": ("up_samp.motion.proofs.bounds", "Bounds", "duration"),
-    "tidy": ("up_samp.search.session", None, "tidied"),
-    "repair": ("up_samp.search.loop", None, "repair"),
+    "tidy": ("up_samp.search.tidy", None, "_loose"),
+    "repair": ("up_samp.search.repair", "Repairing", "__call__"),
 }
 
 

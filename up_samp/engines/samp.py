@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-import functools
 import logging
 import traceback
 import warnings
@@ -206,8 +204,7 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         if not moves:
             yield schedule_plainly(self, problem, deadline, optimal)
             return
-        told = _Listener(self._progress(stream))
-        search = self._open(problem, deadline, told)
+        search = self._open(problem, deadline, stream)
         steps = run(search, optimal=optimal)
         try:
             while True:
@@ -223,7 +220,7 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
             raise InterruptedSearch(self._final(problem, search, best)) from stop
         except Exception as error:
             planned = search.bounds.incumbent is not None
-            if told.failed or (isinstance(error, SampError) and not planned):
+            if _was_asked_for(error) or (isinstance(error, SampError) and not planned):
                 raise
             log.exception("the search broke down")
             yield self._failure(problem, search, _broke_down(error))
@@ -231,14 +228,14 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
             steps.close()
 
     def _open(
-        self, problem: SchedulingMotionProblem, deadline: Deadline, told: _Listener
+        self, problem: SchedulingMotionProblem, deadline: Deadline, stream: IO[str] | None
     ) -> Search:
         from up_samp.search.session import open_search
         from up_samp.validation import validate_plan, validate_schedule
 
         params = self.params
-        if told.tell is not None:
-            params = dataclasses.replace(params, progress=told)
+        if stream is not None and params.progress is None:
+            params = _with_progress(params, stream)
         spu = params.seconds_per_unit
 
         def check_plan(plan: SampSchedule) -> list[Refusal]:
@@ -260,11 +257,6 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
             check_plan=check_plan,
             native=self._native,
         )
-
-    def _progress(self, stream: IO[str] | None) -> Callable[[ProgressEvent], None] | None:
-        if self.params.progress is not None or stream is None:
-            return self.params.progress
-        return functools.partial(_write_event, stream)
 
     # ------------------------------------------------------------------ results
     def _intermediate(self, search: Search, incumbent: Incumbent) -> PlanGenerationResult:
@@ -341,26 +333,26 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         return metrics
 
 
-class _Listener:
-    """Hands progress on. What the listener raises is meant to end the solve: it is no breakdown."""
+def _with_progress(params: Any, stream: IO[str]) -> Any:
+    """Return parameters that write each step to ``stream``."""
+    import dataclasses
 
-    def __init__(self, tell: Callable[[ProgressEvent], None] | None) -> None:
-        self.tell, self.failed = tell, False
+    def write(event: ProgressEvent) -> None:
+        bounds = f"[{event.lower_bound}, {event.upper_bound}]"
+        stream.write(
+            f"{event.elapsed:8.2f} s  round {event.round}  {bounds}  {event.phase}: "
+            f"{event.message}\n"
+        )
 
-    def __call__(self, event: ProgressEvent) -> None:
-        assert self.tell is not None
-        try:
-            self.tell(event)
-        except BaseException:
-            self.failed = True
-            raise
+    return dataclasses.replace(params, progress=write)
 
 
-def _write_event(stream: IO[str], event: ProgressEvent) -> None:
-    bounds = f"[{event.lower_bound}, {event.upper_bound}]"
-    stream.write(
-        f"{event.elapsed:8.2f} s  round {event.round}  {bounds}  {event.phase}: {event.message}\n"
-    )
+def _was_asked_for(error: Exception) -> bool:
+    """Return whether an observer raised it: that is how one ends a search."""
+    from up_samp.search import events
+
+    frames = traceback.walk_tb(error.__traceback__)
+    return any(frame.f_globals is vars(events) for frame, _ in frames)
 
 
 def _broke_down(error: Exception) -> str:
