@@ -103,6 +103,9 @@ class RandomRoutes:
                 extra()
         if self.chance(0.2):
             self._by_state()
+        own = random.Random(seed + 10**6)  # so that what else is drawn does not change
+        if own.random() < 0.5:
+            self._openings(own)
         for t in self.travellers:
             self._one_at_a_time(self.busy[t])
         self.p.add_quality_metric(MinimizeMakespan())
@@ -215,6 +218,26 @@ class RandomRoutes:
             if self.chance(0.7):
                 a.add_condition(begin(a), Equals(self.door(), self.shut))
             a.add_effect(a.end, self.door(), value)
+
+    def _openings(self, r):
+        """Let everybody open the door from one place, again and again; seldom also shut it."""
+        place, length = r.choice(self.spots), r.choice([1, 1, 2])
+        value = r.choice([self.open, self.open, self.ajar])
+        early = r.choice([0, 0, 1])
+        for n, t in itertools.product(range(r.choice([1, 1, 2])), self.travellers):
+            longer = r.random() < 0.1
+            a = self._stop(f"open{n}_{t}", t, length + longer, [place], begin, True)
+            shuts = r.random() < 0.1
+            a.add_effect(Timing(-early, a.end), self.door(), self.shut if shuts else value)
+            kind = r.random()
+            if kind < 0.1:
+                a.add_effect(a.end, self.flag(), True)
+            elif kind < 0.2:
+                self.p.add_constraint(Implies(r.choice(self.stops).present, a.present))
+            elif kind < 0.3:
+                self.p.add_constraint(LE(a.end, r.choice(self.stops).start), present(a))
+            elif kind < 0.4:
+                a.add_condition(begin(a), Equals(self.door(), self.shut))
 
     # -- what is beside the shape ----------------------------------------------------------------
     def _side_effects(self):

@@ -1,34 +1,20 @@
 """Who does what where: the tasks of travellers, for quick constructive schedules.
 
 A task is one of several alternatives (stops of routes) that are done once; its times are one start
-variable. What the tasks need is read off the full model: order, machines, doors, places for one.
+variable, and whatever opens the same door is one task. What the tasks need is read off the full
+model: order, machines, doors, places for one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from up_samp.scheduling.cpsat.encode.statevars import Key
 from up_samp.scheduling.cpsat.encode.store import TRUE, Cmp
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.detection import Route, UnitPlace, find_unit_places
-
-
-@dataclass
-class Task:
-    """Done once, in one of ``ways``: (route, stop's name, places). ``after`` are (task, time from
-    its start), ``apart`` are (task, gap). ``changes`` are (state, value, time from the start).
-    A ``visit`` is done by nothing but arriving.
-    """
-
-    length: int
-    wanted: bool
-    ways: list[tuple[int, str, frozenset[int]]] = field(default_factory=list)
-    after: list[tuple[int, int]] = field(default_factory=list)
-    apart: list[tuple[int, int]] = field(default_factory=list)
-    changes: list[tuple[Key, int, int]] = field(default_factory=list)
-    visit: bool = False
+from up_samp.scheduling.cpsat.routing.openings import Task, with_openings
 
 
 @dataclass
@@ -82,6 +68,7 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> Work | None:
                 tasks[i].apart.append((j, gap))
                 tasks[j].apart.append((i, gap))
     _find_changes(model, owners, tasks)
+    tasks = with_openings(model, routes, tasks)
     initial = {key: state.initial for key, state in model.states.vars.items()}
     return Work(routes, tasks, find_unit_places(model, routes), initial)
 

@@ -16,7 +16,8 @@ from dataclasses import dataclass, field
 from up_samp.model import CandidateSchedule
 from up_samp.scheduling.cpsat.encode.statevars import Key
 from up_samp.scheduling.cpsat.routing.detection import Entry, Move, Route, Still, UnitPlace
-from up_samp.scheduling.cpsat.routing.dispatch import Task, Work
+from up_samp.scheduling.cpsat.routing.dispatch import Work
+from up_samp.scheduling.cpsat.routing.openings import Task
 
 Step = tuple[int, int]
 """(task, number of its way; -1: whichever is done first)."""
@@ -283,7 +284,10 @@ def sequence_of(work: Work, schedule: CandidateSchedule) -> list[Step]:
         for way, (_, name, _) in enumerate(task.ways):
             if name in schedule.times:
                 found.append((*schedule.times[name], number, way))
-    return [(number, way) for _, _, number, way in sorted(found)]
+    first: dict[int, int] = {}
+    for _, _, number, way in sorted(found):
+        first.setdefault(number, way)  # who opens a door again changes nothing
+    return list(first.items())
 
 
 def improve(work: Work, rounds: int, seed: int, over: Callable[[], bool]) -> Tour | None:

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from up_samp.scheduling.cpsat.routing.detection import INFINITE, Route
-from up_samp.scheduling.cpsat.routing.dispatch import Task, Work
+from up_samp.scheduling.cpsat.routing.dispatch import Work
+from up_samp.scheduling.cpsat.routing.openings import Task
 
 MOST_STATES = 2_000_000
 """States of the dynamic programme; more of them take longer than they are worth."""
@@ -54,13 +55,13 @@ class Programme:
     spots: list[list[int]]
 
     @staticmethod
-    def of(work: Work) -> Programme | None:
-        """Return the programme, ``None`` if it would be too large."""
-        wanted = [i for i, task in enumerate(work.tasks) if task.wanted]
+    def of(work: Work, *, doors: bool = True) -> Programme | None:
+        """Return the programme, ``None`` if it would be too large; with what opens ``doors``."""
+        wanted = [i for i, task in enumerate(work.tasks) if task.wanted or (doors and task.needed)]
         number = {task: k for k, task in enumerate(wanted)}
         before = [0] * len(wanted)
         for task in wanted:
-            for earlier, gap in work.tasks[task].after:
+            for earlier, gap in (*work.tasks[task].after, *work.tasks[task].opened):
                 if earlier in number and gap > 0:
                     before[number[task]] |= 1 << number[earlier]
         spots: list[set[int]] = [set() for _ in work.routes]

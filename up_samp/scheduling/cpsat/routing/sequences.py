@@ -128,7 +128,7 @@ def _waits(work: Work, programme: Programme) -> dict[tuple[int, int], int]:
     found: dict[tuple[int, int], int] = {}
     for task in programme.tasks:
         here = number[id(task)]
-        for earlier, gap in task.after:
+        for earlier, gap in (*task.after, *task.opened):
             there = number.get(id(work.tasks[earlier]))
             if there is not None:
                 found[there, here] = max(gap, found.get((there, here), 0))

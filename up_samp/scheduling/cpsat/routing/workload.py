@@ -16,7 +16,8 @@ from up_samp.scheduling.cpsat.encode.statevars import Key
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.assignment import bound_by_assignment
 from up_samp.scheduling.cpsat.routing.detection import INFINITE, Route
-from up_samp.scheduling.cpsat.routing.dispatch import Task, Work
+from up_samp.scheduling.cpsat.routing.dispatch import Work
+from up_samp.scheduling.cpsat.routing.openings import Task
 from up_samp.scheduling.cpsat.routing.programme import Programme, cost, way_back
 from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
 
@@ -59,13 +60,18 @@ def bound_by_work(
     :param over: tells that the time is up.
     :param thorough: also prove by sequences of tasks, which may take a second.
     """
-    programme = Programme.of(work)
+    programme = Programme.of(work) or Programme.of(work, doors=False)
     if programme is None:
         return bound_by_assignment(work, known)
     tables = programme.tables(over)
     if tables is None or programme.start(tables) >= INFINITE:
         return known
-    extra = sum(_squeezed(work, tasks) for tasks in _needed(model, work))
+    counted = {id(task) for task in programme.tasks}
+    extra = sum(
+        _squeezed(work, tasks)
+        for tasks in _needed(model, work)
+        if not any(id(task) in counted for task in tasks)
+    )
     total = programme.start(tables) + extra
     known = max(known, -(-total // len(lanes(model, work.routes))))
     if not thorough:
