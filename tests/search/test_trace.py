@@ -75,6 +75,6 @@ def test_what_is_ignored_is_said(tmp_path):
     problem = blocked(tmp_path)
     with OneshotPlanner(name="samp-refine[cpsat]") as planner:
         first = planner.solve(problem, timeout=60)
-        with pytest.warns(UserWarning, match="ignores the warm start plan"):
-            again = planner.solve(problem, timeout=60, warm_start_plan=first.plan)
+        with pytest.warns(UserWarning, match="ignores the heuristic"):
+            again = planner.solve(problem, heuristic=lambda state: 0.0, timeout=60)
     assert again.metrics["makespan"] == first.metrics["makespan"]

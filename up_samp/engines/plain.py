@@ -12,10 +12,11 @@ from unified_planning.engines import (
 )
 from unified_planning.engines.mixins.oneshot_planner import OptimalityGuarantee
 from unified_planning.model.motion import SchedulingMotionProblem
-from unified_planning.plans import Schedule
+from unified_planning.plans import Plan, Schedule
 
 from up_samp.model import Deadline, ScheduleReport, ScheduleStatus
 from up_samp.scheduling import open_scheduler
+from up_samp.search.start import start_of
 from up_samp.upio import build_schedule, read_problem, relax
 from up_samp.validation import validate_schedule
 
@@ -30,9 +31,12 @@ _STATUSES = {
 
 
 def schedule_plainly(
-    engine: Any, problem: Any, deadline: Deadline, optimal: bool
+    engine: Any, problem: Any, deadline: Deadline, optimal: bool, start: Plan | None = None
 ) -> PlanGenerationResult:
-    """Return the wrapped engine's schedule for a problem that moves nothing, validated."""
+    """Return the wrapped engine's schedule for a problem that moves nothing, validated.
+
+    ``start`` is a plan to begin from, for engines that can.
+    """
     plain = problem
     if isinstance(problem, SchedulingMotionProblem):
         plain = relax(problem, read_problem(problem, engine.params.seconds_per_unit)).problem
@@ -45,7 +49,9 @@ def schedule_plainly(
         environment=problem.environment,
     )
     try:
-        report = scheduler.solve(deadline, optimal=optimal or bool(problem.quality_metrics))
+        hint = None if start is None else start_of(plain, start)
+        wanted = optimal or bool(problem.quality_metrics)
+        report = scheduler.solve(deadline, optimal=wanted, hint=hint)
     finally:
         scheduler.close()
     return _to_result(engine, problem, report)

@@ -132,8 +132,11 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         output_stream: IO[str] | None,
         warm_start_plan: Plan | None,
     ) -> PlanGenerationResult:
-        self._ignore(warm_start_plan)
-        return self._solve(problem, heuristic, timeout, output_stream)
+        if heuristic is not None:
+            warnings.warn(f"{self.name} ignores the heuristic", stacklevel=3)
+        optimal = self._wants_optimum(problem)
+        results = self._results(problem, timeout, output_stream, optimal, warm_start_plan)
+        return list(results)[-1]
 
     def _improve_directly(
         self,
@@ -142,12 +145,8 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         output_stream: IO[str] | None,
         warm_start_plan: Plan | None,
     ) -> Iterator[PlanGenerationResult]:
-        self._ignore(warm_start_plan)
-        return self._get_solutions(problem, timeout, output_stream)
-
-    def _ignore(self, warm_start_plan: Plan | None) -> None:
-        if warm_start_plan is not None:
-            warnings.warn(f"{self.name} ignores the warm start plan", stacklevel=4)
+        optimal = bool(problem.quality_metrics) and self.params.optimal is not False
+        return self._results(problem, timeout, output_stream, optimal, warm_start_plan)
 
     def _solve(
         self,
@@ -156,10 +155,7 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         timeout: float | None = None,
         output_stream: IO[str] | None = None,
     ) -> PlanGenerationResult:
-        if heuristic is not None:
-            warnings.warn(f"{self.name} ignores the heuristic", stacklevel=2)
-        optimal = self._wants_optimum(problem)
-        return list(self._results(problem, timeout, output_stream, optimal))[-1]
+        return self._solve_directly(problem, heuristic, timeout, output_stream, None)
 
     def _get_solutions(
         self,
@@ -167,8 +163,7 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         timeout: float | None = None,
         output_stream: IO[str] | None = None,
     ) -> Iterator[PlanGenerationResult]:
-        optimal = bool(problem.quality_metrics) and self.params.optimal is not False
-        yield from self._results(problem, timeout, output_stream, optimal)
+        yield from self._improve_directly(problem, timeout, output_stream, None)
 
     def _wants_optimum(self, problem: Any) -> bool:
         if not problem.quality_metrics:
@@ -183,9 +178,17 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         return bool(getattr(self._engine_class, "has_sessions", False))
 
     def _results(
-        self, problem: Any, timeout: float | None, stream: IO[str] | None, optimal: bool
+        self,
+        problem: Any,
+        timeout: float | None,
+        stream: IO[str] | None,
+        optimal: bool,
+        start: Plan | None,
     ) -> Iterator[PlanGenerationResult]:
-        """Yield each better plan as INTERMEDIATE, and last the final result."""
+        """Yield each better plan as INTERMEDIATE, and last the final result.
+
+        ``start``: a plan to begin from, of this problem or of one with some of its activities.
+        """
         moves = isinstance(problem, SchedulingMotionProblem) and problem.motion_activities
         # imports, too, are made before the clock runs
         from up_samp.engines.plain import schedule_plainly
@@ -202,9 +205,9 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
             precompile(models, several=len(movable) > 1)
         deadline = Deadline.after(timeout)
         if not moves:
-            yield schedule_plainly(self, problem, deadline, optimal)
+            yield schedule_plainly(self, problem, deadline, optimal, start)
             return
-        search = self._open(problem, deadline, stream)
+        search = self._open(problem, deadline, stream, start)
         steps = run(search, optimal=optimal)
         try:
             while True:
@@ -228,7 +231,11 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
             steps.close()
 
     def _open(
-        self, problem: SchedulingMotionProblem, deadline: Deadline, stream: IO[str] | None
+        self,
+        problem: SchedulingMotionProblem,
+        deadline: Deadline,
+        stream: IO[str] | None,
+        start: Plan | None,
     ) -> Search:
         from up_samp.search.session import open_search
         from up_samp.validation import validate_plan, validate_schedule
@@ -256,6 +263,7 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
             check_schedule=check_schedule,
             check_plan=check_plan,
             native=self._native,
+            start=start,
         )
 
     # ------------------------------------------------------------------ results

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Generator
 from dataclasses import replace
 
-from up_samp.model import CandidateSchedule, ScheduleReport
+from up_samp.model import CandidateSchedule, ScheduleReport, ScheduleStatus
 from up_samp.model.refinement import Refinement
 from up_samp.search.bounds import Incumbent
 from up_samp.search.check import Check
@@ -24,6 +24,7 @@ from up_samp.search.cuts.refused import cuts_from
 from up_samp.search.events import Phase
 from up_samp.search.history import Round
 from up_samp.search.search import Search
+from up_samp.search.start import START_ROUNDS, motions_of, near
 from up_samp.upio import Itinerary, read_itinerary
 
 
@@ -32,6 +33,12 @@ def solve(search: Search, *, optimal: bool) -> Generator[Incumbent, None, Search
 
     Yields each plan that is better than all before it, and returns how the search ended.
     """
+    if search.start is not None:
+        begun = begin_from(search, search.start)
+        if begun is not None:
+            yield begun
+            if not optimal:
+                return conclude(search)
     state_what_is_known(search)
     while not search.budget.deadline.expired():
         if search.stop is not None and search.stop(search.tell.state()):
@@ -55,6 +62,37 @@ def solve(search: Search, *, optimal: bool) -> Generator[Incumbent, None, Search
         if not refused and is_done(search, check, learned, optimal=optimal):
             break
     return conclude(search)
+
+
+def begin_from(search: Search, start: CandidateSchedule) -> Incumbent | None:
+    """Return a plan with the activities of ``start``, if one is found soon."""
+    search.tell.stage(Phase.PREPARE, "what the plan drives")
+    state_durations_of(search, start)
+    for _ in range(START_ROUNDS):
+        schedule = near(search, start)
+        if schedule is None or search.budget.deadline.expired():
+            return None
+        itinerary = read_itinerary(search.knowledge.relaxation, shaped(search, schedule))
+        check = check_motions(search, itinerary)
+        learned = search.learn(check.refinements)
+        found = adopt_or_repair(search, itinerary, check)
+        refused = learn_from_refusal(search, found)
+        better = None if refused else keep_if_better(search, found)
+        report = ScheduleReport(ScheduleStatus.FOUND, itinerary.schedule)
+        record(search, report, check, check.refinements)
+        if better is not None or not (learned or refused):
+            return better
+    return None
+
+
+def state_durations_of(search: Search, start: CandidateSchedule) -> None:
+    """Tell the scheduler how long the motions of ``start`` take at least."""
+    motions, cuts = search.motions, search.checker.cuts
+    with search.budget.motion_time():
+        for motion in motions_of(search.knowledge.relaxation, start):
+            if search.budget.deadline.expired():
+                return
+            search.learn(cuts.unobstructed(motions, search.knowledge, motion))
 
 
 def state_what_is_known(search: Search) -> None:
@@ -81,7 +119,7 @@ def get_schedule(search: Search, *, optimal: bool) -> ScheduleReport:
     report = search.scheduler.solve(
         pace.deadline(search.budget, planned=planned, proving=proving),
         optimal=proving,
-        hint=bounds.incumbent.schedule if bounds.incumbent else None,
+        hint=bounds.incumbent.schedule if bounds.incumbent else search.start,
         lower_bound=None if guessing else bounds.lower,
     )
     search.budget.seconds_scheduler += report.seconds

@@ -59,6 +59,8 @@ class Search:
     tell: Telling
     stop: Stop | None = None
     seed: int = 0
+    start: CandidateSchedule | None = None
+    """What to begin from: see :mod:`up_samp.search.start`."""
 
     @property
     def history(self) -> History:

@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 from unified_planning.model.motion import SchedulingMotionProblem
-from unified_planning.plans import Schedule
+from unified_planning.plans import Plan, Schedule
 
 from up_samp.geometry import OccupancyGrid, lay_out
 from up_samp.model import (
@@ -41,6 +41,7 @@ from up_samp.search.progress import ProgressObserver
 from up_samp.search.proof import Prover
 from up_samp.search.restarts import Restarts
 from up_samp.search.search import Problem, Search
+from up_samp.search.start import start_of
 from up_samp.search.start_poses import check_start_poses
 from up_samp.search.stopping import runtime_of
 from up_samp.search.trace import TraceObserver
@@ -60,8 +61,11 @@ def open_search(
     check_schedule: ScheduleCheck,
     check_plan: PlanCheck,
     native: bool,
+    start: Plan | None = None,
 ) -> Search:
     """Read the problem, check its geometry, relax it and open a scheduler on the relaxation.
+
+    ``start`` is a plan to begin from; it need not be one of this problem.
 
     Raises :class:`ProblemError` where the problem is wrong, before any search.
     """
@@ -89,7 +93,9 @@ def open_search(
         check_plan,
         native,
     )
-    return assemble(asked, service, params, deadline)
+    search = assemble(asked, service, params, deadline)
+    search.start = None if start is None else start_of(problem, start)
+    return search
 
 
 def assemble(
