@@ -1,4 +1,4 @@
-"""Beginning from a plan: what still fits is kept, what does not is planned as if there were none."""
+"""Beginning from a plan: what still fits is kept; for what does not, as if there were no plan."""
 
 import pytest
 from unified_planning.engines import PlanGenerationResultStatus as Status
