@@ -6,6 +6,7 @@ import logging
 import math
 import pkgutil
 import subprocess
+import time
 import types
 from pathlib import Path
 
@@ -16,6 +17,7 @@ import pytest
 import up_samp.geometry
 import up_samp.motion
 from up_samp.geometry import kernel_cache
+from up_samp.model import Deadline
 from up_samp.system import child, folders
 
 SOURCE = """
@@ -161,3 +163,19 @@ def test_the_word_about_a_full_disk(tmp_path, monkeypatch, caplog):
         kernel_cache._write(tmp_path / "x.kernel", b"data")
     assert "No space left on device" in caplog.text
     assert not list(tmp_path.iterdir())
+
+
+def test_time_limits_stand_still_while_kernels_are_compiled(tmp_path, monkeypatch):
+    monkeypatch.setenv(folders.VARIABLE, str(tmp_path))
+    source = tmp_path / "slow_to_compile.py"
+    source.write_text(SOURCE.format(step=1.0, extra=0.25))
+    module = types.ModuleType("slow_to_compile")
+    exec(compile(source.read_text(), str(source), "exec"), module.__dict__)
+    numba.njit(lambda x: x + 1.0)(1.0)  # loads numba's own parts
+    deadline, began = Deadline.after(100.0), time.monotonic()
+    moment = deadline.moment
+    assert module.outer(np.ones(3)) == 3.25
+    spent = time.monotonic() - began
+    assert deadline.elapsed() < 0.5 * spent
+    assert deadline.remaining() + deadline.elapsed() == pytest.approx(100.0, abs=0.1)
+    assert 0.5 * spent < deadline.moment - moment <= spent

@@ -86,8 +86,46 @@ def test_every_part_has_a_workload():
 
 def test_parts_are_those_that_a_problem_needs():
     assert sorted(module.parts_for(MotionModel)) == sorted(module.PARTS)
-    assert module.parts_for([MotionModel.REEDSSHEPP], several=False) == ["paths"]
+    assert module.parts_for([MotionModel.REEDSSHEPP], several=False) == ["paths", "bounds"]
     assert module.parts_for([MotionModel.SE3]) == []
+
+
+def test_each_processor_gets_about_the_same_to_compile():
+    for processes in range(1, 8):
+        shares = module.shared_out(module.PARTS, processes)
+        assert sorted(part for share in shares for part in share) == sorted(module.PARTS)
+        assert len(shares) == min(processes, len(module.PARTS))
+        loads = [sum(module.SECONDS[p] for p in share) for share in shares]
+        assert max(loads) <= max(4 / 3 * sum(loads) / processes, max(module.SECONDS.values()))
+
+
+def test_what_few_problems_need_is_waited_for_by_nobody(folder, monkeypatch):
+    started = []
+
+    class Done:
+        returncode = 0
+        stderr = None
+
+        def __init__(self, parts):
+            started.append(list(parts))
+            for part in parts:
+                if part != module.LOWLY and module.LOWLY not in parts:
+                    compiled(part, monkeypatch)
+
+        def poll(self):
+            return 0
+
+        def communicate(self):
+            return b"", b""
+
+    monkeypatch.setattr(module, "_start", Done)
+    monkeypatch.setattr(module, "_behind", [])
+    compilation = module.begin([MotionModel.REEDSSHEPP], several=True)
+    assert sorted(p for parts in started for p in parts) == ["bounds", "groups", "paths"]
+    assert compilation.wait() > 0.0
+    assert started[-1] == [module.LOWLY, "knots", "search"]
+    compilation.wait()
+    assert sum(module.LOWLY in parts for parts in started) == 1
 
 
 def test_a_child_that_fails_is_told_of_and_its_work_done_here(folder, monkeypatch, caplog):
@@ -98,7 +136,7 @@ def test_a_child_that_fails_is_told_of_and_its_work_done_here(folder, monkeypatc
     assert "exit status 1, out of memory" in caplog.text
     assert (folder / "paths-0.kernel").exists()
     assert module.missing(["paths"]) == ()
-    assert told == [(1, 1)]
+    assert told == [(2, 2)]
 
 
 def test_a_folder_that_cannot_be_written_costs_a_word_and_no_more(tmp_path, monkeypatch, caplog):
@@ -111,7 +149,7 @@ def test_a_folder_that_cannot_be_written_costs_a_word_and_no_more(tmp_path, monk
     with caplog.at_level(logging.WARNING):
         module.precompile(several=False)
         module.precompile(several=False)
-    assert ran == ["paths"]
+    assert ran == ["paths", "bounds"]
     assert "set UP_SAMP_CACHE_DIR to a writable folder" in caplog.text
 
 
@@ -119,6 +157,7 @@ PARENT = """
 import sys
 from up_samp.motion import compile as module
 module.parts_for = lambda *a, **k: ["paths", "groups", "search"]
+module.shared_out = lambda parts, processes: [[part] for part in parts]
 module.precompile()
 """
 

@@ -190,6 +190,13 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         ``start``: a plan to begin from, of this problem or of one with some of its activities.
         """
         moves = isinstance(problem, SchedulingMotionProblem) and problem.motion_activities
+        if moves:
+            from up_samp.motion.compile import begin
+
+            # once per machine, before the clock runs and beside the imports
+            movers = _movers(problem)
+            models = {MotionModel[o.motion_model.name] for o in movers}
+            compiling = begin(models, several=len(movers) > 1)
         # imports, too, are made before the clock runs
         from up_samp.engines.plain import schedule_plainly
         from up_samp.search.conclusion import Conclusion, SearchResult
@@ -197,12 +204,7 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         from up_samp.search.session import run
 
         if moves:
-            from up_samp.motion.compile import precompile
-
-            # once per machine, before the clock runs
-            movable = [o for o in problem.all_objects if isinstance(o, MovableObject)]
-            models = {MotionModel[o.motion_model.name] for o in movable}
-            precompile(models, several=len(movable) > 1)
+            compiling.wait()
         deadline = Deadline.after(timeout)
         if not moves:
             yield schedule_plainly(self, problem, deadline, optimal, start)
@@ -339,6 +341,12 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
             metrics["makespan"] = str(makespan)
             metrics["gap"] = f"{1 - bounds.lower / makespan if makespan else 0:.4f}"
         return metrics
+
+
+def _movers(problem: SchedulingMotionProblem) -> set[MovableObject]:
+    """Return what is moved by a motion constraint (doors and loads change place in one instant)."""
+    moved = (c.movable for a in problem.motion_activities for c in a.motion_constraints)
+    return {expression.object() for expression in moved if expression.is_object_exp()}
 
 
 def _with_progress(params: Any, stream: IO[str]) -> Any:

@@ -30,6 +30,7 @@ import numba
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
+from up_samp.model.deadline import clock, do_not_count
 from up_samp.system.files import whole
 from up_samp.system.folders import cache_folder, is_writable, say_uncached
 from up_samp.system.imports import load_numba_arrays
@@ -132,6 +133,7 @@ class KernelCache:
         self._name = f"{Path(code.co_filename).stem}.{function.__qualname__}"
         self._module = Path(code.co_filename)
         self._locks: list[Any] = []
+        self._missed: list[float] = []
 
     @property
     def cache_path(self) -> str | None:
@@ -153,15 +155,24 @@ class KernelCache:
         load_numba_arrays()
         context.refresh()
         path = self._path(types, context.codegen())
-        if path is None:
-            return None
-        found = self._read(path, context)
-        if found is None and path.parent.is_dir():
+        found = None if path is None else self._read(path, context)
+        if found is not None:
+            return found
+        self._missed.append(clock())
+        if path is not None and path.parent.is_dir():
             self._lock(path)  # another process may be compiling it
             found = self._read(path, context)
             if found is not None:
                 self._unlock()
+                self._end_of_wait()
         return found
+
+    def _end_of_wait(self) -> None:
+        """Take the time since this kernel was found missing out of all time limits (what kernels
+        within it took has been taken out by them).
+        """
+        if self._missed:
+            do_not_count(clock() - self._missed.pop())
 
     def save_overload(self, types: Any, compiled: Any) -> None:
         """Keep a compiled kernel."""
@@ -171,6 +182,7 @@ class KernelCache:
                 _write(path, dumps(compiled._reduce()))
         finally:
             self._unlock()
+            self._end_of_wait()
 
     def _path(self, types: Any, codegen: Any) -> Path | None:
         place = folder()

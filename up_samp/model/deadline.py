@@ -8,21 +8,36 @@ from dataclasses import dataclass, field
 
 from up_samp.model.errors import ProblemError, short
 
+_not_counted = [0.0]
+"""Seconds of this process that no deadline counts."""
+
+
+def clock() -> float:
+    """Return the time (s) that deadlines go by: monotonic, and still while kernels are compiled."""
+    return time.monotonic() - _not_counted[0]
+
+
+def do_not_count(seconds: float) -> None:
+    """Let all deadlines end so much later: this process has waited for its compiler, which it does
+    once on a machine.
+    """
+    _not_counted[0] += seconds
+
 
 @dataclass(frozen=True)
 class Deadline:
-    """A point in (monotonic) time that all parts of one solve share.
+    """A point in time (see :func:`clock`) that all parts of one solve share.
 
     ``Deadline.after(5.0)`` ends in five seconds, ``Deadline.never()`` does not end.
     """
 
     at: float = math.inf
-    started: float = field(default_factory=time.monotonic)
+    started: float = field(default_factory=clock)
 
     @staticmethod
     def after(seconds: float | None) -> Deadline:
         """Return the deadline ``seconds`` from now (``None``: never)."""
-        now = time.monotonic()
+        now = clock()
         if seconds is None:
             return Deadline(math.inf, now)
         number = isinstance(seconds, int | float) and not isinstance(seconds, bool)
@@ -37,19 +52,24 @@ class Deadline:
         """Return a deadline that never ends."""
         return Deadline.after(None)
 
+    @property
+    def moment(self) -> float:
+        """When it ends on the clock of the whole machine, ``time.monotonic``, as things stand."""
+        return self.at + _not_counted[0]
+
     def remaining(self) -> float:
         """Return the seconds left (``inf`` without a limit, never below 0)."""
-        return max(0.0, self.at - time.monotonic())
+        return max(0.0, self.at - clock())
 
     def elapsed(self) -> float:
         """Return the seconds since the deadline was set."""
-        return time.monotonic() - self.started
+        return clock() - self.started
 
     def expired(self) -> bool:
         """Return whether no time is left."""
-        return time.monotonic() >= self.at
+        return clock() >= self.at
 
     def within(self, seconds: float | None) -> Deadline:
         """Return the earlier of this deadline and ``seconds`` from now."""
-        now = time.monotonic()
+        now = clock()
         return self if seconds is None else Deadline(min(self.at, now + seconds), now)

@@ -7,6 +7,8 @@ the part is compiled again.
 
 from __future__ import annotations
 
+import atexit
+import contextlib
 import functools
 import gc
 import hashlib
@@ -34,18 +36,35 @@ log = logging.getLogger(__name__)
 _MOST_SECONDS = 600.0
 
 
-PARTS = ("paths", "groups", "knots", "search", "planar")
-"""Parts that are compiled each in a process of its own."""
+SECONDS = {
+    "paths": 11.0,
+    "bounds": 4.0,
+    "groups": 8.0,
+    "knots": 5.0,
+    "search": 12.0,
+    "planar": 4.0,
+}
+"""Parts and about how long each takes (s of one processor, in a process that compiles the others,
+too); only the ratios count.
+"""
+
+PARTS = tuple(SECONDS)
 
 PARTS_FOR: dict[MotionModel, tuple[str, ...]] = {
-    MotionModel.REEDSSHEPP: ("paths", "groups", "knots", "search"),
-    MotionModel.SE2: ("planar", "groups", "knots"),
-    MotionModel.PIVOT: ("planar", "groups", "knots"),
+    MotionModel.REEDSSHEPP: ("paths", "bounds", "groups", "knots", "search"),
+    MotionModel.SE2: ("planar", "bounds", "groups", "knots"),
+    MotionModel.PIVOT: ("planar", "bounds", "groups", "knots"),
 }
 """Parts that bodies of each motion model need."""
 
 SEVERAL = ("groups", "knots", "search")
 """Parts that only problems with several moving bodies need."""
+
+SELDOM = ("knots", "search")
+"""Parts that most problems with several moving bodies are solved without."""
+
+LOWLY = "--behind"
+"""Says to a compiling process that everything else on the machine goes first."""
 
 Report = Callable[[int, int], None]
 """Told how many parts are ready, of how many."""
@@ -97,6 +116,11 @@ def _is_ready(part: str) -> bool:
     return True
 
 
+def _is_marked(part: str) -> bool:
+    mark = _mark(part)
+    return mark is not None and mark.exists()
+
+
 def _mark(part: str) -> Path | None:
     folder = kernel_cache.folder()
     return None if folder is None else folder / f"{part}-{_state_of_code()}.json"
@@ -144,49 +168,107 @@ def precompile(
     several: bool = True,
     report: Report | None = None,
 ) -> float:
-    """Compile what bodies of these motion models need and is missing; return the seconds it took.
+    """Compile all that bodies of these motion models may need and is missing; return the seconds
+    it took.
+    """
+    return Compilation(missing(parts_for(models, several=several))).wait(report)
 
-    Each part has a process of its own; two that need the same kernel compile it once. Where
-    nothing can be kept on disk, or such a process fails, this process compiles.
+
+def begin(models: Iterable[MotionModel], *, several: bool) -> Compilation:
+    """Begin to compile what bodies of these motion models need and is missing: what every plan
+    needs in front, what few need after it and behind everything else that this machine does.
     """
     needed = missing(parts_for(models, several=several))
-    if not needed:
-        return 0.0
-    began = time.monotonic()
-    log.warning("compiling motion kernels (once on this machine, less than a minute)")
-    if kernel_cache.can_write():
-        _in_processes(needed, report)
-    for part in missing(needed):
-        compile_part(part)
-    return time.monotonic() - began
+    return Compilation(
+        [part for part in needed if part not in SELDOM], [part for part in needed if part in SELDOM]
+    )
 
 
-def _in_processes(parts: Sequence[str], report: Report | None) -> None:
-    """Compile parts in processes of their own; say so where one fails."""
-    processes = {part: _start(part) for part in parts}
-    waiting = dict(processes)
-    until = time.monotonic() + _MOST_SECONDS
-    try:
-        while waiting and time.monotonic() < until:
-            time.sleep(0.02)
-            for part, process in list(waiting.items()):
-                if process.poll() is None:
-                    continue
-                del waiting[part]
-                if process.returncode != 0:
-                    _say_failed(part, process)
-                if report is not None:
-                    report(len(parts) - len(waiting), len(parts))
-    finally:
-        for process in processes.values():
-            if process.poll() is None:
-                process.kill()
-            process.communicate()
+class Compilation:
+    """Parts that are compiled in processes of their own, one a processor, the longest first.
+
+    Two that need the same kernel compile it once. Where nothing can be kept on disk, or such a
+    process fails, this process compiles. ``later``: parts that nobody waits for; whoever needs one
+    of their kernels earlier waits for that kernel or compiles it.
+    """
+
+    def __init__(self, parts: Sequence[str], later: Sequence[str] = ()):
+        self.parts, self.later = tuple(parts), tuple(later)
+        self._began = time.monotonic()
+        self._processes: list[tuple[list[str], subprocess.Popen[bytes]]] = []
+        if not self.parts:
+            return
+        log.warning("compiling motion kernels (once on this machine, less than a minute)")
+        for part in self.parts:  # what is there is not whole
+            mark = _mark(part)
+            if mark is not None:
+                with contextlib.suppress(OSError):
+                    mark.unlink()
+        if kernel_cache.can_write():
+            for share in shared_out(self.parts, os.cpu_count() or 1):
+                self._processes.append((share, _start(share)))
+
+    def wait(self, report: Report | None = None) -> float:
+        """Wait until the parts are compiled; return the seconds it took."""
+        if self.parts:
+            self._watch(report)
+            for part in missing(self.parts):
+                compile_part(part)
+        if self.later and kernel_cache.can_write():
+            _behind.append(_start([LOWLY, *self.later]))
+            self.later = ()
+        return time.monotonic() - self._began if self.parts else 0.0
+
+    def _watch(self, report: Report | None) -> None:
+        """Wait for the processes, end those that are left, and say so where one failed."""
+        waiting, told = list(self._processes), 0
+        until = time.monotonic() + _MOST_SECONDS
+        try:
+            while waiting and time.monotonic() < until:
+                time.sleep(0.02)
+                for share, process in list(waiting):
+                    if process.poll() is not None:
+                        waiting.remove((share, process))
+                        if process.returncode != 0:
+                            _say_failed(share, process)
+                ready = len(self.parts) if not waiting else sum(map(_is_marked, self.parts))
+                if report is not None and ready > told:
+                    told = ready
+                    report(ready, len(self.parts))
+        finally:
+            for _, process in self._processes:
+                _end(process)
 
 
-def _start(part: str) -> subprocess.Popen[bytes]:
+_behind: list[subprocess.Popen[bytes]] = []
+"""Processes that compile what nobody waits for; they end with this one at the latest."""
+
+
+@atexit.register
+def _end_all() -> None:
+    while _behind:
+        _end(_behind.pop())
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    if process.poll() is None:
+        process.kill()
+    process.communicate()
+
+
+def shared_out(parts: Iterable[str], processes: int) -> list[list[str]]:
+    """Return at most so many lists of parts that take about the same time: each part, the longest
+    first, goes to the list with the least to do.
+    """
+    shares: list[list[str]] = [[] for _ in range(processes)]
+    for part in sorted(parts, key=lambda p: -SECONDS[p]):
+        min(shares, key=lambda share: sum(SECONDS[p] for p in share)).append(part)
+    return [share for share in shares if share]
+
+
+def _start(parts: Sequence[str]) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
-        child.command(child.bare(__name__), [part]),
+        child.command(child.bare(__name__), parts),
         env=child.environment(),
         stdin=subprocess.PIPE,  # its end tells the child that this process is gone
         stdout=subprocess.DEVNULL,
@@ -195,13 +277,13 @@ def _start(part: str) -> subprocess.Popen[bytes]:
     )
 
 
-def _say_failed(part: str, process: subprocess.Popen[bytes]) -> None:
+def _say_failed(parts: Sequence[str], process: subprocess.Popen[bytes]) -> None:
     errors: IO[bytes] | None = process.stderr
     said = b"" if errors is None else errors.read()
     lines = said.decode(errors="replace").strip().splitlines()
     log.warning(
         "compiling %s in a process of its own failed (exit status %s%s): compiling here",
-        part,
+        " and ".join(parts),
         process.returncode,
         f", {lines[-1]}" if lines else "",
     )
@@ -212,5 +294,10 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     child.die_with(sys.stdin.fileno())
     gc.disable()  # nothing of what numba builds can be freed before the end: a sixth of the time
-    for part in sys.argv[1:]:
+    parts = sys.argv[1:]
+    if parts[0] == LOWLY:
+        parts = parts[1:]
+        if hasattr(os, "nice"):
+            os.nice(19)
+    for part in parts:
         compile_part(part)

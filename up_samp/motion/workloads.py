@@ -8,6 +8,7 @@ import numpy as np
 
 from up_samp.geometry import OccupancyGrid, Scene
 from up_samp.geometry.maps import BoolArray
+from up_samp.geometry.shapes import shape_of
 from up_samp.model import (
     Body,
     Configuration,
@@ -24,6 +25,7 @@ from up_samp.model import (
     TimedMotion,
     Trajectory,
 )
+from up_samp.motion.curves.reeds_shepp import shortest
 from up_samp.motion.service import MotionService
 
 _BODY = Body(
@@ -54,12 +56,28 @@ def _hall() -> OccupancyGrid:
     return OccupancyGrid(cells, 0.2)
 
 
+def compile_bounds() -> None:
+    """Run what bounds and refutes motions of single bodies, once."""
+    from up_samp.motion.guides.cost_to_go import Fields
+    from up_samp.motion.guides.visibility import Visibility
+
+    hall = _hall()
+    start, goal = (3.0, 2.0, 0.0), (9.0, 2.0, math.pi / 2)
+    Visibility(hall.blocked, 0.2).distance((5.0, 5.0), (55.0, 5.0))
+    service = MotionService(hall)
+    parked = (Placed("parked", _BODY, (3.0, 6.5, 0.0)),)
+    Fields(service.scene).toward(shape_of(_BODY, 0.01), goal, parked)
+    service.lower_bound(_BODY, start, goal)
+    service.certificate(_BODY, (start, goal), parked)
+
+
 def compile_paths() -> None:
-    """Run what bounds, refutes and plans single cars, once."""
+    """Run what plans single cars, once: first what bounds do not need (see :mod:`.compile`)."""
     service = MotionService(_hall())
     start, goal = (3.0, 2.0, 0.0), (9.0, 2.0, math.pi / 2)
     parked = (Placed("parked", _BODY, (3.0, 6.5, 0.0)),)
-    service.lower_bound(_BODY, start, goal)
+    service.scene.map_free(_BODY, start)
+    shortest(start, goal, 1.0)
     service.plan(PathQuery(_BODY, (start, goal), parked), Deadline.never())
 
 

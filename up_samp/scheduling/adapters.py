@@ -370,7 +370,7 @@ def _engine_stops(deadline: Deadline) -> float | None:
     """Return when the engine has to stop itself: early enough to read its answer in time."""
     if deadline.at == float("inf"):
         return None
-    return deadline.at - min(0.3, 0.1 * deadline.remaining()) - 0.02 * deadline.remaining()
+    return deadline.moment - min(0.3, 0.1 * deadline.remaining()) - 0.02 * deadline.remaining()
 
 
 def _report(

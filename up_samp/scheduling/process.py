@@ -80,7 +80,7 @@ class WorkerProcess:
         while len(data) < size:
             left = deadline.remaining() + _GRACE if deadline.at != float("inf") else None
             if deadline.expired():
-                left = max(0.0, deadline.at + _GRACE - time.monotonic())
+                left = max(0.0, deadline.moment + _GRACE - time.monotonic())
             waiting = select.poll()
             waiting.register(descriptor, select.POLLIN | select.POLLHUP)
             if not waiting.poll(None if left is None else 1000.0 * left):
