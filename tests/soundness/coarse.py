@@ -12,12 +12,12 @@ import random
 import time
 from collections.abc import Iterator
 from dataclasses import replace
-from types import SimpleNamespace
 
 from tests.soundness.worlds import SECONDS, Change, Drive, World
 from up_samp.geometry import load_map
 from up_samp.model import CandidateSchedule, Deadline, GroupQuery, Outcome
 from up_samp.motion import MotionService
+from up_samp.search.facts import Facts
 from up_samp.search.world import group_query, groups_of, places_between
 from up_samp.upio import read_itinerary, read_problem, relax
 
@@ -33,7 +33,7 @@ class Coarse:
         self.snapshot = read_problem(problem, SECONDS)
         self.relaxation = relax(problem, self.snapshot)
         self.service = MotionService(load_map(self.snapshot.map_file), margin=0.01, seed=0)
-        self.context = SimpleNamespace(snapshot=self.snapshot, seconds=lambda u: u * SECONDS)
+        self.facts = Facts(self.snapshot, self.relaxation.choices)
         self.groups: dict[GroupQuery, tuple[dict, bool]] = {}
         self.alone = {d.name: self._alone(d) for d in world.drives}
 
@@ -115,7 +115,7 @@ class Coarse:
         """Return the units that a drive takes on the map alone, None if the layer finds none."""
         times = {drive.name: (0, 1000)}
         itinerary = read_itinerary(self.relaxation, CandidateSchedule(times))
-        query = group_query(self.context, itinerary, itinerary.motions)
+        query = group_query(self.facts, itinerary, itinerary.motions)
         motion = replace(query.motions[0], due=0.0)
         report = self.service.coordinate(GroupQuery((motion,)), Deadline.after(QUERY_SECONDS))
         if report.outcome is not Outcome.FOUND:
@@ -128,7 +128,7 @@ class Coarse:
         found = {}
         for group in groups_of(itinerary.motions):
             start = min(m.start for m in group) * SECONDS
-            key = _shifted(group_query(self.context, itinerary, group), start)
+            key = _shifted(group_query(self.facts, itinerary, group), start)
             if key not in self.groups:
                 report = self.service.coordinate(key, Deadline.after(QUERY_SECONDS))
                 good = report.outcome is Outcome.FOUND and not report.late
