@@ -1,10 +1,12 @@
 import pytest
 
 from cpsat.differential import disagreement, grown_disagreement
-from up_samp.scheduling.cpsat.solve import options as efforts
+from up_samp.scheduling.cpsat.tuning import CpsatTuning, StagesTuning
 
 FEW = 200
 MANY = 3000
+# problems this small would be solved at once
+NONE_TINY = CpsatTuning(StagesTuning(tiny=0))
 
 
 @pytest.mark.parametrize("block", range(5))
@@ -14,9 +16,8 @@ def test_agrees_with_brute_force(block):
     assert not {s: d for s, d in found.items() if d is not None}
 
 
-def test_two_searches_side_by_side_agree_with_brute_force(monkeypatch):
-    monkeypatch.setattr(efforts, "TINY", 0)  # problems this small would be solved by it
-    found = {s: disagreement(s, workers=2) for s in range(200, 260)}
+def test_two_searches_side_by_side_agree_with_brute_force():
+    found = {s: disagreement(s, workers=2, tuning=NONE_TINY) for s in range(200, 260)}
     assert not {s: d for s, d in found.items() if d is not None}
 
 
@@ -35,9 +36,8 @@ def test_agrees_with_brute_force_on_many(block):
 
 
 @pytest.mark.long
-def test_two_searches_side_by_side_agree_with_brute_force_on_many(monkeypatch):
-    monkeypatch.setattr(efforts, "TINY", 0)
-    found = {s: disagreement(s, workers=2) for s in range(20_000, 21_000)}
+def test_two_searches_side_by_side_agree_with_brute_force_on_many():
+    found = {s: disagreement(s, workers=2, tuning=NONE_TINY) for s in range(20_000, 21_000)}
     assert not {s: d for s, d in found.items() if d is not None}
 
 

@@ -47,7 +47,6 @@ def three(problem, duration=2):
 
 def built(problem):
     model = ScheduleModel(problem)
-    model.build(Watcher(problem).look())
     return model
 
 

@@ -7,7 +7,6 @@ from cpsat.truth import answer, bound_without_search, collapsed_optimum, nothing
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.problem import Watcher
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 
 ALL = [*TIGHT, *LOOSE]
@@ -54,7 +53,6 @@ def test_routes_are_found_in_every_style(style):
     for site in (shop(2, 1, 2), store(2, 2)):
         problem = write(site, style)
         model = ScheduleModel(problem)
-        model.build(Watcher(problem).look())
         routes = find_routes(model)
         assert [len(r.moves) for r in routes] == [len(site.ways(r)) for r in range(2)]
         assert all(len(r.stops) == len(site.tasks) + len(site.doors) for r in routes)
@@ -91,7 +89,6 @@ def test_who_only_has_to_come_somewhere_is_on_a_route():
     for style in (Style(), Style(alone="uses"), Style(fluents="precedences")):
         problem = write(site, style)
         model = ScheduleModel(problem)
-        model.build(Watcher(problem).look())
         routes = find_routes(model)
         assert [len(route.visits) for route in routes] == [1, 1]
         (place,) = routes[0].visits[0][1]

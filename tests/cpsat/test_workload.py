@@ -8,7 +8,6 @@ from cpsat.truth import bound_without_search
 from up_samp.model import Deadline
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.problem import Watcher
 from up_samp.scheduling.cpsat.routing.assignment import bound_by_assignment, shares
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
@@ -68,7 +67,6 @@ def test_a_large_fleet_is_bounded_by_who_does_what():
     """Four robots and six items: somebody has to go twice."""
     problem = write(store(4, 6), Style())
     model = ScheduleModel(problem)
-    model.build(Watcher(problem).look())
     work = find_work(model, find_routes(model))
     once = max(min(s.first + s.back for s in mine.values()) for mine in shares(work))
     bound = bound_by_assignment(work, 0)

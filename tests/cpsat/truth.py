@@ -19,8 +19,9 @@ from up_samp.scheduling.cpsat.routing.dispatch import find_work
 from up_samp.scheduling.cpsat.routing.relaxation import Collapsed
 from up_samp.scheduling.cpsat.routing.workload import bound_by_work
 from up_samp.scheduling.cpsat.solve import strategy as search
+from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders
 from up_samp.scheduling.cpsat.solve.runner import Run
-from up_samp.scheduling.cpsat.solve.strategy import Search
+from up_samp.scheduling.cpsat.tuning import StagesTuning
 from up_samp.upio.plan import build_schedule
 from up_samp.validation import validate_schedule
 
@@ -59,6 +60,9 @@ def answer(problem):
     return report.status, report.schedule.makespan
 
 
+ORDERS = Orders(Run(0, 1), True, StagesTuning(), threading.Event())
+
+
 def bound_without_search(problem):
     """Return the lower bound by all the work there is (None: there are no routes).
 
@@ -66,7 +70,6 @@ def bound_without_search(problem):
     one is returned.
     """
     full = ScheduleModel(problem)
-    full.build(Watcher(problem).look())
     routes = find_routes(full)
     work = find_work(full, routes) if routes else None
     return None if work is None else max(bound_by_work(full, work), bound_by_assignment(work, 0))
@@ -75,12 +78,11 @@ def bound_without_search(problem):
 def collapsed_optimum(problem):
     """Return the collapsed problem's optimum (-1: it has no schedule; None: there is none)."""
     full = ScheduleModel(problem)
-    full.build(Watcher(problem).look())
     routes = find_routes(full)
     if not routes:
         return None
     collapsed = Collapsed(full, Watcher(problem).look(), routes, Deadline.never())
-    Search(collapsed.model, Run(0, 1), Deadline.never(), 0, True, None, threading.Event())
+    Attempts(collapsed.model, ORDERS, Deadline.never(), 0)
     solver = cp_model.CpSolver()
     solver.parameters.num_workers = 1
     status = solver.solve(collapsed.model.store.model)

@@ -22,7 +22,6 @@ from up_samp.benchmarks import job_shop
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.problem import Watcher
 from up_samp.scheduling.cpsat.routing.detection import find_routes, find_unit_places
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
 from up_samp.scheduling.cpsat.routing.list_scheduling import improve
@@ -126,7 +125,6 @@ def check_seeds(seeds, monkeypatch):
             patch.setattr(search, "find_routes", lambda _: [])
             assert outcome(problem) == found, seed
         model = ScheduleModel(problem)
-        model.build(Watcher(problem).look())
         collapsed += bool(find_routes(model))
     assert collapsed > len(seeds) // 2
 
@@ -146,7 +144,6 @@ def test_places_for_one_and_stillness_are_recognised():
     for seed in range(40):
         shop = RandomShop(seed)
         model = ScheduleModel(shop.problem)
-        model.build(Watcher(shop.problem).look())
         routes = find_routes(model)
         if routes and "free" in {f.name for f in shop.problem.fluents}:
             units = find_unit_places(model, routes)
@@ -161,7 +158,6 @@ def test_tours_of_job_shops_are_schedules(size):
     samp = job_shop(*size)
     problem = relax(samp, read_problem(samp)).problem
     model = ScheduleModel(problem)
-    model.build(Watcher(problem).look())
     work = find_work(model, find_routes(model))
     tour = improve(work, 50, 0, lambda: False)
     assert not validate_schedule(problem, build_schedule(problem, tour.schedule)).violations

@@ -100,7 +100,8 @@ class Tunables:
 
 
 def _check(field: dataclasses.Field[Any], value: object) -> None:
-    default, told = field.default, field.metadata
+    told: Mapping[str, Any] = field.metadata
+    default: Any = field.default
     several = isinstance(default, tuple)
     if several and (not isinstance(value, tuple) or not value):
         raise ProblemError(f"'{field.name}' must be a list of numbers, not {short(value)}")

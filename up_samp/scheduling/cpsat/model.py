@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from unified_planning.model import FNode
-from unified_planning.model.scheduling import Activity, SchedulingProblem
+from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.model import Deadline, UnsupportedError
 from up_samp.scheduling.cpsat.encode.alternatives import Group, find_groups, merge_forms
@@ -18,25 +19,14 @@ from up_samp.scheduling.cpsat.encode.metrics import objective_of
 from up_samp.scheduling.cpsat.encode.numbers import NumericTimeline
 from up_samp.scheduling.cpsat.encode.pairs import Disjunctions
 from up_samp.scheduling.cpsat.encode.states import States
-from up_samp.scheduling.cpsat.encode.store import (
-    TRUE,
-    Form,
-    Lin,
-    Literal,
-    Store,
-    compare,
-    constant,
-    disjunction,
-)
-from up_samp.scheduling.cpsat.encode.terms import ActivityVars, Terms, World, int_bounds
+from up_samp.scheduling.cpsat.encode.store import TRUE, Form, Lin, Store, constant, disjunction
+from up_samp.scheduling.cpsat.encode.terms import Terms, World
 from up_samp.scheduling.cpsat.encode.timeline import Timeline
 from up_samp.scheduling.cpsat.encode.unary import find_unary
-from up_samp.scheduling.cpsat.normal.form import normal_form
+from up_samp.scheduling.cpsat.encode.variables import PLACEHOLDER, Variables
+from up_samp.scheduling.cpsat.normal.form import NormalForm, normal_form
 from up_samp.scheduling.cpsat.normal.precedences import FollowUp, Precondition
-from up_samp.scheduling.cpsat.normal.presences import Presences
-from up_samp.scheduling.cpsat.problem import Additions
-
-_PLACEHOLDER = 10**7
+from up_samp.scheduling.cpsat.problem import Additions, Watcher
 
 T = TypeVar("T")
 
@@ -45,20 +35,46 @@ class OutOfTimeError(Exception):
     """The time was up while a model was being built."""
 
 
-class ScheduleModel:
-    """Variables and constraints for one problem.
-
-    :param problem: its parts are passed in by :meth:`build` and :meth:`grow`.
+@dataclass
+class Draft:
+    """What the families of a model hand on while it is built: the problem's parts in normal form,
+    ``forms`` that are read from its constraints, and the ``rest`` that nothing else says.
     """
 
-    def __init__(self, problem: SchedulingProblem) -> None:
+    form: NormalForm
+    forms: list[Form] = field(default_factory=list)
+    rest: list[Form] = field(default_factory=list)
+
+    @property
+    def parts(self) -> Additions:
+        """All of the problem."""
+        return self.form.parts
+
+
+class ScheduleModel:
+    """Variables and constraints for one problem, whole from the start.
+
+    :param problem: watched by others, never changed.
+    :param parts: all of it, or of a part of it (``None``: as it is now).
+    :param limit_at_least: latest time that is at least allowed for.
+    :raises OutOfTimeError: when ``deadline`` comes before the model is built.
+    """
+
+    def __init__(
+        self,
+        problem: SchedulingProblem,
+        parts: Additions | None = None,
+        deadline: Deadline | None = None,
+        *,
+        limit_at_least: int = 0,
+    ) -> None:
         self.problem = problem
+        self.limit = 0
+        self.limit_at_least = limit_at_least
         self.store = Store()
         self.world = World(self.store)
         self.horizon = Horizon(self.store)
-        self.parameters: dict[str, tuple[int, Any, str | None]] = {}
         self.timelines: dict[Any, Timeline | NumericTimeline] = {}
-        self.follow_ups: list[FollowUp] = []
         self.unread: list[Precondition] = []
         """What is said with precedences and is no state variable."""
         self.read_counts: dict[Any, int] = {}
@@ -66,67 +82,89 @@ class ScheduleModel:
         """State variables that disjunctions say as well: they have no timeline."""
         self.objective: Lin | None = None
         self.disjunctions = Disjunctions()
-        self.limit = 0
-        self.limit_at_least = 0
-        self.exact: dict[int, tuple[int, ...]] = {}
-        """Presence of each alternative -> presences of its whole group, one of them true."""
         self.stated: list[Form] = []
         """What was stated at first, but for disjunctions of pairs."""
-        self._leaders: dict[str, str] = {}
-        self._presences = Presences({})
-        self._decisions: dict[str, Literal] = {}
-        self._deadline = Deadline.never()
+        self._deadline = deadline or Deadline.never()
         self._is_exact = False
         """Whether the makespan variable is the latest end, not only at least that."""
-
-    # -- building ------------------------------------------------------------------------------
-    def build(self, parts: Additions, deadline: Deadline | None = None) -> None:
-        """Build the model from everything there is.
-
-        :raises OutOfTimeError: when ``deadline`` comes before that; the model is of no use then.
-        """
-        self._deadline = deadline or Deadline.never()
-        world, store = self.world, self.store
-        for code, obj in enumerate(self.problem.all_objects):
-            world.objects[obj.name] = code
-            world.object_types.append(obj.type)
-        world.makespan = store.integer(0, _PLACEHOLDER)
-        self.horizon.timepoint(world.makespan)
-        self.states = States(world, self.problem, constant(0))
-        form = normal_form(parts)
-        parts, self._presences = form.parts, form.presences
-        groups = find_groups(parts, form.presences)
-        self._leaders = {name: g.names[0] for g in groups for name in g.names}
-        for activity in self._in_time(parts.activities):
-            self._activity(activity)
+        form = normal_form(Watcher(problem).look() if parts is None else parts)
+        self.follow_ups: list[FollowUp] = form.follow_ups
+        for code, obj in enumerate(problem.all_objects):
+            self.world.objects[obj.name] = code
+            self.world.object_types.append(obj.type)
+        self.world.makespan = self.store.integer(0, PLACEHOLDER)
+        self.horizon.timepoint(self.world.makespan)
+        self.states = States(self.world, problem, constant(0))
+        groups = find_groups(form.parts, form.presences)
+        leaders = {name: g.names[0] for g in groups for name in g.names}
+        self.variables = Variables(self.world, self.states, self.horizon, form.presences, leaders)
+        for activity in self._in_time(form.parts.activities):
+            self.variables.add_activity(activity)
         self.exact = self._alternatives(groups)
-        self._parameters(parts)
-        forms = self._forms(parts, first=True)
-        self.follow_ups = form.follow_ups
-        self.horizon.preconditions(form.preconditions)
-        # durations may read fluents, so which of these change has to be known before
-        self.states.dynamic = {e.fluent.fluent().name for _, e, _ in parts.effects}
-        self._set_horizon(parts, forms)
-        for activity in parts.activities:
-            self._link_times(activity, vague=activity.name in parts.vague)
-        for timing, effect, owner in self._in_time(parts.effects):
-            self.states.add_effect(timing, effect, self._vars(owner))
-        for span, condition, owner in self._in_time(parts.conditions):
-            self.states.add_condition(span, condition, self._vars(owner))
-        rest = self.disjunctions.take(forms, list(world.activities.values()))
-        self._unary()
-        rest += self._histories(form.preconditions)
-        rest = self.stated = merge_forms(rest, self.exact)
-        self.disjunctions.emit(store, self.states)
-        self.disjunctions.emit_loads(store, Lin(((world.makespan, 1),)))
-        self.objective = objective_of(self.problem, self.states, self._exact_makespan)
-        self._timelines()
-        for form in self._in_time(rest):
-            store.enforce(form)
-        if world.makespan_used and parts.whole:
-            self._exact_makespan()
-        self._make_decisions()
+        """Presence of each alternative -> presences of its whole group, one of them true."""
+        draft = Draft(form)
+        for _, state in FAMILIES:
+            state(self, draft)
         self._deadline = Deadline.never()
+
+    @property
+    def parameters(self) -> dict[str, tuple[int, Any, str | None]]:
+        """(variable, type, activity) of decision variables."""
+        return self.variables.parameters
+
+    # -- families of constraints -----------------------------------------------------------------
+    def _parameters(self, draft: Draft) -> None:
+        self.variables.add_parameters(draft.parts)
+
+    def _written(self, draft: Draft) -> None:
+        draft.forms = self._forms(draft.parts, first=True)
+        self.horizon.preconditions(draft.form.preconditions)
+
+    def _dynamic(self, draft: Draft) -> None:
+        # durations may read fluents, so which of these change has to be known before
+        self.states.dynamic = {e.fluent.fluent().name for _, e, _ in draft.parts.effects}
+
+    def _limits(self, draft: Draft) -> None:
+        self._set_horizon(draft.parts, draft.forms)
+
+    def _durations(self, draft: Draft) -> None:
+        for activity in draft.parts.activities:
+            self.variables.link_times(activity, vague=activity.name in draft.parts.vague)
+
+    def _effects(self, draft: Draft) -> None:
+        for timing, effect, owner in self._in_time(draft.parts.effects):
+            self.states.add_effect(timing, effect, self.variables.of(owner))
+
+    def _conditions(self, draft: Draft) -> None:
+        for span, condition, owner in self._in_time(draft.parts.conditions):
+            self.states.add_condition(span, condition, self.variables.of(owner))
+
+    def _disjunctions(self, draft: Draft) -> None:
+        draft.rest = self.disjunctions.take(draft.forms, list(self.world.activities.values()))
+
+    def _precedences(self, draft: Draft) -> None:
+        draft.rest += self._histories(draft.form.preconditions)
+
+    def _merged(self, draft: Draft) -> None:
+        draft.rest = self.stated = merge_forms(draft.rest, self.exact)
+
+    def _loads(self, draft: Draft) -> None:
+        self.disjunctions.emit(self.store, self.states)
+        self.disjunctions.emit_loads(self.store, Lin(((self.world.makespan, 1),)))
+
+    def _metric(self, draft: Draft) -> None:
+        self.objective = objective_of(self.problem, self.states, self._exact_makespan)
+
+    def _rest(self, draft: Draft) -> None:
+        for form in self._in_time(draft.rest):
+            self.store.enforce(form)
+
+    def _makespan(self, draft: Draft) -> None:
+        if self.world.makespan_used and draft.parts.whole:
+            self._exact_makespan()
+
+    def _decisions(self, draft: Draft) -> None:
+        self.variables.make_decisions()
 
     def _in_time(self, parts: Iterable[T]) -> Iterator[T]:
         """Yield parts of the problem until the time is up."""
@@ -135,34 +173,25 @@ class ScheduleModel:
                 raise OutOfTimeError
             yield part
 
+    # -- growing ---------------------------------------------------------------------------------
     def grow(self, parts: Additions) -> None:
         """Add what was appended (no effects, no new objects; see :meth:`can_grow`)."""
         for activity in parts.activities:
-            self._activity(activity, self.limit)
-            self._link_times(activity)
-        self._parameters(parts)
+            self.variables.add_activity(activity, self.limit)
+            self.variables.link_times(activity)
+        self.variables.add_parameters(parts)
         for activity in parts.durations:
-            self._narrow(activity)
+            self.variables.narrow(activity)
         if parts.durations:
             self.disjunctions.emit_loads(self.store, Lin(((self.world.makespan, 1),)))
         for form in self._forms(parts):
             self.store.enforce(form)
         for span, condition, owner in parts.conditions:
-            self.states.add_condition(span, condition, self._vars(owner))
+            self.states.add_condition(span, condition, self.variables.of(owner))
         self._timelines()
         if self.world.makespan_used:
             self._exact_makespan()  # perhaps what was appended is the first to mention it
-        self._make_decisions()
-
-    def _make_decisions(self) -> None:
-        """Make the variables that solutions are read from, even where nothing constrains them."""
-        self.store.var(self.world.makespan)
-        for made in self.world.activities.values():
-            for lin in (made.start, made.end, Lin(((abs(made.present), 1),))):
-                for var, _ in lin.terms:
-                    self.store.var(var)
-        for var, _, _ in self.parameters.values():
-            self.store.var(var)
+        self.variables.make_decisions()
 
     def only_tightened(self, parts: Additions) -> bool:
         """Return whether every schedule of the problem was one before (bounds stay valid).
@@ -174,7 +203,7 @@ class ScheduleModel:
             return False
         if parts.activities and (self.states.final is not None or self.world.makespan_used):
             return False
-        return all(self._narrower(a) for a in parts.durations)
+        return all(self.variables.narrower(a) for a in parts.durations)
 
     def can_grow(self, parts: Additions) -> bool:
         """Return whether the additions fit into the model as it is."""
@@ -193,38 +222,6 @@ class ScheduleModel:
         horizon.total += sum(constants(c) for c, _, _ in parts.constraints)
         return horizon.bound() <= max(self.limit, before)
 
-    # -- parts ---------------------------------------------------------------------------------
-    def _vars(self, activity: Activity | None) -> ActivityVars | None:
-        return None if activity is None else self.world.activities[activity.name]
-
-    def _activity(self, activity: Activity, limit: int = _PLACEHOLDER) -> None:
-        store = self.store
-        present = self._decision(activity.name) if activity.optional else TRUE
-        needs = () if present == TRUE else (present,)
-        leader = self.world.activities.get(self._leaders.get(activity.name, ""))
-        times = ((store.integer(0, limit), 1),) if leader is None else leader.start.terms
-        start = Lin(times, 0, needs)
-        lower, upper = constant_bounds(activity.duration)
-        if lower is not None and lower == upper:
-            end, size = start.shift(lower), constant(lower)
-        else:
-            size = Lin(((store.integer(lower or 0, limit if upper is None else upper), 1),))
-            end = Lin(((store.integer(0, limit), 1),), 0, needs)
-        made = ActivityVars(
-            activity.name, len(self.world.activities), present, start, end, lower or 0, upper, size
-        )
-        self.world.activities[activity.name] = made
-        self.states.register(made)
-        if limit == _PLACEHOLDER:
-            self.horizon.activity(made)
-
-    def _decision(self, name: str) -> Literal:
-        """Return the literal that decides about an optional activity or a bool variable."""
-        leader = self._presences.of(name)
-        if leader not in self._decisions:
-            self._decisions[leader] = self.store.boolean()
-        return self._decisions[leader]
-
     def _alternatives(self, groups: list[Group]) -> dict[int, tuple[int, ...]]:
         """Tell who is never there together; return presence -> presences of its exact group."""
         exact: dict[int, tuple[int, ...]] = {}
@@ -238,72 +235,12 @@ class ScheduleModel:
                 exact.update({a.present: tuple(m.present for m in members) for a in members})
         return exact
 
-    def _link_times(self, activity: Activity, *, vague: bool = False) -> None:
-        store = self.store
-        made = self.world.activities[activity.name]
-        if made.size.terms:
-            total = made.start.plus(made.size).plus(made.end, -1)
-            store.enforce(compare(total._replace(needs=()), "=="), (made.present,))
-            if None in constant_bounds(activity.duration) and not vague:
-                self._duration_terms(activity, made)
-        store.enforce(made.end.le(Lin(((self.world.makespan, 1),))))
-
-    def _duration_terms(self, activity: Activity, made: ActivityVars) -> None:
-        duration = activity.duration
-        reader = self.states.reader(made, made.present, made.start, made.start)
-        terms = Terms(self.world, reader, made)
-        lower, upper = terms.linear(duration.lower), terms.linear(duration.upper)
-        low = lower.shift(1 if duration.is_left_open() else 0)
-        high = upper.shift(-1 if duration.is_right_open() else 0)
-        self.store.enforce(low.le(made.size), (made.present,))
-        self.store.enforce(made.size.le(high), (made.present,))
-
-    def _narrower(self, activity: Activity) -> bool:
-        lower, upper = constant_bounds(activity.duration)
-        made = self.world.activities[activity.name]
-        if lower is None or upper is None or made.most is None:
-            return False
-        return lower >= made.least and upper <= made.most
-
-    def _narrow(self, activity: Activity) -> None:
-        lower, upper = constant_bounds(activity.duration)
-        made = self.world.activities[activity.name]
-        when = (made.present,)
-        self.store.enforce(made.start.shift(lower or 0).le(made.end), when)
-        if upper is not None:
-            self.store.enforce(made.end.le(made.start.shift(upper)), when)
-        made.least, made.most = lower or 0, upper
-        if made.size.terms and upper is not None:
-            self.store.bounds[made.size.terms[0][0]] = (made.least, upper)
-
-    def _parameters(self, parts: Additions) -> None:
-        for parameter in parts.variables:
-            self._parameter(parameter, None)
-        for activity, parameter in parts.parameters:
-            self._parameter(parameter, activity)
-
-    def _parameter(self, parameter: Any, activity: Activity | None) -> None:
-        tpe = parameter.type
-        if tpe.is_bool_type() and activity is None:
-            var = self._decision(parameter.name)
-        elif tpe.is_bool_type() or tpe.is_user_type():
-            values = self.world.values_of(tpe)
-            if not values:
-                raise UnsupportedError(f"there is no object for '{parameter.name}' of type '{tpe}'")
-            var = self.store.member(values)
-        else:
-            var = self.store.integer(*int_bounds(tpe))
-        made = self._vars(activity)
-        needs = () if made is None or made.present == TRUE else (made.present,)
-        self.world.parameters[parameter.name] = Lin(((var, 1),), 0, needs)
-        self.parameters[parameter.name] = (var, tpe, None if activity is None else activity.name)
-
     def _forms(self, parts: Additions, first: bool = False) -> list[Form]:
         forms: list[Form] = []
         for constraint, scope, owner in parts.constraints:
             if first and self.disjunctions.add_written(constraint, scope, self.world.activities):
                 continue
-            terms = Terms(self.world, self._static, self._vars(owner))
+            terms = Terms(self.world, self._static, self.variables.of(owner))
             form = terms.form(constraint)
             if scope:
                 form = disjunction([*(terms.form(s, False) for s in scope), form])
@@ -343,7 +280,7 @@ class ScheduleModel:
         for var in self.time_variables():
             self.store.rebound(var, 0, self.limit)
 
-    def _unary(self) -> None:
+    def _unary(self, draft: Draft) -> None:
         """Take what is said by resources, levels and states that are for one as disjunctions."""
         for unary in find_unary(self.states):
             self.disjunctions.add_unary(unary)
@@ -372,7 +309,7 @@ class ScheduleModel:
             self.read_counts[state.key] = len(state.reads)
         return self._forms(Additions(constraints=[p.constraint for p in found.left]))
 
-    def _timelines(self) -> None:
+    def _timelines(self, draft: Draft | None = None) -> None:
         for key, state in self._in_time(self.states.vars.items()):
             if key[0] not in self.states.dynamic:
                 continue
@@ -419,7 +356,26 @@ class ScheduleModel:
 
     def time_variables(self) -> list[int]:
         """Return the makespan and the start and end variables."""
-        times = [self.world.makespan]
-        for made in self.world.activities.values():
-            times += [v for lin in (made.start, made.end) for v, _ in lin.terms]
-        return sorted(set(times))
+        return self.variables.time_variables()
+
+
+FAMILIES: tuple[tuple[str, Callable[[ScheduleModel, Draft], None]], ...] = (
+    ("decision variables", ScheduleModel._parameters),
+    ("constraints as they are written", ScheduleModel._written),
+    ("which fluents change", ScheduleModel._dynamic),
+    ("the horizon", ScheduleModel._limits),
+    ("starts, durations and ends", ScheduleModel._durations),
+    ("effects", ScheduleModel._effects),
+    ("conditions", ScheduleModel._conditions),
+    ("disjunctions of pairs", ScheduleModel._disjunctions),
+    ("unary resources", ScheduleModel._unary),
+    ("precedences that say states", ScheduleModel._precedences),
+    ("alternatives said as one", ScheduleModel._merged),
+    ("loads of resources", ScheduleModel._loads),
+    ("the metric", ScheduleModel._metric),
+    ("timelines of states", ScheduleModel._timelines),
+    ("all other constraints", ScheduleModel._rest),
+    ("the latest end", ScheduleModel._makespan),
+    ("what solutions are read from", ScheduleModel._decisions),
+)
+"""What a model states, in this order."""

@@ -12,8 +12,10 @@ from up_samp.model import CandidateSchedule, Deadline, ScheduleReport, ScheduleS
 from up_samp.scheduling.cpsat.explain import Explanation, explain
 from up_samp.scheduling.cpsat.model import OutOfTimeError, ScheduleModel
 from up_samp.scheduling.cpsat.problem import Watcher
+from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders, Progress
 from up_samp.scheduling.cpsat.solve.runner import Run
-from up_samp.scheduling.cpsat.solve.strategy import Progress, Search
+from up_samp.scheduling.cpsat.solve.strategy import Solve, solve
+from up_samp.scheduling.cpsat.tuning import CpsatTuning
 
 
 class CpsatSession:
@@ -29,6 +31,7 @@ class CpsatSession:
     :param workers: threads of CP-SAT (``None``: one per core).
     :param effort: limit of one :meth:`solve` in CP-SAT's deterministic time (0.1 may take a
         second): unlike a deadline, it ends the same way on every machine (``None``: no limit).
+    :param tuning: sizes, efforts and shares of its stages (``None``: the defaults).
     """
 
     def __init__(
@@ -38,10 +41,12 @@ class CpsatSession:
         seed: int = 0,
         workers: int | None = None,
         effort: float | None = None,
+        tuning: CpsatTuning | None = None,
     ) -> None:
         self.problem = problem
         self.settings = Run(seed, workers or os.cpu_count() or 1)
         self.effort = effort
+        self.tuning = tuning or CpsatTuning()
         self.bound = 0
         self.rebuilds = 0
         self._watcher = Watcher(problem)
@@ -85,22 +90,17 @@ class CpsatSession:
             return ScheduleReport(ScheduleStatus.OUT_OF_TIME, seconds=seconds)
         self.bound = max(self.bound, lower_bound or 0)
         wants_optimum = optimal and bool(self.problem.quality_metrics)
-        search = Search(
-            model,
-            self.settings,
-            deadline,
-            self.bound,
-            wants_optimum,
-            on_solution,
-            self._interrupted,
-            left=self.effort,
+        orders = Orders(
+            self.settings, wants_optimum, self.tuning.stages, self._interrupted, on_solution
         )
+        whole = Attempts(model, orders, deadline, self.bound, left=self.effort)
+        guess = hint if hint is not None else self._last
+        search = Solve(whole, lambda: Watcher(self.problem).look(), guess)
         if not deadline.expired():
-            guess = hint if hint is not None else self._last
-            search.run(lambda: Watcher(self.problem).look(), guess)
+            solve(search)
         if search.routes is not None:
             self.explanation = explain(model, search.routes)
-        report = self._report(search, wants_optimum, deadline.elapsed() - started)
+        report = self._report(whole, deadline.elapsed() - started)
         told = self.explanation
         return replace(report, recognised=told.recognised, left_over=told.left_over)
 
@@ -117,13 +117,11 @@ class CpsatSession:
             self._model.grow(parts)
             return self._model
         self.rebuilds += 1
-        model = ScheduleModel(self.problem)
         self._model = None
-        model.build(Watcher(self.problem).look(), deadline)
-        self._model = model
-        return model
+        self._model = ScheduleModel(self.problem, deadline=deadline)
+        return self._model
 
-    def _report(self, search: Search, wants_optimum: bool, seconds: float) -> ScheduleReport:
+    def _report(self, search: Attempts, seconds: float) -> ScheduleReport:
         model = search.model
         if search.invalid:
             return ScheduleReport(ScheduleStatus.ERROR, message=search.invalid, seconds=seconds)
@@ -137,7 +135,7 @@ class CpsatSession:
         if search.best is None:
             return ScheduleReport(ScheduleStatus.OUT_OF_TIME, bound=bound, seconds=seconds)
         self._last = search.best
-        proven = search.proven and wants_optimum and model.horizon.certain
+        proven = search.proven and search.orders.optimal and model.horizon.certain
         status = ScheduleStatus.OPTIMAL if proven else ScheduleStatus.FOUND
         late = not proven and search.deadline.expired()
         return ScheduleReport(status, search.best, bound, seconds=seconds, late=late)

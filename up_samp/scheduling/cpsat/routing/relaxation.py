@@ -48,14 +48,12 @@ class Collapsed:
         self.full = full
         removed = {move.name for route in routes for move in route.moves}
         self.routes = routes = [route.with_visits() for route in routes]
-        self.model = ScheduleModel(full.problem)
-        self.model.limit_at_least = full.limit
         kept = without(parts, removed)
         environment = full.problem.environment
         kept.activities += [
             Activity(name, 0, _env=environment) for route in routes for name, _ in route.visits
         ]
-        self.model.build(kept, deadline)
+        self.model = ScheduleModel(full.problem, kept, deadline, limit_at_least=full.limit)
         self.units = find_unit_places(full, routes)
         self._legs = Legs(self.model.store, self.model.limit, self.units, routes)
         self._forms: list[Form] = []

@@ -1,0 +1,158 @@
+"""Variables of activities and parameters, and how their times hang together."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from unified_planning.model.scheduling import Activity
+
+from up_samp.model import UnsupportedError
+from up_samp.scheduling.cpsat.encode.durations import constant_bounds
+from up_samp.scheduling.cpsat.encode.horizon import Horizon
+from up_samp.scheduling.cpsat.encode.states import States
+from up_samp.scheduling.cpsat.encode.store import TRUE, Lin, Literal, Store, compare, constant
+from up_samp.scheduling.cpsat.encode.terms import ActivityVars, Terms, World, int_bounds
+from up_samp.scheduling.cpsat.normal.presences import Presences
+from up_samp.scheduling.cpsat.problem import Additions
+
+PLACEHOLDER = 10**7
+"""Latest time of variables until the horizon is known."""
+
+
+class Variables:
+    """Makes the variables of a model.
+
+    ``presences`` tell which decisions are one; ``leaders``: which activity's start an alternative
+    shares. ``parameters`` holds (variable, type, activity) by name.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        states: States,
+        horizon: Horizon,
+        presences: Presences,
+        leaders: dict[str, str],
+    ) -> None:
+        self.world = world
+        self.store: Store = world.store
+        self.states = states
+        self.horizon = horizon
+        self.parameters: dict[str, tuple[int, Any, str | None]] = {}
+        self._presences = presences
+        self._leaders = leaders
+        self._decisions: dict[str, Literal] = {}
+
+    def of(self, activity: Activity | None) -> ActivityVars | None:
+        """Return an activity's variables (None: of the problem itself)."""
+        return None if activity is None else self.world.activities[activity.name]
+
+    def add_activity(self, activity: Activity, limit: int = PLACEHOLDER) -> None:
+        """Make the variables of an activity that ends by ``limit``."""
+        store = self.store
+        present = self._decision(activity.name) if activity.optional else TRUE
+        needs = () if present == TRUE else (present,)
+        leader = self.world.activities.get(self._leaders.get(activity.name, ""))
+        times = ((store.integer(0, limit), 1),) if leader is None else leader.start.terms
+        start = Lin(times, 0, needs)
+        lower, upper = constant_bounds(activity.duration)
+        if lower is not None and lower == upper:
+            end, size = start.shift(lower), constant(lower)
+        else:
+            size = Lin(((store.integer(lower or 0, limit if upper is None else upper), 1),))
+            end = Lin(((store.integer(0, limit), 1),), 0, needs)
+        made = ActivityVars(
+            activity.name, len(self.world.activities), present, start, end, lower or 0, upper, size
+        )
+        self.world.activities[activity.name] = made
+        self.states.register(made)
+        if limit == PLACEHOLDER:
+            self.horizon.activity(made)
+
+    def _decision(self, name: str) -> Literal:
+        """Return the literal that decides about an optional activity or a bool variable."""
+        leader = self._presences.of(name)
+        if leader not in self._decisions:
+            self._decisions[leader] = self.store.boolean()
+        return self._decisions[leader]
+
+    def add_parameters(self, parts: Additions) -> None:
+        """Make the variables of all decision variables."""
+        for parameter in parts.variables:
+            self._parameter(parameter, None)
+        for activity, parameter in parts.parameters:
+            self._parameter(parameter, activity)
+
+    def _parameter(self, parameter: Any, activity: Activity | None) -> None:
+        tpe = parameter.type
+        if tpe.is_bool_type() and activity is None:
+            var = self._decision(parameter.name)
+        elif tpe.is_bool_type() or tpe.is_user_type():
+            values = self.world.values_of(tpe)
+            if not values:
+                raise UnsupportedError(f"there is no object for '{parameter.name}' of type '{tpe}'")
+            var = self.store.member(values)
+        else:
+            var = self.store.integer(*int_bounds(tpe))
+        made = self.of(activity)
+        needs = () if made is None or made.present == TRUE else (made.present,)
+        self.world.parameters[parameter.name] = Lin(((var, 1),), 0, needs)
+        self.parameters[parameter.name] = (var, tpe, None if activity is None else activity.name)
+
+    def link_times(self, activity: Activity, *, vague: bool = False) -> None:
+        """Tie an activity's times and duration (a ``vague`` one is said elsewhere) together."""
+        store = self.store
+        made = self.world.activities[activity.name]
+        if made.size.terms:
+            total = made.start.plus(made.size).plus(made.end, -1)
+            store.enforce(compare(total._replace(needs=()), "=="), (made.present,))
+            if None in constant_bounds(activity.duration) and not vague:
+                self._duration_terms(activity, made)
+        store.enforce(made.end.le(Lin(((self.world.makespan, 1),))))
+
+    def _duration_terms(self, activity: Activity, made: ActivityVars) -> None:
+        duration = activity.duration
+        reader = self.states.reader(made, made.present, made.start, made.start)
+        terms = Terms(self.world, reader, made)
+        lower, upper = terms.linear(duration.lower), terms.linear(duration.upper)
+        low = lower.shift(1 if duration.is_left_open() else 0)
+        high = upper.shift(-1 if duration.is_right_open() else 0)
+        self.store.enforce(low.le(made.size), (made.present,))
+        self.store.enforce(made.size.le(high), (made.present,))
+
+    def narrower(self, activity: Activity) -> bool:
+        """Return whether an activity's duration may be no more than it might before."""
+        lower, upper = constant_bounds(activity.duration)
+        made = self.world.activities[activity.name]
+        if lower is None or upper is None or made.most is None:
+            return False
+        return lower >= made.least and upper <= made.most
+
+    def narrow(self, activity: Activity) -> None:
+        """State an activity's narrower duration."""
+        lower, upper = constant_bounds(activity.duration)
+        made = self.world.activities[activity.name]
+        when = (made.present,)
+        self.store.enforce(made.start.shift(lower or 0).le(made.end), when)
+        if upper is not None:
+            self.store.enforce(made.end.le(made.start.shift(upper)), when)
+        made.least, made.most = lower or 0, upper
+        if made.size.terms and upper is not None:
+            self.store.bounds[made.size.terms[0][0]] = (made.least, upper)
+
+    def make_decisions(self) -> None:
+        """Make the variables that solutions are read from, even where nothing constrains them."""
+        self.store.var(self.world.makespan)
+        for made in self.world.activities.values():
+            for lin in (made.start, made.end, Lin(((abs(made.present), 1),))):
+                for var, _ in lin.terms:
+                    self.store.var(var)
+        for var, _, _ in self.parameters.values():
+            self.store.var(var)
+
+    def time_variables(self) -> list[int]:
+        """Return the makespan and the start and end variables."""
+        times = [self.world.makespan]
+        for made in self.world.activities.values():
+            times += [v for lin in (made.start, made.end) for v, _ in lin.terms]
+        return sorted(set(times))

@@ -1,0 +1,279 @@
+"""Attempts at one model: what is known of its schedules, and single runs of CP-SAT to know more."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from ortools.sat.python import cp_model
+
+from up_samp.model import CandidateSchedule, Deadline
+from up_samp.scheduling.cpsat.encode.store import TRUE, Lin
+from up_samp.scheduling.cpsat.model import ScheduleModel
+from up_samp.scheduling.cpsat.solve import options as profiles
+from up_samp.scheduling.cpsat.solve.options import Profile
+from up_samp.scheduling.cpsat.solve.runner import Answer, Run, run
+from up_samp.scheduling.cpsat.solve.solutions import hint_values, schedule_of
+from up_samp.scheduling.cpsat.tuning import StagesTuning
+
+Progress = Callable[[CandidateSchedule, "int | None"], None]
+
+
+@dataclass(frozen=True)
+class Orders:
+    """How all runs of one solve are made. ``optimal``: the proven optimum is asked for."""
+
+    run: Run
+    optimal: bool
+    tuning: StagesTuning
+    interrupted: threading.Event
+    progress: Progress | None = None
+
+
+@dataclass
+class Attempts:
+    """What is known of one model: ``bound`` and ``best`` grow. Efforts are in CP-SAT's
+    deterministic time, so that with one worker the same seed gives the same schedule.
+
+    ``left``: effort that is left for all attempts together (``None``: no limit). ``relaxed``: it is
+    the model of a routing relaxation, which leaves the way home out of its activities.
+    """
+
+    model: ScheduleModel
+    orders: Orders
+    deadline: Deadline
+    bound: int
+    left: float | None = None
+    relaxed: bool = False
+    best: CandidateSchedule | None = None
+    value: int = 0
+    """The makespan of ``best``, with the way home where moves were taken out."""
+    known: dict[int, int] = field(default_factory=dict)
+    """Values of variables in a schedule to start from: hints."""
+    infeasible: bool = False
+    proven: bool = False
+    invalid: str = ""
+
+    def __post_init__(self) -> None:
+        self.minimizes_makespan = self.model.objective is None
+        store = self.model.store
+        objective = self.model.objective or Lin(((self.model.world.makespan, 1),))
+        store.model.minimize(store.expression(objective))
+
+    # -- what is known -------------------------------------------------------------------------
+    @property
+    def size(self) -> int:
+        """How many constraints the model has."""
+        return len(self.model.store.model.proto.constraints)
+
+    @property
+    def tiny(self) -> bool:
+        """Whether the model is small enough for runs without presolve."""
+        return self.size <= self.orders.tuning.tiny
+
+    @property
+    def small(self) -> bool:
+        """Whether the model is small enough for proofs on the side."""
+        return self.size <= self.orders.tuning.small
+
+    def met(self) -> bool:
+        """Whether the schedule's makespan is the proven bound."""
+        if self.minimizes_makespan and self.best is not None and self.value <= self.bound:
+            self.proven = True
+        return self.proven
+
+    def over(self) -> bool:
+        """Whether nothing more can be learned, or there is no time or effort left."""
+        spent = self.left is not None and self.left <= 0
+        ended = self.met() or self.infeasible or bool(self.invalid)
+        return ended or spent or self.deadline.expired()
+
+    @property
+    def cap(self) -> int:
+        """By when schedules that are not worse than the best one end."""
+        known = self.minimizes_makespan and self.best is not None
+        return self.value if known else self.model.limit
+
+    # -- attempts ------------------------------------------------------------------------------
+    def without_presolve(self, cap: int) -> None:
+        """Try what solves the smallest problems at once."""
+        if self.tiny:
+            self.improve(cap, profiles.NO_PRESOLVE, self.orders.tuning.without_presolve)
+
+    def climb(self) -> None:
+        """Solve a small problem without routes, with more and more effort."""
+        if not self.small:
+            return
+        tuning, optimal = self.orders.tuning, self.orders.optimal
+        self.without_presolve(self.cap)
+        if self.over():
+            return
+        if optimal and self.orders.run.workers > 1:
+            # a poor schedule as a hint leads both searches astray
+            profile = profiles.TWO_FULL_SEARCHES
+            self.improve(self.model.limit, profile, tuning.two_searches, hinted=False)
+            return
+        turns = zip(itertools.cycle(profiles.ONE_THREAD), tuning.one_thread, strict=False)
+        for profile, effort in turns if optimal else itertools.islice(turns, 1):
+            self.improve(self.cap, profile, effort)
+            if self.over():
+                return
+
+    def prove_quickly(self) -> None:
+        """Try a quick proof from the schedule in hand, if the optimum is asked for."""
+        known = self.best is not None and self.minimizes_makespan and self.orders.optimal
+        if not known or not self.small:
+            return
+        tuning = self.orders.tuning
+        if self.tiny:
+            self.improve(self.cap, profiles.NO_INPROCESSING, tuning.without_inprocessing)
+        if not self.over():
+            self.improve(self.cap, profiles.ONE_PRESOLVE_PASS, tuning.one_presolve_pass)
+
+    def finish(self, effort: float | None) -> None:
+        """Improve the schedule until it is proven optimal, or good enough."""
+        optimal = self.orders.optimal
+        profile = profiles.CP_SATS_OWN if optimal else profiles.LINEARIZATION
+        self.improve(self.cap, profile, effort)
+
+    def realize(self, guess: CandidateSchedule) -> bool:
+        """Try to make a schedule of a relaxed one; return whether that worked.
+
+        Who is present is taken over; times may shift, for what the relaxation left out.
+        """
+        tuning = self.orders.tuning
+        hints = hint_values(self.model, guess)
+        self.known.update(hints)
+        presences = {abs(a.present) for a in self.model.world.activities.values()} - {TRUE}
+        for factor in tuning.realize_caps:
+            cap = max(int(factor * guess.makespan) + (2 if factor > 1 else 0), self.bound)
+            if self.best is not None and cap >= self.value:
+                break
+            model = self.model.capped(cap)
+            for var in sorted(presences & hints.keys()):
+                position = self.model.store.position(var)
+                model.add(model.get_int_var_from_proto_index(position) == hints[var])
+            self._set_hints(model)
+            answer = None
+            if self.tiny:
+                answer = self._run(model, profiles.NO_PRESOLVE, tuning.without_presolve, first=True)
+            if answer is None or answer.status == cp_model.UNKNOWN:
+                answer = self._run(model, profiles.NO_LINEARIZATION, tuning.realize, first=True)
+            if answer.values is not None or self.over():
+                return answer.values is not None
+        return False
+
+    def first(self, base: int) -> None:
+        """Find some schedule: a dive under a loose cap, which mostly does; then caps from tight
+        to loose, with more effort each time. ``base``: the makespan to expect (0: not known).
+        """
+        tuning, limit = self.orders.tuning, self.model.limit
+        model = self.model.capped(max(limit // 8, 4 * base))
+        self._set_hints(model)
+        dived = self._run(model, profiles.FIXED_SEARCH, tuning.first_dive, first=True)
+        if dived.values is not None or self.over():
+            return
+        base = max(base, self.bound)
+        cap = int(1.1 * base) + 5 if base else max(20, limit // 64)
+        effort = tuning.first
+        while self.best is None and not self.over():
+            last = cap >= limit
+            if self._under(min(cap, limit), effort, last=last) or last:
+                return
+            cap, effort = 2 * cap, tuning.first_growth * effort
+
+    def _under(self, cap: int, effort: float, *, last: bool) -> bool:
+        """Look for some schedule under a cap; return whether that is over, well or not."""
+        model = self.model.capped(cap)
+        self._set_hints(model)
+        for profile, weight in (
+            (profiles.LINEARIZATION, 2.0),
+            (profiles.NO_LINEARIZATION, 1.0),
+            (profiles.FIXED_SEARCH, 1.0),
+        ):
+            unlimited = last and profile is profiles.FIXED_SEARCH
+            answer = self._run(model, profile, None if unlimited else weight * effort, first=True)
+            if answer.status == cp_model.INFEASIBLE:
+                if last:
+                    self.infeasible = True
+                elif self.minimizes_makespan:
+                    self.bound = max(self.bound, cap + 1)
+                return False
+            if answer.values is not None or self.over():
+                return True
+        return False
+
+    def improve(
+        self, cap: int, profile: Profile, effort: float | None, *, hinted: bool = True
+    ) -> None:
+        """Search between the bound and ``cap``, and learn from the answer."""
+        store = self.model.store
+        model = self.model.capped(cap)
+        if self.minimizes_makespan and self.bound:
+            makespan = model.get_int_var_from_proto_index(store.position(self.model.world.makespan))
+            model.add(makespan >= self.bound)
+        if hinted:
+            self._set_hints(model)
+        answer = self._run(model, profile, effort, first=False)
+        if answer.status == cp_model.INFEASIBLE and self.best is None:
+            self.infeasible = True
+        if answer.status == cp_model.OPTIMAL:
+            self.proven = True
+        if self.minimizes_makespan and math.isfinite(answer.bound) and answer.values is not None:
+            self.bound = max(self.bound, math.ceil(answer.bound - 1e-6))
+        elif self.minimizes_makespan and answer.status == cp_model.UNKNOWN:
+            self.bound = max(self.bound, math.ceil(max(answer.bound, 0) - 1e-6))
+
+    # -- running -------------------------------------------------------------------------------
+    def _run(self, model: Any, profile: Profile, effort: float | None, *, first: bool) -> Answer:
+        limits = [e for e in (effort, self.left) if e is not None]
+        if limits:
+            profile = {**profile, "max_deterministic_time": max(0.0, min(limits))}
+        if first:
+            profile = {**profile, "stop_after_first_solution": True}
+        progress = self.orders.progress
+
+        def improved(values: list[int], objective: float, bound: float) -> bool:
+            self._take(values)
+            if progress is not None and self.best is not None:
+                if self.minimizes_makespan and not first and math.isfinite(bound):
+                    self.bound = max(self.bound, math.ceil(bound - 1e-6))
+                progress(self.best, self.bound or None)
+            return False
+
+        answer = run(
+            model,
+            self.orders.run,
+            self.deadline,
+            improved,
+            interrupted=self.orders.interrupted,
+            options=profile,
+        )
+        if self.left is not None:
+            self.left -= answer.effort
+        if answer.status == cp_model.MODEL_INVALID:
+            self.invalid = model.validate()
+        elif answer.values is not None:
+            self._take(answer.values)
+        return answer
+
+    def _take(self, values: list[int]) -> None:
+        store = self.model.store
+        schedule = schedule_of(self.model, lambda var: values[store.position(var)])
+        value = schedule.makespan
+        if self.relaxed:
+            value = values[store.position(self.model.world.makespan)]
+        if self.best is None or value < self.value or not self.minimizes_makespan:
+            self.best, self.value = schedule, value
+            self.known = {v: values[p] for v, p in store.positions() if v and p < len(values)}
+
+    def _set_hints(self, model: Any) -> None:
+        """Give the model what is known as hints."""
+        model.clear_hints()
+        for var, value in sorted(self.known.items()):
+            position = self.model.store.position(var)
+            model.add_hint(model.get_int_var_from_proto_index(position), value)
