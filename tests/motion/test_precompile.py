@@ -69,6 +69,19 @@ def test_other_sources_or_another_numba_have_marks_of_their_own(folder, monkeypa
     assert module.missing(["paths"]) == ()
 
 
+@pytest.mark.parametrize("generic", [True, False])
+def test_kernels_for_any_processor_are_ready_on_another_one(folder, monkeypatch, generic):
+    if generic:
+        monkeypatch.setenv("NUMBA_CPU_NAME", "generic")
+    for processor in ("one", "another"):
+        monkeypatch.setattr(module.llvmlite.binding, "get_host_cpu_name", lambda p=processor: p)
+        module._state_of_code.cache_clear()
+        expected = () if generic and processor == "another" else ("paths",)
+        assert module.missing(["paths"]) == expected
+        compiled("paths", monkeypatch)
+    module._state_of_code.cache_clear()
+
+
 def test_a_part_that_fails_leaves_no_mark(folder, monkeypatch):
     def fails():
         raise RuntimeError("no compiler")
