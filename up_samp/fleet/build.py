@@ -47,6 +47,14 @@ from unified_planning.shortcuts import (
     Or,
 )
 
+from up_samp.fleet.batteries import (
+    GRAINS,
+    Meter,
+    first_level,
+    lowest,
+    step_of,
+    steps_of,
+)
 from up_samp.fleet.crowds import Crowd, Passing
 from up_samp.fleet.faults import Fault, FleetError
 from up_samp.fleet.loads import (
@@ -101,6 +109,8 @@ class _Writer:
         self.keep_out: dict[str, list[MovableObject]] = {}
         self.crowds: list[Crowd] = []
         self.rooms: dict[str, tuple[MovableObject, FNode]] = {}
+        self.batteries: dict[str, FNode] = {}
+        self.meter = Meter(records, folder)
         self.resources: dict[str, Fluent] = {}
         self.visits: dict[str, list[Visit]] = {r: visits_of(records, r) for r in records.robots}
         self.activities: dict[Visit, Activity] = {}
@@ -120,7 +130,9 @@ class _Writer:
         self._zones()
         for visits in self.visits.values():
             for visit in visits:
-                if visit.role in WORK:
+                if visit.role is Role.CHARGE:
+                    self._charge(visit)
+                elif visit.role in WORK:
                     self._work(visit)
         for task in self.records.tasks:
             if not task.at:
@@ -155,6 +167,10 @@ class _Writer:
             fluent = Fluent(f"{name}_at", self.pose_type)
             self.problem.add_fluent(fluent, default_initial_value=self.places[robot.start])
             self.robot_at[name] = fluent()
+            if kind.battery is not None:
+                level = Fluent(f"{name}_battery", IntType(lowest(kind.battery), GRAINS))
+                self.problem.add_fluent(level, default_initial_value=first_level(kind.battery))
+                self.batteries[name] = level()
             if robot.end is not None:
                 end = Equals(self.robot_at[name], self.places[robot.end])
                 self.problem.add_condition(TimePointInterval(GlobalEndTiming()), end)
@@ -231,6 +247,26 @@ class _Writer:
         self.activities[visit] = a
         self.busy[visit.robot].append(a)
 
+    def _charge(self, visit: Visit) -> None:
+        """Add the steps of a visit to a charger: one after the other, as many as are wanted."""
+        mine = self.records.robots[visit.robot]
+        battery = self.records.robot_types[mine.type].battery
+        charger = self.records.places[visit.what].charger
+        assert battery is not None
+        assert charger is not None
+        level, at = self.batteries[visit.robot], self.robot_at[visit.robot]
+        before: Activity | None = None
+        for step in range(1, steps_of(battery, charger) + 1):
+            name = f"{visit.name}_{step}"
+            a = self.problem.add_activity(name, self._up(charger.step), optional=True)
+            a.add_condition(while_there(a), Equals(at, self.places[visit.what]))
+            a.add_increase_effect(a.end, level, step_of(battery, charger))
+            self.busy[visit.robot].append(a)
+            if before is not None:
+                self.problem.add_constraint(Or(Not(a.present), before.present))
+                self.problem.add_constraint(LE(before.end, a.start), _present(before, a))
+            before = a
+
     def _machine(self, task: Task) -> None:
         """Add what no robot does."""
         units = self._up(task.duration)
@@ -300,6 +336,9 @@ class _Writer:
             )
         )
         a.add_motion_effect(mover, self.places[to])
+        amount = self.meter.drive(robot, origin, to)
+        if amount:
+            a.add_decrease_effect(a.start, self.batteries[robot], amount)
         order = ridden(self.records, origin, to)
         if order is not None:
             a.add_motion_effect(self.pallets[order.id], self.stands[order.id, to])

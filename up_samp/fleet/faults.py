@@ -102,6 +102,18 @@ def _robots(records: FleetRecords) -> Iterator[Fault]:
         starts.setdefault(robot.start, name)
 
 
+def _batteries(records: FleetRecords) -> Iterator[Fault]:
+    for name, kind in records.robot_types.items():
+        battery, path = kind.battery, ("robot_types", name, "battery")
+        if battery is None:
+            continue
+        first = battery.capacity if battery.level is None else battery.level
+        if first > battery.capacity:
+            yield Fault((*path, "level"), f"is more than the capacity {battery.capacity:g}")
+        if battery.reserve > first:
+            yield Fault((*path, "reserve"), f"is more than the {first:g} that are there at first")
+
+
 def _doors(records: FleetRecords) -> Iterator[Fault]:
     for name, door in records.doors.items():
         path: Path = ("doors", name, "opened_from")
@@ -256,6 +268,7 @@ def _circles(records: FleetRecords) -> Iterator[Fault]:
 CHECKS: tuple[Callable[[FleetRecords], Iterator[Fault]], ...] = (
     _same_names,
     _robots,
+    _batteries,
     _doors,
     _zones,
     _orders,

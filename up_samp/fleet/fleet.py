@@ -11,6 +11,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from unified_planning.model.motion import SchedulingMotionProblem
 
+from up_samp.fleet.batteries import tell_levels
 from up_samp.fleet.build import build_problem
 from up_samp.fleet.checks import Finding, check_fleet
 from up_samp.fleet.faults import NO_ROBOT, Fault, FleetError, find_faults
@@ -101,10 +102,20 @@ class Fleet:
         self._named("robots", Robot, name, {"type": type, "start": start, **options})
 
     def add_place(
-        self, name: str, x: float, y: float, theta: float = 0.0, *, park: int = 0
+        self,
+        name: str,
+        x: float,
+        y: float,
+        theta: float = 0.0,
+        *,
+        park: int = 0,
+        charger: Any = None,
     ) -> None:
-        """Add a pose. ``park``: how often each robot may rest here to be out of the way."""
-        self._named("places", Place, name, {"pose": (x, y, theta), "park": park})
+        """Add a pose. ``park``: how often each robot may rest here to be out of the way;
+        ``charger``: robots charge here, see :class:`Charger` for its keys.
+        """
+        data = {"pose": (x, y, theta), "park": park, "charger": charger}
+        self._named("places", Place, name, data)
 
     def add_door(self, name: str, leaf: Any, closed: Any, open: Any, **options: Any) -> None:
         """Add a closed door; options: ``opened_from`` (places), ``seconds``, ``skills``."""
@@ -154,7 +165,13 @@ class Fleet:
         unit = self._records.seconds_per_unit
         given = {"seconds_per_unit": unit, **params}
         records, folder = self._records, self._folder
-        return solve_problem(self.problem, timeout, given, lambda: check_fleet(records, folder))
+        return solve_problem(
+            self.problem,
+            timeout,
+            given,
+            lambda: check_fleet(records, folder),
+            lambda plan: tell_levels(records, plan),
+        )
 
     def check(self) -> list[Finding]:
         """Look at it before any solving: what overlaps, what can be reached at all."""

@@ -16,9 +16,11 @@ _UNIONS = ("tuple[", "constrained", "function-", "Stop", "Place", "str")
 
 
 NOT_YET = {
-    "battery": "batteries and charging are not supported yet",
-    "charger": "batteries and charging are not supported yet",
-    "closes": "doors that close again are not supported yet",
+    "closes": "doors that close again are not supported yet: a door stays open once it is open",
+    "charge": "chargers are part of a place: charger: {per_second: 1.0}",
+    "chargers": "chargers are part of a place: charger: {per_second: 1.0}",
+    "speed": "give v_max, in m/s",
+    "radius": "give the footprint as corners, or turning_radius",
 }
 """Keys that one may expect, and what to say of them."""
 

@@ -54,13 +54,43 @@ Names = Annotated[tuple[Name, ...], BeforeValidator(_names, json_schema_input_ty
 
 
 @dataclass(frozen=True)
+class Battery:
+    """What robots of a type have of energy, in units of the user's own (Wh, or percent).
+
+    A drive takes ``per_metre`` for each metre and ``per_second`` for each second of the drive
+    that the robot makes when nobody is in its way; a level never falls below ``reserve``. ``level``
+    is that at first (full where none is given).
+    """
+
+    __pydantic_config__ = STRICT
+    capacity: Positive
+    per_metre: Annotated[float, Ge(0)] = 0.0
+    per_second: Annotated[float, Ge(0)] = 0.0
+    reserve: Annotated[float, Ge(0)] = 0.0
+    level: Positive | None = None
+
+
+@dataclass(frozen=True)
+class Charger:
+    """A place to charge at: ``per_second`` is what it gives, in steps of ``step`` s; each robot may
+    come to it ``times`` times.
+    """
+
+    __pydantic_config__ = STRICT
+    per_second: Positive
+    step: Seconds = 30.0
+    times: Count = 1
+
+
+@dataclass(frozen=True)
 class RobotType:
     """What robots of a type have in common.
 
     ``model``: ``car`` drives forwards and backwards on curves no tighter than ``turning_radius``;
     ``diff`` has two driven wheels (it drives along its heading and turns on the spot); ``omni``
     drives in any direction. ``turning_radius`` is for cars, ``omega_max`` for the others.
-    ``capacity``: how many loads of a kind fit on it at a time.
+    ``capacity``: how many loads of a kind fit on it at a time. ``battery``: what drives take from;
+    none: it never runs out.
     """
 
     __pydantic_config__ = STRICT
@@ -71,6 +101,7 @@ class RobotType:
     a_max: Positive = 1.0
     omega_max: Positive = 1.0
     capacity: Mapping[Name, Count] = field(default_factory=lambda: {"item": 1})
+    battery: Battery | None = None
 
 
 @dataclass(frozen=True)
@@ -87,12 +118,13 @@ class Robot:
 @dataclass(frozen=True)
 class Place:
     """A pose at which something is done. ``park``: how often each robot may come to rest here
-    without doing anything, to be out of the way.
+    without doing anything, to be out of the way. ``charger``: robots with batteries charge here.
     """
 
     __pydantic_config__ = STRICT
     pose: Pose
     park: Annotated[int, Ge(0)] = 0
+    charger: Charger | None = None
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,8 @@ class FleetResult:
     seconds_per_unit: float = 1.0
     check: Callable[[], Sequence[object]] = tuple
     """What a look at the problem finds; asked for where there is no plan."""
+    tell: Callable[[PlanDict], list[str]] = lambda _: []
+    """What else there is to say of a plan."""
 
     @property
     def status(self) -> str:
@@ -115,7 +117,7 @@ class FleetResult:
             took = samples[-1][0] - samples[0][0]
             drives[motion["object"]] = drives.get(motion["object"], 0.0) + took
         lines += [f"{name} is on the way for {took:.0f} s" for name, took in drives.items()]
-        return "\n".join([*lines, *messages])
+        return "\n".join([*lines, *self.tell(self.data), *messages])
 
 
 def solve_problem(
@@ -123,6 +125,7 @@ def solve_problem(
     timeout: float | None,
     params: Mapping[str, Any],
     check: Callable[[], Sequence[object]] = tuple,
+    tell: Callable[[PlanDict], list[str]] = lambda _: [],
 ) -> FleetResult:
     """Solve ``problem``; ``params["engine"]`` names the scheduler (``cpsat`` if it is absent)."""
     register()
@@ -131,7 +134,7 @@ def solve_problem(
     problem.environment.credits_stream = None
     with OneshotPlanner(name=name, params=rest) as planner:
         outcome = planner.solve(problem, timeout=timeout)
-    return FleetResult(problem, outcome, float(rest.get("seconds_per_unit", 1.0)), check)
+    return FleetResult(problem, outcome, float(rest.get("seconds_per_unit", 1.0)), check, tell)
 
 
 def saved(ax: Axes, file: str | PathLike[str] | None) -> Axes:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from up_samp.fleet.faults import able, carries, needs_robot
 from up_samp.fleet.loads import ends_of
-from up_samp.fleet.records import FleetRecords, Order, RobotType
+from up_samp.fleet.records import Charger, FleetRecords, Order, RobotType
 
 
 class Role(enum.Enum):
@@ -26,6 +26,7 @@ class Role(enum.Enum):
     DELIVERY = "deliver"
     TASK = "task"
     OPEN = "open"
+    CHARGE = "charge"
 
 
 @dataclass(frozen=True)
@@ -46,10 +47,12 @@ class Visit:
         """The name of its activity."""
         if self.role is Role.TASK:
             return f"{self.what}_{self.robot}"
+        if self.role is Role.CHARGE:
+            return f"charge_{self.robot}_at_{self.what}_{self.number + 1}"
         return f"{self.role.value}_{self.what}_{self.robot}"
 
 
-WORK = (Role.PICKUP, Role.DELIVERY, Role.TASK, Role.OPEN)
+WORK = (Role.PICKUP, Role.DELIVERY, Role.TASK, Role.OPEN, Role.CHARGE)
 """Roles that are activities; at the others a robot only is."""
 
 
@@ -69,12 +72,21 @@ def visits_of(records: FleetRecords, robot: str) -> list[Visit]:
     for name, door in records.doors.items():
         if set(door.skills) <= set(mine.skills):
             visits.append(Visit(robot, Role.OPEN, name, door.opened_from))
+    for place, charger in chargers_of(records, robot):
+        visits += [Visit(robot, Role.CHARGE, place, (place,), i) for i in range(charger.times)]
     for place in _parking(records, robot):
         times = max(1, records.places[place].park)
         visits += [Visit(robot, Role.PARK, place, (place,), i) for i in range(times)]
     if mine.end is not None:
         visits.append(Visit(robot, Role.END, mine.end, (mine.end,)))
     return visits
+
+
+def chargers_of(records: FleetRecords, robot: str) -> list[tuple[str, Charger]]:
+    """Return the places at which a robot may charge."""
+    if records.robot_types[records.robots[robot].type].battery is None:
+        return []
+    return [(name, p.charger) for name, p in records.places.items() if p.charger is not None]
 
 
 def _parking(records: FleetRecords, robot: str) -> list[str]:

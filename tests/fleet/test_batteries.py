@@ -1,0 +1,70 @@
+"""Batteries: drives take from them, chargers give, and nobody runs out."""
+
+from pathlib import Path
+
+import pytest
+
+from up_samp.fleet import Fleet, FleetError
+from up_samp.fleet.batteries import levels
+from up_samp.validation import validate_plan
+
+MAPS = Path(__file__).parents[2] / "examples" / "maps"
+
+
+def floor(capacity, *, charger=True, **battery):
+    """Two orders, which take 30 m and 45 m with the ways to them and home."""
+    fleet = Fleet(MAPS / "two_rooms.yaml")
+    fleet.add_robot_type(
+        "agv", (1.2, 0.8), model="diff", v_max=2.0, a_max=1.0, omega_max=2.0,
+        battery={"capacity": capacity, "per_metre": 1.0, "reserve": 2, **battery},
+    )  # fmt: skip
+    fleet.add_place("home", 2, 3)
+    fleet.add_place("plug", 2, 12.5, charger={"per_second": 2.0, "step": 10} if charger else None)
+    for name, x, y in (("a", 7, 3), ("b", 12, 12), ("c", 25, 4)):
+        fleet.add_place(name, x, y)
+    fleet.add_robot("r", "agv", "home", end="home")
+    fleet.add_order("o1", "a", "b")
+    fleet.add_order("o2", "c", "b")
+    return fleet
+
+
+def test_a_robot_charges_where_it_has_to():
+    fleet = floor(60)
+    result = fleet.solve()
+    assert result.plan is not None, result.explain()
+    assert validate_plan(fleet.problem, result.plan).valid
+    charges = [a["name"] for a in result.data["activities"] if a["name"].startswith("charge_r")]
+    assert charges
+    course = levels(fleet.records, result.data)["r"]
+    assert all(2 - 1e-6 <= level <= 60 + 1e-6 for _, level in course)
+    assert "the battery of r falls to" in result.explain()
+    driven = sum(
+        ((q[1] - p[1]) ** 2 + (q[2] - p[2]) ** 2) ** 0.5
+        for m in result.data["motions"]
+        for p, q in zip(m["samples"], m["samples"][1:], strict=False)
+    )
+    assert course[-1][1] == pytest.approx(60 - driven + 20 * len(charges), abs=0.5)
+
+
+def test_with_a_large_battery_nobody_charges():
+    fleet = floor(100)
+    result = fleet.solve(optimal=True)
+    assert not any(a["name"].startswith("charge_") for a in result.data["activities"])
+    assert result.makespan <= 70
+
+
+def test_without_a_charger_there_is_no_plan():
+    assert floor(60, charger=False).solve().status == "UNSOLVABLE_PROVEN"
+
+
+def test_seconds_count_as_well_as_metres():
+    assert floor(100, charger=False, per_second=2.0).solve().status == "UNSOLVABLE_PROVEN"
+
+
+def test_levels_that_make_no_sense_are_refused():
+    with pytest.raises(FleetError, match=r"battery.level: is more than the capacity 60"):
+        floor(60, level=80)
+    with pytest.raises(FleetError, match=r"battery.reserve: is more than the 60 that are there"):
+        floor(60, reserve=61)
+    with pytest.raises(FleetError, match=r"battery.volts: there is no such key"):
+        floor(60, volts=48)

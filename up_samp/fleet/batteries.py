@@ -1,0 +1,143 @@
+"""Batteries as numeric fluents: what drives take, and what chargers give, step by step.
+
+What a drive takes is known before any schedule: that of the way which the robot takes when nobody
+is in it. Levels are whole numbers: what is taken is rounded up, what is given down.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from up_samp.fleet.loads import place_of, ridden, with_load
+from up_samp.fleet.outlines import body_of, still
+from up_samp.fleet.records import Battery, Charger, FleetRecords
+from up_samp.geometry import load_map
+from up_samp.io.sampling import rows_trajectory
+from up_samp.model import Deadline, PathQuery, Placed, Trajectory
+from up_samp.motion import MotionService
+
+GRAINS = 1000
+"""A full battery holds so many of the whole numbers that are counted in."""
+MOST_STEPS = 60
+SECONDS = 10.0
+"""Time for one drive whose way is asked for."""
+
+
+class Meter:
+    """What the drives of a fleet take from its robots' batteries."""
+
+    def __init__(self, records: FleetRecords, folder: Path) -> None:
+        self._records = records
+        self._folder = folder
+        self._known: dict[tuple[str, str, str], float] = {}
+
+    def drive(self, robot: str, origin: str, to: str) -> int:
+        """Return what a drive takes, in grains (0 for robots without batteries)."""
+        kind = self._records.robots[robot].type
+        battery = self._records.robot_types[kind].battery
+        if battery is None:
+            return 0
+        key = (kind, origin, to)
+        if key not in self._known:
+            way = self._way(kind, origin, to)
+            self._known[key] = 0.0 if way is None else taken(battery, way)
+        return math.ceil(grains(battery, self._known[key]) - 1e-9)
+
+    def _way(self, kind: str, origin: str, to: str) -> Trajectory | None:
+        """Return how a robot drives when nobody is in its way."""
+        records = self._records
+        mine, order = records.robot_types[kind], ridden(records, origin, to)
+        load = None if order is None else order.attached
+        body = body_of(mine) if load is None else with_load(mine, load)
+        poses = tuple(records.places[place_of(p)].pose for p in (origin, to))
+        zones = tuple(
+            Placed(name, still(zone.polygon), (0.0, 0.0, 0.0))
+            for name, zone in records.zones.items()
+            if kind in zone.keep_out
+        )
+        query = PathQuery(body, poses, zones)
+        return self._service.plan(query, Deadline.after(SECONDS)).trajectory
+
+    @cached_property
+    def _service(self) -> MotionService:
+        return MotionService(load_map(self._folder / self._records.map))
+
+
+def taken(battery: Battery, way: Trajectory) -> float:
+    """Return what a drive takes, in the user's units."""
+    metres = float(np.hypot(*np.diff(way.poses[:, :2], axis=0).T).sum())
+    return battery.per_metre * metres + battery.per_second * way.duration
+
+
+def grains(battery: Battery, amount: float) -> float:
+    """Return an amount in the whole numbers that are counted in (not yet rounded)."""
+    return amount * GRAINS / battery.capacity
+
+
+def first_level(battery: Battery) -> int:
+    """Return the level at first, in grains."""
+    level = battery.capacity if battery.level is None else battery.level
+    return math.floor(grains(battery, level) + 1e-9)
+
+
+def lowest(battery: Battery) -> int:
+    """Return the level that is kept, in grains."""
+    return math.ceil(grains(battery, battery.reserve) - 1e-9)
+
+
+def step_of(battery: Battery, charger: Charger) -> int:
+    """Return what one step of charging gives, in grains."""
+    return max(1, math.floor(grains(battery, charger.per_second * charger.step) + 1e-9))
+
+
+def steps_of(battery: Battery, charger: Charger) -> int:
+    """Return how many steps one visit may have: until an empty battery is full."""
+    return min(MOST_STEPS, max(1, (GRAINS - lowest(battery)) // step_of(battery, charger)))
+
+
+def levels(records: FleetRecords, plan: Mapping[str, Any]) -> dict[str, list[tuple[float, float]]]:
+    """Return each battery's level (s, the user's units) after each drive and charge of a plan
+    dictionary, by what is really driven in it.
+    """
+    unit = float(plan["seconds_per_unit"])
+    ends = {a["name"]: float(a["end"]) * unit for a in plan["activities"]}
+    found = {}
+    for robot, mine in records.robots.items():
+        battery = records.robot_types[mine.type].battery
+        if battery is None:
+            continue
+        changes = [
+            (row[-1][0], -taken(battery, rows_trajectory(row)))
+            for row in (m["samples"] for m in plan["motions"] if m["object"] == robot)
+        ]
+        for name, place in records.places.items():
+            if place.charger is not None:
+                given = step_of(battery, place.charger) * battery.capacity / GRAINS
+                prefix = f"charge_{robot}_at_{name}_"
+                changes += [(end, given) for a, end in ends.items() if a.startswith(prefix)]
+        level = battery.capacity if battery.level is None else battery.level
+        found[robot] = [(0.0, level)]
+        for time, change in sorted(changes):
+            level += change
+            found[robot].append((time, level))
+    return found
+
+
+def tell_levels(records: FleetRecords, plan: Mapping[str, Any]) -> list[str]:
+    """Return in words how low batteries get, by what is really driven."""
+    lines = []
+    for robot, course in levels(records, plan).items():
+        battery = records.robot_types[records.robots[robot].type].battery
+        assert battery is not None
+        least = min(level for _, level in course)
+        text = f"the battery of {robot} falls to {least:.3g} of {battery.capacity:g} at its lowest"
+        if least < battery.reserve:
+            text += f": below the reserve of {battery.reserve:g}, by detours among the others"
+        lines.append(text)
+    return lines
