@@ -6,10 +6,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from up_samp.benchmarks import report, runner
 from up_samp.benchmarks.builder import ENCODINGS
 from up_samp.benchmarks.instances import families
-from up_samp.benchmarks.runs import select, sweep
 from up_samp.model import SampError
 
 
@@ -73,6 +71,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _run(args: argparse.Namespace) -> int:
+    from up_samp.benchmarks import report, runner
+    from up_samp.benchmarks.runs import select, sweep
+
     specs = sweep(
         select(args.names),
         args.engines,
@@ -95,6 +96,8 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _report(args: argparse.Namespace) -> int:
+    from up_samp.benchmarks import report, runner
+
     records = runner.read_records(*args.folders)
     if not records:
         print("up-samp bench: no runs in " + ", ".join(map(str, args.folders)), file=sys.stderr)
@@ -106,6 +109,8 @@ def _report(args: argparse.Namespace) -> int:
 
 
 def _list(args: argparse.Namespace) -> int:
+    from up_samp.benchmarks.runs import select
+
     for chosen in select(args.names):
         print(chosen.name)
     return 0
