@@ -15,7 +15,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from unified_planning.model import FNode, Parameter, Timing
+from unified_planning.model import Effect, FNode, Parameter, Timing
 from unified_planning.model.scheduling import Activity, SchedulingProblem
 from unified_planning.model.timing import TimePointInterval
 
@@ -88,7 +88,7 @@ def _of_fluent(
     relaxation: Relaxation, activity: Activity, text: str, *, at_end: bool, state: FNode | None
 ) -> Choice:
     problem = relaxation.problem
-    fluent = _ground_fluent(problem, activity, text)
+    fluent = _ground_fluent(relaxation, activity, text)
     values = _reachable(relaxation, fluent)
     if len(values) == 1:
         return Choice(None, values)
@@ -111,10 +111,9 @@ def _add_parameter(relaxation: Relaxation, activity: Activity, what: str, tpe: A
     return mine
 
 
-def _ground_fluent(problem: SchedulingProblem, activity: Activity, text: str) -> FNode:
-    for expression in problem.initial_values:
-        if str(expression) == text:
-            return expression
+def _ground_fluent(relaxation: Relaxation, activity: Activity, text: str) -> FNode:
+    if text in relaxation.ground_fluents:
+        return relaxation.ground_fluents[text]
     raise UnsupportedError(
         f"activity '{activity.name}': the waypoint '{text}' must be a fluent with constant "
         "arguments"
@@ -123,12 +122,15 @@ def _ground_fluent(problem: SchedulingProblem, activity: Activity, text: str) ->
 
 def _reachable(relaxation: Relaxation, fluent: FNode) -> tuple[str, ...]:
     """Return what a ground fluent may hold: its initial value and what effects may assign."""
-    problem = relaxation.problem
-    found = {problem.initial_values[fluent].object().name}
-    effects = [e for _, e in problem.base_effects]
-    effects += [e for a in problem.activities for es in a.effects.values() for e in es]
-    for effect in effects:
-        if effect.fluent.fluent() != fluent.fluent() or _surely_other(effect.fluent, fluent):
+    if fluent not in relaxation.reachable:
+        relaxation.reachable[fluent] = _reached(relaxation, fluent)
+    return relaxation.reachable[fluent]
+
+
+def _reached(relaxation: Relaxation, fluent: FNode) -> tuple[str, ...]:
+    found = {relaxation.given_values[fluent].object().name}
+    for effect in relaxation.given_effects.get(fluent.fluent(), ()):
+        if _surely_other(effect.fluent, fluent):
             continue
         if effect.value.is_object_exp():
             found.add(effect.value.object().name)
@@ -137,6 +139,12 @@ def _reachable(relaxation: Relaxation, fluent: FNode) -> tuple[str, ...]:
         else:
             found |= set(_configurations(relaxation, fluent.type))
     return tuple(sorted(found))
+
+
+def every_effect(problem: SchedulingProblem) -> list[Effect]:
+    """Return the effects of a problem, and of all its activities."""
+    mine = [e for _, e in problem.base_effects]
+    return mine + [e for a in problem.activities for es in a.effects.values() for e in es]
 
 
 def _surely_other(one: FNode, two: FNode) -> bool:

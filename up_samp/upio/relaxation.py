@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from unified_planning.model import Effect, FNode, Parameter, Timing
+from unified_planning.model import Effect, Fluent, FNode, Parameter, Timing
 from unified_planning.model.mixins.timed_conds_effs import TimedCondsEffs
 from unified_planning.model.motion import MotionActivity, SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity, SchedulingProblem
@@ -29,7 +29,7 @@ from unified_planning.model.timing import (
 
 from up_samp.model import UnsupportedError
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
-from up_samp.upio.choices import Choice, choose, constraints_on_one
+from up_samp.upio.choices import Choice, choose, constraints_on_one, every_effect
 from up_samp.upio.rewrite import Rewriter
 from up_samp.upio.spans import with_timings
 from up_samp.upio.told import hold_told
@@ -53,6 +53,8 @@ class Relaxation:
     choices: dict[tuple[str, Term, bool], Choice] = field(default_factory=dict)
     variables: dict[str, Parameter] = field(default_factory=dict)
     early: dict[str, int] = field(default_factory=dict)
+    reachable: dict[FNode, tuple[str, ...]] = field(default_factory=dict)
+    """What each of the problem's ground fluents may hold, as far as it was asked."""
 
     def __post_init__(self) -> None:
         self.activities = {a.name: a for a in self.problem.activities}
@@ -67,6 +69,48 @@ class Relaxation:
     def unary(self) -> dict[FNode, list[FNode]]:
         """The problem's constraints on one parameter each (none of what was learned)."""
         return constraints_on_one(self.problem)
+
+    @cached_property
+    def given_values(self) -> dict[FNode, FNode]:
+        """The initial values of the problem's own ground fluents (the problem lists them anew
+        whenever it is asked).
+        """
+        values: dict[FNode, FNode] = self.problem.initial_values
+        return values
+
+    @cached_property
+    def ground_fluents(self) -> dict[str, FNode]:
+        """The problem's own ground fluents by how they are written."""
+        return {str(expression): expression for expression in self.given_values}
+
+    @cached_property
+    def given_assignments(self) -> dict[FNode, list[tuple[Activity, Timing, Effect]]]:
+        """The effects of activities on each of the problem's own ground fluents."""
+        found: dict[FNode, list[tuple[Activity, Timing, Effect]]] = {}
+        for activity in self.problem.activities:
+            for timing, effects in activity.effects.items():
+                for effect in effects:
+                    found.setdefault(effect.fluent, []).append((activity, timing, effect))
+        return found
+
+    @cached_property
+    def loosely_set(self) -> frozenset[Fluent]:
+        """Fluents that something sets without an activity, or with arguments that are decided."""
+        found = {effect.fluent.fluent() for _, effect in self.problem.base_effects}
+        for expression in self.given_assignments:
+            if not all(a.is_constant() for a in expression.args):
+                found.add(expression.fluent())
+        return frozenset(found)
+
+    @cached_property
+    def given_effects(self) -> dict[Fluent, list[Effect]]:
+        """The effects on each of the problem's own fluents (as they were before the states of the
+        relaxation were added: those are of fluents of their own).
+        """
+        found: dict[Fluent, list[Effect]] = {}
+        for effect in every_effect(self.problem):
+            found.setdefault(effect.fluent.fluent(), []).append(effect)
+        return found
 
 
 _ANYWHERE = "samp_anywhere"
@@ -296,7 +340,7 @@ def _tracking_fluent(
     problem = relaxation.problem
     goals = {t.activity: t.terms[-1] for t in tasks} | {c.activity: c.term for c in changes}
     initial = problem.object(relaxation.snapshot.initial[name])
-    for expression, value in problem.initial_values.items():
+    for expression, value in relaxation.given_values.items():
         if not (value.is_object_exp() and value.object() == initial):
             continue
         if _assigned_by(relaxation, expression, early) == goals:
@@ -309,24 +353,16 @@ def _assigned_by(relaxation: Relaxation, expression: FNode, early: int) -> dict[
 
     ``None`` where it may be assigned in any other way.
     """
-    problem = relaxation.problem
-    if any(e.fluent.fluent() == expression.fluent() for _, e in problem.base_effects):
+    fluent = expression.fluent()
+    if fluent in relaxation.loosely_set:
         return None
     found: dict[str, Term] = {}
-    for activity in problem.activities:
-        for timing, effects in activity.effects.items():
-            for effect in effects:
-                if effect.fluent.fluent() != expression.fluent():
-                    continue
-                if not all(a.is_constant() for a in effect.fluent.args):
-                    return None
-                if effect.fluent != expression:
-                    continue
-                term = _term(effect)
-                at_end = timing == Timing(-early, activity.end)
-                if term is None or not at_end or effect.is_conditional():
-                    return None
-                found[activity.name] = term
+    for activity, timing, effect in relaxation.given_assignments.get(expression, ()):
+        term = _term(effect)
+        at_end = timing == Timing(-early, activity.end)
+        if term is None or not at_end or effect.is_conditional():
+            return None
+        found[activity.name] = term
     return found
 
 

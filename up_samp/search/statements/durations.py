@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 
-from up_samp.model import Deadline, Outcome, PathQuery
+from up_samp.model import Body, Deadline, Outcome, PathQuery
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.model.snapshot import MotionTask
 from up_samp.refinement import rules
-from up_samp.search.cases import MotionCase
+from up_samp.search.cases import MotionCase, cases_of
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
 
@@ -17,6 +17,13 @@ EAGER_SHARE = 0.2
 EAGER_SECONDS = 30.0
 EAGER_QUERY_SECONDS = 2.0
 """Limit of one query before the first schedule; what takes longer may never be needed."""
+MANY = 2_000
+"""Cases of one motion that are looked at for a bound on all of them."""
+PROBE = 30
+HOPELESS = 4.0
+"""Where ``PROBE`` motions tell that all would take so many times the time that there is, the others
+are left to be learned when a candidate uses them: most never are.
+"""
 TELL_EVERY = 10
 """Progress is told once for so many motions."""
 
@@ -40,6 +47,28 @@ def lower_bounds(motions: Motions, knowledge: Knowledge) -> list[Refinement]:
         for case, units in units_of.items():
             if units > max(least, 1):
                 found.append(rules.only_given(rules.lasts(task.activity, units, why), case.given))
+    return found + _of_many_cases(motions, bounds)
+
+
+def _of_many_cases(motions: Motions, known: Container[MotionTask]) -> list[Refinement]:
+    """Return what holds for all cases of the tasks that have too many to state them one by one."""
+    facts = motions.facts
+    units: dict[tuple[Body, tuple[str, ...]], int] = {}
+    found = []
+    for task in facts.snapshot.tasks:
+        if task in known:
+            continue
+        body = facts.snapshot.body(task.activity, task.index, task.object)
+        cases = cases_of(task, facts.choices, MANY)
+        for case in cases:
+            key = (body, case.configurations)
+            if key not in units:
+                bound = motions.service.lower_bound_through(*facts.signature(case))
+                units[key] = facts.units(bound)
+        least = min((units[body, case.configurations] for case in cases), default=0)
+        if least > 1:
+            why = "no motion that this may be is faster, whatever else stands there"
+            found.append(rules.lasts(task.activity, least, why))
     return found
 
 
@@ -48,15 +77,20 @@ def fastest_durations(
 ) -> list[Refinement]:
     """Return the planner's own best duration of every motion, as far as time allows.
 
-    They are found among the fixed obstacles alone: objects that move only make motions slower.
+    Where they are far too many for that, few of them are asked for. They are found among the fixed
+    obstacles alone: objects that move only make motions slower.
     ``tell`` is called with how many of how many motions are done.
     """
     deadline = motions.budget.share(EAGER_SHARE, EAGER_SECONDS)
     found = []
     signatures = motions.facts.by_signature
     seconds = min(EAGER_QUERY_SECONDS, motions.budget.query_seconds)
+    whole = deadline.remaining()
     for count, cases in enumerate(signatures.values()):
         if deadline.expired():
+            break
+        spent = whole - deadline.remaining()
+        if count >= PROBE and spent * len(signatures) > HOPELESS * whole * count:
             break
         if count % TELL_EVERY == 0:
             tell(count, len(signatures))

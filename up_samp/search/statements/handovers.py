@@ -46,7 +46,7 @@ ALLOWANCE = 0.95
 def proven_handovers(motions: Motions) -> list[Refinement]:
     """Return the proven gaps at all shared places, before the first schedule."""
     facts = motions.facts
-    pairs = list(_pairs(motions))
+    pairs = list(itertools.islice(_pairs(motions), MOST + 1))
     if len(pairs) > MOST:
         return []
     found = []
@@ -63,7 +63,7 @@ def guessed_handovers(motions: Motions, knowledge: Knowledge) -> list[Refinement
     if knowledge.handovers_guessed:
         return []
     knowledge.handovers_guessed = True
-    pairs = list(_pairs(motions))
+    pairs = list(itertools.islice(_pairs(motions), MOST + 1))
     if len(pairs) > MOST:
         return []
     deadline = motions.budget.share(EAGER_SHARE, EAGER_SECONDS)
