@@ -1,0 +1,59 @@
+"""What is stated of motions before the first schedule where there are very many of them."""
+
+import pytest
+
+from up_samp.benchmarks.warehouse import warehouse
+from up_samp.geometry.atlas import lay_out
+from up_samp.model import Deadline
+from up_samp.model.refinement import Lasts
+from up_samp.motion.service import MotionService
+from up_samp.search import facts as facts_module
+from up_samp.search.budget import Budget
+from up_samp.search.cases import cases_of
+from up_samp.search.facts import Facts
+from up_samp.search.history import History
+from up_samp.search.knowledge import Knowledge
+from up_samp.search.motions import Motions
+from up_samp.search.statements import durations
+from up_samp.upio import read_problem, relax
+
+
+@pytest.fixture
+def parts():
+    problem = warehouse(2, 3, encoding="compact")
+    snapshot, grid = lay_out(read_problem(problem))
+    relaxation = relax(problem, snapshot)
+
+    def fresh():
+        service = MotionService(grid)
+        facts = Facts(snapshot, relaxation.choices)
+        motions = Motions(facts, service, Budget(Deadline.never(), 10.0))
+        return motions, Knowledge(relaxation, History())
+
+    return fresh
+
+
+def always(refinements):
+    """Bounds that hold whatever is decided."""
+    found = (r.statement for r in refinements)
+    return {(s.activity, s.at_least) for s in found if isinstance(s, Lasts)}
+
+
+def test_too_many_cases_still_have_one_bound(parts, monkeypatch):
+    whole = durations.lower_bounds(*parts())
+    assert any(a.startswith("fetch") for a, _ in always(whole))
+    monkeypatch.setattr(facts_module, "cases_of", lambda task, choices: cases_of(task, choices, 1))
+    motions, knowledge = parts()
+    assert not any(c.activity.startswith("fetch") for c in motions.facts.cases)
+    few = durations.lower_bounds(motions, knowledge)
+    assert always(few) == always(whole)
+    assert len(few) < len(whole)
+
+
+def test_far_too_many_motions_are_left_for_later(parts, monkeypatch):
+    monkeypatch.setattr(durations, "PROBE", 2)
+    monkeypatch.setattr(durations, "HOPELESS", 1e-9)
+    motions, knowledge = parts()
+    assert len(motions.facts.by_signature) > 10
+    durations.fastest_durations(motions, knowledge, lambda *_: None)
+    assert len(knowledge.durations) == 2
