@@ -5,11 +5,8 @@ import pytest
 from up_samp.benchmarks.warehouse import warehouse
 from up_samp.geometry.atlas import lay_out
 from up_samp.model import Deadline
-from up_samp.model.refinement import Lasts
 from up_samp.motion.service import MotionService
-from up_samp.search import facts as facts_module
 from up_samp.search.budget import Budget
-from up_samp.search.cases import cases_of
 from up_samp.search.facts import Facts
 from up_samp.search.history import History
 from up_samp.search.knowledge import Knowledge
@@ -31,23 +28,6 @@ def parts():
         return motions, Knowledge(relaxation, History())
 
     return fresh
-
-
-def always(refinements):
-    """Bounds that hold whatever is decided."""
-    found = (r.statement for r in refinements)
-    return {(s.activity, s.at_least) for s in found if isinstance(s, Lasts)}
-
-
-def test_too_many_cases_still_have_one_bound(parts, monkeypatch):
-    whole = durations.lower_bounds(*parts())
-    assert any(a.startswith("fetch") for a, _ in always(whole))
-    monkeypatch.setattr(facts_module, "cases_of", lambda task, choices: cases_of(task, choices, 1))
-    motions, knowledge = parts()
-    assert not any(c.activity.startswith("fetch") for c in motions.facts.cases)
-    few = durations.lower_bounds(motions, knowledge)
-    assert always(few) == always(whole)
-    assert len(few) < len(whole)
 
 
 def test_far_too_many_motions_are_left_for_later(parts, monkeypatch):

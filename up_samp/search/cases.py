@@ -12,7 +12,7 @@ from up_samp.model.refinement import Given
 from up_samp.model.snapshot import MotionTask, Snapshot, Term, TermKind
 from up_samp.upio import Choice
 
-MAX_CASES = 64
+MAX_CASES = 128
 """Cases of one task that are looked at before a schedule asks for one of them."""
 
 Choices = Mapping[tuple[str, Term, bool], Choice]
@@ -34,11 +34,11 @@ class MotionCase:
         return self.task.activity
 
 
-def cases_of(task: MotionTask, choices: Choices, most: int = MAX_CASES) -> list[MotionCase]:
-    """Return all cases of a task; none where there are more than ``most``."""
+def cases_of(task: MotionTask, choices: Choices) -> list[MotionCase]:
+    """Return all cases of a task; none where there are more than ``MAX_CASES``."""
     terms = [_choice(task, t, choices) for t in task.terms]
     domains = {c.variable: c.values for c in terms if c.variable is not None}
-    if math.prod(len(values) for values in domains.values()) > most:
+    if math.prod(len(values) for values in domains.values()) > MAX_CASES:
         return []
     found = []
     for values in itertools.product(*domains.values()):

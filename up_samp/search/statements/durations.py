@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Sequence
 
-from up_samp.model import Body, Deadline, Outcome, PathQuery
+from up_samp.model import Deadline, Outcome, PathQuery
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.model.snapshot import MotionTask
 from up_samp.refinement import rules
-from up_samp.search.cases import MotionCase, cases_of
+from up_samp.search.cases import MotionCase
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
 
@@ -17,8 +17,6 @@ EAGER_SHARE = 0.2
 EAGER_SECONDS = 30.0
 EAGER_QUERY_SECONDS = 2.0
 """Limit of one query before the first schedule; what takes longer may never be needed."""
-MANY = 2_000
-"""Cases of one motion that are looked at for a bound on all of them."""
 PROBE = 30
 HOPELESS = 4.0
 """Where ``PROBE`` motions tell that all would take so many times the time that there is, the others
@@ -47,28 +45,6 @@ def lower_bounds(motions: Motions, knowledge: Knowledge) -> list[Refinement]:
         for case, units in units_of.items():
             if units > max(least, 1):
                 found.append(rules.only_given(rules.lasts(task.activity, units, why), case.given))
-    return found + _of_many_cases(motions, bounds)
-
-
-def _of_many_cases(motions: Motions, known: Container[MotionTask]) -> list[Refinement]:
-    """Return what holds for all cases of the tasks that have too many to state them one by one."""
-    facts = motions.facts
-    units: dict[tuple[Body, tuple[str, ...]], int] = {}
-    found = []
-    for task in facts.snapshot.tasks:
-        if task in known:
-            continue
-        body = facts.snapshot.body(task.activity, task.index, task.object)
-        cases = cases_of(task, facts.choices, MANY)
-        for case in cases:
-            key = (body, case.configurations)
-            if key not in units:
-                bound = motions.service.lower_bound_through(*facts.signature(case))
-                units[key] = facts.units(bound)
-        least = min((units[body, case.configurations] for case in cases), default=0)
-        if least > 1:
-            why = "no motion that this may be is faster, whatever else stands there"
-            found.append(rules.lasts(task.activity, least, why))
     return found
 
 
