@@ -170,6 +170,10 @@ class Route:
             default=INFINITE,
         )
 
+    def leaving(self, place: int) -> list[tuple[int, list[Move]]]:
+        """Return where one can go from a place, with the moves there, the quickest first."""
+        return self._leaving.get(place, [])
+
     def way(
         self, here: int, targets: frozenset[int], banned: Collection[str] = ()
     ) -> tuple[int, list[Move]] | None:

@@ -37,6 +37,16 @@ class Work:
 
 def find_work(model: ScheduleModel, routes: list[Route]) -> Work | None:
     """Return the tasks of ``routes``; ``None`` if something else must be done, too."""
+    names = {n for r in routes for n, _ in r.stops}
+    others = [a for a in model.world.activities.values() if a.name not in names]
+    if any(a.present == TRUE or a.present in model.exact for a in others):
+        return None
+    initial = {key: state.initial for key, state in model.states.vars.items()}
+    return Work(routes, find_tasks(model, routes), find_unit_places(model, routes), initial)
+
+
+def find_tasks(model: ScheduleModel, routes: list[Route]) -> list[Task]:
+    """Return what is to be done on ``routes``."""
     numbers: dict[int, int] = {}
     tasks: list[Task] = []
     owners: dict[int, int] = {}
@@ -52,10 +62,6 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> Work | None:
             tasks[numbers[start]].ways.append((number, name, places))
         for name, places in route.visits:
             tasks.append(Task(0, True, [(number, name, places)], visit=True))
-    names = {n for r in routes for n, _ in r.stops}
-    others = [a for a in model.world.activities.values() if a.name not in names]
-    if any(a.present == TRUE or a.present in model.exact for a in others):
-        return None
     for first, then, gap in _differences(model):
         if first in numbers and then in numbers:
             tasks[numbers[then]].after.append((numbers[first], gap))
@@ -68,9 +74,7 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> Work | None:
                 tasks[i].apart.append((j, gap))
                 tasks[j].apart.append((i, gap))
     _find_changes(model, owners, tasks)
-    tasks = with_openings(model, routes, tasks)
-    initial = {key: state.initial for key, state in model.states.vars.items()}
-    return Work(routes, tasks, find_unit_places(model, routes), initial)
+    return with_openings(model, routes, tasks)
 
 
 def _differences(model: ScheduleModel) -> Iterator[tuple[int, int, int]]:

@@ -2,28 +2,63 @@
 
 from __future__ import annotations
 
+import heapq
+import itertools
+from collections.abc import Collection, Iterable
+
 from up_samp.model import CandidateSchedule
-from up_samp.scheduling.cpsat.routing.detection import Move, Route
+from up_samp.scheduling.cpsat.encode.statevars import Key
+from up_samp.scheduling.cpsat.routing.detection import Move, Route, Still
+
+Changes = dict[str, list[tuple[Key, int]]]
+"""Activity -> the state variables that it changes, and when: counted from its end."""
+Events = list[tuple[Key, int]]
+Timed = list[tuple[int, Move]]
+"""Moves one after the other, with their starts."""
 
 
-def expand(routes: list[Route], schedule: CandidateSchedule) -> CandidateSchedule:
+def expand(
+    routes: list[Route], schedule: CandidateSchedule, changes: Changes | None = None
+) -> CandidateSchedule:
     """Return ``schedule`` with moves put in, as early as they may happen.
 
-    Direct moves are given to legs first; who comes too late for one takes a detour.
+    Direct moves are given to legs first; who comes too late for one takes a detour, and so does who
+    would be on the way while something changes that moves keep as it is.
     """
     times = dict(schedule.times)
+    events = [
+        (key, schedule.times[name][1] + delay)
+        for name, some in (changes or {}).items()
+        if name in schedule.times
+        for key, delay in some
+    ]
     for route in routes:
-        _expand(route, times)
+        _expand(route, times, events)
     for name in (name for route in routes for name, _ in route.visits):
         times.pop(name, None)
     return CandidateSchedule(times, schedule.parameters)
 
 
-def _expand(route: Route, times: dict[str, tuple[int, int]]) -> None:
+def calm(still: Still, events: Iterable[tuple[Key, int]], start: int, length: int) -> int:
+    """Return the first time from ``start`` on at which nothing changes during a move."""
+    spans = sorted(
+        (time - still[key][0], still[key][1] - still[key][0])
+        for key, time in events
+        if key in still
+    )
+    for time, more in spans:
+        if start < time < start + length + more:
+            start = time
+    return start
+
+
+def _expand(route: Route, times: dict[str, tuple[int, int]], events: Events) -> None:
     stops = sorted((times[n], n, places) for n, places in route.stops if n in times)
     goals = [(start, end, places) for (start, end), _, places in stops]
+    rests = [route.rest(name) for _, name, _ in stops]
     if route.home is not None:
         goals.append((0, 0, route.home))
+        rests.append(route.step)
     ways: list[list[Move] | None] = []
     here, used = route.initial, set[str]()
     legs = []
@@ -43,8 +78,61 @@ def _expand(route: Route, times: dict[str, tuple[int, int]]) -> None:
             ways[i] = found[1] if found else []
             used.update(m.name for m in ways[i] or ())
     free = 0
-    for (start, end, _), moves in zip(goals, ways, strict=True):
-        for move in moves or ():
-            times[move.name] = (free, free + move.least)
-            free += move.least + route.step
+    for (origin, places), (start, end, _), moves, rest in zip(
+        legs, goals, ways, rests, strict=True
+    ):
+        timed = _timed(route, moves or [], free, events)
+        if timed and end and timed[-1][0] + timed[-1][1].least + rest > start:
+            banned = used - {move.name for _, move in timed}
+            other = _soonest(route, origin, places, free, events, banned)
+            if other and _arrival(other) < _arrival(timed):
+                timed = other
+                used.update(move.name for _, move in timed)
+        for begin, move in timed:
+            times[move.name] = (begin, begin + move.least)
+            free = begin + move.least + route.step
         free = max(end + route.gap, start, free)
+
+
+def _arrival(timed: Timed) -> int:
+    return timed[-1][0] + timed[-1][1].least
+
+
+def _timed(route: Route, moves: list[Move], free: int, events: Events) -> Timed:
+    """Return moves as early as nothing changes during each."""
+    timed = []
+    for move in moves:
+        begin = calm(route.still, events, free, move.least)
+        timed.append((begin, move))
+        free = begin + move.least + route.step
+    return timed
+
+
+def _soonest(
+    route: Route,
+    origin: int,
+    places: frozenset[int],
+    free: int,
+    events: Events,
+    banned: Collection[str],
+) -> Timed:
+    """Return the moves to one of ``places`` that arrive first; none if there is no way. (Who waits
+    is never earlier, so Dijkstra's search holds with times of departure.)
+    """
+    ties = itertools.count()
+    heap: list[tuple[int, int, int, Timed]] = [(free, next(ties), origin, [])]
+    done = set()
+    while heap:
+        now, _, place, timed = heapq.heappop(heap)
+        if place in places:
+            return timed
+        if place in done:
+            continue
+        done.add(place)
+        for to, choices in route.leaving(place):
+            move = next((m for m in choices if m.name not in banned), None)
+            if move is not None and to not in done:
+                begin = calm(route.still, events, now, move.least)
+                ahead = begin + move.least + route.step
+                heapq.heappush(heap, (ahead, next(ties), to, [*timed, (begin, move)]))
+    return []

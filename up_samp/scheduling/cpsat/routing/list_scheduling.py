@@ -17,6 +17,7 @@ from up_samp.model import CandidateSchedule
 from up_samp.scheduling.cpsat.encode.statevars import Key
 from up_samp.scheduling.cpsat.routing.detection import Entry, Move, Route, Still, UnitPlace
 from up_samp.scheduling.cpsat.routing.dispatch import Work
+from up_samp.scheduling.cpsat.routing.expand import calm
 from up_samp.scheduling.cpsat.routing.openings import Task
 
 Step = tuple[int, int]
@@ -210,15 +211,8 @@ class Decoder:
 
     def _calm(self, route: Route, start: int, length: int) -> int:
         """Return the first time from ``start`` on at which nothing changes during a move."""
-        events = sorted(
-            (time - first, last - first)
-            for key, (first, last) in route.still.items()
-            for time, _ in self.changed.get(key, ())
-        )
-        for time, more in events:
-            if start < time < start + length + more:
-                start = time
-        return start
+        events = ((k, time) for k in route.still for time, _ in self.changed.get(k, ()))
+        return calm(route.still, events, start, length)
 
     def _clear(self, number: int, depth: int) -> None:
         """Drive a robot away to the nearest place where nobody has to be."""

@@ -30,6 +30,8 @@ class Task:
     visit: bool = False
     needed: bool = False
     """Nobody wants it by itself, but something that is wanted cannot be done before it."""
+    opens: Key | None = None
+    """The door that it opens, if it and only it does, and nothing shuts it."""
     opened: list[tuple[int, int]] = field(default_factory=list)
     """(needed task, time from its start): what opens the way to this one, whoever does it."""
 
@@ -56,6 +58,8 @@ def with_openings(model: ScheduleModel, routes: list[Route], tasks: list[Task]) 
             counts[task] = counts.get(task, 0) + 1
     openers = {e: some for e, some in openers.items() if all(counts[t] == 1 for t in some)}
     tasks, places = _merged(tasks, list(openers.values()))
+    for (key, _), some in openers.items():
+        tasks[places[some[0]]].opens = key
     _mark(routes, tasks, {e: places[some[0]] for e, some in openers.items()})
     return tasks
 

@@ -2,11 +2,12 @@
 
 Moves are replaced by the time that they take at least between what happens at places, in a circuit
 per traveller. A move happens once at most, so only one leg can use it, and others pay for a detour.
-What moves keep as it is (doors) changes between the legs only, and a place for one is used by
-one after the other. Other constraints, conditions and effects that speak of moves are dropped, so
-every schedule of the problem is one of the collapsed problem: its optimum is a lower bound, and if
-it has no schedule, the problem has none. A collapsed schedule, with shortest paths of moves put
-back in, is a hint for the full model; the full model alone decides whether it holds.
+What moves keep as it is (doors) changes between the legs only, a door is opened once
+(:mod:`.once`), and a place for one is used by one after the other. Other constraints, conditions
+and effects that speak of moves are dropped, so every schedule of the problem is one of the
+collapsed problem: its optimum is a lower bound, and if it has no schedule, the problem has none. A
+collapsed schedule, with shortest paths of moves put back in, is a hint for the full model; the full
+model alone decides whether it holds.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import Any
 
 from unified_planning.model.scheduling import Activity
 
-from up_samp.model import Deadline
+from up_samp.model import CandidateSchedule, Deadline
 from up_samp.scheduling.cpsat.encode.alternatives import merge_forms
 from up_samp.scheduling.cpsat.encode.statevars import Write
 from up_samp.scheduling.cpsat.encode.store import (
@@ -31,7 +32,10 @@ from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.problem import Additions
 from up_samp.scheduling.cpsat.routing.detection import INFINITE, Entry, Route, find_unit_places
+from up_samp.scheduling.cpsat.routing.dispatch import find_tasks
+from up_samp.scheduling.cpsat.routing.expand import Changes, expand
 from up_samp.scheduling.cpsat.routing.legs import Arc, Leg, Legs, entry_form
+from up_samp.scheduling.cpsat.routing.once import opened_once
 from up_samp.scheduling.cpsat.routing.order import Order
 from up_samp.scheduling.cpsat.routing.reduce import without
 
@@ -53,6 +57,7 @@ class Collapsed:
         kept.activities += [
             Activity(name, 0, _env=environment) for route in routes for name, _ in route.visits
         ]
+        kept.constraints += opened_once(kept, find_tasks(full, self.routes))
         self.model = ScheduleModel(full.problem, kept, deadline, limit_at_least=full.limit)
         self.units = find_unit_places(full, routes)
         self._legs = Legs(self.model.store, self.model.limit, self.units, routes)
@@ -236,6 +241,18 @@ class Collapsed:
             return None
         time = made.end.shift(low)._replace(needs=())
         return Write(made.index, made.present, time, write.value)
+
+    def expanded(self, schedule: CandidateSchedule) -> CandidateSchedule:
+        """Return a schedule of the collapsed problem with moves put in."""
+        changes: Changes = {}
+        for key, state in self.full.states.vars.items():
+            for write in state.writes if not state.numeric else ():
+                if write.owner is not None:
+                    owner = self.full.states.activity(write.owner)
+                    low, high = self.full.states.difference(write.time, owner.end)
+                    if low == high:
+                        changes.setdefault(owner.name, []).append((key, low))
+        return expand(self.routes, schedule, changes)
 
     def hints(self, known: dict[int, int]) -> dict[int, int]:
         """Translate values of the full model's variables to this model's."""

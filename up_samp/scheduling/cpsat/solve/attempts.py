@@ -149,10 +149,13 @@ class Attempts:
         hints = hint_values(self.model, guess)
         self.known.update(hints)
         presences = {abs(a.present) for a in self.model.world.activities.values()} - {TRUE}
-        for factor in tuning.realize_caps:
-            cap = max(int(factor * guess.makespan) + (2 if factor > 1 else 0), self.bound)
-            if self.best is not None and cap >= self.value:
-                break
+        caps = [int(f * guess.makespan) + (2 if f > 1 else 0) for f in tuning.realize_caps]
+        if self.best is not None:
+            # any better one will do, if there is none as short as the guess
+            caps = [cap for cap in caps if cap < self.value - 1] + [self.value - 1]
+        for cap in caps:
+            if cap < self.bound:
+                continue
             model = self.model.capped(cap)
             for var in sorted(presences & hints.keys()):
                 position = self.model.store.position(var)

@@ -15,7 +15,6 @@ from up_samp.scheduling.cpsat.model import OutOfTimeError
 from up_samp.scheduling.cpsat.problem import Additions
 from up_samp.scheduling.cpsat.routing.detection import Route, find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import Work, find_work
-from up_samp.scheduling.cpsat.routing.expand import expand
 from up_samp.scheduling.cpsat.routing.list_scheduling import decode, improve, sequence_of
 from up_samp.scheduling.cpsat.routing.relaxation import Collapsed
 from up_samp.scheduling.cpsat.routing.workload import bound_by_work
@@ -144,7 +143,7 @@ def _solve_relaxation(search: Solve) -> None:
     else:
         inner.first(0)
         if inner.best is not None:
-            whole.realize(expand(relaxation.routes, inner.best))
+            whole.realize(relaxation.expanded(inner.best))
             inner.deadline = search.share(tuning.relaxed_share)
         if not inner.over():
             inner.finish(effort)
@@ -165,7 +164,7 @@ def _take_over(search: Solve, relaxation: Collapsed, inner: Attempts) -> None:
     assert inner.best is not None
     tour = None if work is None else decode(work, sequence_of(work, inner.best))
     if tour is None or not whole.realize(tour.schedule) or whole.value > inner.value:
-        whole.realize(expand(relaxation.routes, inner.best))
+        whole.realize(relaxation.expanded(inner.best))
 
 
 def _goes_on(search: Solve) -> bool:
