@@ -51,13 +51,14 @@ class Collapsed:
     ) -> None:
         self.full = full
         removed = {move.name for route in routes for move in route.moves}
+        tasks = find_tasks(full, routes)
         self.routes = routes = [route.with_visits() for route in routes]
         kept = without(parts, removed)
+        kept.constraints += opened_once(kept, tasks)
         environment = full.problem.environment
         kept.activities += [
             Activity(name, 0, _env=environment) for route in routes for name, _ in route.visits
         ]
-        kept.constraints += opened_once(kept, find_tasks(full, self.routes))
         self.model = ScheduleModel(full.problem, kept, deadline, limit_at_least=full.limit)
         self.units = find_unit_places(full, routes)
         self._legs = Legs(self.model.store, self.model.limit, self.units, routes)
