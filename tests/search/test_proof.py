@@ -9,7 +9,10 @@ import pytest
 from up_samp.model import Deadline
 from up_samp.search.budget import Budget
 from up_samp.search.proof import _fewest
-from up_samp.search.restarts import STALE_RESTARTS, UNTIMED_RESTARTS, Restarts
+from up_samp.search.restarts import Restarts
+from up_samp.search.tuning import RestartTuning
+
+TUNING = RestartTuning()
 
 
 @pytest.mark.parametrize("seed", range(30))
@@ -45,9 +48,9 @@ def may_restart(*, restarts=0, stale=0, seconds=60.0, limit=None):
 
 def test_a_search_with_time_left_begins_anew_while_that_brings_anything():
     assert may_restart(restarts=100)
-    assert not may_restart(restarts=100, stale=STALE_RESTARTS)
-    assert may_restart(restarts=UNTIMED_RESTARTS - 1, seconds=math.inf)
-    assert not may_restart(restarts=UNTIMED_RESTARTS, seconds=math.inf)
+    assert not may_restart(restarts=100, stale=TUNING.stale)
+    assert may_restart(restarts=TUNING.untimed - 1, seconds=math.inf)
+    assert not may_restart(restarts=TUNING.untimed, seconds=math.inf)
     assert may_restart(restarts=4, limit=5)
     assert not may_restart(restarts=5, limit=5)
     assert not may_restart(limit=0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from pathlib import Path
 
@@ -37,6 +38,14 @@ def _add_run(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
     )
     sweeper.add_argument("--engines", nargs="+", default=["samp-refine[cpsat]"], metavar="ENGINE")
     sweeper.add_argument("--preset", nargs="+", default=["default"], metavar="NAME")
+    sweeper.add_argument(
+        "--tuning",
+        nargs="+",
+        default=[],
+        type=Path,
+        metavar="FILE.toml",
+        help="tunables to sweep over: each file is one more setting beside the defaults",
+    )
     sweeper.add_argument("--encodings", nargs="+", default=["fluents"], choices=ENCODINGS)
     sweeper.add_argument(
         "--first-plan",
@@ -79,6 +88,7 @@ def _run(args: argparse.Namespace) -> int:
         args.engines,
         encodings=args.encodings,
         presets=args.preset,
+        tunings=["", *map(_tuning, args.tuning)],
         optimal=not args.first_plan,
         runs=args.runs,
         timeout=args.timeout,
@@ -93,6 +103,13 @@ def _run(args: argparse.Namespace) -> int:
     path = report.write(records, args.out)
     print(f"\n{report.summary(records)}\nreport: {path}")
     return 1 if any(r.get("valid") is False for r in records) else 0
+
+
+def _tuning(path: Path) -> str:
+    """Return what a tuning file changes, as JSON."""
+    from up_samp.tuning import changes, read_tuning
+
+    return json.dumps(changes(read_tuning(path)), sort_keys=True)
 
 
 def _report(args: argparse.Namespace) -> int:

@@ -99,7 +99,13 @@ def _solve(spec: RunSpec, record: Record) -> None:
     problem = instance(spec.instance).build(spec.encoding, spec.optimal)
     record["seconds_build"] = round(time.perf_counter() - began, 3)
     record["activities"] = len(problem.activities)
-    parameters = {"preset": spec.preset, "seed": spec.number, "optimal": spec.optimal}
+    parameters: dict[str, Any] = {
+        "preset": spec.preset,
+        "seed": spec.number,
+        "optimal": spec.optimal,
+    }
+    if spec.tuning:
+        parameters["tuning"] = json.loads(spec.tuning)
     began = time.perf_counter()
     try:
         planner = OneshotPlanner(name=spec.engine, params=parameters)

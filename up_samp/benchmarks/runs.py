@@ -43,6 +43,8 @@ class RunSpec:
     number: int = 0
     timeout: float = 60.0
     memory: int = 20_000
+    tuning: str = ""
+    """Tunables that are not the defaults, as JSON (so that a run's process gets them)."""
 
     def __post_init__(self) -> None:
         check_encoding(self.encoding)
@@ -63,6 +65,7 @@ class RunSpec:
                 f"{self.timeout:g}s",
                 f"{self.memory}MB",
                 str(self.number),
+                *([self.tuning] if self.tuning else []),
             )
         )
 
@@ -71,7 +74,8 @@ class RunSpec:
         """The heading that the run counts under in a report."""
         preset = "" if self.preset == "default" else f", {self.preset}"
         goal = "optimal" if self.optimal else "first plan"
-        return f"{self.engine}, {self.encoding}{preset}, {goal}, {self.timeout:g} s"
+        tuning = f", {self.tuning}" if self.tuning else ""
+        return f"{self.engine}, {self.encoding}{preset}, {goal}, {self.timeout:g} s{tuning}"
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as plain values."""
@@ -105,6 +109,7 @@ def sweep(
     *,
     encodings: Sequence[Encoding] = ("fluents",),
     presets: Sequence[str] = ("default",),
+    tunings: Sequence[str] = ("",),
     optimal: bool = True,
     runs: int = 1,
     timeout: float = 60.0,
@@ -112,8 +117,8 @@ def sweep(
 ) -> list[RunSpec]:
     """Return all runs of a sweep; repetitions come last, so that an early stop covers most."""
     return [
-        RunSpec(i.name, engine, encoding, preset, optimal, number, timeout, memory)
-        for number, i, engine, encoding, preset in itertools.product(
-            range(runs), chosen, engines, encodings, presets
+        RunSpec(i.name, engine, encoding, preset, optimal, number, timeout, memory, tuning)
+        for number, i, engine, encoding, preset, tuning in itertools.product(
+            range(runs), chosen, engines, encodings, presets, tunings
         )
     ]

@@ -49,6 +49,13 @@ def add_solver_arguments(parser: argparse.ArgumentParser, *, out: str | None, gi
     parser.add_argument("--timeout", type=_seconds, default=120.0, metavar="S", help="in seconds")
     parser.add_argument("--seed", type=int, default=0, metavar="N")
     parser.add_argument(
+        "--tuning",
+        type=Path,
+        default=None,
+        metavar="FILE.toml",
+        help="numbers that decide how hard the solver tries (see the page on tuning)",
+    )
+    parser.add_argument(
         "--seconds-per-unit",
         type=_seconds,
         default=None,
@@ -156,6 +163,8 @@ def _solve(problem: SchedulingProblem, args: argparse.Namespace) -> PlanGenerati
             params["optimal"] = True
         if args.trace is not None:
             params["trace"] = str(args.trace)
+        if args.tuning is not None:
+            params["tuning"] = args.tuning
         try:
             planner = OneshotPlanner(name=name, params=params)
         except UPNoRequestedEngineAvailableException as error:

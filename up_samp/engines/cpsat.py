@@ -113,12 +113,15 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
 
     :param seed: of the search; with ``workers=1`` the same seed gives the same plan.
     :param workers: threads (``None``: one per core).
+    :param tuning: tunables (:mod:`up_samp.tuning`), or a table or TOML file of them.
     """
 
     has_sessions: ClassVar[bool] = True
     """Solved by a :class:`CpsatSession` where one problem is solved again and again."""
 
-    def __init__(self, seed: int = 0, workers: int | None = None, **options: Any) -> None:
+    def __init__(
+        self, seed: int = 0, workers: int | None = None, tuning: Any = None, **options: Any
+    ) -> None:
         Engine.__init__(self)
         OneshotPlannerMixin.__init__(self)
         AnytimePlannerMixin.__init__(self)
@@ -132,6 +135,7 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
             raise ProblemError(f"cpsat needs at least one worker, not {workers}")
         self.seed = seed
         self.workers = workers
+        self.tuning = tuning
 
     @property
     def name(self) -> str:
@@ -287,8 +291,10 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
                 "plans both"
             )
         from up_samp.scheduling.cpsat import CpsatSession
+        from up_samp.tuning import tuning_of
 
-        return CpsatSession(problem, seed=self.seed, workers=self.workers)
+        tuning = tuning_of(self.tuning).cpsat
+        return CpsatSession(problem, seed=self.seed, workers=self.workers, tuning=tuning)
 
     def _unsupported(self, error: UnsupportedError) -> PlanGenerationResult:
         messages = [LogMessage(LogLevel.ERROR, str(error))]

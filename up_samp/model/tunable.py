@@ -38,7 +38,7 @@ def tunable(
     return dataclasses.field(default=default, metadata=told)
 
 
-def share(default: float, what: str, *, source: str = TRIED) -> Any:
+def share_of(default: float, what: str, *, source: str = TRIED) -> Any:
     """Return the field of a share, from 0 to 1."""
     return tunable(default, "share", what, source=source, least=0.0, most=1.0)
 

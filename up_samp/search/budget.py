@@ -6,14 +6,10 @@ import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from up_samp.model import Deadline
-
-GROUP_SHARE = 0.2
-"""Share of the remaining time that one group of motions may take."""
-LONGEST_QUERY = 3600.0
-"""Limit (s) of one motion query, however often it was doubled."""
+from up_samp.search.tuning import BudgetTuning
 
 
 @dataclass
@@ -25,6 +21,7 @@ class Budget:
 
     deadline: Deadline
     query_seconds: float
+    tuning: BudgetTuning = field(default_factory=BudgetTuning)
     seconds_motion: float = 0.0
     seconds_scheduler: float = 0.0
     _asking: bool = False
@@ -43,11 +40,11 @@ class Budget:
         No query may use up what is left: a late answer can still be repaired.
         """
         limit = self.query_seconds * max(1, count) ** 0.5
-        return self.deadline.within(min(limit, GROUP_SHARE * self.deadline.remaining()))
+        return self.deadline.within(min(limit, self.tuning.group_share * self.deadline.remaining()))
 
     def double_queries(self) -> None:
         """Allow motion queries twice the time (line 19)."""
-        self.query_seconds = min(2 * self.query_seconds, LONGEST_QUERY)
+        self.query_seconds = min(2 * self.query_seconds, self.tuning.longest_query)
 
     @property
     def unlimited(self) -> bool:

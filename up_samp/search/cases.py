@@ -12,9 +12,6 @@ from up_samp.model.refinement import Given
 from up_samp.model.snapshot import MotionTask, Snapshot, Term, TermKind
 from up_samp.upio import Choice
 
-MAX_CASES = 128
-"""Cases of one task that are looked at before a schedule asks for one of them."""
-
 Choices = Mapping[tuple[str, Term, bool], Choice]
 
 
@@ -34,11 +31,11 @@ class MotionCase:
         return self.task.activity
 
 
-def cases_of(task: MotionTask, choices: Choices) -> list[MotionCase]:
-    """Return all cases of a task; none where there are more than ``MAX_CASES``."""
+def cases_of(task: MotionTask, choices: Choices, most: int) -> list[MotionCase]:
+    """Return all cases of a task; none where there are more than ``most``."""
     terms = [_choice(task, t, choices) for t in task.terms]
     domains = {c.variable: c.values for c in terms if c.variable is not None}
-    if math.prod(len(values) for values in domains.values()) > MAX_CASES:
+    if math.prod(len(values) for values in domains.values()) > most:
         return []
     found = []
     for values in itertools.product(*domains.values()):

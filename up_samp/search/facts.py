@@ -10,6 +10,7 @@ from functools import cached_property
 from up_samp.model import Body, Configuration, Placed, ScheduledMotion
 from up_samp.model.snapshot import Snapshot, Term, TermKind
 from up_samp.search.cases import MotionCase, case_of, cases_of
+from up_samp.search.tuning import DurationsTuning
 from up_samp.upio import Choice
 
 Signature = tuple[Body, tuple[Configuration, ...]]
@@ -24,10 +25,12 @@ class Facts:
     """The problem as it was read, and what follows from it at once.
 
     ``choices``: what configurations hang on that are no constants (see ``Relaxation.choices``).
+    Motions with more than ``most_cases`` are looked at when they are scheduled.
     """
 
     snapshot: Snapshot
     choices: Mapping[tuple[str, Term, bool], Choice]
+    most_cases: int = DurationsTuning.cases
 
     # ------------------------------------------------------------------ units
     def seconds(self, units: float) -> float:
@@ -42,7 +45,9 @@ class Facts:
     @cached_property
     def cases(self) -> tuple[MotionCase, ...]:
         """All motions between known configurations (none of a task with too many of them)."""
-        return tuple(c for task in self.snapshot.tasks for c in cases_of(task, self.choices))
+        return tuple(
+            c for task in self.snapshot.tasks for c in cases_of(task, self.choices, self.most_cases)
+        )
 
     def signature(self, case: MotionCase) -> Signature:
         """Return what a case is to the motion planner."""

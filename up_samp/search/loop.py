@@ -24,7 +24,7 @@ from up_samp.search.cuts.refused import cuts_from
 from up_samp.search.events import Phase
 from up_samp.search.history import Round
 from up_samp.search.search import Search
-from up_samp.search.start import START_ROUNDS, motions_of, near
+from up_samp.search.start import motions_of, near
 from up_samp.upio import Itinerary, read_itinerary
 
 
@@ -68,7 +68,7 @@ def begin_from(search: Search, start: CandidateSchedule) -> Incumbent | None:
     """Return a plan with the activities of ``start``, if one is found soon."""
     search.tell.stage(Phase.PREPARE, "what the plan drives")
     state_durations_of(search, start)
-    for _ in range(START_ROUNDS):
+    for _ in range(search.tuning.start.rounds):
         schedule = near(search, start)
         if schedule is None or search.budget.deadline.expired():
             return None

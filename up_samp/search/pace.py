@@ -7,13 +7,7 @@ from typing import Protocol
 
 from up_samp.model import Deadline
 from up_samp.search.budget import Budget
-
-FIRST_PROOF_SECONDS = 15.0
-"""Time (s) of the scheduler's first attempt at a proof, once there is a plan."""
-
-SCHEDULE_SHARE = 0.4
-"""Share of the remaining time that our own scheduler may take for a schedule, until there is a
-plan: its schedules get better with time, but their motions have to be checked, too."""
+from up_samp.search.tuning import PaceTuning
 
 
 class Pace(Protocol):
@@ -56,10 +50,11 @@ class Staged:
     on from what it knows.
     """
 
-    staged: bool = True
-    proof_seconds: float = FIRST_PROOF_SECONDS
-    share: float = SCHEDULE_SHARE
+    proof_seconds: float = PaceTuning.first_proof
+    """Limit (s) of the next attempt at a proof."""
+    share: float = PaceTuning.schedule_share
     """Share for the next schedule; all of the time once a share was not enough for any."""
+    staged: bool = True
 
     def deadline(self, budget: Budget, *, planned: bool, proving: bool) -> Deadline:
         """Return by when the scheduler has to answer."""

@@ -16,6 +16,7 @@ from up_samp.search.stopping import Stop
 
 if TYPE_CHECKING:
     from up_samp.search.components import Components
+    from up_samp.tuning import Tuning
 
 GROUP_PLANNERS = {"default": "ladder", "ladder": "ladder", "st-rrt*": "st-rrt*"}
 """Group planners by parameter: our ladder, or the paper's ST-RRT* for one robot after the other."""
@@ -53,6 +54,8 @@ class Parameters:
     """Stops the search after a round (:mod:`up_samp.search.stopping`); by time: ``timeout``."""
     components: Components | None = None
     """What the search is made of, instead of what the preset and its switches say."""
+    tuning: Tuning | Mapping[str, Any] | str | os.PathLike[str] | None = None
+    """Tunables (:mod:`up_samp.tuning`), or a table or TOML file of them."""
     path_planner: str = "default"
     group_planner: str = "default"
 
@@ -113,6 +116,8 @@ class Parameters:
             elif name == "observers":
                 good = isinstance(value, Sequence) and all(isinstance(o, Observer) for o in value)
                 wanted = "a sequence of observers"
+            elif name == "tuning":
+                continue  # it is checked where it is read: that imports what is not needed here
             elif name == "components":
                 good, wanted = dataclasses.is_dataclass(value), "components of a search"
             else:

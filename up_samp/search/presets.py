@@ -7,10 +7,12 @@ the part out. This is the only place that reads the switches.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import TypeVar
 
+from up_samp.model.refinement import Refinement
 from up_samp.search.check import CheckAlone, check_duration, check_path
-from up_samp.search.components import Components, Finisher, Shaper, Statement
+from up_samp.search.components import Components, Statement
 from up_samp.search.cuts.handovers import handover_cuts
 from up_samp.search.cuts.paper import PaperCuts
 from up_samp.search.cuts.profiles import pair_cuts
@@ -22,63 +24,74 @@ from up_samp.search.facts import Facts, just_this
 from up_samp.search.pace import AtOnce, Staged
 from up_samp.search.params import Parameters
 from up_samp.search.repair import Repairing
-from up_samp.search.slack import spread, with_slack
+from up_samp.search.search import Search
+from up_samp.search.slack import Slack
 from up_samp.search.statements.durations import fastest_durations, lower_bounds
 from up_samp.search.statements.handovers import guessed_handovers, proven_handovers
 from up_samp.search.statements.unary_places import unary_places
 from up_samp.search.statements.unreachable import unreachable
-from up_samp.search.tidy import tidied
+from up_samp.search.tidy import Tidying
+from up_samp.search.tuning import CutsTuning, SearchTuning
+from up_samp.tuning import tuning_of
 
 Part = TypeVar("Part")
 Ideas = tuple[str, ...]
 
 UNARY_PLACES = Statement("unary places", lambda s: unary_places(s.motions))
-STATEMENTS: Sequence[tuple[Statement, Ideas]] = (
-    (
-        Statement("lower bounds on motions", lambda s: lower_bounds(s.motions, s.knowledge)),
-        ("bounds_first",),
-    ),
-    (Statement("proofs of unreachability", lambda s: unreachable(s.motions)), ("certificates",)),
-    (UNARY_PLACES, ("certificates", "native")),
-    (
-        Statement(
-            "unobstructed motions",
-            lambda s: fastest_durations(
-                s.motions,
-                s.knowledge,
-                lambda count, total: s.tell.stage(
-                    Phase.PREPARE, "unobstructed motions", count, total
-                ),
-            ),
-        ),
-        ("bounds_first",),
-    ),
-    (
-        Statement("handing over places", lambda s: proven_handovers(s.motions)),
-        ("bounds_first", "profiles"),
-    ),
-)
-AFTER_FAILURE: Sequence[tuple[Statement, Ideas]] = (
-    (
-        Statement("handing over places", lambda s: guessed_handovers(s.motions, s.knowledge)),
-        ("bounds_first", "profiles"),
-    ),
-)
 LAYERS: Sequence[tuple[CheckAlone, Ideas]] = (
     (check_path, ("single_geometric",)),
     (check_duration, ("single_temporal",)),
 )
-ATTEMPTS: Sequence[tuple[Attempt, Ideas]] = (
-    (handover_cuts, ("profiles",)),
-    (door_cuts, ()),
-    (rest_cuts, ()),
-    (pair_cuts, ("profiles",)),
-)
-"""What a late motion may tell: its goal was just left by another one; it waits for a door; what
-rests is in its way; it meets another one at a whole range of start offsets.
-"""
-SHAPERS: Sequence[tuple[Shaper, Ideas]] = ((with_slack, ("slack",)),)
-FINISHERS: Sequence[tuple[Finisher, Ideas]] = ((tidied, ("tidy",)),)
+
+
+def _statements(tuning: SearchTuning) -> Sequence[tuple[Statement, Ideas]]:
+    """Return what is told to the scheduler before the first schedule."""
+
+    def durations(search: Search) -> list[Refinement]:
+        def tell(count: int, total: int) -> None:
+            search.tell.stage(Phase.PREPARE, "unobstructed motions", count, total)
+
+        return fastest_durations(search.motions, search.knowledge, tuning.durations, tell)
+
+    return (
+        (
+            Statement("lower bounds on motions", lambda s: lower_bounds(s.motions, s.knowledge)),
+            ("bounds_first",),
+        ),
+        (
+            Statement("proofs of unreachability", lambda s: unreachable(s.motions)),
+            ("certificates",),
+        ),
+        (UNARY_PLACES, ("certificates", "native")),
+        (Statement("unobstructed motions", durations), ("bounds_first",)),
+        (
+            Statement(
+                "handing over places", lambda s: proven_handovers(s.motions, tuning.handovers)
+            ),
+            ("bounds_first", "profiles"),
+        ),
+    )
+
+
+def _after_failure(tuning: SearchTuning) -> Sequence[tuple[Statement, Ideas]]:
+    """Return what is told to the scheduler once a candidate failed."""
+    guess = Statement(
+        "handing over places",
+        lambda s: guessed_handovers(s.motions, s.knowledge, tuning.handovers),
+    )
+    return ((guess, ("bounds_first", "profiles")),)
+
+
+def _attempts(tuning: SearchTuning) -> Sequence[tuple[Attempt, Ideas]]:
+    """Return what a late motion may tell: its goal was just left by another one; it waits for a
+    door; what rests is in its way; it meets another one at a whole range of start offsets.
+    """
+    return (
+        (handover_cuts, ("profiles",)),
+        (door_cuts, ()),
+        (rest_cuts, ()),
+        (partial(pair_cuts, tuning=tuning.cuts), ("profiles",)),
+    )
 
 
 def components_of(params: Parameters, *, native: bool) -> Components:
@@ -90,28 +103,34 @@ def components_of(params: Parameters, *, native: bool) -> Components:
         return params.components
     ideas = {name for name in SWITCHES if getattr(params, name)} | ({"native"} if native else set())
 
+    tuning = tuning_of(params.tuning).search
+    slack = Slack(tuning.slack)
+    repair = Repairing(slack.spread if "slack" in ideas else None, tuning.repair)
+
     def with_ideas(parts: Sequence[tuple[Part, Ideas]]) -> tuple[Part, ...]:
         return tuple(part for part, needed in parts if ideas.issuperset(needed))
 
     return Components(
-        statements=with_ideas(STATEMENTS),
+        statements=with_ideas(_statements(tuning)),
         layers=with_ideas(LAYERS),
-        cuts=_cuts(ideas, with_ideas(ATTEMPTS), params.seed),
-        pace=Staged() if ideas >= {"native", "incumbents"} else AtOnce(),
-        shapers=with_ideas(SHAPERS),
-        repairs=with_ideas(((Repairing(spread if "slack" in ideas else None), ("incumbents",)),)),
-        after_failure=with_ideas(AFTER_FAILURE),
+        cuts=_cuts(ideas, with_ideas(_attempts(tuning)), params.seed, tuning.cuts),
+        pace=Staged(tuning.pace.first_proof, tuning.pace.schedule_share)
+        if ideas >= {"native", "incumbents"}
+        else AtOnce(),
+        shapers=with_ideas(((slack, ("slack",)),)),
+        repairs=with_ideas(((repair, ("incumbents",)),)),
+        after_failure=with_ideas(_after_failure(tuning)),
         for_proofs=() if native else with_ideas(((UNARY_PLACES, ("certificates",)),)),
-        finishers=with_ideas(FINISHERS),
+        finishers=with_ideas(((Tidying(tuning.tidy), ("tidy",)),)),
         learns="refine" in ideas,
     )
 
 
-def _cuts(ideas: set[str], attempts: tuple[Attempt, ...], seed: int) -> Cuts:
+def _cuts(ideas: set[str], attempts: tuple[Attempt, ...], seed: int, tuning: CutsTuning) -> Cuts:
     alike = Facts.like if "equivalents" in ideas else just_this
     if "small_cuts" in ideas:
         return SmallCuts(alike, attempts)
-    return PaperCuts(alike, widened="equivalents" in ideas, seed=seed)
+    return PaperCuts(alike, widened="equivalents" in ideas, seed=seed, tuning=tuning)
 
 
 SWITCHES = (

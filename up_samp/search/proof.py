@@ -7,7 +7,7 @@ scheduler judges, whatever engine is wrapped: its "infeasible" is a proof.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from up_samp.model import Deadline, ScheduleReport, ScheduleStatus, UnsupportedError
@@ -25,21 +25,13 @@ from up_samp.model.refinement import (
     Statement,
 )
 from up_samp.scheduling.cpsat import CpsatSession
+from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.search.budget import Budget
+from up_samp.search.tuning import ProofTuning
 from up_samp.upio import Relaxation, write_refinement
 
-PROOF_SHARE = 0.3
-"""Share of the remaining time that one attempt at a proof may take."""
-PROOF_SECONDS = 20.0
-EXPLAIN_SHARE = 0.2
-"""Share of the remaining time (at most ``EXPLAIN_SECONDS``) that goes into a shorter reason."""
-EXPLAIN_SECONDS = 5.0
-MOST_LIMITS = 40
-"""The problem's own constraints that are looked at to tell what the facts run into."""
 SHOWN = 5
-DOUBT_SHARE = 0.1
-"""Share of the remaining time (at most ``DOUBT_SECONDS``) for doubting another engine's optimum."""
-DOUBT_SECONDS = 2.0
+"""So many facts are listed in a message."""
 
 T = TypeVar("T")
 
@@ -51,10 +43,14 @@ class Prover:
     relax: Callable[[], Relaxation]
     budget: Budget
     seed: int
+    tuning: ProofTuning = field(default_factory=ProofTuning)
+    cpsat: CpsatTuning = field(default_factory=CpsatTuning)
 
     def leaves_nothing(self, facts: Sequence[Refinement]) -> bool | None:
         """Return whether the facts alone leave no schedule (None: not known)."""
-        report = self._schedule(facts, (), self.budget.share(PROOF_SHARE, PROOF_SECONDS))
+        report = self._schedule(
+            facts, (), self.budget.share(self.tuning.share, self.tuning.seconds)
+        )
         if report is None or (report.schedule is None and not _none_left(report)):
             return None
         return _none_left(report)
@@ -64,7 +60,7 @@ class Prover:
         play, in little time: an engine that says there is none was told another problem, or is
         wrong.
         """
-        deadline = self.budget.share(DOUBT_SHARE, DOUBT_SECONDS)
+        deadline = self.budget.share(self.tuning.doubt_share, self.tuning.doubt_seconds)
         report = self._schedule(facts, (), deadline, before=makespan)
         return report is not None and report.schedule is not None
 
@@ -74,7 +70,7 @@ class Prover:
         """Return few of the ``facts`` that leave no schedule (with those ``given``), as all of them
         do: as few as can be where time allows.
         """
-        deadline = self.budget.share(EXPLAIN_SHARE, EXPLAIN_SECONDS)
+        deadline = self.budget.share(self.tuning.explain_share, self.tuning.explain_seconds)
         # those first that one would rather be told
         ordered = sorted(facts, key=lambda r: (r.layer is Layer.BOUND, r.layer is Layer.GROUP))
 
@@ -100,9 +96,9 @@ class Prover:
         """
         names = {a for fact in facts for a in activities_of(fact.statement)}
         limits = list(_limits(self.relax(), names))
-        if not limits or len(limits) > MOST_LIMITS:
+        if not limits or len(limits) > self.tuning.limits:
             return []
-        deadline = self.budget.share(EXPLAIN_SHARE, EXPLAIN_SECONDS)
+        deadline = self.budget.share(self.tuning.explain_share, self.tuning.explain_seconds)
 
         def fails(kept: Sequence[_Limit]) -> bool:
             return self._infeasible(facts, [x for x in limits if x not in kept], deadline)
@@ -138,7 +134,7 @@ class Prover:
             manager = problem.environment.expression_manager
             for activity in problem.activities:
                 activity.add_constraint(manager.LT(activity.end, before))
-        session = CpsatSession(problem, seed=self.seed, workers=1)
+        session = CpsatSession(problem, seed=self.seed, workers=1, tuning=self.cpsat)
         try:
             return session.solve(deadline, optimal=False)
         except UnsupportedError:  # another engine may do what ours does not: no proof then

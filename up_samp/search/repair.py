@@ -19,17 +19,12 @@ from up_samp.search.cuts.handovers import leaves_for
 from up_samp.search.events import Phase
 from up_samp.search.motions import Motions
 from up_samp.search.search import Search
+from up_samp.search.tuning import RepairTuning
 from up_samp.search.world import motion_key
 from up_samp.upio import Itinerary, read_itinerary
 from up_samp.upio.restrict import restrict
 
 Spread = Callable[[Search, SchedulingProblem, CandidateSchedule], CandidateSchedule]
-
-MAX_STEPS = 25
-ENOUGH = 10
-"""A place that was left longer before (units) is not what makes a motion late."""
-REPAIR_EFFORT = 0.4
-"""Deterministic time of CP-SAT for one step: a few seconds at most."""
 
 
 @dataclass(frozen=True)
@@ -37,28 +32,31 @@ class Repairing:
     """The component: see ``repair``. ``spread`` (see ``slack``) gives motions what time is left."""
 
     spread: Spread | None = None
+    tuning: RepairTuning = field(default_factory=RepairTuning)
 
     def __call__(
         self, search: Search, schedule: CandidateSchedule, check: Check
     ) -> Incumbent | None:
         """Return a plan with the activities of ``schedule``, or None where none is found."""
         search.tell.stage(Phase.REPAIR)
-        return repair(search, schedule, check, self.spread)
+        return repair(search, schedule, check, self)
 
 
 def repair(
-    search: Search, schedule: CandidateSchedule, check: Check, spread: Spread | None
+    search: Search, schedule: CandidateSchedule, check: Check, made: Repairing
 ) -> Incumbent | None:
     """Return a plan with the activities of ``schedule``, or None where this way finds none."""
-    relaxation, facts = search.knowledge.relaxation, search.facts
+    relaxation, facts, tuning = search.knowledge.relaxation, search.facts, made.tuning
     deadline = search.budget.deadline
     problem = restrict(relaxation, facts.snapshot, schedule)
-    session = CpsatSession(problem, seed=search.seed, workers=1, effort=REPAIR_EFFORT)
+    session = CpsatSession(
+        problem, seed=search.seed, workers=1, effort=tuning.effort, tuning=search.cpsat
+    )
     activities = {a.name: a for a in problem.activities}
     current = schedule
-    demands = Demands(search.motions, problem, activities)
+    demands = Demands(search.motions, problem, activities, tuning.enough)
     itinerary = read_itinerary(relaxation, current)
-    for _ in range(MAX_STEPS):
+    for _ in range(tuning.steps):
         if check.failed or deadline.expired():
             return None
         demands.add(itinerary, check.needed)
@@ -68,8 +66,8 @@ def repair(
         current = CandidateSchedule(
             report.schedule.times, {**schedule.parameters, **report.schedule.parameters}
         )
-        if spread is not None:
-            current = spread(search, problem, current)
+        if made.spread is not None:
+            current = made.spread(search, problem, current)
         itinerary = read_itinerary(relaxation, current)
         check = search.checker.drive(itinerary)
         if check.passed:
@@ -106,6 +104,7 @@ class Demands:
     motions: Motions
     problem: SchedulingProblem
     activities: Mapping[str, Activity]
+    enough: int
     gaps: dict[tuple[str, str], int] = field(default_factory=dict)
 
     def add(self, itinerary: Itinerary, needed: Mapping[str, int]) -> None:
@@ -129,7 +128,7 @@ class Demands:
             return False
         last = max(leaving, key=lambda m: (m.start, m.activity))
         gap, pair = end - last.start, (last.activity, late.activity)
-        if gap <= self.gaps.get(pair, 0) or gap > 2 * (late.end - last.start) + ENOUGH:
+        if gap <= self.gaps.get(pair, 0) or gap > 2 * (late.end - last.start) + self.enough:
             return False
         self.gaps[pair] = gap
         manager = self.problem.environment.expression_manager

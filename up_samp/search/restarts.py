@@ -7,11 +7,7 @@ from dataclasses import dataclass, field
 
 from up_samp.model.refinement import Refinement
 from up_samp.search.budget import Budget
-
-UNTIMED_RESTARTS = 3
-"""Restarts where there is no time limit."""
-STALE_RESTARTS = 8
-"""Restarts in a row that may bring nothing but guesses made before, from other random numbers."""
+from up_samp.search.tuning import RestartTuning
 
 
 @dataclass
@@ -22,6 +18,7 @@ class Restarts:
     """
 
     limit: int | None = None
+    tuning: RestartTuning = field(default_factory=RestartTuning)
     done: int = 0
     stale: int = 0
     _before: set[frozenset[object]] = field(default_factory=set)
@@ -31,8 +28,8 @@ class Restarts:
         if self.limit is not None:
             return self.done < self.limit
         if budget.unlimited:
-            return self.done < UNTIMED_RESTARTS
-        return self.stale < STALE_RESTARTS
+            return self.done < self.tuning.untimed
+        return self.stale < self.tuning.stale
 
     def begin(self, guesses: Sequence[Refinement]) -> None:
         """Count a restart that drops these guesses."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from up_samp.model import CandidateSchedule, Refusal, Trajectory
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.scheduling import Scheduler
+from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.search.bounds import Bounds, Incumbent
 from up_samp.search.budget import Budget
 from up_samp.search.check import Checker
@@ -20,6 +21,7 @@ from up_samp.search.motions import Motions
 from up_samp.search.proof import Prover
 from up_samp.search.restarts import Restarts
 from up_samp.search.stopping import Stop
+from up_samp.search.tuning import SearchTuning
 from up_samp.upio import Relaxation, SampSchedule
 
 
@@ -59,6 +61,9 @@ class Search:
     tell: Telling
     stop: Stop | None = None
     seed: int = 0
+    tuning: SearchTuning = field(default_factory=SearchTuning)
+    cpsat: CpsatTuning = field(default_factory=CpsatTuning)
+    """Of our own scheduler, whatever engine is wrapped."""
     start: CandidateSchedule | None = None
     """What to begin from: see :mod:`up_samp.search.start`."""
 

@@ -45,6 +45,7 @@ from up_samp.search.start import start_of
 from up_samp.search.start_poses import check_start_poses
 from up_samp.search.stopping import runtime_of
 from up_samp.search.trace import TraceObserver
+from up_samp.tuning import tuning_of
 from up_samp.upio import Relaxation, SampSchedule, build_plan, read_problem, relax, trajectory_key
 
 ScheduleCheck = Callable[[Any, Schedule], list[str]]
@@ -76,11 +77,14 @@ def open_search(
     def relax_anew() -> Relaxation:
         return relax(problem, snapshot, hold_static=native)
 
+    own = {"tuning": tuning_of(params.tuning).cpsat} if native else {}
+    given = {**own, **engine_params}
+
     def scheduler_for(relaxation: Relaxation) -> Scheduler:
         return open_scheduler(
             engine,
             relaxation.problem,
-            params=engine_params,
+            params=given,
             seed=params.seed,
             check=check_schedule,
             environment=problem.environment,
@@ -105,10 +109,12 @@ def assemble(
     deadline = replace(deadline, at=min(deadline.at, deadline.started + runtime_of(params.stop)))
     relaxation = problem.relax()
     components = components_of(params, native=problem.native)
-    facts = Facts(relaxation.snapshot, relaxation.choices)
+    tuning = tuning_of(params.tuning)
+    mine = tuning.search
+    facts = Facts(relaxation.snapshot, relaxation.choices, mine.durations.cases)
     history, bounds = History(), Bounds()
     knowledge = Knowledge(relaxation, history)
-    budget = Budget(deadline, params.query_seconds)
+    budget = Budget(deadline, params.query_seconds, mine.budget)
     motions = Motions(facts, service, budget)
     tell = Telling(observers_of(params), partial(state_of, history, bounds, deadline))
     return Search(
@@ -128,13 +134,15 @@ def assemble(
             thorough=bool(components.repairs),
             seed=params.seed,
         ),
-        prover=Prover(problem.relax, budget, params.seed),
+        prover=Prover(problem.relax, budget, params.seed, mine.proof, tuning.cpsat),
         scheduler=problem.schedule(relaxation),
         components=components,
-        restarts=Restarts(params.max_restarts),
+        restarts=Restarts(params.max_restarts, mine.restarts),
         tell=tell,
         stop=params.stop,
         seed=params.seed,
+        tuning=mine,
+        cpsat=tuning.cpsat,
     )
 
 

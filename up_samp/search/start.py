@@ -20,11 +20,6 @@ from up_samp.search.search import Search
 from up_samp.upio import Relaxation
 from up_samp.upio.restrict import restrict
 
-START_EFFORT = 0.1
-"""Deterministic time of CP-SAT for one schedule: about a second at most."""
-START_ROUNDS = 5
-"""Schedules that are tried, each with what was learned from those before."""
-
 
 def start_of(problem: SchedulingProblem, plan: Plan) -> CandidateSchedule:
     """Return a UP plan as what to begin from: what it says of activities that the problem has.
@@ -74,7 +69,9 @@ def near(search: Search, start: CandidateSchedule) -> CandidateSchedule | None:
     relaxation, snapshot = search.knowledge.relaxation, search.facts.snapshot
     # nothing decides the places of motions but the plan itself
     problem = restrict(relaxation, snapshot, start)
-    session = CpsatSession(problem, seed=search.seed, workers=1, effort=START_EFFORT)
+    session = CpsatSession(
+        problem, seed=search.seed, workers=1, effort=search.tuning.start.effort, tuning=search.cpsat
+    )
     report = session.solve(search.budget.deadline, optimal=False, hint=start)
     search.budget.seconds_scheduler += report.seconds
     if report.schedule is None:

@@ -9,6 +9,7 @@ are checked and the plan is validated like any other.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from unified_planning.model.metrics import Oversubscription
 from unified_planning.model.scheduling import SchedulingProblem
@@ -19,15 +20,23 @@ from up_samp.search.bounds import Incumbent
 from up_samp.search.events import Phase
 from up_samp.search.repair import demand
 from up_samp.search.search import Search
+from up_samp.search.tuning import TidyTuning
 from up_samp.upio import Relaxation, read_itinerary
 from up_samp.upio.restrict import restrict
 
-MAX_STEPS = 8
-TIDY_EFFORT = 0.2
-"""Deterministic time of CP-SAT for one step: a few seconds at most."""
+
+@dataclass(frozen=True)
+class Tidying:
+    """The component: see ``tidied``."""
+
+    tuning: TidyTuning = field(default_factory=TidyTuning)
+
+    def __call__(self, search: Search, plan: Incumbent) -> Incumbent | None:
+        """Return a valid plan with fewer motions that ends no later, if one is found."""
+        return tidied(search, plan, self.tuning)
 
 
-def tidied(search: Search, plan: Incumbent) -> Incumbent | None:
+def tidied(search: Search, plan: Incumbent, tuning: TidyTuning) -> Incumbent | None:
     """Return a valid plan with fewer motions than ``plan`` that ends no later, if one is found."""
     search.tell.stage(Phase.TIDY)
     relaxation, deadline = search.knowledge.relaxation, search.budget.deadline
@@ -39,8 +48,10 @@ def tidied(search: Search, plan: Incumbent) -> Incumbent | None:
     activities = {a.name: a for a in problem.activities}
     manager = problem.environment.expression_manager
     current = plan.schedule
-    session = CpsatSession(problem, seed=search.seed, workers=1, effort=TIDY_EFFORT)
-    for _ in range(MAX_STEPS):
+    session = CpsatSession(
+        problem, seed=search.seed, workers=1, effort=tuning.effort, tuning=search.cpsat
+    )
+    for _ in range(tuning.steps):
         if deadline.expired():
             return None
         report = session.solve(deadline, optimal=True, hint=current)

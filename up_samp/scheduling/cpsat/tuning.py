@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from up_samp.model.tunable import Tunables, share, tunable
+from up_samp.model.tunable import Tunables, share_of, tunable
 
 EFFORT = "CP-SAT's deterministic time"
 
@@ -77,9 +77,9 @@ class StagesTuning(Tunables):
         "up to so many, the relaxation is solved sooner than tours are annealed",
         least=0,
     )
-    bound_share: float = share(0.1, "of the time that is left, for bounds without search")
-    tour_share: float = share(0.2, "of the time that is left, for tours")
-    relaxed_share: float = share(
+    bound_share: float = share_of(0.1, "of the time that is left, for bounds without search")
+    tour_share: float = share_of(0.2, "of the time that is left, for tours")
+    relaxed_share: float = share_of(
         0.35, "of the time that is left, for each attempt at the routing relaxation"
     )
 
@@ -88,4 +88,4 @@ class StagesTuning(Tunables):
 class CpsatTuning(Tunables):
     """All of the engine's tunables."""
 
-    stages: StagesTuning = StagesTuning()
+    stages: StagesTuning = field(default_factory=StagesTuning)

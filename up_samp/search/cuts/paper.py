@@ -5,7 +5,7 @@ Tosello et al. (ICAPS 2026) write them.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from up_samp.model import MotionModel, PathQuery, Placed, ScheduledMotion
 from up_samp.model.refinement import Layer, Refinement, Strength
@@ -17,9 +17,7 @@ from up_samp.search.cuts.protocol import Alike
 from up_samp.search.facts import Facts
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
-
-EXPLORE_SHARE = 0.2
-"""Share of a query's time that the tree may grow on to tell what it reaches, after no path."""
+from up_samp.search.tuning import CutsTuning
 
 
 @dataclass(frozen=True)
@@ -33,6 +31,7 @@ class PaperCuts:
     alike: Alike
     widened: bool = True
     seed: int = 0
+    tuning: CutsTuning = field(default_factory=CutsTuning)
     first_only: bool = True
 
     def unobstructed(
@@ -74,7 +73,7 @@ class PaperCuts:
 
         same = [s for s in facts.by_signature if s[0] == body and len(s[1]) == 2]
         targets = {str(pose): pose for s in same for pose in s[1]}
-        deadline = budget.deadline.within(EXPLORE_SHARE * budget.query_seconds)
+        deadline = budget.deadline.within(self.tuning.explore_share * budget.query_seconds)
         query = PathQuery(body, motion.poses, obstacles)
         found = explore(motions.service.scene, query, targets, deadline, seed=self.seed)
         if found.goal or not self.widened:

@@ -14,18 +14,15 @@ from up_samp.refinement import rules
 from up_samp.search.cases import MotionCase
 from up_samp.search.cuts.failure import Failure
 from up_samp.search.motions import Motions
-
-PROFILE_SHARE = 0.05
-"""Share of the remaining time (at most ``PROFILE_SECONDS``) that one late motion's profile gets."""
-PROFILE_SECONDS = 6.0
+from up_samp.search.tuning import CutsTuning
 
 
-def pair_cuts(failure: Failure, late: str) -> list[Refinement]:
+def pair_cuts(failure: Failure, late: str, *, tuning: CutsTuning) -> list[Refinement]:
     """Return an interaction profile of the late motion with one that it meets.
 
     Stated for all pairs of motions that are the same to the motion planner.
     """
-    deadline = failure.motions.budget.share(PROFILE_SHARE, PROFILE_SECONDS)
+    deadline = failure.motions.budget.share(tuning.profile_share, tuning.profile_seconds)
     for other in _partners(failure, late):
         if deadline.expired():
             break

@@ -11,17 +11,8 @@ from up_samp.refinement import rules
 from up_samp.search.cases import MotionCase
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
+from up_samp.search.tuning import DurationsTuning
 
-EAGER_SHARE = 0.2
-"""Share of the remaining time (at most ``EAGER_SECONDS``) that goes into durations known early."""
-EAGER_SECONDS = 30.0
-EAGER_QUERY_SECONDS = 2.0
-"""Limit of one query before the first schedule; what takes longer may never be needed."""
-PROBE = 30
-HOPELESS = 4.0
-"""Where ``PROBE`` motions tell that all would take so many times the time that there is, the others
-are left to be learned when a candidate uses them: most never are.
-"""
 TELL_EVERY = 10
 """Progress is told once for so many motions."""
 
@@ -49,7 +40,10 @@ def lower_bounds(motions: Motions, knowledge: Knowledge) -> list[Refinement]:
 
 
 def fastest_durations(
-    motions: Motions, knowledge: Knowledge, tell: Callable[[int, int], None]
+    motions: Motions,
+    knowledge: Knowledge,
+    tuning: DurationsTuning,
+    tell: Callable[[int, int], None],
 ) -> list[Refinement]:
     """Return the planner's own best duration of every motion, as far as time allows.
 
@@ -57,16 +51,16 @@ def fastest_durations(
     obstacles alone: objects that move only make motions slower.
     ``tell`` is called with how many of how many motions are done.
     """
-    deadline = motions.budget.share(EAGER_SHARE, EAGER_SECONDS)
+    deadline = motions.budget.share(tuning.share, tuning.seconds)
     found = []
     signatures = motions.facts.by_signature
-    seconds = min(EAGER_QUERY_SECONDS, motions.budget.query_seconds)
+    seconds = min(tuning.query, motions.budget.query_seconds)
     whole = deadline.remaining()
     for count, cases in enumerate(signatures.values()):
         if deadline.expired():
             break
         spent = whole - deadline.remaining()
-        if count >= PROBE and spent * len(signatures) > HOPELESS * whole * count:
+        if count >= tuning.probe and spent * len(signatures) > tuning.hopeless * whole * count:
             break
         if count % TELL_EVERY == 0:
             tell(count, len(signatures))

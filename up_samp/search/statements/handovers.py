@@ -31,23 +31,19 @@ from up_samp.search.cases import MotionCase
 from up_samp.search.facts import Signature
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
+from up_samp.search.tuning import HandoversTuning
 
 LONG_BEFORE = 1000.0
 """Seconds by which who arrives may have set out before the other one leaves."""
-MOST = 1500
-"""So many pairs of motions are stated at once at most; others when they meet."""
-EAGER_SHARE = 0.1
-EAGER_SECONDS = 6.0
-"""Share of the remaining time (at most ``EAGER_SECONDS``) for the gaps between fastest motions."""
 ALLOWANCE = 0.95
 """Accelerations are judged with a little tolerance: proven gaps are that much shorter."""
 
 
-def proven_handovers(motions: Motions) -> list[Refinement]:
+def proven_handovers(motions: Motions, tuning: HandoversTuning) -> list[Refinement]:
     """Return the proven gaps at all shared places, before the first schedule."""
     facts = motions.facts
-    pairs = list(itertools.islice(_pairs(motions), MOST + 1))
-    if len(pairs) > MOST:
+    pairs = list(itertools.islice(_pairs(motions), tuning.pairs + 1))
+    if len(pairs) > tuning.pairs:
         return []
     found = []
     for leaving, coming in pairs:
@@ -58,15 +54,17 @@ def proven_handovers(motions: Motions) -> list[Refinement]:
     return found
 
 
-def guessed_handovers(motions: Motions, knowledge: Knowledge) -> list[Refinement]:
+def guessed_handovers(
+    motions: Motions, knowledge: Knowledge, tuning: HandoversTuning
+) -> list[Refinement]:
     """Return the gaps between the fastest motions at all shared places; none the second time."""
     if knowledge.handovers_guessed:
         return []
     knowledge.handovers_guessed = True
-    pairs = list(itertools.islice(_pairs(motions), MOST + 1))
-    if len(pairs) > MOST:
+    pairs = list(itertools.islice(_pairs(motions), tuning.pairs + 1))
+    if len(pairs) > tuning.pairs:
         return []
-    deadline = motions.budget.share(EAGER_SHARE, EAGER_SECONDS)
+    deadline = motions.budget.share(tuning.share, tuning.seconds)
     found = []
     for leaving, coming in pairs:
         cut = handover(motions, knowledge, (leaving, coming), deadline)
