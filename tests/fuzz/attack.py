@@ -14,13 +14,15 @@ from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.engines.mixins.oneshot_planner import OptimalityGuarantee
 from unified_planning.shortcuts import OneshotPlanner, get_environment
 
+from tests.faults.watch import Watch
 from tests.fuzz.problems import SECONDS, Case, build, limited
+from up_samp.model import SampError
 from up_samp.validation import validate_plan
 
 get_environment().credits_stream = None
 PROVEN = (Status.SOLVED_OPTIMALLY, Status.UNSOLVABLE_PROVEN)
 SLACK = 2.0
-"""Seconds that a run may take beyond its limit, on a machine with nothing else to do."""
+"""Seconds that a run may take beyond its limit, waiting for a processor not counted."""
 
 
 @dataclass
@@ -39,19 +41,26 @@ class Findings:
     faster: list[str] = field(default_factory=list)
     """Relative proofs that motions of another seed beat."""
     counts: Counter = field(default_factory=Counter)
+    preset: str = "default"
+    refused: str = ""
+    """What the package says that it cannot do, or that is wrong with the problem."""
 
 
-def attack(case: Case, folder: Path, *, engine="cpsat", timeout=10.0, attackers=None) -> Findings:
+def attack(
+    case: Case, folder: Path, *, engine="cpsat", timeout=10.0, attackers=None, preset="default"
+) -> Findings:
     """Solve ``case`` and attack the answer with each of the ``attackers`` (engine, parameters)."""
-    found = Findings(case.seed, engine)
+    found = Findings(case.seed, engine, preset=preset)
     before = _state()
-    result = _solve(case, folder, engine, timeout, found, optimal=True)
+    result = _solve(case, folder, engine, timeout, found, optimal=True, preset=preset)
     if result is not None:
         found.status = result.status.name
         found.kind = (result.metrics or {}).get("bound_kind", "").partition(" ")[0]
         _judge(case, folder, result, found)
         if result.status in PROVEN:
             _refute(case, folder, result, found, timeout, attackers or ATTACKERS)
+    if found.overrun > SLACK:
+        found.wrong.append(f"late by {found.overrun:.1f} s")
     _leftovers(before, found)
     return found
 
@@ -74,7 +83,7 @@ def _solve(case, folder, engine, timeout, found, *, optimal, **params):
     settings = {"seconds_per_unit": SECONDS, "query_seconds": 1.0} | params
     guarantee = OptimalityGuarantee.SOLVED_OPTIMALLY
     proves = engine in ("cpsat", "aries-opt")
-    began = time.monotonic()
+    watch = Watch()
     try:
         with OneshotPlanner(
             name=f"samp-refine[{engine}]",
@@ -82,12 +91,14 @@ def _solve(case, folder, engine, timeout, found, *, optimal, **params):
             **({"optimality_guarantee": guarantee} if proves and optimal else {}),
         ) as planner:
             result = planner.solve(problem, timeout=timeout)
+    except SampError as error:
+        found.refused = f"{type(error).__name__}: {error}"
+        return None
     except Exception as error:
         found.wrong.append(f"{engine}: exception {type(error).__name__}: {error}")
         return None
-    seconds = time.monotonic() - began
-    found.seconds += seconds
-    found.overrun = max(found.overrun, seconds - timeout)
+    found.seconds += watch.seconds
+    found.overrun = max(found.overrun, watch.own - timeout)
     return result
 
 

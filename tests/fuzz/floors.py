@@ -23,6 +23,7 @@ class Floor:
     occupied: np.ndarray
     places: dict[str, Pose]
     doorway: tuple[Pose, Pose, float] | None = None
+    resolution: float = RESOLUTION
 
     def write(self, folder):
         """Write image and YAML; return the YAML's path."""
@@ -30,7 +31,7 @@ class Floor:
         Image.fromarray(picture).save(folder / f"{self.kind}.png")
         path = folder / f"{self.kind}.yaml"
         path.write_text(
-            f"image: {self.kind}.png\nresolution: {RESOLUTION}\norigin: [0, 0, 0]\nnegate: 0\n"
+            f"image: {self.kind}.png\nresolution: {self.resolution}\norigin: [0, 0, 0]\nnegate: 0\n"
             "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
         )
         return path

@@ -7,7 +7,11 @@ import tempfile
 import pytest
 
 from tests.fuzz.attack import ATTACKERS, attack
-from tests.fuzz.problems import build, random_case
+from tests.fuzz.problems import BODIES, SECONDS, build, random_case
+from tests.fuzz.wide import wide_case
+from up_samp.upio import read_problem
+
+WIDE = (1, 2, 3)
 
 
 @pytest.fixture(autouse=True)
@@ -42,3 +46,36 @@ def test_the_generator_uses_every_style(tmp_path):
         assert len({getattr(c.style, field) for c in cases}) == count
     assert {len(c.robots) for c in cases} == {1, 2, 3, 4}
     assert any(build(c, tmp_path).activities[0].parameters for c in cases[:20])
+
+
+def test_the_wide_generator_uses_all_that_there_is(tmp_path):
+    cases = [wide_case(seed) for seed in range(120)]
+    assert {r.moves for c in cases for r in c.robots} == {*BODIES, "flyer"}
+    assert {len(c.robots) for c in cases} == {1, 2, 3, 4, 5, 6}
+    assert {c.style.choice for c in cases} == {"optional", "parameter", "variable"}
+    assert {c.style.one_at_a_time for c in cases} == {"pairs", "uses", "all"}
+    assert {c.door for c in cases} == {None, "open", "once", "shut", "twice", "closing"}
+    assert len({c.floor.kind for c in cases}) == 7
+    assert any(c.loads for c in cases)
+    assert any(c.idle for c in cases)
+    for case in cases[:25]:
+        snapshot = read_problem(build(case, tmp_path), SECONDS)
+        assert len(snapshot.tasks) > 0
+
+
+@pytest.mark.parametrize("seed", WIDE)
+def test_a_few_wide_problems(tmp_path, seed):
+    found = attack(wide_case(seed), tmp_path, timeout=6.0, attackers=ATTACKERS[1:2])
+    assert found.wrong == []
+    assert found.refused == ""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("first", range(0, 200, 20))
+def test_many_wide_problems(tmp_path, first):
+    wrong = {}
+    for seed in range(first, first + 20):
+        found = attack(wide_case(seed), tmp_path)
+        if found.wrong or found.refused:
+            wrong[seed] = [*found.wrong, found.refused]
+    assert wrong == {}

@@ -253,13 +253,14 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
                 found.put(("error", error))
 
         thread = threading.Thread(target=work, daemon=True)
-        thread.start()
         try:
+            thread.start()
             yield from self._stream(problem, found, output_stream)
         finally:
             stop.set()
             session.interrupt()
-            thread.join()
+            if thread.ident is not None:  # Ctrl-C may come before it is started
+                thread.join()
 
     def _stream(
         self, problem: Any, found: queue.Queue[Any], output: IO[str] | None

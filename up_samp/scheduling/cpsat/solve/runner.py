@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
 from collections.abc import Callable
@@ -109,16 +110,28 @@ def _interruptible(
     solver: Any,
     interrupted: threading.Event,
 ) -> None:
-    """Run ``work`` in a thread, so that signals reach this one at once."""
-    thread = threading.Thread(target=work, daemon=True)
-    thread.start()
+    """Run ``work`` in a thread, so that signals reach this one at once.
+
+    The thread is over when this returns or raises: one that goes on when Python ends aborts the
+    process. Ctrl-C may come at any instant, also while the thread starts.
+    """
+    cancelled = threading.Event()
+    thread = threading.Thread(target=lambda: cancelled.is_set() or work(), daemon=True)
     try:
+        thread.start()
         while thread.is_alive():
             thread.join(0.1)
             if interrupted.is_set():
                 solver.stop_search()
     except BaseException:
-        while thread.is_alive():
+        cancelled.set()
+        _end(thread, solver)
+        raise
+
+
+def _end(thread: threading.Thread, solver: Any) -> None:
+    while thread.is_alive():
+        # a second Ctrl-C asks for what is under way
+        with contextlib.suppress(KeyboardInterrupt):
             solver.stop_search()
             thread.join(0.05)
-        raise

@@ -1,0 +1,68 @@
+"""Ctrl-C while CP-SAT runs in a thread: the thread is over before anything else happens."""
+
+import threading
+import time
+
+import pytest
+
+from up_samp.scheduling.cpsat.solve.runner import _interruptible
+
+
+class Solver:
+    """Works until it is told to stop, and notes it."""
+
+    def __init__(self):
+        self.stopped = threading.Event()
+        self.working = 0
+
+    def work(self):
+        self.working += 1
+        self.stopped.wait(10.0)
+        self.working -= 1
+
+    def stop_search(self):
+        self.stopped.set()
+
+
+def interrupt_in(monkeypatch, name, times):
+    """Let the first calls of a thread's method be interrupted once they have done their work."""
+    inner = getattr(threading.Thread, name)
+    left = [times]
+
+    def interrupted(thread, *args):
+        inner(thread, *args)
+        if left[0] and threading.current_thread() is threading.main_thread():
+            left[0] -= 1
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(threading.Thread, name, interrupted)
+
+
+@pytest.mark.parametrize(("where", "times"), [("start", 1), ("join", 1), ("join", 3)])
+def test_ctrl_c_leaves_no_thread_at_work(monkeypatch, where, times):
+    solver = Solver()
+    before = set(threading.enumerate())
+    with monkeypatch.context() as patch:
+        interrupt_in(patch, where, times)
+        with pytest.raises(KeyboardInterrupt):
+            _interruptible(solver.work, solver, threading.Event())
+        assert set(threading.enumerate()) <= before
+    assert solver.working == 0
+
+
+def test_ctrl_c_before_the_thread_begins_means_that_it_does_nothing(monkeypatch):
+    solver = Solver()
+    begun = []
+
+    def late(thread):
+        begun.append(thread)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(threading.Thread, "start", late)
+        with pytest.raises(KeyboardInterrupt):
+            _interruptible(solver.work, solver, threading.Event())
+    threading.Thread.start(begun[0])
+    time.sleep(0.05)
+    assert not begun[0].is_alive()
+    assert solver.working == 0
