@@ -1,11 +1,15 @@
 """Ctrl-C while CP-SAT runs in a thread: the thread is over before anything else happens."""
 
+import signal
+import subprocess
 import threading
 import time
 
 import pytest
 
+from up_samp import cli
 from up_samp.scheduling.cpsat.solve.runner import _interruptible
+from up_samp.system import child
 
 
 class Solver:
@@ -66,3 +70,22 @@ def test_ctrl_c_before_the_thread_begins_means_that_it_does_nothing(monkeypatch)
     time.sleep(0.05)
     assert not begun[0].is_alive()
     assert solver.working == 0
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, cli.INTERRUPTED), (signal.SIGTERM, cli.TERMINATED)]
+)
+def test_a_command_that_is_stopped_while_it_loads_says_so_shortly(tmp_path, number, code):
+    """The parser is made of all that the commands need: much of the start of a short command."""
+    script = (
+        "import os, signal, sys\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "from up_samp import cli\n"
+        "inner = cli.make_parser\n"
+        f"cli.make_parser = lambda: os.kill(os.getpid(), {int(number)}) or inner()\n"
+        "sys.argv = ['up-samp', 'engines']\n"
+        "sys.exit(cli.main())\n"
+    )
+    done = subprocess.run(child.command(script), env=child.environment(), capture_output=True)
+    assert done.returncode == code
+    assert done.stderr.strip() == b"up-samp: stopped"

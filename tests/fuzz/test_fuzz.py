@@ -49,7 +49,7 @@ def test_the_generator_uses_every_style(tmp_path):
 
 
 def test_the_wide_generator_uses_all_that_there_is(tmp_path):
-    cases = [wide_case(seed) for seed in range(120)]
+    cases = [wide_case(seed) for seed in range(300)]
     assert {r.moves for c in cases for r in c.robots} == {*BODIES, "flyer"}
     assert {len(c.robots) for c in cases} == {1, 2, 3, 4, 5, 6}
     assert {c.style.choice for c in cases} == {"optional", "parameter", "variable"}

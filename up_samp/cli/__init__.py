@@ -39,15 +39,32 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command; return the exit code: 0 well, 1 no (valid) plan, 2 an error, 130 Ctrl-C."""
-    if argv is None:
-        # this process is ours: collect garbage less often, a sixth of a short command's time
-        gc.set_threshold(50_000, 20, 20)
-        for stream in (sys.stdout, sys.stderr):
-            if isinstance(stream, io.TextIOWrapper):  # names in any script, on any terminal
-                stream.reconfigure(errors="backslashreplace")
-        signal.signal(signal.SIGTERM, _terminate)
-    args = make_parser().parse_args(argv)
+    """Run a command; return the exit code: 0 well, 1 no (valid) plan, 2 an error, 130 Ctrl-C, 143
+    SIGTERM.
+    """
+    own = argv is None
+    try:
+        if own:
+            _own_the_process()
+        return _run(make_parser().parse_args(argv))
+    except KeyboardInterrupt as stop:
+        print("\nup-samp: stopped", file=sys.stderr)
+        return TERMINATED if _was_terminated(stop) else INTERRUPTED
+    finally:
+        if own:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _own_the_process() -> None:
+    # collect garbage less often, a sixth of a short command's time
+    gc.set_threshold(50_000, 20, 20)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # names in any script, on any terminal
+            stream.reconfigure(errors="backslashreplace")
+    signal.signal(signal.SIGTERM, _terminate)
+
+
+def _run(args: argparse.Namespace) -> int:
     from unified_planning.shortcuts import get_environment
 
     get_environment().credits_stream = None
@@ -56,9 +73,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         if sys.stdout is not None:
             sys.stdout.flush()
         return code
-    except KeyboardInterrupt as stop:
-        print("\nup-samp: stopped", file=sys.stderr)
-        return TERMINATED if _was_terminated(stop) else INTERRUPTED
     except BrokenPipeError:
         # whoever read our output has seen enough; let the interpreter's exit not complain
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
