@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import up_samp  # noqa: F401  (registers the engines)
 from tests.faults.watch import Watch
-from tests.fuzz.attack import Findings, attack
+from tests.fuzz.attack import ATTACKERS, Findings, attack
 from tests.fuzz.problems import random_case
 from tests.fuzz.wide import wide_case
 from tests.soundness import decisions, judge, worlds
@@ -79,7 +79,10 @@ def one(seed: int, folder: Path, args: argparse.Namespace) -> dict:
         return _against_truth(seed, sort, folder)
     case = random_case(seed) if sort == "first" else wide_case(seed, args.maps)
     preset = PRESETS[seed // 7 % len(PRESETS)] if engine == "cpsat" else "default"
-    found = attack(case, folder, engine=engine, timeout=args.timeout, preset=preset)
+    attackers = [ATTACKERS[(seed + k) % len(ATTACKERS)] for k in range(args.attacks)]
+    found = attack(
+        case, folder, engine=engine, timeout=args.timeout, attackers=attackers, preset=preset
+    )
     return asdict(found) | {
         "sort": sort,
         "style": asdict(case.style),
@@ -103,11 +106,22 @@ def _against_truth(seed: int, sort: str, folder: Path) -> dict:
         told = judge.judge(worlds.random_world(seed), rooms, samples=10, seconds=4.0)
         found.status, found.makespan = told.status, told.makespan
         found.wrong, found.attacks = told.wrong + told.motion, told.plans
+        found.accepted = told.plans - len(told.motion)
     found.seconds = watch.seconds
     return asdict(found) | {"sort": sort}
 
 
-HEAD = ("problems", "statuses", "attacked", "attacks", "wrong", "faster by seed", "late", "s")
+HEAD = (
+    "problems",
+    "statuses",
+    "attacked",
+    "attacks",
+    "plans accepted",
+    "wrong",
+    "faster by seed",
+    "late",
+    "s",
+)
 
 
 def report(rows: list[dict]) -> None:
@@ -142,6 +156,7 @@ def _line(rows: list[dict]) -> tuple:
         ", ".join(f"{n} {s}" for s, n in statuses.most_common()),
         sum(r["attacks"] > 0 for r in rows),
         sum(r["attacks"] for r in rows),
+        sum(r.get("accepted", 0) for r in rows),
         sum(any("late by" not in w for w in r["wrong"]) for r in rows),
         sum(bool(r["faster"]) for r in rows),
         sum(any("late by" in w for w in r["wrong"]) for r in rows),
@@ -163,6 +178,9 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=1e9)
     parser.add_argument("--engines", nargs="+", default=list(ENGINES))
     parser.add_argument("--sorts", nargs="+", default=list(SORTS), choices=[*SORTS, "first"])
+    parser.add_argument(
+        "--attacks", type=int, default=len(ATTACKERS), help="for each proof, taken in turn"
+    )
     parser.add_argument("--maps", type=Path, help="folder with ROS maps to be drawn from, too")
     parser.add_argument("--out", type=Path, default=Path("fuzz.json"))
     parser.add_argument("--merge", type=Path, nargs="+", help="only report on these files")

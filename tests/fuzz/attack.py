@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
 import tempfile
 import time
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
+from unittest import mock
 
 import psutil
 from unified_planning.engines import PlanGenerationResultStatus as Status
@@ -16,6 +19,8 @@ from unified_planning.shortcuts import OneshotPlanner, get_environment
 
 from tests.faults.watch import Watch
 from tests.fuzz.problems import SECONDS, Case, build, limited
+from up_samp.cli import commands, main
+from up_samp.io import result_to_dict, write_plan
 from up_samp.model import SampError
 from up_samp.validation import validate_plan
 
@@ -42,6 +47,8 @@ class Findings:
     """Relative proofs that motions of another seed beat."""
     counts: Counter = field(default_factory=Counter)
     preset: str = "default"
+    accepted: int = 0
+    """Plans that the validator and ``up-samp validate`` accept."""
     refused: str = ""
     """What the package says that it cannot do, or that is wrong with the problem."""
 
@@ -108,10 +115,35 @@ def _judge(case: Case, folder: Path, result, found: Findings) -> None:
         found.wrong.append(f"internal error: {said}")
     if result.plan is None:
         return
-    verdict = validate_plan(build(case, folder), result.plan, seconds_per_unit=SECONDS)
     found.makespan = int(result.metrics["makespan"])
+    _is_valid(case, folder, result, found)
+
+
+def _is_valid(case: Case, folder: Path, result, found: Findings) -> bool:
+    """Return whether the validator accepts a plan; the command has to say the same of its file."""
+    problem = build(case, folder)
+    verdict = validate_plan(problem, result.plan, seconds_per_unit=SECONDS)
+    said = refusal_of_command(problem, result, folder)
     if not verdict.valid:
         found.wrong.append(f"invalid plan: {verdict.violations[0]}")
+    elif said:
+        found.wrong.append(f"up-samp validate refuses a good plan: {said}")
+    else:
+        found.accepted += 1
+    return verdict.valid
+
+
+def refusal_of_command(problem, result, folder: Path) -> str:
+    """Return what ``up-samp validate`` says against a result's plan file, "" if it is accepted."""
+    file = write_plan(folder / "plan.json", result_to_dict(problem, result))
+    said = io.StringIO()
+    with (
+        mock.patch.object(commands, "find_problem", return_value=problem),
+        contextlib.redirect_stdout(said),
+        contextlib.redirect_stderr(said),
+    ):
+        code = main(["validate", "problem.py", str(file)])
+    return "" if code == 0 else said.getvalue() or f"exit code {code}"
 
 
 def _refute(case, folder, result, found, timeout, attackers) -> None:
@@ -124,14 +156,11 @@ def _refute(case, folder, result, found, timeout, attackers) -> None:
         other = _solve(harder, folder, engine, timeout, found, optimal=False, **params)
         if other is None or other.plan is None:
             continue
-        verdict = validate_plan(build(harder, folder), other.plan, seconds_per_unit=SECONDS)
-        if verdict.valid:
+        if _is_valid(harder, folder, other, found):
             claim = f"{result.status.name} {found.makespan} ({found.kind})"
             beaten = f"{claim}: {engine} {params} has {other.metrics['makespan']}"
             relative = found.kind == "relative" and "seed" in params
             (found.faster if relative else found.wrong).append(beaten)
-        else:
-            found.wrong.append(f"{engine}: invalid plan: {verdict.violations[0]}")
 
 
 def _state() -> tuple[set[int], set[str]]:
