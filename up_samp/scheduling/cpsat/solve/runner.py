@@ -116,7 +116,12 @@ def _interruptible(
     process. Ctrl-C may come at any instant, also while the thread starts.
     """
     cancelled = threading.Event()
-    thread = threading.Thread(target=lambda: cancelled.is_set() or work(), daemon=True)
+
+    def unless_cancelled() -> None:
+        if not cancelled.is_set():
+            work()
+
+    thread = threading.Thread(target=unless_cancelled, daemon=True)
     try:
         thread.start()
         while thread.is_alive():
