@@ -24,15 +24,20 @@ from up_samp.search.facts import Facts
 
 if TYPE_CHECKING:
     from up_samp.motion import MotionService
+    from up_samp.motion.crew import Crew
 
 
 @dataclass(frozen=True)
 class Motions:
-    """Asks the motion service about motions of the problem, within the search's budget."""
+    """Asks the motion service about motions of the problem, within the search's budget.
+
+    ``crew``: workers that plan ahead for the service, if there are any.
+    """
 
     facts: Facts
     service: MotionService
     budget: Budget
+    crew: Crew | None = None
 
     def path(self, query: PathQuery) -> PathReport:
         """Return the planner's path for a motion alone, within one query's time."""

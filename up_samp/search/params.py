@@ -6,6 +6,7 @@ import dataclasses
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -56,6 +57,10 @@ class Parameters:
     """What the search is made of, instead of what the preset and its switches say."""
     tuning: Tuning | Mapping[str, Any] | str | os.PathLike[str] | None = None
     """Tunables (:mod:`up_samp.tuning`), or a table or TOML file of them."""
+    executor: Executor | None = None
+    """Who plans motions and groups beside this process (:mod:`up_samp.motion.crew`); answers are
+    the same without. The caller ends it.
+    """
     path_planner: str = "default"
     group_planner: str = "default"
 
@@ -118,6 +123,8 @@ class Parameters:
                 wanted = "a sequence of observers"
             elif name == "tuning":
                 continue  # it is checked where it is read: that imports what is not needed here
+            elif name == "executor":
+                good, wanted = callable(getattr(value, "submit", None)), "an executor"
             elif name == "components":
                 good, wanted = dataclasses.is_dataclass(value), "components of a search"
             else:

@@ -24,6 +24,7 @@ from up_samp.model import (
 )
 from up_samp.model.snapshot import Snapshot
 from up_samp.motion import MotionCache, MotionService
+from up_samp.motion.crew import Crew
 from up_samp.scheduling import Scheduler, open_scheduler
 from up_samp.search.bounds import Bounds, Incumbent
 from up_samp.search.budget import Budget
@@ -115,7 +116,8 @@ def assemble(
     history, bounds = History(), Bounds()
     knowledge = Knowledge(relaxation, history)
     budget = Budget(deadline, params.query_seconds, mine.budget)
-    motions = Motions(facts, service, budget)
+    crew = None if params.executor is None else Crew(params.executor, service)
+    motions = Motions(facts, service, budget, crew)
     tell = Telling(observers_of(params), partial(state_of, history, bounds, deadline))
     return Search(
         problem=problem,

@@ -9,6 +9,7 @@ from up_samp.model.refinement import Refinement, Strength
 from up_samp.model.snapshot import MotionTask
 from up_samp.refinement import rules
 from up_samp.search.cases import MotionCase
+from up_samp.search.facts import Facts
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
 from up_samp.search.tuning import DurationsTuning
@@ -51,10 +52,14 @@ def fastest_durations(
     obstacles alone: objects that move only make motions slower.
     ``tell`` is called with how many of how many motions are done.
     """
-    deadline = motions.budget.share(tuning.share, tuning.seconds)
     found = []
     signatures = motions.facts.by_signature
     seconds = min(tuning.query, motions.budget.query_seconds)
+    if motions.crew is not None:
+        queries = [_among_fixed(motions.facts, cases) for cases in signatures.values()]
+        motions.crew.plan_ahead(queries, motions.budget.share(tuning.share, tuning.seconds))
+    # what workers have found takes no time any more
+    deadline = motions.budget.share(tuning.share, tuning.seconds)
     whole = deadline.remaining()
     for count, cases in enumerate(signatures.values()):
         if deadline.expired():
@@ -80,11 +85,7 @@ def duration_of(
     signature = facts.signature(cases[0])
     if signature in knowledge.durations:
         return []
-    # what is said of all equivalent motions may count on what all of them heed only
-    obstacles = tuple(
-        o for o in facts.fixed if all(c.task.avoid is None or o.name in c.task.avoid for c in cases)
-    )
-    report, strength = motions.fastest(PathQuery(*signature, obstacles), deadline)
+    report, strength = motions.fastest(_among_fixed(facts, cases), deadline)
     if report.outcome is Outcome.IMPOSSIBLE:
         return [
             rules.only_given(rules.impossible(c.activity, report.reason), c.given) for c in cases
@@ -101,3 +102,12 @@ def duration_of(
         rules.only_given(rules.lasts(c.activity, units, why, strength=strength), c.given)
         for c in cases
     ]
+
+
+def _among_fixed(facts: Facts, cases: Sequence[MotionCase]) -> PathQuery:
+    """Return the question for the motion that all of ``cases`` are, among the fixed obstacles."""
+    # what is said of all equivalent motions may count on what all of them heed only
+    obstacles = tuple(
+        o for o in facts.fixed if all(c.task.avoid is None or o.name in c.task.avoid for c in cases)
+    )
+    return PathQuery(*facts.signature(cases[0]), obstacles)

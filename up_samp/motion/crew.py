@@ -1,0 +1,203 @@
+"""Motion queries done by workers: other processes, or other machines, behind one executor.
+
+A :class:`Crew` hands queries to any ``concurrent.futures.Executor`` (processes of this machine, a
+Dask client's ``get_executor()`` for a cluster) and takes the answers in the order of the questions:
+it does not matter which worker was first. Each query is answered as the service itself would answer
+it; what a search came to the end of is the same on any machine. What a lost worker
+was to answer is answered here. In one process queries run one at a time, also on an executor of
+threads: the planners' random numbers belong to one of them.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future
+from concurrent.futures import TimeoutError as NotYet
+from dataclasses import dataclass, field
+from typing import TypeVar, cast
+
+from up_samp.geometry import OccupancyGrid
+from up_samp.model import (
+    Body,
+    Deadline,
+    GroupQuery,
+    GroupReport,
+    MotionModel,
+    PathQuery,
+)
+from up_samp.motion.protocol import Leg, LegQuery
+from up_samp.motion.service import MotionService
+
+CHUNK = 6
+"""Paths that are asked for in one task."""
+MOST_SERVICES = 4
+"""Maps (with settings) that a worker remembers."""
+LEAVE = 0.05
+"""Seconds for which an answer is waited for at least: it may be there already."""
+
+LOST = object()
+"""What comes from a worker that is gone."""
+
+Answer = TypeVar("Answer")
+Found = tuple[str, Leg] | None
+_ONE_AT_A_TIME = threading.RLock()
+_services: dict[object, MotionService] = {}
+
+
+@dataclass(frozen=True)
+class Scope:
+    """What a worker needs to answer as the service does."""
+
+    grid: OccupancyGrid | None
+    planner: str
+    margin: float
+    seed: int
+    digest: str
+
+    @staticmethod
+    def of(service: MotionService) -> Scope:
+        """Return the scope of a service."""
+        scene = service.scene
+        return Scope(service.grid, service.planner, scene.margin, service.seed, scene.digest)
+
+    def service(self) -> MotionService:
+        """Return this process's own service of this scope."""
+        key = (self.digest, self.planner, self.margin, self.seed)
+        if key not in _services:
+            while len(_services) >= MOST_SERVICES:
+                del _services[next(iter(_services))]
+            _services[key] = MotionService(
+                self.grid, planner=self.planner, margin=self.margin, seed=self.seed
+            )
+        return _services[key]
+
+
+def find_legs(scope: Scope, queries: Sequence[LegQuery], seconds: float) -> list[Found]:
+    """Return the legs for some queries, and whose they are (what a worker does)."""
+    deadline = Deadline.after(None if seconds == float("inf") else seconds)
+    found: list[Found] = []
+    with _ONE_AT_A_TIME:
+        service = scope.service()
+        for query in queries:
+            ends = (query.start, query.goal)
+            if deadline.expired() or service.certificate(query.body, ends, query.obstacles):
+                found.append(None)
+                continue
+            leg = service.legs.find(query, deadline)
+            found.append(None if leg.leg is None else (leg.planner, leg.leg))
+    return found
+
+
+def coordinate_group(
+    scope: Scope, query: GroupQuery, method: str, seed: int, seconds: float
+) -> tuple[GroupReport, bool]:
+    """Return the report on a group, and whether its time was up (what a worker does)."""
+    deadline = Deadline.after(None if seconds == float("inf") else seconds)
+    with _ONE_AT_A_TIME:
+        report = scope.service().coordinate(query, deadline, method=method, seed=seed)
+    return report, deadline.expired()
+
+
+@dataclass
+class Crew:
+    """Workers for the queries of one motion service.
+
+    ``lost``: tasks whose worker did not come back with an answer (they were done here).
+    """
+
+    executor: Executor
+    service: MotionService
+    lost: int = 0
+    scope: Scope = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.scope = Scope.of(self.service)
+
+    def plan_ahead(self, queries: Sequence[PathQuery], deadline: Deadline) -> int:
+        """Find the legs of queries and put them into the service's cache, as far as time allows.
+        Return how many were found.
+        """
+        todo = _legs_of(queries)
+        chunks = [todo[i : i + CHUNK] for i in range(0, len(todo), CHUNK)]
+        answers = self._answers(find_legs, [(c,) for c in chunks], [deadline] * len(chunks))
+        known = 0
+        for chunk, found in zip(chunks, answers, strict=True):
+            for query, leg in zip(chunk, found or (), strict=False):
+                if leg is not None:
+                    self.service.remember(leg[0], query, leg[1])
+                    known += 1
+        return known
+
+    def coordinate(
+        self,
+        queries: Sequence[GroupQuery],
+        deadlines: Sequence[Deadline],
+        *,
+        method: str,
+        seed: int,
+    ) -> list[tuple[GroupReport, bool] | None]:
+        """Return the report on each group, and whether its time was up; None where there is none
+        in time.
+        """
+        return self._answers(coordinate_group, [(q, method, seed) for q in queries], deadlines)
+
+    def _answers(
+        self,
+        do: Callable[..., Answer],
+        given: Sequence[tuple[object, ...]],
+        deadlines: Sequence[Deadline],
+    ) -> list[Answer | None]:
+        """Return what ``do`` returns for each of ``given``, in this order; what a worker does not
+        come back with is done here, if there is time.
+        """
+        last = max((d.at for d in deadlines), default=0.0)
+        futures = [
+            self._submit(do, *one, d.remaining()) for one, d in zip(given, deadlines, strict=True)
+        ]
+        found: list[Answer | None] = []
+        for future, one, deadline in zip(futures, given, deadlines, strict=True):
+            back = _taken(future, Deadline(last).remaining())
+            if back is not LOST:
+                found.append(cast("Answer | None", back))
+                continue
+            self.lost += 1
+            late = deadline.expired()
+            found.append(None if late else do(self.scope, *one, deadline.remaining()))
+        return found
+
+    def _submit(self, do: Callable[..., Answer], *given: object) -> Future[Answer] | None:
+        try:
+            return self.executor.submit(do, self.scope, *given)
+        except Exception:  # a broken pool refuses tasks
+            return None
+
+
+def _taken(future: Future[Answer] | None, seconds: float) -> object:
+    """Return a worker's answer, None where it is still at it when time is up, or ``LOST``."""
+    if future is None:
+        return LOST
+    try:
+        return future.result(None if seconds == float("inf") else max(LEAVE, seconds))
+    except NotYet:
+        future.cancel()
+        return None
+    except Exception:  # whatever ended the worker: a fault of the task comes up again here
+        return LOST
+
+
+def can_be_sent(body: Body) -> bool:
+    """Return whether a body's motions can be planned by any worker: its shape is no file of this
+    machine, its control law no function of this process.
+    """
+    return body.kinematics.model not in (MotionModel.SE3, MotionModel.CONTROL)
+
+
+def _legs_of(queries: Sequence[PathQuery]) -> list[LegQuery]:
+    found: dict[object, LegQuery] = {}
+    for query in queries:
+        if can_be_sent(query.body):
+            for start, goal in zip(query.poses, query.poses[1:], strict=False):
+                leg = LegQuery(query.body, start, goal, tuple(query.obstacles))
+                found.setdefault((query.body, start, goal, leg.obstacles), leg)
+    return list(found.values())
