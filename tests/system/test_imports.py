@@ -19,7 +19,8 @@ def test_cp_model_comes_without_pandas_and_gets_it_when_asked():
     said = _run(
         """
 import sys
-from up_samp.system.imports import load_cp_model
+from up_samp.system.imports import load_cp_model, own_the_process
+own_the_process()
 load_cp_model()
 from ortools.sat.python import cp_model
 print("pandas" in sys.modules)
@@ -45,8 +46,9 @@ def test_kernels_come_without_linear_algebra_and_can_do_it_all_the_same():
         """
 import sys
 import numpy as np
-from up_samp.system.imports import load_numba_arrays
+from up_samp.system.imports import load_numba_arrays, own_the_process
 import numba
+own_the_process()
 load_numba_arrays()
 total = numba.njit(lambda a: np.min(a) + a.sum())
 print(total(np.arange(4.0)), "scipy.linalg" in sys.modules)
@@ -56,3 +58,15 @@ print(numba.njit(lambda a: np.linalg.det(a))(np.eye(3)))
 """
     )
     assert said == ["6.0", "False", "2.0", "1.0"]
+
+
+def test_a_users_interpreter_is_left_alone():
+    pytest.importorskip("pandas")
+    said = _run(
+        """
+import sys
+import up_samp.scheduling.cpsat
+print("pandas" in sys.modules, type(sys.modules["ortools.sat.python.cp_model"].pd).__name__)
+"""
+    )
+    assert said == ["True", "module"]

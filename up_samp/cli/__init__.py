@@ -13,6 +13,7 @@ import sys
 from collections.abc import Sequence
 
 from up_samp.model.errors import SampError
+from up_samp.system.imports import own_the_process
 
 ERROR = 2
 INTERRUPTED = 130
@@ -56,6 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _own_the_process() -> None:
+    own_the_process()
     # collect garbage less often, a sixth of a short command's time
     gc.set_threshold(50_000, 20, 20)
     for stream in (sys.stdout, sys.stderr):

@@ -24,6 +24,7 @@ import importlib, types
 package = types.ModuleType("up_samp")
 package.__path__ = [{folder!r}]
 sys.modules["up_samp"] = package
+importlib.import_module("up_samp.system.imports").own_the_process()
 importlib.import_module({module!r}).main()
 """
 

@@ -1,8 +1,10 @@
 """What libraries import and our use of them does not need, put off until somebody needs it.
 
-Both cases are a tenth of the time of a small problem from the shell. Nothing that a library can do
-is lost: what was put off is imported when it is first used. Where a library is not as it is known
-here, its own imports run as they stand.
+Both cases are a tenth of the time of a small problem from the shell. They are for processes of our
+own only, commands and workers, which say so by :func:`own_the_process`; in a user's interpreter,
+whose threads and libraries are not ours, everything is imported as its authors wrote it. Nothing
+that a library can do is lost: what was put off is imported when it is first used. Where a library
+is not as it is known here, its own imports run as they stand.
 """
 
 from __future__ import annotations
@@ -12,13 +14,20 @@ import sys
 import types
 from typing import Any
 
+_ours = [False]
+
+
+def own_the_process() -> None:
+    """Say that this process runs a command or a worker of ours: imports may be put off."""
+    _ours[0] = True
+
 
 def load_cp_model() -> None:
     """Import OR-Tools' ``cp_model`` without pandas, which it needs for its methods that take or
     return series only.
     """
     name = "ortools.sat.python.cp_model"
-    if name in sys.modules or "pandas" in sys.modules:
+    if not _ours[0] or name in sys.modules or "pandas" in sys.modules:
         return
     stand_in = types.ModuleType("pandas")
     stand_in.__dict__.update(Index=type("Index", (), {}), Series=type("Series", (), {}))
@@ -48,7 +57,7 @@ def load_numba_arrays() -> None:
     it is there; linear algebra in a kernel imports it when that is compiled or run.
     """
     name = "numba.np.arraymath"
-    if name in sys.modules:
+    if not _ours[0] or name in sys.modules:
         return
     linalg: Any = importlib.import_module("numba.np.linalg")
     check = getattr(linalg, "ensure_blas", None)
