@@ -6,6 +6,7 @@ from scipy import ndimage
 from scipy.sparse import csgraph
 
 from up_samp.geometry import cells
+from up_samp.model import Deadline, OutOfTimeError, in_force
 from up_samp.motion.guides.visibility import convex_corners, corner_matrix
 
 
@@ -60,3 +61,30 @@ def test_shortest_ways_are_scipys_bit_by_bit(seed, monkeypatch):
         assert np.array_equal(found, cells.shortest_ways(lengths))
     else:
         assert found.shape == (0, 0)
+
+
+@pytest.mark.parametrize("band", [1, 50, 10**9])
+@pytest.mark.parametrize("seed", range(12))
+def test_nearest_cells_are_as_near_as_scipys(seed, band, monkeypatch):
+    monkeypatch.setattr(cells, "BAND", band)
+    blocked = _random_cells(seed)
+    blocked[-1, 0] = True
+    distances = ndimage.distance_transform_edt(~blocked)
+    assert np.array_equal(cells.distances_to(blocked), distances)
+    assert np.array_equal(
+        cells.distances_to(blocked, 0.05, np.float32), (distances * 0.05).astype(np.float32)
+    )
+    row, column = cells.nearest_to(blocked)
+    assert blocked[row, column].all()
+    r, c = np.indices(blocked.shape)
+    assert np.array_equal(np.sqrt((row - r) ** 2 + (column - c) ** 2), distances)
+
+
+def test_large_grids_keep_to_the_time_limit(monkeypatch):
+    monkeypatch.setattr(cells, "BAND", 100)
+    blocked = _random_cells(1)
+    blocked[0, 0] = True
+    with in_force(Deadline.after(0.0)), pytest.raises(OutOfTimeError):
+        cells.distances_to(blocked)
+    with in_force(Deadline.after(100.0)):
+        assert np.isfinite(cells.distances_to(blocked)).all()

@@ -25,7 +25,15 @@ from unified_planning.plans import Plan, Schedule
 
 from up_samp.engines.direct import DirectFace
 from up_samp.engines.kinds import engine_kind, samp_kind
-from up_samp.model import Deadline, EngineError, MotionModel, Refusal, SampError
+from up_samp.model import (
+    Deadline,
+    EngineError,
+    MotionModel,
+    OutOfTimeError,
+    Refusal,
+    SampError,
+    in_force,
+)
 from up_samp.model.errors import InterruptedSearch, short
 from up_samp.model.refinement import Layer
 from up_samp.scheduling.quirks import is_compatible
@@ -199,7 +207,7 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
             compiling = begin(models, several=len(movers) > 1)
         # imports, too, are made before the clock runs
         from up_samp.engines.plain import schedule_plainly
-        from up_samp.search.conclusion import Conclusion, SearchResult
+        from up_samp.search.conclusion import Conclusion, SearchResult, conclude
         from up_samp.search.loop import InvalidPlanError
         from up_samp.search.session import run
 
@@ -209,13 +217,22 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         if not moves:
             yield schedule_plainly(self, problem, deadline, optimal, start)
             return
-        search = self._open(problem, deadline, stream, start)
+        try:
+            with in_force(deadline):
+                search = self._open(problem, deadline, stream, start)
+        except OutOfTimeError:
+            yield self._too_late(deadline)
+            return
         steps = run(search, optimal=optimal)
         try:
             while True:
-                yield self._intermediate(search, next(steps))
+                with in_force(deadline):
+                    better = next(steps)
+                yield self._intermediate(search, better)
         except StopIteration as stop:
             yield self._final(problem, search, stop.value)
+        except OutOfTimeError:
+            yield self._final(problem, search, conclude(search))
         except (InvalidPlanError, EngineError) as error:
             yield self._failure(problem, search, str(error))
         except KeyboardInterrupt as stop:
@@ -231,6 +248,23 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
             yield self._failure(problem, search, _broke_down(error))
         finally:
             steps.close()
+
+    def _too_late(self, deadline: Deadline) -> PlanGenerationResult:
+        """Return that the time was over before the problem was even read."""
+        from up_samp.search.history import History
+
+        why = "the time was over before the search began: the problem or its map is large"
+        metrics = {
+            "preset": self.params.preset,
+            "lower_bound": "0",
+            "bound_kind": "absolute",
+            "seconds_total": f"{deadline.elapsed():.3f}",
+            "seconds_per_unit": repr(self.params.seconds_per_unit),
+        }
+        messages = [LogMessage(LogLevel.INFO, why)]
+        result = SampResult(PlanGenerationResultStatus.TIMEOUT, None, self.name, metrics, messages)
+        result.history = History()
+        return result
 
     def _open(
         self,

@@ -8,27 +8,80 @@ still go there.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry.compiled import inner, kernel
+from up_samp.model import check_time
 
 BoolArray = npt.NDArray[np.bool_]
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int32]
 
+BAND = 2_000_000
+"""Cells that are worked on between two looks at the clock."""
+
 SMALL_GRAPH = 150
 """Nodes up to which the kernels look for shortest ways: some milliseconds."""
 
 
-def distances_to(blocked: BoolArray) -> FloatArray:
+def distances_to(
+    blocked: BoolArray, scale: float = 1.0, kind: type[np.floating[Any]] = np.float64
+) -> npt.NDArray[Any]:
     """Return the distance (in cells, centre to centre) of every cell to the nearest blocked one
-    (inf: there is none).
+    (inf: there is none), times ``scale``, as numbers of a ``kind``.
+
+    :raises OutOfTimeError: where the deadline in force comes before a large grid is done.
     """
     if not blocked.any():
-        return np.full(blocked.shape, np.inf)
-    return cell_distances(np.ascontiguousarray(blocked))
+        return np.full(blocked.shape, np.inf, dtype=kind)
+    out = np.empty(blocked.shape, dtype=kind)
+    near = _near(blocked)
+    for rows in _bands(blocked.shape):
+        part = np.empty((rows.stop - rows.start, blocked.shape[1]))
+        row_distances(near[rows], part, np.empty((0, 0), dtype=np.int32))
+        np.multiply(part, scale, out=part)
+        out[rows] = part
+    return out
+
+
+def nearest_to(blocked: BoolArray) -> IntArray:
+    """Return (2, rows, columns): row and column of the blocked cell nearest to every cell; at least
+    one has to be blocked.
+
+    :raises OutOfTimeError: where the deadline in force comes before a large grid is done.
+    """
+    found = np.empty((2, *blocked.shape), dtype=np.int32)
+    near = _near(blocked)
+    for rows in _bands(blocked.shape):
+        part = np.empty((rows.stop - rows.start, blocked.shape[1]))
+        columns = np.empty(part.shape, dtype=np.int32)
+        row_distances(near[rows], part, columns)
+        here = np.arange(rows.start, rows.stop, dtype=np.int32)[:, None]
+        away = np.take_along_axis(near[rows], columns, axis=1)
+        above = np.maximum(here - away, 0)
+        up = blocked[above, columns] & (above == here - away)
+        found[0, rows] = np.where(up, above, here + away)
+        found[1, rows] = columns
+    return found
+
+
+def _near(blocked: BoolArray) -> IntArray:
+    check_time()
+    near = np.empty(blocked.shape, dtype=np.int32)
+    column_distances(np.ascontiguousarray(blocked), near)
+    return near
+
+
+def _bands(shape: tuple[int, ...]) -> Iterator[slice]:
+    """Yield parts of the rows, with a look at the clock before each."""
+    step = max(1, BAND // max(1, shape[1]))
+    for first in range(0, shape[0], step):
+        check_time()
+        yield slice(first, min(shape[0], first + step))
 
 
 def grown(blocked: BoolArray) -> BoolArray:
@@ -55,14 +108,9 @@ def shortest_ways(lengths: FloatArray) -> FloatArray:
 
 
 @kernel
-def cell_distances(blocked: BoolArray) -> FloatArray:
-    """Return the exact distance (in cells) of every cell to the nearest blocked one.
-
-    First along each column, then for each row the lower envelope of its columns' parabolas
-    (Meijster, Roerdink, Hesselink 2000): linear in the cells, in whole numbers up to the root.
-    """
+def column_distances(blocked: BoolArray, near: IntArray) -> None:
+    """Write the distance (in cells) of every cell to the nearest blocked one of its column."""
     rows, cols = blocked.shape
-    near = np.empty((rows, cols), dtype=np.int32)
     far = rows + cols
     for r in range(rows):
         for c in range(cols):
@@ -71,7 +119,18 @@ def cell_distances(blocked: BoolArray) -> FloatArray:
     for r in range(rows - 2, -1, -1):
         for c in range(cols):
             near[r, c] = min(near[r, c], near[r + 1, c] + 1)
-    out = np.empty((rows, cols))
+
+
+@kernel
+def row_distances(near: IntArray, out: FloatArray, columns: IntArray) -> None:
+    """Write the exact distance (in cells) of every cell to the nearest blocked one, and (unless
+    ``columns`` is empty) that one's column.
+
+    ``near``: the distances along the columns. For each row the lower envelope of its columns'
+    parabolas (Meijster, Roerdink, Hesselink 2000): linear in the cells, in whole numbers up to the
+    root.
+    """
+    rows, cols = near.shape
     squares = np.empty(cols, dtype=np.int64)
     owner, since = np.empty(cols, dtype=np.int64), np.empty(cols, dtype=np.int64)
     for r in range(rows):
@@ -96,9 +155,10 @@ def cell_distances(blocked: BoolArray) -> FloatArray:
         for c in range(cols - 1, -1, -1):
             i = owner[last]
             out[r, c] = math.sqrt((c - i) * (c - i) + squares[i])
+            if columns.shape[0] > 0:
+                columns[r, c] = i
             if c == since[last]:
                 last -= 1
-    return out
 
 
 @inner

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -20,16 +20,19 @@ import numpy.typing as npt
 import yaml
 from PIL import Image
 
-from up_samp.model import ProblemError
+from up_samp.model import ProblemError, SampError, check_time
 from up_samp.model.errors import short
 
 BoolArray = npt.NDArray[np.bool_]
 FloatArray = npt.NDArray[np.float64]
+Judge = Callable[[FloatArray, BoolArray], tuple[BoolArray, BoolArray]]
 
 FORMATS = ("PNG", "PPM")
 """What Pillow may take an image for, whatever its name (PGM is a kind of PPM)."""
 
 MOST_PIXELS = 100_000_000
+BAND = 1_000_000
+"""Pixels that are turned into numbers at a time."""
 LARGEST_YAML = 1_000_000
 LARGEST = 1e9
 
@@ -159,10 +162,15 @@ def load_map(yaml_path: str | Path) -> OccupancyGrid:
         raise ProblemError(
             f"map '{path}': mode must be one of {', '.join(MODES)}, not {short(mode)}"
         )
-    value, transparent = _read_image(path, data)
-    share = _occupancy(value, mode, _negate(path, data))
-    occupied = (share > occupied_thresh) & ~transparent
-    unknown = ~occupied & (~(share < free_thresh) | transparent)
+    negate = _negate(path, data)
+
+    def judged(value: FloatArray, transparent: BoolArray) -> tuple[BoolArray, BoolArray]:
+        """Return which pixels are occupied and which unknown."""
+        share = _occupancy(value, mode, negate)
+        occupied = (share > occupied_thresh) & ~transparent
+        return occupied, ~occupied & (~(share < free_thresh) | transparent)
+
+    occupied, unknown = _read_image(path, data, judged)
     # image rows run downwards, ours run upwards
     return OccupancyGrid(
         occupied[::-1], resolution, _origin(path, data), str(path), unknown=unknown[::-1]
@@ -212,8 +220,10 @@ def _origin(path: Path, data: Mapping[str, Any]) -> tuple[float, float, float]:
     return numbers[0], numbers[1], numbers[2] if len(numbers) == 3 else 0.0
 
 
-def _read_image(path: Path, data: Mapping[str, Any]) -> tuple[FloatArray, BoolArray]:
-    """Return grey values in 0..255 (mean of the colours) and where the image is transparent."""
+def _read_image(path: Path, data: Mapping[str, Any], judged: Judge) -> tuple[BoolArray, BoolArray]:
+    """Return what ``judged`` says of an image's grey values in 0..255 (mean of the colours) and of
+    where it is transparent.
+    """
     name = data.get("image")
     if not isinstance(name, str) or not name:
         raise ProblemError(f"map '{path}': the key 'image' must name a PNG or PGM file")
@@ -234,20 +244,38 @@ def _read_image(path: Path, data: Mapping[str, Any]) -> tuple[FloatArray, BoolAr
                     f"map '{path}': its image '{image_path}' has {width} x {height} pixels; "
                     f"{MOST_PIXELS} are the most"
                 )
+            check_time()
             image.load()
-            if image.mode in ("I", "I;16", "I;16B", "I;16L"):
-                grey = np.asarray(image, dtype=np.float64)
-                full = 65535.0 if grey.max(initial=0.0) > 255 or image.mode != "I" else 255.0
-                return grey * (255.0 / full), np.zeros(grey.shape, dtype=np.bool_)
-            bands = np.asarray(image.convert("RGBA"), dtype=np.float64)
-    except ProblemError:
+            return _judge_pixels(image, judged)
+    except SampError:
         raise
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         said = short(str(error), 200)
         raise ProblemError(
             f"map '{path}': its image '{image_path}' cannot be read as PNG or PGM: {said}"
         ) from error
-    return bands[:, :, :3].mean(axis=2), bands[:, :, 3] < 255
+
+
+def _judge_pixels(image: Image.Image, judged: Judge) -> tuple[BoolArray, BoolArray]:
+    """Judge an image's pixels, a band of rows at a time: large ones are larger still as numbers."""
+    if image.mode in ("I", "I;16", "I;16B", "I;16L"):
+        grey = np.asarray(image, dtype=np.float64)
+        full = 65535.0 if grey.max(initial=0.0) > 255 or image.mode != "I" else 255.0
+        return judged(grey * (255.0 / full), np.zeros(grey.shape, dtype=np.bool_))
+    if image.mode in ("1", "L") and "transparency" not in image.info:
+        levels = judged(np.arange(256, dtype=np.float64), np.zeros(256, dtype=np.bool_))
+        grey = np.asarray(image.convert("L"))
+        return levels[0][grey], levels[1][grey]
+    width, height = image.size
+    occupied, unknown = (np.empty((height, width), dtype=np.bool_) for _ in range(2))
+    step = max(1, BAND // max(1, width))
+    for first in range(0, height, step):
+        check_time()
+        rows = slice(first, min(height, first + step))
+        part = image.crop((0, rows.start, width, rows.stop)).convert("RGBA")
+        bands = np.asarray(part, dtype=np.float64)
+        occupied[rows], unknown[rows] = judged(bands[:, :, :3].mean(axis=2), bands[:, :, 3] < 255)
+    return occupied, unknown
 
 
 def _occupancy(value: FloatArray, mode: str, negate: bool) -> FloatArray:

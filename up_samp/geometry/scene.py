@@ -15,7 +15,7 @@ from up_samp.geometry.kernels import GridData, PolyData
 from up_samp.geometry.maps import OccupancyGrid
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.shapes import Shape, shape_of
-from up_samp.model import Body, Configuration, Placed
+from up_samp.model import Body, Configuration, Placed, check_time
 
 
 def clearance_field(blocked: npt.NDArray[np.bool_], resolution: float) -> npt.NDArray[np.float32]:
@@ -24,11 +24,11 @@ def clearance_field(blocked: npt.NDArray[np.bool_], resolution: float) -> npt.ND
 
     The squares of two cells i, j are max(|i - j| - 1, 0) cells apart along an axis, which is the
     distance from i's centre to the blocked cells dilated by one cell: one exact Euclidean distance
-    transform (Maurer et al. 2003) gives a bound that holds for whole cells.
+    transform gives a bound that holds for whole cells.
     """
     padded = np.pad(blocked, 1, constant_values=True)
-    distance = distances_to(grown(padded))[1:-1, 1:-1]
-    return np.ascontiguousarray(distance * (resolution * (1 - 1e-6)), dtype=np.float32)
+    distance = distances_to(grown(padded), resolution * (1 - 1e-6), np.float32)[1:-1, 1:-1]
+    return np.ascontiguousarray(distance)
 
 
 def grid_data(grid: OccupancyGrid | None) -> GridData:
@@ -37,7 +37,10 @@ def grid_data(grid: OccupancyGrid | None) -> GridData:
         return kernels.open_plane()
     blocked = grid.blocked
     sums = np.zeros((blocked.shape[0] + 1, blocked.shape[1] + 1), dtype=np.int32)
-    np.cumsum(np.cumsum(blocked, axis=0, dtype=np.int32), axis=1, out=sums[1:, 1:])
+    check_time()
+    np.cumsum(blocked, axis=1, dtype=np.int32, out=sums[1:, 1:])
+    check_time()
+    np.cumsum(sums, axis=0, out=sums)
     x, y, yaw = grid.origin
     frame = np.array([x, y, math.cos(yaw), math.sin(yaw), yaw, grid.resolution])
     return GridData(sums, clearance_field(blocked, grid.resolution), frame)

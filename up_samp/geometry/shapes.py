@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -11,7 +12,7 @@ import numpy.typing as npt
 import shapely
 
 from up_samp.geometry.kernels import ShapeData
-from up_samp.model import Body, ProblemError
+from up_samp.model import Body, ProblemError, check_time
 
 FloatArray = npt.NDArray[np.float64]
 Point = tuple[float, float]
@@ -168,21 +169,43 @@ def convex_parts(ring: list[Point]) -> list[tuple[Point, ...]]:
     """
     if _is_convex(ring):
         return [tuple(ring)]
-    pieces = [list(t) for t in _triangles(ring)]
-    merged = True
-    while merged:
-        merged = False
-        for i in range(len(pieces)):
-            for j in range(i + 1, len(pieces)):
-                joined = _join(pieces[i], pieces[j])
-                if joined is not None:
-                    pieces[i] = joined
-                    del pieces[j]
-                    merged = True
-                    break
-            if merged:
-                break
-    return [tuple(piece) for piece in pieces]
+    return [tuple(piece) for piece in _merged([list(t) for t in _triangles(ring)])]
+
+
+def _merged(pieces: list[list[Point]]) -> list[list[Point]]:
+    """Join polygons that share an edge while the union is convex: always the first pair, in the
+    order of the list, that can be joined.
+    """
+    owner = {edge: i for i, piece in enumerate(pieces) for edge in _edges(piece)}
+    gone: set[int] = set()
+    i = 0
+    while i < len(pieces):
+        beside = set() if i in gone else _beside(pieces[i], owner)
+        for j in sorted(k for k in beside if k > i):
+            joined = _join(pieces[i], pieces[j])
+            if joined is None:
+                continue
+            check_time()
+            for edge in (*_edges(pieces[i]), *_edges(pieces[j])):
+                owner.pop(edge, None)
+            pieces[i] = joined
+            gone.add(j)
+            owner.update((edge, i) for edge in _edges(joined))
+            # pairs before this one could not be joined, but for those with what is new
+            i = min([i, *_beside(joined, owner)])
+            break
+        else:
+            i += 1
+    return [piece for k, piece in enumerate(pieces) if k not in gone]
+
+
+def _edges(piece: list[Point]) -> list[tuple[Point, Point]]:
+    return [(a, piece[(i + 1) % len(piece)]) for i, a in enumerate(piece)]
+
+
+def _beside(piece: list[Point], owner: Mapping[tuple[Point, Point], int]) -> set[int]:
+    """Return the polygons that share an edge with one (they run along it the other way)."""
+    return {owner[b, a] for a, b in _edges(piece) if (b, a) in owner}
 
 
 def _is_convex(ring: list[Point]) -> bool:
@@ -192,15 +215,17 @@ def _is_convex(ring: list[Point]) -> bool:
 
 def _triangles(ring: list[Point]) -> list[tuple[Point, Point, Point]]:
     rest, triangles = list(ring), []
+    corners = np.array(ring)
     while len(rest) > 3:
+        check_time()
         for i in range(len(rest)):
             a, b, c = rest[i - 1], rest[i], rest[(i + 1) % len(rest)]
             if _cross(a, b, c) <= 0:
                 continue
-            others = (p for p in rest if p not in (a, b, c))
-            if not any(_in_triangle(p, a, b, c) for p in others):
+            if not _any_in_triangle(corners, a, b, c):
                 triangles.append((a, b, c))
                 del rest[i]
+                corners = np.delete(corners, i, axis=0)
                 break
         else:  # only collinear leftovers
             break
@@ -209,8 +234,12 @@ def _triangles(ring: list[Point]) -> list[tuple[Point, Point, Point]]:
     return triangles
 
 
-def _in_triangle(p: Point, a: Point, b: Point, c: Point) -> bool:
-    return _cross(a, b, p) >= 0 and _cross(b, c, p) >= 0 and _cross(c, a, p) >= 0
+def _any_in_triangle(points: FloatArray, a: Point, b: Point, c: Point) -> bool:
+    """Return whether another point than its corners lies in a triangle."""
+    inside = np.ones(len(points), dtype=np.bool_)
+    for (x0, y0), (x1, y1) in ((a, b), (b, c), (c, a)):
+        inside &= (x1 - x0) * (points[:, 1] - y0) - (y1 - y0) * (points[:, 0] - x0) >= 0
+    return any(tuple(p) not in (a, b, c) for p in points[inside].tolist())
 
 
 def _join(first: list[Point], second: list[Point]) -> list[Point] | None:

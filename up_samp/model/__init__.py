@@ -9,8 +9,14 @@ from up_samp.model.bodies import (
     Movable,
     Placed,
 )
-from up_samp.model.deadline import Deadline
-from up_samp.model.errors import EngineError, ProblemError, SampError, UnsupportedError
+from up_samp.model.deadline import Deadline, check_time, in_force
+from up_samp.model.errors import (
+    EngineError,
+    OutOfTimeError,
+    ProblemError,
+    SampError,
+    UnsupportedError,
+)
 from up_samp.model.motion import (
     FixedMotion,
     GroupQuery,
@@ -45,6 +51,7 @@ __all__ = [
     "Kinematics",
     "MotionModel",
     "Movable",
+    "OutOfTimeError",
     "Outcome",
     "PathQuery",
     "PathReport",
@@ -60,5 +67,7 @@ __all__ = [
     "TimedMotion",
     "Trajectory",
     "UnsupportedError",
+    "check_time",
+    "in_force",
     "interpolate",
 ]

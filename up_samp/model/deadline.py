@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
+from collections.abc import Iterator
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 
-from up_samp.model.errors import ProblemError, short
+from up_samp.model.errors import OutOfTimeError, ProblemError, short
 
 _not_counted = [0.0]
 """Seconds of this process that no deadline counts."""
@@ -73,3 +76,27 @@ class Deadline:
         """Return the earlier of this deadline and ``seconds`` from now."""
         now = clock()
         return self if seconds is None else Deadline(min(self.at, now + seconds), now)
+
+
+_in_force: ContextVar[Deadline | None] = ContextVar("deadline in force", default=None)
+
+
+@contextlib.contextmanager
+def in_force(deadline: Deadline) -> Iterator[None]:
+    """Let :func:`check_time` look at a deadline, in this thread, until the block is left.
+
+    For stages that are asked for in many places and take long on large inputs only (fields of
+    distances, models): they need not be told, and are given up whole.
+    """
+    token = _in_force.set(deadline)
+    try:
+        yield
+    finally:
+        _in_force.reset(token)
+
+
+def check_time() -> None:
+    """Raise :class:`~up_samp.model.OutOfTimeError` if the deadline in force is over."""
+    deadline = _in_force.get()
+    if deadline is not None and deadline.expired():
+        raise OutOfTimeError("no time is left")

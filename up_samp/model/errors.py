@@ -32,6 +32,12 @@ class InterruptedSearch(KeyboardInterrupt):
         self.result = result
 
 
+class OutOfTimeError(SampError):
+    """No time is left: the stage in which that is raised did not finish, and left nothing half
+    done behind.
+    """
+
+
 def short(value: object, size: int = 80) -> str:
     """Return a value for a message: of bounded length, whatever a user's file may hold."""
     if isinstance(value, str):

@@ -22,12 +22,20 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry import Scene
-from up_samp.geometry.cells import distances_to, label_regions
+from up_samp.geometry.cells import distances_to, label_regions, nearest_to
 from up_samp.geometry.compiled import kernel
 from up_samp.geometry.kernels import PolyData
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.shapes import core_of, shape_of
-from up_samp.model import Body, Configuration, Deadline, Outcome, PathReport, Placed
+from up_samp.model import (
+    Body,
+    Configuration,
+    Deadline,
+    Outcome,
+    PathReport,
+    Placed,
+    check_time,
+)
 from up_samp.motion.guides.cost_to_go import point_to_convex
 from up_samp.motion.proofs.heading_slices import separated
 
@@ -132,20 +140,14 @@ class Certifier:
         """Distance (m), centre to centre, from each cell to the nearest blocked or outside one."""
         assert self.scene.grid is not None
         padded = np.pad(self.scene.grid.blocked, 1, constant_values=True)
-        cells = distances_to(padded)[1:-1, 1:-1]
-        return (cells * self.scene.grid.resolution).astype(np.float32)
+        return distances_to(padded, self.scene.grid.resolution, np.float32)[1:-1, 1:-1]
 
     @cached_property
     def nearest(self) -> npt.NDArray[np.int32]:
         """(row + 1, column + 1) of the blocked or outside cell nearest to each cell."""
         assert self.scene.grid is not None
         padded = np.pad(self.scene.grid.blocked, 1, constant_values=True)
-        from scipy import ndimage
-
-        indices = ndimage.distance_transform_edt(
-            ~padded, return_distances=False, return_indices=True
-        )
-        return np.ascontiguousarray(indices[:, 1:-1, 1:-1], dtype=np.int32)
+        return np.ascontiguousarray(nearest_to(padded)[:, 1:-1, 1:-1])
 
     def prove(
         self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]
@@ -284,7 +286,9 @@ class Certifier:
         self, radius: float, placed: Sequence[Placed]
     ) -> tuple[BoolArray, npt.NDArray[np.int64]]:
         """Return the cells not blocked by the map, and the obstacles (bits) that block each."""
-        free = self._distance >= radius - 1e-5  # float32 noise must not block a cell
+        distance = self._distance
+        check_time()
+        free = distance >= radius - 1e-5  # float32 noise must not block a cell
         owners = np.zeros(free.shape, dtype=np.int64)
         mark_blocked(owners, self.scene.data.frame, self.scene.polys(placed), radius)
         return free, owners
@@ -292,6 +296,7 @@ class Certifier:
     def _build(self, radius: float, placed: Sequence[Placed]) -> Regions:
         free, owners = self._cells(radius, placed)
         labels = np.empty(free.shape, dtype=np.int32)
+        check_time()
         count = label_regions(free & (owners == 0), labels)
         sets: dict[int, int] = {}
         # what lies in obstacles is few cells: look at no others
