@@ -21,6 +21,9 @@ from up_samp.system import child
 _GRACE = 0.5
 """Seconds that an engine gets beyond its deadline to hand over what it has."""
 
+_LONGEST_WAIT = 1e6
+"""Longest time (s) of one wait: the system counts milliseconds, in 32 bits."""
+
 
 class OverrunError(EngineError):
     """The engine did not answer by its deadline."""
@@ -83,7 +86,10 @@ class WorkerProcess:
                 left = max(0.0, deadline.moment + _GRACE - time.monotonic())
             waiting = select.poll()
             waiting.register(descriptor, select.POLLIN | select.POLLHUP)
-            if not waiting.poll(None if left is None else 1000.0 * left):
+            once = None if left is None else min(left, _LONGEST_WAIT)
+            if not waiting.poll(None if once is None else 1000.0 * once):
+                if once != left:
+                    continue
                 raise OverrunError("no answer by the deadline")
             chunk = os.read(descriptor, size - len(data))
             if not chunk:

@@ -111,9 +111,9 @@ def up_path(trajectory: Trajectory, model: MotionModel) -> SE2Path | SE3Path | S
     """Return a UP path: poses with controls (m/s, rad/s, s) for cars, poses for others."""
     poses = trajectory.poses
     if model is MotionModel.SE3:
-        return SE3Path([SE3(*map(float, p)) for p in poses])
+        return SE3Path([SE3(*p) for p in poses.tolist()])
     if model is MotionModel.SE2:
-        return SE2Path([SE2(*map(float, p)) for p in poses])
+        return SE2Path([SE2(*p) for p in poses.tolist()])
     steps = np.diff(trajectory.times)
     moves = np.diff(poses, axis=0)
     middle = poses[:-1, 2] + 0.5 * moves[:, 2]
@@ -124,11 +124,9 @@ def up_path(trajectory: Trajectory, model: MotionModel) -> SE2Path | SE3Path | S
     stretch[bent] = half[bent] / np.sin(half[bent])
     speeds = chord * stretch / steps
     turns = moves[:, 2] / steps
-    path = [
-        (SE2(*map(float, p)), float(v), float(w), float(dt))
-        for p, v, w, dt in zip(poses[:-1], speeds, turns, steps, strict=True)
-    ]
-    path.append((SE2(*map(float, poses[-1])), 0.0, 0.0, 0.0))
+    numbers = (a.tolist() for a in (poses[:-1], speeds, turns, steps))
+    path = [(SE2(*p), v, w, dt) for p, v, w, dt in zip(*numbers, strict=True)]
+    path.append((SE2(*poses[-1].tolist()), 0.0, 0.0, 0.0))
     return SE2WithControlsPath(path)
 
 

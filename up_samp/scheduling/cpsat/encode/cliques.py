@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from up_samp.model import check_time
+
 Graph = dict[int, set[int]]
 
 
@@ -53,8 +55,12 @@ def clique_cover(
 def _grow(graph: Graph, uncovered: Graph, v: int, w: int) -> set[int]:
     clique = {v, w}
     candidates = graph[v] & graph[w]
+    gains = {x: len(uncovered[x] & clique) for x in candidates}
     while candidates:
-        best = max(candidates, key=lambda x: (len(uncovered[x] & clique), len(graph[x]), -x))
+        check_time()
+        best = max(candidates, key=lambda x: (gains[x], len(graph[x]), -x))
         clique.add(best)
         candidates = candidates & graph[best]
+        for x in candidates & uncovered[best]:
+            gains[x] += 1
     return clique
