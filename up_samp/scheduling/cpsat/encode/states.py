@@ -16,7 +16,7 @@ from typing import Any
 from unified_planning.model import Effect, FNode, TimeInterval, Timing
 from unified_planning.model.timing import TimepointKind
 
-from up_samp.model import UnsupportedError
+from up_samp.model import UnsupportedError, check_time
 from up_samp.scheduling.cpsat.encode.nodes import (
     conjuncts,
     equals_object,
@@ -187,6 +187,7 @@ class States:
     # -- conditions ----------------------------------------------------------------------------
     def add_condition(self, span: TimeInterval, node: FNode, owner: ActivityVars | None) -> None:
         """Register the reads of a condition."""
+        check_time()
         terms = Terms(self.world, _no_fluents, owner)
         lo, hi, nonempty = self._instants(span, terms)
         needs = [*lo.needs, *hi.needs] + ([] if owner is None else [owner.present])

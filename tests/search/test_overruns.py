@@ -1,0 +1,68 @@
+"""Problems that are dear to work on end in time, whatever stage they are dear in."""
+
+import time
+
+import pytest
+from unified_planning.engines import PlanGenerationResultStatus as Status
+from unified_planning.shortcuts import OneshotPlanner
+
+from tests.search.expensive import KINDS, Floor
+
+LATE = 2.0
+"""Seconds that a solve may end after its limit."""
+
+ENDINGS = (Status.TIMEOUT, Status.SOLVED_SATISFICING, Status.SOLVED_OPTIMALLY)
+
+
+class Watch:
+    """Measures how long a block takes as on a machine of its own: seconds on the wall, but only
+    those in which this process could work (a busy machine is no fault of ours).
+    """
+
+    def __enter__(self):
+        self.began, self.worked = time.monotonic(), time.process_time()
+        return self
+
+    def __exit__(self, *_):
+        self.wall = time.monotonic() - self.began
+        self.cpu = time.process_time() - self.worked
+
+    def late(self, limit):
+        """Return by how many seconds of work the limit was missed, at least."""
+        return min(self.wall - limit, self.cpu) if self.wall > limit else 0.0
+
+
+def solve(problem, engine, limit):
+    with Watch() as watch, OneshotPlanner(name=f"samp-refine[{engine}]") as planner:
+        result = planner.solve(problem, timeout=limit)
+    assert result.status in ENDINGS, result.log_messages
+    return watch
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_a_solve_ends_in_time(tmp_path, kind):
+    watch = solve(KINDS[kind](tmp_path, 0.15), "cpsat", 0.5)
+    assert watch.late(0.5) < LATE
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("limit", [2.0, 6.0, 20.0])
+@pytest.mark.parametrize("engine", ["cpsat", "aries", "aries-opt"])
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_large_ones_end_in_time(tmp_path, kind, engine, limit):
+    watch = solve(KINDS[kind](tmp_path, 1.0), engine, limit)
+    assert watch.late(limit) < LATE
+
+
+@pytest.mark.parametrize(
+    ("engine", "seconds"), [("aries-opt", 3e6), ("aries-opt", 1e300), ("cpsat", 1e300)]
+)
+def test_limits_of_months_are_limits(tmp_path, engine, seconds):
+    floor = Floor(tmp_path, (10, 6))
+    floor.pose("a", 2, 2)
+    floor.pose("b", 8, 4)
+    floor.robot("r0", "a")
+    floor.move("go", "r0", "a", "b")
+    with OneshotPlanner(name=f"samp-refine[{engine}]") as planner:
+        result = planner.solve(floor.problem, timeout=seconds)
+    assert result.status is Status.SOLVED_OPTIMALLY
