@@ -92,19 +92,20 @@ class Precondition:
     def formula(self) -> FNode:
         """Return the constraint over starts, ends and presences that says it."""
         a = self.activity
-        rivals = [r for r in self.rivals if r is not a]
+        rivals = [(r, r.present, GE(r.start, a.end)) for r in self.rivals if r is not a]
         ways = []
         for h in self.helpers:
             if h is a:
                 continue
+            begin = h.start
             kept = [
-                Implies(r.present, Or(LE(r.end, h.start), GE(r.start, a.end)))
-                for r in rivals
+                Implies(present, Or(LE(r.end, begin), after))
+                for r, present, after in rivals
                 if r is not h
             ]
             ways.append(And([h.present, LE(h.end, a.start), *kept]))
         if self.initially:
-            ways.append(And([Implies(r.present, GE(r.start, a.end)) for r in rivals]))
+            ways.append(And([Implies(present, after) for _, present, after in rivals]))
         return Or(ways)
 
 

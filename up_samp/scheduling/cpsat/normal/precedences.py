@@ -52,6 +52,8 @@ class Reader:
 
     def __init__(self) -> None:
         self._times: dict[FNode, tuple[TimepointKind, str] | None] = {}
+        self._befores: dict[int, Before | None] = {}
+        self._presences: dict[int, str | None] = {}
 
     def read(
         self, constraints: Iterable[Constraint]
@@ -83,7 +85,7 @@ class Reader:
         initially = None
         gap = 0
         for option in options:
-            parts = [p for p in _conjuncts(option)]
+            parts = list(_conjuncts(option))
             helper = self._helper(parts)
             rest = [p for p in parts if p.node_type in (Op.OR, Op.IMPLIES)]
             order = [b for b in map(self._before, parts) if b is not None]
@@ -111,7 +113,7 @@ class Reader:
         return Precondition(activity, helpers, initially, gap, constraint)
 
     def _helper(self, parts: list[FNode]) -> str | None:
-        names = [str(p.presence().container) for p in parts if p.node_type is Op.PRESENT_EXP]
+        names = [str(self._present(p)) for p in parts if p.node_type is Op.PRESENT_EXP]
         return names[0] if len(names) == 1 else None
 
     def _rivals(
@@ -120,27 +122,68 @@ class Reader:
         """Return the rivals that keep away from helper and activity, and the greatest gap."""
         names, gap = set(), 0
         for part in parts:
-            absent, order = set(), []
-            for option in _options(part):
-                if option.node_type is Op.NOT and option.arg(0).node_type is Op.PRESENT_EXP:
-                    absent.add(str(option.arg(0).presence().container))
-                    continue
-                before = self._before(option)
-                if before is None:
-                    return None
-                order.append(before)
-                gap = max(gap, before[2])
+            found = self._order(part)
+            if found is None:
+                return None
+            absent, order = found
             after = [b[1] for b in order if b[0] == activity]
-            if len(after) != 1 or not absent <= {after[0]}:
+            if len(after) != 1 or (absent is not None and absent != after[0]):
                 return None
             rival = after[0]
-            expected = {(activity, rival)} | ({(rival, helper)} if helper is not None else set())
-            if {b[:2] for b in order} != expected or len(order) != len(expected):
+            for first, then, more in order:
+                if first != activity and (first, then) != (rival, helper):
+                    return None
+                gap = max(gap, more)
+            if len(order) != (1 if helper is None else 2):
                 return None
             names.add(rival)
         return frozenset(names), gap
 
+    def _order(self, part: FNode) -> tuple[str | None, list[Before]] | None:
+        """Read "if it is there, one of these comes before the other"; there may be millions."""
+        absent: set[str] = set()
+        options = [part]
+        if part.node_type is Op.IMPLIES:
+            head, body = part.args
+            name = self._present(head)
+            if name is None:
+                return None
+            absent.add(name)
+            options = body.args if body.node_type is Op.OR else [body]
+        elif part.node_type is Op.OR:
+            options = part.args
+        order = []
+        for option in options:
+            before = self._before(option)
+            if before is not None:
+                order.append(before)
+            elif option.node_type is Op.NOT and self._present(option.arg(0)) is not None:
+                absent.add(str(self._present(option.arg(0))))
+            elif option.node_type in (Op.OR, Op.IMPLIES):
+                inner = self._order(option)
+                if inner is None:
+                    return None
+                absent |= set() if inner[0] is None else {inner[0]}
+                order += inner[1]
+            else:
+                return None
+        return (next(iter(absent), None), order) if len(absent) <= 1 else None
+
+    def _present(self, node: FNode) -> str | None:
+        """Return whose presence ``node`` is."""
+        key = node.node_id
+        if key not in self._presences:
+            known = node.node_type is Op.PRESENT_EXP
+            self._presences[key] = str(node.presence().container) if known else None
+        return self._presences[key]
+
     def _before(self, node: FNode) -> Before | None:
+        key = node.node_id
+        if key not in self._befores:
+            self._befores[key] = self._read_before(node)
+        return self._befores[key]
+
+    def _read_before(self, node: FNode) -> Before | None:
         if node.node_type not in (Op.LE, Op.LT):
             return None
         left, right = (self._timepoint(a) for a in node.args)
@@ -164,17 +207,5 @@ def _conjuncts(node: FNode) -> Iterator[FNode]:
     if node.node_type is Op.AND:
         for arg in node.args:
             yield from _conjuncts(arg)
-    else:
-        yield node
-
-
-def _options(node: FNode) -> Iterator[FNode]:
-    """Yield the parts of a disjunction, of which an implication is one."""
-    if node.node_type is Op.OR:
-        for arg in node.args:
-            yield from _options(arg)
-    elif node.node_type is Op.IMPLIES and node.arg(0).node_type is Op.PRESENT_EXP:
-        yield node.environment.expression_manager.Not(node.arg(0))
-        yield from _options(node.arg(1))
     else:
         yield node
