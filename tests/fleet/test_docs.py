@@ -16,6 +16,7 @@ from up_samp.fleet.starter import write_starter
 
 ROOT = Path(__file__).parents[2]
 FLEET = (ROOT / "docs" / "fleet.md").read_text(encoding="utf-8")
+ORDERS = (ROOT / "docs" / "orders.md").read_text(encoding="utf-8")
 FORMAT = (ROOT / "docs" / "problem-format.md").read_text(encoding="utf-8")
 
 
@@ -45,6 +46,16 @@ def test_the_commands_and_snippets_of_the_guide(tmp_path, monkeypatch, capsys):
     assert (tmp_path / "map.png").stat().st_size > 1000
     assert (tmp_path / "hall" / "map.yaml").is_file()
     assert Fleet.from_file(tmp_path / "mysite" / "mine.yaml").records.orders[0].id == "o1"
+
+
+def test_the_snippets_on_orders_make_one_problem(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_starter(tmp_path / "mysite")
+    scope = {}
+    exec("\n".join(blocks("python", ORDERS)), scope)
+    fleet = scope["fleet"]
+    assert len(fleet.records.orders) == 4
+    assert {a.name for a in fleet.problem.activities} >= {"pick_pallet_r1", "open_gate_r1"}
 
 
 @pytest.mark.long

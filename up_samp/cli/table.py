@@ -33,11 +33,14 @@ def schedule_table(plan: dict[str, Any]) -> str:
         for track in tracks_of(plan)
         for leg in track.legs
     }
+    loads = {(ride["activity"], ride["object"]) for ride in plan.get("rides", ())}
     rows = []
     for entry in plan["activities"]:
         name = entry["name"]
         moved = [(o, s) for (a, o), s in driving.items() if a == name]
-        changed = [c["object"] for c in plan["changes"] if c["activity"] == name]
+        driven = {o for o, _ in moved}
+        changes = (c["object"] for c in plan["changes"] if c["activity"] == name)
+        changed = [o for o in changes if o not in driven]
         parameters = ", ".join(f"{k}={v}" for k, v in entry.get("parameters", {}).items())
         rows.append(
             [
@@ -46,7 +49,7 @@ def schedule_table(plan: dict[str, Any]) -> str:
                 str(entry["end"] - entry["start"]),
                 name + (f"({parameters})" if parameters else ""),
                 ", ".join([o for o, _ in moved] + changed),
-                ", ".join(f"{s:.1f} s" for _, s in moved),
+                ", ".join(f"{s:.1f} s" for o, s in moved if (name, o) not in loads),
             ]
         )
     header = ("start", "end", "length", "activity", "moves", "driving")

@@ -178,7 +178,7 @@ class Fleet:
         return check_fleet(self._records, self._folder)
 
     def draw(self, file: str | PathLike[str] | None = None) -> Axes:
-        """Draw the map with all places, doors, zones and robots; errors of the check are red."""
+        """Draw the map with all places, doors, zones and robots; what the check tells of is red."""
         return saved(draw_fleet(self._records, self._folder, self.check()), file)
 
     def _named(self, kind: str, record: type, name: str, data: dict[str, Any]) -> None:

@@ -26,7 +26,7 @@ WRONG = "#c1121f"
 def draw_fleet(
     records: FleetRecords, folder: Path, findings: Iterable[Finding] = (), ax: Axes | None = None
 ) -> Axes:
-    """Draw what ``records`` say; what errors are about is red. Returns the axes."""
+    """Draw what ``records`` say; what errors and warnings are about is red. Returns the axes."""
     site = {"yaml": str(folder / records.map)}
     ground = background_of({"map": site, "objects": [], "motions": [], "changes": []})
     left, right, bottom, top = ground.extent
@@ -36,7 +36,7 @@ def draw_fleet(
     ax.imshow(ground.pixels, extent=ground.extent, interpolation="nearest", zorder=0)
     ax.set(xlim=(left, right), ylim=(bottom, top), xlabel="x [m]", ylabel="y [m]")
     ax.set_aspect("equal")
-    bad = {f.subject for f in findings if f.level is Level.ERROR}
+    bad = {f.subject for f in findings if f.level is not Level.NOTE}
     labels: list[Label] = []
     for name, zone in records.zones.items():
         here = np.asarray(zone.polygon, dtype=np.float64)

@@ -1,0 +1,76 @@
+"""Draw the pictures of the documentation anew: ``python scripts/pictures.py [NAME ...]``.
+
+Each example is solved as its docstring says, and its picture goes to ``docs/images``. The figures
+of benchmarks have scripts of their own (docs/benchmarks.md, docs/motion.md).
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+from up_samp.cli import main
+from up_samp.fleet.starter import write_starter
+
+ROOT = Path(__file__).parents[1]
+IMAGES = ROOT / "docs" / "images"
+
+SOLVED = {
+    "warehouse": ("examples/warehouse.py", "map.png"),
+    "passing": ("examples/passing_place.py", "map.png"),
+    "mixed": ("examples/mixed_fleet.py", "map.png"),
+    "pallets": ("examples/pallets.py", "map.png"),
+    "charging": ("examples/charging.py", "gantt.png"),
+    "shop": ("examples/shop.py", "gantt.png"),
+    "ros": ("examples/ros_map.py", "map.png"),
+    "door": ("examples/door.py", "map.png"),
+    "swap": ("examples/swap.py", "map.png"),
+}
+"""Name of the picture: what is solved, and which of its pictures it is."""
+
+
+def solved(problem: str, out: Path, *options: str) -> None:
+    """Solve something and write its pictures to ``out``."""
+    command = ["solve", problem, "--out", str(out), "--no-gif", "--timeout", "400", *options]
+    if main(command) != 0:
+        raise SystemExit(f"no plan for {problem}")
+
+
+def draw(name: str, scratch: Path) -> Path:
+    """Draw one picture and return its file."""
+    target = IMAGES / f"fleet-{name}.png"
+    if name in SOLVED:
+        problem, picture = SOLVED[name]
+        solved(str(ROOT / problem), scratch)
+        shutil.copy(scratch / picture, target)
+    elif name == "check":
+        files = write_starter(scratch / "site")
+        main(["check", str(files[0]), "--out", str(target)])
+    elif name == "unsolvable":
+        main(["check", str(ROOT / "examples" / "unsolvable.yaml"), "--out", str(target)])
+    elif name == "delays":
+        solved(str(ROOT / "examples" / "delays.py"), scratch)
+        runs = ["--delays", "30%", "--runs", "1", "--policy", "staircase"]
+        main(["simulate", str(scratch / "plan.json"), *runs, "--out", str(scratch)])
+        shutil.copy(scratch / "executed-staircase.png", target)
+    elif name == "demo":
+        main(["demo", "--out", str(scratch), "--no-gif"])
+        for picture in ("map.png", "gantt.png"):
+            shutil.copy(scratch / picture, IMAGES / picture)
+        target = IMAGES / "map.png"
+    else:
+        raise SystemExit(f"no picture '{name}'; there are {', '.join(names())}")
+    return target
+
+
+def names() -> list[str]:
+    """Return the names of all pictures."""
+    return [*SOLVED, "check", "unsolvable", "delays", "demo"]
+
+
+if __name__ == "__main__":
+    for wanted in sys.argv[1:] or names():
+        with tempfile.TemporaryDirectory() as folder:
+            print(draw(wanted, Path(folder)))
