@@ -364,6 +364,7 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
             "seconds_motion": f"{history.seconds_motion:.3f}",
             "seconds_total": f"{search.budget.deadline.elapsed():.3f}",
             "seconds_per_unit": repr(self.params.seconds_per_unit),
+            **history.stages.metrics(),
         }
         if history.recognised or history.left_over:
             metrics["recognised"] = "; ".join(history.recognised)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from up_samp.model.refinement import Layer, Refinement
+from up_samp.search.stages import Stages
 from up_samp.system.files import write_whole
 
 if TYPE_CHECKING:
@@ -51,6 +52,8 @@ class History:
     refinements: list[Refinement] = field(default_factory=list)
     seconds_scheduler: float = 0.0
     seconds_motion: float = 0.0
+    stages: Stages = field(default_factory=Stages)
+    """What each stage took."""
     restarts: int = 0
     recognised: tuple[str, ...] = ()
     """Structures that the scheduler found in the problem ..."""
@@ -98,6 +101,7 @@ class History:
             "refinements_by_kind": self.by_kind(),
             "seconds_scheduler": self.seconds_scheduler,
             "seconds_motion": self.seconds_motion,
+            "stages": asdict(self.stages),
             "restarts": self.restarts,
             "refused": self.refused,
         }

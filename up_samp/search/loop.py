@@ -24,6 +24,7 @@ from up_samp.search.cuts.refused import cuts_from
 from up_samp.search.events import Phase
 from up_samp.search.history import Round
 from up_samp.search.search import Search
+from up_samp.search.stages import CHECKING, LEARNING, REPAIRING, SCHEDULING, STATING
 from up_samp.search.start import motions_of, near
 from up_samp.upio import Itinerary, read_itinerary
 
@@ -39,20 +40,25 @@ def solve(search: Search, *, optimal: bool) -> Generator[Incumbent, None, Search
             yield begun
             if not optimal:
                 return conclude(search)
-    state_what_is_known(search)
+    with search.history.stages.of(STATING):
+        state_what_is_known(search)
     while not search.budget.deadline.expired():
         if search.stop is not None and search.stop(search.tell.state()):
             return conclude_stopped(search)
-        report = get_schedule(search, optimal=optimal)  # line 4
+        with search.history.stages.of(SCHEDULING):
+            report = get_schedule(search, optimal=optimal)  # line 4
         if report.schedule is None or not is_better(search, report.schedule):
             ending = conclude_without_schedule(search, report)  # lines 18 to 20
             if ending is not None:
                 return ending
             continue
         itinerary = read_itinerary(search.knowledge.relaxation, shaped(search, report.schedule))
-        check = check_motions(search, itinerary)  # lines 6 to 15
-        learned = learn_from(search, itinerary, check)  # lines 31 and 35
-        found = adopt_or_repair(search, itinerary, check)  # line 16
+        with search.history.stages.of(CHECKING):
+            check = check_motions(search, itinerary)  # lines 6 to 15
+        with search.history.stages.of(LEARNING):
+            learned = learn_from(search, itinerary, check)  # lines 31 and 35
+        with search.history.stages.of(REPAIRING):
+            found = adopt_or_repair(search, itinerary, check)  # line 16
         refused = learn_from_refusal(search, found)
         learned += refused
         better = None if refused else keep_if_better(search, found)
@@ -166,7 +172,7 @@ def learn_from_refusal(search: Search, found: Incumbent | None) -> list[Refineme
 
     Raises :class:`InvalidPlanError` where nothing new can be learned from the refusal.
     """
-    refusals = search.problem.judge(found.plan) if found is not None else []
+    refusals = search.judged(found.plan) if found is not None else []
     if found is None or not refusals:
         return []
     cuts = []

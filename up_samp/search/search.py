@@ -20,6 +20,7 @@ from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
 from up_samp.search.proof import Prover
 from up_samp.search.restarts import Restarts
+from up_samp.search.stages import VALIDATING
 from up_samp.search.stopping import Stop
 from up_samp.search.tuning import SearchTuning
 from up_samp.upio import Relaxation, SampSchedule
@@ -78,6 +79,11 @@ class Search:
         self.bounds.relative |= any(r.strength is Strength.RELATIVE for r in new)
         self.tell.refinements(new)
         return len(new)
+
+    def judged(self, plan: SampSchedule) -> list[Refusal]:
+        """Return what the independent validator has against a plan."""
+        with self.history.stages.of(VALIDATING):
+            return self.problem.judge(plan)
 
     def start_over(self) -> None:
         """Begin anew with what is proven or relative; drop what was only guessed."""

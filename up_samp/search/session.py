@@ -42,6 +42,7 @@ from up_samp.search.progress import ProgressObserver
 from up_samp.search.proof import Prover
 from up_samp.search.restarts import Restarts
 from up_samp.search.search import Problem, Search
+from up_samp.search.stages import READING, Stages
 from up_samp.search.start import start_of
 from up_samp.search.start_poses import check_start_poses
 from up_samp.search.stopping import runtime_of
@@ -71,9 +72,11 @@ def open_search(
 
     Raises :class:`ProblemError` where the problem is wrong, before any search.
     """
-    snapshot, grid = lay_out(read_problem(problem, params.seconds_per_unit))
-    service = open_service(snapshot, grid, params)
-    check_start_poses(snapshot, service)
+    stages = Stages()
+    with stages.of(READING):
+        snapshot, grid = lay_out(read_problem(problem, params.seconds_per_unit))
+        service = open_service(snapshot, grid, params)
+        check_start_poses(snapshot, service)
 
     def relax_anew() -> Relaxation:
         return relax(problem, snapshot, hold_static=native)
@@ -98,7 +101,9 @@ def open_search(
         check_plan,
         native,
     )
-    search = assemble(asked, service, params, deadline)
+    with stages.of(READING):
+        search = assemble(asked, service, params, deadline)
+    search.history.stages = stages
     search.start = None if start is None else start_of(problem, start)
     return search
 

@@ -65,7 +65,7 @@ def tidied(search: Search, plan: Incumbent, tuning: TidyTuning) -> Incumbent | N
         check = search.checker.drive(read_itinerary(relaxation, current))
         if check.passed:
             better = search.plan_of(current, check.trajectories)
-            return None if search.problem.judge(better.plan) else better
+            return None if search.judged(better.plan) else better
         if check.failed or not check.needed:
             problem.add_constraint(manager.Or(activities[n].present for n in gone))
         else:
