@@ -41,14 +41,16 @@ def test_answers_that_time_cut_short_make_it_larger_and_not_wrong(seed):
     assert core <= set(kept)
 
 
-def may_restart(*, restarts=0, stale=0, seconds=60.0, limit=None):
+def may_restart(*, restarts=0, stale=0, seconds=60.0, limit=None, planned=True):
     deadline = Deadline.after(None if math.isinf(seconds) else seconds)
-    return Restarts(limit, done=restarts, stale=stale).may_begin(Budget(deadline, 10.0))
+    budget = Budget(deadline, 10.0)
+    return Restarts(limit, done=restarts, stale=stale).may_begin(budget, planned=planned)
 
 
 def test_a_search_with_time_left_begins_anew_while_that_brings_anything():
     assert may_restart(restarts=100)
     assert not may_restart(restarts=100, stale=TUNING.stale)
+    assert may_restart(restarts=100, stale=TUNING.stale, planned=False)
     assert may_restart(restarts=TUNING.untimed - 1, seconds=math.inf)
     assert not may_restart(restarts=TUNING.untimed, seconds=math.inf)
     assert may_restart(restarts=4, limit=5)

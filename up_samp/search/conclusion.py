@@ -55,7 +55,7 @@ def conclude_without_schedule(search: Search, report: ScheduleReport) -> SearchR
             return SearchResult(Conclusion.UNSOLVABLE, search.prover.because(facts))
     if report.status is ScheduleStatus.ERROR:
         return SearchResult(Conclusion.FAILED, report.message)
-    if search.knowledge.guesses and search.restarts.may_begin(search.budget):
+    if search.knowledge.guesses and search.restarts.may_begin(search.budget, planned=planned):
         restart(search)
         return None
     if planned:

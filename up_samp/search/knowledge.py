@@ -32,6 +32,7 @@ class Knowledge:
     feasible_facts: int | None = None
     """How many proven facts alone are known to leave a schedule (or could not be refuted)."""
     _written: set[object] = field(default_factory=set)
+    _ever: set[object] = field(default_factory=set)
 
     def learn(self, refinements: Iterable[Refinement]) -> list[Refinement]:
         """Write refinements into the relaxation and return those that are new."""
@@ -41,7 +42,9 @@ class Knowledge:
                 continue
             self._written.add(refinement.statement)
             write_refinement(self.relaxation, refinement)
-            self.history.refinements.append(refinement)
+            if refinement.statement not in self._ever:  # the same guess after a restart is no news
+                self._ever.add(refinement.statement)
+                self.history.refinements.append(refinement)
             self.active.append(refinement)
             new.append(refinement)
         return new

@@ -18,6 +18,7 @@ from up_samp.search.conclusion import (
     conclude,
     conclude_stopped,
     conclude_without_schedule,
+    restart,
 )
 from up_samp.search.cuts.exact import rejects
 from up_samp.search.cuts.refused import cuts_from
@@ -160,7 +161,7 @@ def adopt_or_repair(search: Search, itinerary: Itinerary, check: Check) -> Incum
     """Return the candidate as a plan if its motions fit, else what can be made of it."""
     if check.passed:
         return search.plan_of(itinerary.schedule, check.trajectories)
-    for repair in search.components.repairs if not check.failed else ():
+    for repair in search.components.repairs:
         found = repair(search, itinerary.schedule, check)
         if found is not None:
             return found
@@ -241,4 +242,9 @@ def is_done(search: Search, check: Check, learned: list[Refinement], *, optimal:
         return True
     if check.passed and optimal and search.components.pace.staged:
         return False
-    return check.passed or not learned
+    if check.passed or learned:
+        return check.passed
+    if search.bounds.incumbent is None and search.restarts.may_begin(search.budget, planned=False):
+        restart(search)
+        return False
+    return True

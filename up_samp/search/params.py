@@ -41,8 +41,8 @@ class Parameters:
     query_seconds: float = 10.0
     """First limit of one motion query (the paper's t_p, doubled at each restart)."""
     max_restarts: int | None = None
-    """Restarts without what was only guessed (``None``: as long as there is time and they bring
-    anything new; 3 where there is no time limit).
+    """Restarts without what was only guessed (``None``: without a plan as long as there is time,
+    with one as long as they bring anything new; 3 where there is no time limit).
     """
     cache: str | None = None
     """Folder that keeps motions across runs (``None``: in memory only)."""

@@ -21,6 +21,7 @@ from up_samp.search.cuts.resting import door_cuts, rest_cuts
 from up_samp.search.cuts.small import Attempt, SmallCuts
 from up_samp.search.events import Phase
 from up_samp.search.facts import Facts, just_this
+from up_samp.search.in_turn import InTurn
 from up_samp.search.pace import AtOnce, Staged
 from up_samp.search.params import Parameters
 from up_samp.search.repair import Repairing
@@ -30,7 +31,7 @@ from up_samp.search.statements.durations import fastest_durations, lower_bounds
 from up_samp.search.statements.handovers import guessed_handovers, proven_handovers
 from up_samp.search.statements.unary_places import unary_places
 from up_samp.search.statements.unreachable import unreachable
-from up_samp.search.tidy import Tidying
+from up_samp.search.tidy import Lean, Tidying
 from up_samp.search.tuning import CutsTuning, SearchTuning
 from up_samp.tuning import tuning_of
 
@@ -106,6 +107,8 @@ def components_of(params: Parameters, *, native: bool) -> Components:
     tuning = tuning_of(params.tuning).search
     slack = Slack(tuning.slack)
     repair = Repairing(slack.spread if "slack" in ideas else None, tuning.repair)
+    # other engines' schedules are full of motions that nothing needs
+    lean = () if native else ((Lean(tuning.tidy), ("tidy", "incumbents")),)
 
     def with_ideas(parts: Sequence[tuple[Part, Ideas]]) -> tuple[Part, ...]:
         return tuple(part for part, needed in parts if ideas.issuperset(needed))
@@ -117,8 +120,8 @@ def components_of(params: Parameters, *, native: bool) -> Components:
         pace=Staged(tuning.pace.first_proof, tuning.pace.schedule_share)
         if ideas >= {"native", "incumbents"}
         else AtOnce(),
-        shapers=with_ideas(((slack, ("slack",)),)),
-        repairs=with_ideas(((repair, ("incumbents",)),)),
+        shapers=with_ideas((*lean, (slack, ("slack",)))),
+        repairs=with_ideas(((repair, ("incumbents",)), (InTurn(tuning.turns), ("incumbents",)))),
         after_failure=with_ideas(_after_failure(tuning)),
         for_proofs=() if native else with_ideas(((UNARY_PLACES, ("certificates",)),)),
         finishers=with_ideas(((Tidying(tuning.tidy), ("tidy",)),)),

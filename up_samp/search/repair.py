@@ -37,7 +37,11 @@ class Repairing:
     def __call__(
         self, search: Search, schedule: CandidateSchedule, check: Check
     ) -> Incumbent | None:
-        """Return a plan with the activities of ``schedule``, or None where none is found."""
+        """Return a plan with the activities of ``schedule``, or None where none is found, or some
+        motion found no trajectory at all.
+        """
+        if check.failed:
+            return None
         search.tell.stage(Phase.REPAIR)
         return repair(search, schedule, check, self)
 

@@ -1,4 +1,4 @@
-"""Restarts without what was only guessed (lines 17 to 20)."""
+"""Restarts without what was only guessed, from other random numbers (lines 17 to 20)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from up_samp.search.tuning import RestartTuning
 
 @dataclass
 class Restarts:
-    """``limit``: so many at most (None: as long as there is time and they bring anything new).
+    """``limit``: so many at most (None: without a plan as long as there is time, with one as long
+    as they bring anything new).
 
     ``stale``: how many in a row guessed nothing new.
     """
@@ -23,13 +24,15 @@ class Restarts:
     stale: int = 0
     _before: set[frozenset[object]] = field(default_factory=set)
 
-    def may_begin(self, budget: Budget) -> bool:
-        """Return whether another attempt is worth it."""
+    def may_begin(self, budget: Budget, *, planned: bool) -> bool:
+        """Return whether another attempt is worth it. Without a plan it is while there is time: the
+        next random numbers may be the lucky ones.
+        """
         if self.limit is not None:
             return self.done < self.limit
         if budget.unlimited:
             return self.done < self.tuning.untimed
-        return self.stale < self.tuning.stale
+        return not planned or self.stale < self.tuning.stale
 
     def begin(self, guesses: Sequence[Refinement]) -> None:
         """Count a restart that drops these guesses."""

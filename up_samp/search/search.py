@@ -30,13 +30,13 @@ from up_samp.upio import Relaxation, SampSchedule
 class Problem:
     """What a search asks of the problem as UP has it.
 
-    ``relax`` makes the relaxation anew, without refinements; ``schedule`` opens a scheduler on one
-    (``native``: our own, which knows unary places); ``build`` makes the UP plan of a schedule and
-    its trajectories; ``judge`` is the independent validator.
+    ``relax`` makes the relaxation anew, without refinements; ``schedule`` opens a scheduler on one,
+    for the attempt of that number (``native``: our own, which knows unary places); ``build`` makes
+    the UP plan of a schedule and its trajectories; ``judge`` is the independent validator.
     """
 
     relax: Callable[[], Relaxation]
-    schedule: Callable[[Relaxation], Scheduler]
+    schedule: Callable[[Relaxation, int], Scheduler]
     build: Callable[[CandidateSchedule, Mapping[str, Trajectory]], SampSchedule]
     judge: Callable[[SampSchedule], list[Refusal]]
     native: bool
@@ -89,7 +89,7 @@ class Search:
         """Begin anew with what is proven or relative; drop what was only guessed."""
         self.scheduler.close()
         self.knowledge.start_over(self.problem.relax())
-        self.scheduler = self.problem.schedule(self.knowledge.relaxation)
+        self.scheduler = self.problem.schedule(self.knowledge.relaxation, self.restarts.done)
 
     def plan_of(
         self, schedule: CandidateSchedule, trajectories: Mapping[str, Trajectory]

@@ -84,12 +84,12 @@ def open_search(
     own = {"tuning": tuning_of(params.tuning).cpsat} if native else {}
     given = {**own, **engine_params}
 
-    def scheduler_for(relaxation: Relaxation) -> Scheduler:
+    def scheduler_for(relaxation: Relaxation, attempt: int) -> Scheduler:
         return open_scheduler(
             engine,
             relaxation.problem,
             params=given,
-            seed=params.seed,
+            seed=params.seed + attempt,
             check=check_schedule,
             environment=problem.environment,
         )
@@ -142,7 +142,7 @@ def assemble(
             seed=params.seed,
         ),
         prover=Prover(problem.relax, budget, params.seed, mine.proof, tuning.cpsat),
-        scheduler=problem.schedule(relaxation),
+        scheduler=problem.schedule(relaxation, 0),
         components=components,
         restarts=Restarts(params.max_restarts, mine.restarts),
         tell=tell,

@@ -1,4 +1,5 @@
-"""Leave needless motions out of the best plan: the last pass of a search.
+"""Leave needless motions out: of the best plan, as the last pass of a search, and of candidates of
+engines that make schedules full of them, before their motions are checked.
 
 A makespan says nothing of moves that end before it: an idle robot may drive out, back and out
 again. Among the plans with some of the same motions, no later end, the same decisions and all else
@@ -40,11 +41,10 @@ def tidied(search: Search, plan: Incumbent, tuning: TidyTuning) -> Incumbent | N
     """Return a valid plan with fewer motions than ``plan`` that ends no later, if one is found."""
     search.tell.stage(Phase.TIDY)
     relaxation, deadline = search.knowledge.relaxation, search.budget.deadline
-    weights = _weights(relaxation, plan)
-    metrics = relaxation.problem.quality_metrics
-    if not weights or any(not m.is_minimize_makespan() for m in metrics):
+    weights = _weights(relaxation, plan.schedule)
+    if not weights or not _only_makespan(relaxation):
         return None
-    problem = _loose(relaxation, plan, weights)
+    problem = _loose(relaxation, plan.schedule, weights)
     activities = {a.name: a for a in problem.activities}
     manager = problem.environment.expression_manager
     current = plan.schedule
@@ -73,11 +73,44 @@ def tidied(search: Search, plan: Incumbent, tuning: TidyTuning) -> Incumbent | N
     return None
 
 
-def _weights(relaxation: Relaxation, plan: Incumbent) -> dict[str, int]:
+@dataclass(frozen=True)
+class Lean:
+    """The component: leaves needless motions out of candidates."""
+
+    tuning: TidyTuning = field(default_factory=TidyTuning)
+
+    def __call__(self, search: Search, schedule: CandidateSchedule) -> CandidateSchedule:
+        """Return a candidate with fewer motions that ends no later; ``schedule`` itself, if there
+        is none to be had in little time.
+        """
+        relaxation = search.knowledge.relaxation
+        weights = _weights(relaxation, schedule)
+        if not weights or not _only_makespan(relaxation):
+            return schedule
+        session = CpsatSession(
+            _loose(relaxation, schedule, weights),
+            seed=search.seed,
+            workers=1,
+            effort=self.tuning.effort,
+            tuning=search.cpsat,
+        )
+        report = session.solve(search.budget.deadline, optimal=True, hint=schedule)
+        if report.schedule is None:
+            return schedule
+        values = {**schedule.parameters, **report.schedule.parameters}
+        return CandidateSchedule(report.schedule.times, values)
+
+
+def _only_makespan(relaxation: Relaxation) -> bool:
+    """Return whether nothing but the makespan is to be made smaller."""
+    return all(m.is_minimize_makespan() for m in relaxation.problem.quality_metrics)
+
+
+def _weights(relaxation: Relaxation, schedule: CandidateSchedule) -> dict[str, int]:
     """Return what leaving out each present optional motion is worth: one motion more than all
     driving, one unit of driving more than all changes without motions.
     """
-    present = plan.schedule.times
+    present = schedule.times
     optional = {a.name for a in relaxation.problem.activities if a.optional} & set(present)
     drives = {t.activity for t in relaxation.snapshot.tasks} & optional
     changes = {c.activity for c in relaxation.snapshot.changes} & optional - drives
@@ -88,14 +121,14 @@ def _weights(relaxation: Relaxation, plan: Incumbent) -> dict[str, int]:
 
 
 def _loose(
-    relaxation: Relaxation, plan: Incumbent, weights: Mapping[str, int]
+    relaxation: Relaxation, schedule: CandidateSchedule, weights: Mapping[str, int]
 ) -> SchedulingProblem:
-    """Return the problem of the plan's activities, with the weighted ones optional."""
+    """Return the problem of a schedule's activities, with the weighted ones optional."""
     twins = {twin.name for twin in relaxation.elsewhere.values()}
-    free = frozenset(weights) | (twins & set(plan.schedule.times))
-    problem = restrict(relaxation, relaxation.snapshot, plan.schedule, free=free)
+    free = frozenset(weights) | (twins & set(schedule.times))
+    problem = restrict(relaxation, relaxation.snapshot, schedule, free=free)
     manager = problem.environment.expression_manager
-    makespan = plan.schedule.makespan
+    makespan = schedule.makespan
     goals = {}
     for activity in problem.activities:
         problem.add_constraint(manager.LE(activity.end, makespan))

@@ -128,6 +128,15 @@ class RepairTuning(Tunables):
 
 
 @dataclass(frozen=True)
+class TurnsTuning(Tunables):
+    """Motions one after another where there is no plan yet (``search/in_turn.py``)."""
+
+    steps: int = tunable(12, "steps", "of scheduling anew and driving", least=0)
+    effort: float = tunable(0.3, EFFORT, "for one step: a few seconds at most", least=0)
+    share: float = share_of(0.25, "of the remaining time, for one candidate")
+
+
+@dataclass(frozen=True)
 class SlackTuning(Tunables):
     """More time for motions than they need alone (``search/slack.py``)."""
 
@@ -170,6 +179,7 @@ class SearchTuning(Tunables):
     handovers: HandoversTuning = field(default_factory=HandoversTuning)
     cuts: CutsTuning = field(default_factory=CutsTuning)
     repair: RepairTuning = field(default_factory=RepairTuning)
+    turns: TurnsTuning = field(default_factory=TurnsTuning)
     start: StartTuning = field(default_factory=StartTuning)
     slack: SlackTuning = field(default_factory=SlackTuning)
     tidy: TidyTuning = field(default_factory=TidyTuning)

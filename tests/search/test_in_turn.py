@@ -1,0 +1,83 @@
+"""Some plan always: where groups of motions find no trajectories, they happen one after another."""
+
+import pytest
+from unified_planning.engines import PlanGenerationResultStatus as Status
+from unified_planning.shortcuts import OneshotPlanner
+
+from tests.upio.hall import Hall
+from up_samp.model import GroupReport, Outcome
+from up_samp.motion import MotionService
+from up_samp.validation import validate_plan
+
+
+@pytest.fixture
+def clumsy(monkeypatch):
+    """A motion service that never finds a way for several motions together."""
+    whole = MotionService.coordinate
+    asked = []
+
+    def coordinate(self, query, deadline, **options):
+        asked.append(len(query.motions))
+        if len(query.motions) > 1:
+            names = frozenset(m.name for m in query.motions)
+            return GroupReport(Outcome.OUT_OF_TIME, conflict=names, reason="made up by the test")
+        return whole(self, query, deadline, **options)
+
+    monkeypatch.setattr(MotionService, "coordinate", coordinate)
+    return asked
+
+
+def crossing(folder, robots):
+    hall = Hall(folder, robots=robots)
+    for k in range(robots):
+        hall.move(f"go{k}", k, f"left{k}", f"right{k}", bounds=(1, 100))
+    return hall.problem
+
+
+@pytest.mark.parametrize("engine", ["cpsat", "aries"])
+def test_the_first_candidate_becomes_a_plan(tmp_path, clumsy, engine):
+    problem = crossing(tmp_path, 2)
+    with OneshotPlanner(name=f"samp-refine[{engine}]", params={"optimal": False}) as planner:
+        result = planner.solve(problem, timeout=60)
+    assert result.status is Status.SOLVED_SATISFICING
+    assert validate_plan(problem, result.plan).valid
+    assert result.metrics["rounds"] == "1"
+    assert 2 in clumsy  # together at first
+    spans = sorted(
+        (int(str(result.plan.get(a.start))), int(str(result.plan.get(a.end))))
+        for a in result.plan.activities
+    )
+    assert spans[0][1] <= spans[1][0]
+
+
+def test_who_is_in_the_way_goes_first(tmp_path, clumsy):
+    """One robot stands in the gap: only in one of two orders can they drive one after another."""
+    hall = Hall(tmp_path, robots=2)
+    gap = hall.pose("gap", 10.0, 5.0, 0.0)
+    hall.problem.initial_configuration[:] = [
+        (o, p) for o, p in hall.problem.initial_configuration if str(o) != "r1"
+    ]
+    hall.problem.set_initial_configuration(hall.robots[1], gap)
+    hall.move("go0", 0, "left0", "right0", bounds=(1, 100))
+    hall.move("go1", 1, "gap", "right1", bounds=(1, 100))
+    with OneshotPlanner(name="samp-refine[cpsat]", params={"optimal": False}) as planner:
+        result = planner.solve(hall.problem, timeout=60)
+    assert result.status is Status.SOLVED_SATISFICING
+    times = {a.name: int(str(result.plan.get(a.start))) for a in result.plan.activities}
+    assert times["go1"] < times["go0"]
+
+
+def test_a_search_without_a_plan_uses_its_time(tmp_path, monkeypatch):
+    """Nothing ever fits: the search begins anew until the deadline, and says so."""
+
+    def coordinate(self, query, deadline, **options):
+        names = frozenset(m.name for m in query.motions)
+        return GroupReport(Outcome.OUT_OF_TIME, conflict=names, reason="made up by the test")
+
+    monkeypatch.setattr(MotionService, "coordinate", coordinate)
+    with OneshotPlanner(name="samp-refine[cpsat]") as planner:
+        result = planner.solve(crossing(tmp_path, 2), timeout=3)
+    assert result.status is Status.TIMEOUT
+    assert result.plan is None
+    assert int(result.metrics["restarts"]) > 1
+    assert float(result.metrics["seconds_total"]) > 2.5
