@@ -14,6 +14,7 @@ from typing import Any
 
 from up_samp.model.errors import ProblemError, short
 from up_samp.model.tunable import Tunables
+from up_samp.motion.tuning import MotionTuning
 from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.search.tuning import SearchTuning
 
@@ -28,6 +29,7 @@ class Tuning(Tunables):
     """The tunables of all components."""
 
     search: SearchTuning = field(default_factory=SearchTuning)
+    motion: MotionTuning = field(default_factory=MotionTuning)
     cpsat: CpsatTuning = field(default_factory=CpsatTuning)
 
 

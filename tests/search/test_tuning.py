@@ -3,6 +3,7 @@
 import dataclasses
 import importlib.util
 import json
+import pickle
 from pathlib import Path
 
 import pytest
@@ -11,9 +12,10 @@ from unified_planning.shortcuts import OneshotPlanner
 
 from tests.upio.hall import Hall
 from up_samp.benchmarks.cli import _tuning
+from up_samp.benchmarks.places import box
 from up_samp.benchmarks.runner import execute
 from up_samp.benchmarks.runs import RunSpec, select, sweep
-from up_samp.model import ProblemError
+from up_samp.model import Body, Kinematics, MotionModel, ProblemError
 from up_samp.model.tunable import Tunables
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.search import params as parameters
@@ -114,6 +116,24 @@ def test_components_and_schedulers_get_their_tunables(tmp_path, monkeypatch):
         result = planner.solve(hall.problem, timeout=60)
     assert result.plan is not None
     assert set(sessions) == {0}
+
+
+def test_motion_planning_gets_its_tunables_here_and_in_child_processes(monkeypatch):
+    from up_samp.motion import MotionService, batch
+    from up_samp.motion.fleet.workspace import workspace_of
+
+    tuning = tuning_of({"motion": {"fleet": {"plane": {"extra": 7}}, "legs": {"lazy_rounds": 1}}})
+    service = MotionService(None, tuning=tuning.motion)
+    assert service.legs.settings.tuning.lazy_rounds == 1
+    assert workspace_of(service).tuning.plane.extra == 7
+    jobs = []
+    monkeypatch.setattr(batch, "_pickled", lambda job: jobs.append(job) or pickle.dumps(job))
+    body = Body(box(2, 1), Kinematics(MotionModel.REEDSSHEPP, 1.0, 2.0, 1.0))
+    pairs = [(body, (0.0, 0.0, 0.0), (9.0, y, 0.0)) for y in (0.0, 2.0)]
+    assert batch.precompute(service, pairs, processes=2) == 2
+    assert [job.tuning for job in jobs] == [tuning.motion] * 2
+    with pytest.raises(ProblemError, match="4 numbers"):
+        tuning_of({"motion": {"fleet": {"ladder": {"nodes": [1, 2]}}}})
 
 
 @pytest.mark.parametrize("name", ["samp-refine[cpsat]", "cpsat"])

@@ -53,6 +53,11 @@ class Tunables:
             if not isinstance(value, Tunables):
                 _check(field, value)
 
+    def of_length(self, name: str, count: int) -> None:
+        """Raise :class:`ProblemError` unless a list of numbers has so many."""
+        if len(getattr(self, name)) != count:
+            raise ProblemError(f"'{name}' needs {count} numbers")
+
     @classmethod
     def read(cls: type[T], table: Mapping[str, Any], where: str = "") -> T:
         """Return tunables with the values of a (nested) table; what it does not name stays.

@@ -26,6 +26,7 @@ from up_samp.model import (
 )
 from up_samp.motion.protocol import Leg, LegQuery
 from up_samp.motion.service import MotionService
+from up_samp.motion.tuning import MotionTuning
 from up_samp.system import child
 
 Pair = tuple[Body, Configuration, Configuration]
@@ -42,6 +43,7 @@ class _Job:
     planner: str
     margin: float
     seed: int
+    tuning: MotionTuning
     pairs: tuple[Pair, ...]
     obstacles: tuple[Placed, ...]
     seconds: float
@@ -97,7 +99,7 @@ def _in_children(
     deadline: Deadline,
 ) -> list[list[tuple[str, Leg] | None]]:
     """Return the answers for each list of pairs, each list planned in a process of its own."""
-    scope = (service.grid, service.planner, service.scene.margin, service.seed)
+    scope = (service.grid, service.planner, service.scene.margin, service.seed, service.tuning)
     jobs = [_pickled(_Job(*scope, tuple(h), obstacles, deadline.remaining())) for h in hands]
     with contextlib.ExitStack() as stack:
         running = []
@@ -167,7 +169,9 @@ def main() -> None:
         job: _Job = pickle.loads(stream.read(int.from_bytes(stream.read(8), "big")))
     child.die_with(sys.stdin.fileno())
     deadline = Deadline.after(None if job.seconds == float("inf") else job.seconds)
-    service = MotionService(job.grid, planner=job.planner, margin=job.margin, seed=job.seed)
+    service = MotionService(
+        job.grid, planner=job.planner, margin=job.margin, seed=job.seed, tuning=job.tuning
+    )
     with answers:
         pickle.dump([_plan(service, p, job.obstacles, deadline) for p in job.pairs], answers)
 

@@ -25,20 +25,12 @@ from up_samp.motion.proofs.certificates import Certifier
 from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
 from up_samp.motion.registry import (
     PLANNERS,
-    SECOND_OPINION_SECONDS,
     make_planner,
     planner_names,
 )
+from up_samp.motion.tuning import LegsTuning
 
 PLANAR = (MotionModel.REEDSSHEPP, MotionModel.PIVOT, MotionModel.SE2)
-LAZY_ROUNDS = 3
-QUICK_EFFORT = 20_000
-"""After so much work without a motion, a proof over positions and headings is tried."""
-PROOF_SECONDS = 5.0
-FIRST_SHARE = 0.75
-"""Share of a query's time for the first planner, where others give their opinion after it."""
-MORE_TIME = 1.2
-"""A search that was cut short is done again where there is so many times the time that it had."""
 
 Prove = Callable[[Body, Sequence[Configuration], Sequence[Placed]], PathReport | None]
 
@@ -54,10 +46,11 @@ class Found:
 
 @dataclass(frozen=True)
 class Settings:
-    """Who plans, the same for all legs of a service."""
+    """Who plans, and how long, the same for all legs of a service."""
 
     planner: str
     seed: int
+    tuning: LegsTuning
 
 
 class Legs:
@@ -90,9 +83,11 @@ class Legs:
         reasons, complete = [], True
         for name in names:
             # the first planner ends by itself where it can, later ones are second opinions
-            limit = FIRST_SHARE * deadline.remaining() if len(names) > 1 else None
+            limit = (
+                self.settings.tuning.first_share * deadline.remaining() if len(names) > 1 else None
+            )
             if name != names[0]:
-                limit = SECOND_OPINION_SECONDS
+                limit = self.settings.tuning.second_opinion
             found = self._lazily(name, query, deadline.within(limit), complete)
             if found.leg is None or found.leg.trajectory is not None:
                 return found
@@ -117,8 +112,8 @@ class Legs:
         """
         body, obstacles = query.body, query.obstacles
         chosen: tuple[Placed, ...] = () if body.kinematics.model in PLANAR else obstacles
-        for attempt in range(LAZY_ROUNDS + 1):
-            if attempt == LAZY_ROUNDS:
+        for attempt in range(self.settings.tuning.lazy_rounds + 1):
+            if attempt == self.settings.tuning.lazy_rounds:
                 chosen = obstacles
             part = replace(query, obstacles=chosen)
             leg = self._usable(name, part, deadline)
@@ -167,11 +162,11 @@ class Legs:
         planner = self._planner(name)
         if name not in ("car", "planar") or self.scene.grid is None:
             return planner.leg(query, deadline)
-        leg = planner.leg(replace(query, effort=QUICK_EFFORT), deadline)
+        leg = planner.leg(replace(query, effort=self.settings.tuning.quick_effort), deadline)
         if deadline.expired() or (leg.trajectory is not None and leg.complete):
             return leg
         if leg.trajectory is None:
-            limit = deadline.within(PROOF_SECONDS)
+            limit = deadline.within(self.settings.tuning.proof_seconds)
             ends = query.start, query.goal
             proof = self.certifier.prove_by_slices(query.body, *ends, query.obstacles, limit)
             if proof is not None or leg.complete:
@@ -194,9 +189,10 @@ class Legs:
         about as much time as there is now.
         """
         entry = self._known(name, query)
-        if entry is None or not (entry.complete or deadline.remaining() <= MORE_TIME * entry.limit):
+        if entry is None:
             return None
-        return _leg_of(entry)
+        enough = self.settings.tuning.more_time * entry.limit
+        return _leg_of(entry) if entry.complete or deadline.remaining() <= enough else None
 
     def _known(self, name: str, query: LegQuery) -> Entry | None:
         """Return a remembered leg that was planned among a part of the obstacles and clears all."""

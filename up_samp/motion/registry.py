@@ -42,9 +42,6 @@ SECOND_OPINIONS: dict[MotionModel, tuple[str, ...]] = {
 }
 """Planners asked after the default one found nothing, before the answer is "out of time"."""
 
-SECOND_OPINION_SECONDS = 2.0
-"""Time that a second opinion may take at most."""
-
 
 def register_planner(
     name: str,

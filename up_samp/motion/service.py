@@ -28,6 +28,7 @@ from up_samp.motion.proofs.bounds import Bounds
 from up_samp.motion.proofs.certificates import Certifier
 from up_samp.motion.protocol import Leg, LegQuery
 from up_samp.motion.stringing import strung
+from up_samp.motion.tuning import MotionTuning
 from up_samp.motion.warm import warm_up
 
 
@@ -37,6 +38,7 @@ class MotionService:
     ``planner``: a name of :data:`up_samp.motion.registry.PLANNERS`, or ``"default"``: chosen by
     what each body needs. ``margin`` (m): clearance that plans keep from walls and objects; less
     where a start or a goal is closer than that. Same seed, same answers. ``cache`` may be shared.
+    ``tuning``: how long is tried.
 
     Nothing here is guarded by locks: one service belongs to one thread (OMPL's random numbers even
     to one process). Several services may share a folder on disk, not a ``cache`` object.
@@ -50,7 +52,9 @@ class MotionService:
         margin: float = 0.01,
         seed: int = 0,
         cache: MotionCache | None = None,
+        tuning: MotionTuning | None = None,
     ) -> None:
+        self.tuning = tuning or MotionTuning()
         self.grid = grid
         self.scene = Scene(grid, margin)
         self.planner = planner
@@ -58,7 +62,7 @@ class MotionService:
         self.cache = MotionCache() if cache is None else cache
         self.certifier = Certifier(self.scene)
         self.bounds = Bounds(self.scene, self.certifier)
-        settings = Settings(planner, seed)
+        settings = Settings(planner, seed, self.tuning.legs)
         self.legs = Legs(self.scene, settings, self.cache, self.certifier, self.certificate)
 
     def plan(self, query: PathQuery, deadline: Deadline) -> PathReport:

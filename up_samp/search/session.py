@@ -199,6 +199,7 @@ def open_service(
         margin=params.margin,
         seed=params.seed,
         cache=MotionCache(params.cache),
+        tuning=tuning_of(params.tuning).motion,
     )
 
 

@@ -38,20 +38,7 @@ from up_samp.motion.fleet.timed_path import Run, run_of
 from up_samp.motion.fleet.timings import Timing, natural_timing
 from up_samp.motion.fleet.waiting import Window, first_start, fit, parked_all_the_time
 from up_samp.motion.fleet.workspace import Workspace, rest_run
-
-MOST_ROBOTS = 3
-"""Robots that are coupled at most."""
-ASIDE = 4
-"""Places aside for each robot."""
-SAMPLES = 4_000
-"""Poses drawn to find places aside."""
-DRIVES = 200
-"""Drives planned at most."""
-GREED = 2.0
-"""Weight of what is left to drive: the first good sequence is as good as the best, nearly."""
-
-TOGETHER = 40
-"""Begins tried for drives that have to be at the same time."""
+from up_samp.motion.tuning import CoupledTuning
 
 State = tuple[int, ...]
 
@@ -66,6 +53,11 @@ class Coupling:
     deadline: Deadline
     places: list[list[Configuration]] = field(default_factory=list)
     planned: int = 0
+
+    @property
+    def tuning(self) -> CoupledTuning:
+        """How much is tried."""
+        return self.workspace.tuning.coupled
 
     def bound(self, robot: int, here: int, there: int) -> float:
         """Return seconds that a drive takes at least."""
@@ -103,7 +95,7 @@ def couple(
     if workspace.scene is None or not _can_couple(motions):
         return None
     coupling = Coupling(workspace, motions, world, deadline)
-    if len(motions) <= MOST_ROBOTS:
+    if len(motions) <= coupling.tuning.robots:
         _find_places(coupling, workspace.scene, alone, seed)
         found = _runs_of(coupling, _sequence(coupling), alone)
         if found is not None:
@@ -167,7 +159,7 @@ def _aside(
     points = np.concatenate([path.poses[:, :2] for path in others])
     reach = 4 * body.kinematics.turning_radius + 2 * shape.numbers[0]
     found = []
-    for _ in range(SAMPLES):
+    for _ in range(coupling.tuning.samples):
         # where it can matter: near a path that somebody has to be let pass on
         x, y = (float(v) + rng.uniform(-reach, reach) for v in points[rng.randrange(len(points))])
         th = rng.uniform(-math.pi, math.pi)
@@ -181,10 +173,10 @@ def _aside(
         near = [c for c in chosen if math.dist(c[2][:2], pose[:2]) < apart and c[0] <= blocked]
         if blocked < len(others) and not near:
             chosen.append((blocked, away, pose))
-        if sum(blocked == 0 for blocked, _, _ in chosen) >= ASIDE:
+        if sum(blocked == 0 for blocked, _, _ in chosen) >= coupling.tuning.aside:
             break
     chosen.sort()
-    return [pose for _, _, pose in chosen[:ASIDE]]
+    return [pose for _, _, pose in chosen[: coupling.tuning.aside]]
 
 
 def _blocked(workspace: Workspace, body: Body, pose: Configuration, others: Sequence[Path]) -> int:
@@ -199,7 +191,7 @@ def _sequence(coupling: Coupling) -> list[Drives] | None:
     start, goal = (0,) * count, (1,) * count
 
     def to_go(state: State) -> float:
-        return GREED * sum(coupling.bound(i, at, 1) for i, at in enumerate(state))
+        return coupling.tuning.greed * sum(coupling.bound(i, at, 1) for i, at in enumerate(state))
 
     ticket = itertools.count()
     # (estimate, ticket, cost before the last drive, state before it, robot, place, drives so far)
@@ -215,7 +207,7 @@ def _sequence(coupling: Coupling) -> list[Drives] | None:
                 continue
             key = (state, robot, there)
             if key not in known:
-                if coupling.planned >= DRIVES:
+                if coupling.planned >= coupling.tuning.drives:
                     return None
                 known[key] = coupling.drive(robot, state, there)
                 path = known[key]
@@ -293,7 +285,7 @@ def _begun(
         run = fit(coupling.workspace, *parts[0], others)
         return None if run is None else [run]
     begin = max(window.release for _, window, _ in parts)
-    for _ in range(TOGETHER):
+    for _ in range(coupling.tuning.begins):
         found = []
         for leg, window, path in parts:
             start = first_start(

@@ -25,9 +25,6 @@ from up_samp.motion.fleet.workspace import Workspace
 
 FloatArray = npt.NDArray[np.float64]
 
-ROUNDS = 4
-"""Other paths tried for one motion."""
-
 
 GHOST_STEP = 0.8
 """Distance (m) between the copies of a mover that a detour keeps clear of."""
@@ -61,7 +58,7 @@ def with_lanes(
     others: Sequence[Run],
 ) -> Run | None:
     """Return the best of ``best`` and of paths that change lanes where ``path`` meets somebody."""
-    for _ in range(ROUNDS):
+    for _ in range(workspace.tuning.ladder.detours):
         met = met_at_full_speed(workspace, motion, window, path, others)
         if not met or len(motion.poses) != 2:
             break
@@ -107,7 +104,7 @@ def with_detours(
 ) -> Run | None:
     """Return the best of ``best`` and of paths around whatever the last path met at full speed."""
     around = list(static)
-    for _ in range(ROUNDS):
+    for _ in range(workspace.tuning.ladder.detours):
         met = met_at_full_speed(workspace, motion, window, path, others)
         ghosts = _ghosts(workspace, motion, path, met[:2])
         if not ghosts or deadline.expired():

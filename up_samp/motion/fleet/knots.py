@@ -29,22 +29,12 @@ from up_samp.motion.fleet.timed_path import Run, avoids
 from up_samp.motion.fleet.waiting import parked_all_the_time
 from up_samp.motion.fleet.workspace import Workspace
 
-SHORT, LONG = 150_000, 1_000_000
-"""Moves looked at in one search: most knots come undone soon, with one draw or another. The long
-search is for rooms of few places, where it sees them all.
+DRAWS = (4, 5, 1, 1)
+"""Searches on the roadmaps of each grain (see ``cells_of``), each with another draw. The fifth one
+is the long one, for rooms of few places, where it sees them all.
 """
-FEW = 300
-"""Places of such a room at most."""
-MANY = 3_000
-"""Places from which on a finer roadmap is not worth its making."""
-WORK = ((SHORT,) * 4, (*(SHORT,) * 4, LONG), (SHORT,), (SHORT,))
-"""Searches on the roadmaps of each grain (see ``cells_of``)."""
 AIR = 0.02
 """Width (m) added to what rests beside a drive, so that it is clear of it by more than rounding."""
-STOP = 1.0
-"""Seconds that a stop is worth."""
-ROUNDS = 8
-"""Passes over a sequence in which stops are left out."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +122,9 @@ def untie(
     knot = Knot(workspace, scene, motions, world, paths, deadline, seed)
     known: list[list[Agent]] = []
     done: set[tuple[float, ...]] = set()
-    for level, attempts in enumerate(WORK):
+    tuning = workspace.tuning.knots
+    for level, draws in enumerate(DRAWS):
+        attempts = [tuning.short] * min(draws, 4) + [tuning.long] * (draws - 4)
         cells = tuple(cells_of(m.body)[level] for m in motions)
         if cells in done or deadline.expired():
             continue
@@ -145,12 +137,14 @@ def untie(
             drives = untied(knot, agents, attempts)
             if drives is not None:
                 return drives
-            if deadline.expired() or _places(agents) > MANY:
+            if deadline.expired() or _places(agents) > tuning.many:
                 return None
             known.append(agents)
     # nobody can go first: some at the same time, then; in a ring there are three at least
     for agents in known if len(motions) > 2 else ():
-        drives = None if deadline.expired() else untied(knot, agents, (SHORT,), together=True)
+        drives = (
+            None if deadline.expired() else untied(knot, agents, (tuning.short,), together=True)
+        )
         if drives is not None:
             return drives
     return None
@@ -185,11 +179,11 @@ def _joint_moves(
     knot: Knot, agents: Sequence[Agent], attempts: Sequence[int], together: bool
 ) -> tuple[Joint, list[tuple[Edge, ...]]] | None:
     """Return joint moves on roadmaps of one grain, and who found them, if some are found."""
-    places = _places(agents)
+    places, tuning = _places(agents), knot.workspace.tuning.knots
     for attempt, most in enumerate(attempts):
-        if most > SHORT and places > FEW:
+        if most > tuning.short and places > tuning.few:
             continue
-        joint = Joint(agents, knot.heeds, knot.margin, 100 * knot.seed + attempt, together)
+        joint = Joint(agents, knot.heeds, knot.margin, 100 * knot.seed + attempt, together, tuning)
         steps = joint.search(most, knot.deadline)
         if steps is not None:
             return joint, steps
@@ -359,7 +353,7 @@ def loosened(joint: Joint, stages: Sequence[Stage]) -> list[Stage]:
     or late, where the others do not need it to stand in between.
     """
     found = list(stages)
-    for _ in range(ROUNDS):
+    for _ in range(joint.tuning.passes):
         before = len(found), _seconds(found)
         k = 0
         while k < len(found):
@@ -391,7 +385,7 @@ def _merge(joint: Joint, stages: list[Stage], k: int) -> bool:
         if first.start == second.end:
             del stages[n], stages[k]
             return True
-        limit = first.seconds + second.seconds + STOP
+        limit = first.seconds + second.seconds + joint.tuning.stop
         rests = _rests(joint, stages, when)
         way = _route(joint, first.robot, (first.start, second.end), rests, limit)
         if way is not None:

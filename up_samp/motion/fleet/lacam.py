@@ -20,11 +20,9 @@ from dataclasses import dataclass, field
 from up_samp.model import Deadline
 from up_samp.motion.fleet.phases import in_step, sweeps_meet
 from up_samp.motion.fleet.roadmap import Edge, Roadmap
+from up_samp.motion.tuning import KnotsTuning
 
 State = tuple[int, ...]
-
-PUSHES = 2_000
-"""Moves tried for one joint move at most, before the next constraint is added."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +59,10 @@ class Joint:
         margin: float,
         seed: int,
         together: bool = False,
+        tuning: KnotsTuning | None = None,
     ) -> None:
         self.together = together
+        self.tuning = tuning or KnotsTuning()
         self.agents, self.heeds, self.margin = agents, heeds, margin
         self.rng = random.Random(seed)
         self._lots = [self.rng.random() for _ in agents] if seed else []
@@ -161,7 +161,7 @@ class Joint:
             if any(self.meet(robot, edge, other, e) for other, e in chosen.items()):
                 return None
             chosen[robot] = edge
-        self._budget = PUSHES
+        self._budget = self.tuning.pushes
         rests = [a.roadmap.rest(at) for a, at in zip(self.agents, node.state, strict=True)]
         # those that a forced move drives into go first
         pushed = [

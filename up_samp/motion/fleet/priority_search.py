@@ -24,23 +24,11 @@ from up_samp.motion.fleet.workspace import Workspace
 
 Pair = tuple[str, str]
 
-WORTH = 1.0
-"""Lateness (s) that is not worth a search over the plane: a schedule gives way more cheaply."""
-
 DELAYS = (5.0, 12.0, 30.0)
 """Seconds that one robot may leave later, so that another can get out of its way first."""
 
-EFFORTS = ((0, 60), (1, 8), (2, 6), (3, 12))
-"""Rungs of the ladder for a group: (effort for one robot, nodes of the priority search)."""
-
-
-POLISH = 4
-"""Times that each of those moved together is planned again among the others."""
-POLISH_WORTH = 0.1
-"""Seconds that a round of this has to gain for another one."""
-
-COUPLES = 2
-"""Effort before which a few robots are moved together if no order of them has been found."""
+RUNGS = 4
+"""Rungs of the ladder: efforts for one robot."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,14 +92,15 @@ class Group:
         return self.lateness(runs), sum(runs[name].arrival for name in sorted(runs))
 
 
-def climb(group: Group, root: Node, top: int = len(EFFORTS)) -> None:
+def climb(group: Group, root: Node, top: int = RUNGS) -> None:
     """Search with more and more effort until nobody is later than alone."""
     group.least = group.lateness(root.runs)
-    for effort, nodes in EFFORTS[:top]:
-        if effort == COUPLES and group.best is None:
+    tuning = group.workspace.tuning.ladder
+    for effort, nodes in enumerate(tuning.nodes[:top]):
+        if effort == tuning.couple_before and group.best is None:
             _couple(group, root)
         late = math.inf if group.best is None else group.lateness(group.best.runs) - group.least
-        if (effort > 1 and late <= WORTH) or (effort > 2 and late < math.inf):
+        if (effort > 1 and late <= tuning.worth) or (effort > 2 and late < math.inf):
             return
         group.effort = effort
         _search(group, root, nodes)
@@ -149,7 +138,8 @@ def _polished(group: Group, runs: Mapping[str, Run]) -> dict[str, Run]:
     last to arrive first.
     """
     found = dict(runs)
-    for _ in range(POLISH):
+    tuning = group.workspace.tuning.ladder
+    for _ in range(tuning.polish):
         gained = 0.0
         for name in sorted(found, key=lambda n: (-found[n].arrival, n)):
             others = [n for n in found if n != name]
@@ -160,7 +150,7 @@ def _polished(group: Group, runs: Mapping[str, Run]) -> dict[str, Run]:
                 gained += old - attempt.run.arrival
             if group.deadline.expired():
                 return found
-        if gained < POLISH_WORTH:
+        if gained < tuning.polish_worth:
             break
     return found
 
@@ -206,7 +196,7 @@ def alone(group: Group) -> tuple[Node | None, Attempt, str]:
     runs: dict[str, Run] = {}
     attempt = Attempt(None)
     for name in group.order:
-        for effort, _ in EFFORTS:
+        for effort in range(RUNGS):
             group.effort = effort
             attempt = _plan(group, name, runs, ())
             if attempt.run is not None and not group.is_late(attempt.run):

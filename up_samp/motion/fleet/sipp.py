@@ -22,31 +22,19 @@ from up_samp.motion.fleet.paths import Path, hull_of, path_of
 from up_samp.motion.fleet.timed_path import Run, pair_flags
 from up_samp.motion.guides.cost_to_go import Fields
 from up_samp.motion.planners.car_shortcuts import improve, settle
+from up_samp.motion.tuning import PlaneTuning
 
 FloatArray = npt.NDArray[np.float64]
 
 STEPS = (0.7, 0.35)
 """Lengths of an arc, in turning radii, coarse to fine."""
-LABELS = (60_000, 200_000)
-"""Labels per resolution."""
-SLICE = 300
-"""Expansions between two looks at the deadline."""
-EXTRA = 600
-"""Expansions after the first solution."""
-EXPANSIONS = (6_000, 12_000)
-"""Expansions per resolution."""
-VERTICES = 6_000
-"""Vertices of each tree of ST-RRT*."""
-BATCH = 1_500
-"""Samples for one range of arrival times."""
-BATCHES = 6
-"""Ranges of arrival times, each twice the one before."""
 
 
 class Roundabout:
     """Searches for one car at a time among movers in one scene."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, tuning: PlaneTuning) -> None:
+        self.tuning = tuning
         self.scene = scene
         self.fields = Fields(scene)
         self._labels: dict[int, search.Labels] = {}
@@ -100,17 +88,19 @@ class Roundabout:
         start, goal = (np.array(p[:3], dtype=np.float64) for p in motion.poses)
         fastest_time, _ = fastest(motion.poses[0], motion.poses[1], *limits_of(body.kinematics))
         earliest = max(goal_free, release + fastest_time)
-        forest = strrt.new_forest(VERTICES)
+        forest = strrt.new_forest(self.tuning.vertices)
         forest.state[0, 0] = (*start, release)
         forest.size[0] = 1
         box = self._box(motion)
-        for batch in range(BATCHES):
+        for batch in range(self.tuning.batches):
             latest = earliest + max(10.0, fastest_time) * 2.0**batch
             strrt.grow(
                 forest, grid, polys, shape, me, movers, goal, box, earliest, latest,
-                BATCH, 1000 * seed + batch,
+                self.tuning.batch, 1000 * seed + batch,
             )  # fmt: skip
-            if deadline.expired() or (forest.best[0] < np.inf and batch >= BATCHES // 2):
+            if deadline.expired() or (
+                forest.best[0] < np.inf and batch >= self.tuning.batches // 2
+            ):
                 break
         if forest.best[0] == np.inf:
             return []
@@ -174,13 +164,16 @@ class Roundabout:
         arcs = [[kappa, s] for kappa in (0.0, 1 / radius, -1 / radius) for s in (step, -step)]
         steps = np.array([*arcs, [0.0, 4 * step], [0.0, -4 * step]])
         grain = np.array([step / 1.5, math.ceil(2 * math.pi / (step / radius / 1.5))])
-        labels = self._room(LABELS[level])
+        labels = self._room(self.tuning.labels[level])
         search.plant(labels, me, movers, start)
         state = 0
-        while state == 0 and not deadline.expired() and labels.counters[2] < EXPANSIONS[level]:
+        tuning = self.tuning
+        most = tuning.expansions[level]
+        while state == 0 and not deadline.expired() and labels.counters[2] < most:
             state = search.expand(
-                labels, grid, polys, shape, field, me, movers, steps, goal, grain, SLICE, EXTRA
-            )
+                labels, grid, polys, shape, field, me, movers, steps, goal, grain,
+                tuning.slice, tuning.extra,
+            )  # fmt: skip
         full = labels.counters[0] >= len(labels.heap)
         return (
             search.chain(labels) if labels.counters[3] >= 0 else None,

@@ -39,6 +39,7 @@ from up_samp.motion.fleet.timed_path import NOBODY, Run, pair_flags, planar, pos
 from up_samp.motion.fleet.timings import Timing
 from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
 from up_samp.motion.stringing import strung
+from up_samp.motion.tuning import FleetTuning, MotionTuning
 
 if TYPE_CHECKING:
     from up_samp.motion.fleet.sipp import Roundabout
@@ -52,14 +53,6 @@ QUICK = 0.5
 
 CHORD = 0.1
 """Allowance (m) for positions read along chords instead of arcs."""
-
-
-PATHS = 300
-"""Paths that a workspace remembers."""
-
-
-DIAGRAMS = 20_000
-"""Pairs of paths whose conflicts a workspace remembers."""
 
 
 NOTHING = np.empty((0, 3), dtype=np.int64)
@@ -78,18 +71,26 @@ def _is_cleared(path: Path, rest: Path) -> bool:
     return rest.cells == 0 and (rest.body.footprint, pose_at(rest, 0)) in path.cleared
 
 
+def fleet_tuning(service: PathPlanner) -> FleetTuning:
+    """Return a service's tunables for several robots (the defaults, where it has none)."""
+    found = getattr(service, "tuning", None)
+    return found.fleet if isinstance(found, MotionTuning) else FleetTuning()
+
+
 class Workspace:
     """Paths and their conflicts, remembered across queries of one motion service."""
 
     def __init__(self, service: PathPlanner) -> None:
+        self.tuning: FleetTuning = fleet_tuning(service)
+        paths = self.tuning.memory.paths
         self._service = weakref.ref(service)  # the service owns its workspace, not the other way
         self.truncated = 0
         """How often a path's search was cut short; what came of it is not remembered."""
-        self._paths: Memory[Path | PathReport] = Memory(PATHS)
-        self._drives: Memory[Path] = Memory(PATHS)
-        self._lanes: Memory[Path | None] = Memory(PATHS)
-        self._rests: Memory[Path] = Memory(PATHS)
-        self._conflicts: Memory[IntArray] = Memory(DIAGRAMS)
+        self._paths: Memory[Path | PathReport] = Memory(paths)
+        self._drives: Memory[Path] = Memory(paths)
+        self._lanes: Memory[Path | None] = Memory(paths)
+        self._rests: Memory[Path] = Memory(paths)
+        self._conflicts: Memory[IntArray] = Memory(self.tuning.memory.diagrams)
 
     @property
     def service(self) -> PathPlanner:
@@ -104,7 +105,7 @@ class Workspace:
         """The search over the plane, if the service has a scene to search in."""
         from up_samp.motion.fleet.sipp import Roundabout
 
-        return Roundabout(self.scene) if self.scene is not None else None
+        return Roundabout(self.scene, self.tuning.plane) if self.scene is not None else None
 
     def path(
         self,

@@ -1,0 +1,154 @@
+"""The tunables of motion planning: how long is tried, and how much is remembered."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from up_samp.model.tunable import Tunables, share_of, tunable
+
+
+@dataclass(frozen=True)
+class LegsTuning(Tunables):
+    """One motion from rest to rest (``motion/legs.py``)."""
+
+    lazy_rounds: int = tunable(
+        3, "rounds", "of planning around the objects in the way before all of them count", least=0
+    )
+    quick_effort: int = tunable(
+        20_000,
+        "expansions",
+        "without a motion, after which a proof over positions and headings is tried",
+        least=1,
+    )
+    proof_seconds: float = tunable(5.0, "s", "at most, for such a proof", least=0)
+    first_share: float = share_of(
+        0.75, "of a query's time, for the first planner where others give their opinion after it"
+    )
+    second_opinion: float = tunable(2.0, "s", "at most, for a second opinion", least=0)
+    more_time: float = tunable(
+        1.2,
+        "factor",
+        "a search that was cut short is done again where there is so many times its time",
+        least=1,
+    )
+
+
+@dataclass(frozen=True)
+class LadderTuning(Tunables):
+    """Who goes first, with more and more effort (``motion/fleet/priority_search.py``)."""
+
+    nodes: tuple[int, ...] = tunable(
+        (60, 8, 6, 12),
+        "nodes",
+        "of the priority search on each rung: speeds, detours, the plane, longer",
+        least=1,
+    )
+    couple_before: int = tunable(
+        2, "rung", "before which few robots are moved together if no order was found", least=0
+    )
+    worth: float = tunable(
+        1.0,
+        "s",
+        "lateness that is not worth a search over the plane: a schedule gives way more cheaply",
+        least=0,
+    )
+    polish: int = tunable(
+        4, "rounds", "in which each of those moved together is planned again", least=0
+    )
+    polish_worth: float = tunable(0.1, "s", "that a round has to gain for another one", least=0)
+    detours: int = tunable(
+        4, "rounds", "of paths around, and lanes beside, what the last path met", least=0
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.of_length("nodes", 4)
+
+
+@dataclass(frozen=True)
+class PlaneTuning(Tunables):
+    """One robot among moving ones, in the plane and time (``motion/fleet/sipp.py``)."""
+
+    labels: tuple[int, ...] = tunable(
+        (60_000, 200_000), "labels", "kept for each resolution, coarse and fine", least=1000
+    )
+    expansions: tuple[int, ...] = tunable(
+        (6_000, 12_000), "expansions", "for each resolution", least=1
+    )
+    extra: int = tunable(600, "expansions", "after the first solution", least=0)
+    slice: int = tunable(300, "expansions", "between two looks at the deadline", least=1)
+    vertices: int = tunable(6_000, "vertices", "of each tree of ST-RRT*", least=2)
+    batch: int = tunable(1_500, "samples", "of ST-RRT* for one range of arrivals", least=1)
+    batches: int = tunable(6, "ranges", "of arrivals, each twice the one before", least=1)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.of_length("labels", 2)
+        self.of_length("expansions", 2)
+
+
+@dataclass(frozen=True)
+class KnotsTuning(Tunables):
+    """Knots undone by joint moves on roadmaps (``motion/fleet/knots.py``, ``lacam.py``)."""
+
+    short: int = tunable(
+        150_000, "moves", "looked at in one search: most knots come undone soon", least=1
+    )
+    long: int = tunable(
+        1_000_000, "moves", "in rooms of few places, where the search sees them all", least=1
+    )
+    few: int = tunable(300, "places", "of such a room at most", least=0)
+    many: int = tunable(
+        3_000, "places", "from which on a finer roadmap is not worth its making", least=0
+    )
+    stop: float = tunable(1.0, "s", "that a stop is worth", least=0)
+    passes: int = tunable(8, "passes", "over a sequence in which stops are left out", least=0)
+    pushes: int = tunable(
+        2_000, "moves", "tried for one joint move before the next constraint is added", least=1
+    )
+
+
+@dataclass(frozen=True)
+class CoupledTuning(Tunables):
+    """Few robots moved together by places aside (``motion/fleet/coupled.py``)."""
+
+    robots: int = tunable(3, "robots", "that are coupled at most", least=0)
+    aside: int = tunable(4, "places", "aside for each robot", least=0)
+    samples: int = tunable(4_000, "poses", "drawn to find places aside", least=0)
+    drives: int = tunable(200, "drives", "planned at most", least=0)
+    greed: float = tunable(
+        2.0,
+        "weight",
+        "of what is left to drive: the first good sequence is as good as the best, nearly",
+        least=1,
+    )
+    begins: int = tunable(
+        40, "begins", "tried for drives that have to be at the same time", least=1
+    )
+
+
+@dataclass(frozen=True)
+class MemoryTuning(Tunables):
+    """What a fleet's workspace remembers (``motion/fleet/workspace.py``)."""
+
+    paths: int = tunable(300, "paths", "of each kind", least=1)
+    diagrams: int = tunable(20_000, "pairs of paths", "whose conflicts are known", least=1)
+
+
+@dataclass(frozen=True)
+class FleetTuning(Tunables):
+    """Several robots together."""
+
+    ladder: LadderTuning = field(default_factory=LadderTuning)
+    plane: PlaneTuning = field(default_factory=PlaneTuning)
+    knots: KnotsTuning = field(default_factory=KnotsTuning)
+    coupled: CoupledTuning = field(default_factory=CoupledTuning)
+    memory: MemoryTuning = field(default_factory=MemoryTuning)
+
+
+@dataclass(frozen=True)
+class MotionTuning(Tunables):
+    """All of motion planning."""
+
+    legs: LegsTuning = field(default_factory=LegsTuning)
+    fleet: FleetTuning = field(default_factory=FleetTuning)
