@@ -27,7 +27,7 @@ from unified_planning.shortcuts import (
 
 from up_samp.model import Deadline
 from up_samp.scheduling.cpsat import CpsatSession
-from up_samp.scheduling.cpsat.encode.alternatives import Group, find_groups
+from up_samp.scheduling.cpsat.encode.alternatives import Alternatives, find_groups
 from up_samp.scheduling.cpsat.encode.unary import find_unary
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.normal.clauses import split
@@ -120,8 +120,8 @@ def test_variables_that_decide_presences_make_alternatives(problem):
         form.presences.of("builds1") == form.presences.of("load1y") != form.presences.of("load2y")
     )
     assert find_groups(form.parts, form.presences) == [
-        Group(("load1x", "load2x"), True),
-        Group(("load1y", "load2y"), True),
+        Alternatives(("load1x", "load2x"), True),
+        Alternatives(("load1y", "load2y"), True),
     ]
     model = built(problem)
     made = model.world.activities

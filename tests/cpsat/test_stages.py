@@ -10,13 +10,13 @@ from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import FAMILIES, OutOfTimeError, ScheduleModel
 from up_samp.scheduling.cpsat.problem import Watcher
 from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders
-from up_samp.scheduling.cpsat.solve.runner import Run
+from up_samp.scheduling.cpsat.solve.runner import SolverRun
 from up_samp.scheduling.cpsat.solve.strategy import STAGES, Solve, solve
 from up_samp.scheduling.cpsat.tuning import StagesTuning
 
 
 def solved(problem, *, guess=None, optimal=True, **tuning):
-    orders = Orders(Run(0, 1), optimal, StagesTuning(**tuning), threading.Event())
+    orders = Orders(SolverRun(0, 1), optimal, StagesTuning(**tuning), threading.Event())
     whole = Attempts(ScheduleModel(problem), orders, Deadline.after(60), 0)
     search = Solve(whole, Watcher(problem).look, guess)
     solve(search)

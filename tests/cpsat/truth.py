@@ -16,11 +16,11 @@ from up_samp.scheduling.cpsat.problem import Watcher
 from up_samp.scheduling.cpsat.routing.assignment import bound_by_assignment
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
-from up_samp.scheduling.cpsat.routing.relaxation import Collapsed
+from up_samp.scheduling.cpsat.routing.relaxation import RoutingRelaxation
 from up_samp.scheduling.cpsat.routing.workload import bound_by_work
 from up_samp.scheduling.cpsat.solve import strategy as search
 from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders
-from up_samp.scheduling.cpsat.solve.runner import Run
+from up_samp.scheduling.cpsat.solve.runner import SolverRun
 from up_samp.scheduling.cpsat.tuning import StagesTuning
 from up_samp.upio.plan import build_schedule
 from up_samp.validation import validate_schedule
@@ -60,7 +60,7 @@ def answer(problem):
     return report.status, report.schedule.makespan
 
 
-ORDERS = Orders(Run(0, 1), True, StagesTuning(), threading.Event())
+ORDERS = Orders(SolverRun(0, 1), True, StagesTuning(), threading.Event())
 
 
 def bound_without_search(problem):
@@ -81,7 +81,7 @@ def collapsed_optimum(problem):
     routes = find_routes(full)
     if not routes:
         return None
-    collapsed = Collapsed(full, Watcher(problem).look(), routes, Deadline.never())
+    collapsed = RoutingRelaxation(full, Watcher(problem).look(), routes, Deadline.never())
     Attempts(collapsed.model, ORDERS, Deadline.never(), 0)
     solver = cp_model.CpSolver()
     solver.parameters.num_workers = 1

@@ -58,9 +58,9 @@ def a_robot_with_a_law(at: int, error: str = "RuntimeError"):
     from unified_planning.model.motion import MotionModels, MovableObject
 
     from up_samp.benchmarks.places import box
-    from up_samp.test_cases.scene import Scene
+    from up_samp.test_cases.scene import SceneBuilder
 
-    scene = Scene("law")
+    scene = SceneBuilder("law")
     start, goal = scene.place("start", (4.0, 10.0, 0.0)), scene.place("goal", (9.0, 10.0, 0.0))
     robot = MovableObject(
         "r7",

@@ -8,7 +8,7 @@ from unified_planning.shortcuts import OneshotPlanner
 
 from up_samp.benchmarks.places import box
 from up_samp.model import ProblemError
-from up_samp.test_cases.scene import Scene
+from up_samp.test_cases.scene import SceneBuilder
 
 
 def at_once(q, u, qdot):
@@ -41,7 +41,7 @@ def nowhere(q, u, qdot):
     ],
 )
 def test_an_error_in_a_control_model_names_the_object(law, kind, names):
-    scene = Scene("raising")
+    scene = SceneBuilder("raising")
     start, goal = scene.place("start", (4.0, 10.0, 0.0)), scene.place("goal", (9.0, 10.0, 0.0))
     robot = MovableObject(
         "r7",

@@ -76,8 +76,8 @@ def test_group_failure_is_heuristic_and_narrow():
     assert holds(cut.statement, schedule(a=(0, 5), b=(2, 6)), nowhere)
 
 
-def test_place_for_one_counts_who_is_there():
-    place = rules.place_for_one("m", ["in1", "in2"], ["out1"], taken=False)
+def test_unary_place_counts_who_is_there():
+    place = rules.unary_place("m", ["in1", "in2"], ["out1"], taken=False)
     assert place.layer is Layer.BOUND
     assert holds(place.statement, schedule(in1=(0, 5), out1=(7, 9), in2=(3, 8)), nowhere)
     assert not holds(place.statement, schedule(in1=(0, 5), out1=(9, 12), in2=(3, 8)), nowhere)

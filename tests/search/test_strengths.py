@@ -24,14 +24,14 @@ from up_samp.model import (
 from up_samp.motion import MotionService, register_planner
 from up_samp.motion.planners.car import CarPlanner
 from up_samp.search.facts import LATE, Facts
-from up_samp.test_cases.scene import Scene
+from up_samp.test_cases.scene import SceneBuilder
 from up_samp.validation import validate_plan
 from up_samp.validation.plan import _LATE as LATE_IN_PLANS
 
 
 def straight_problem(model, stops, heading=0.0):
     """16 m straight ahead at v = a = 1 through ``stops`` waypoints: 17 s, stopping or not."""
-    scene = Scene("straight")
+    scene = SceneBuilder("straight")
     places = []
     for i in range(stops + 2):
         way = 16.0 * i / (stops + 1)
@@ -88,7 +88,7 @@ class Patient(Hurried):
 
 def around_a_robot():
     """A drive past robots that stand in the way: slower than any admissible bound says."""
-    scene = Scene("around")
+    scene = SceneBuilder("around")
     start, goal = scene.place("start", (5.0, 10.0, 0.0)), scene.place("goal", (20.0, 10.0, 0.0))
     robot = scene.robot("r0", start)
     for i, y in enumerate((6.0, 8.0, 10.0, 12.0, 14.0)):
@@ -119,7 +119,7 @@ def test_only_a_finished_search_proves_anything(planner):
 
 def test_a_sharp_waypoint_is_passed_and_never_called_optimal_where_it_is_not():
     """A slider round a corner: with a stop there it would take a unit longer or more."""
-    scene = Scene("corner")
+    scene = SceneBuilder("corner")
     poses = [(5.0, 5.0, 0.0), (15.0, 5.0, 0.0), (15.0, 15.0, 0.0)]
     places = [scene.place(f"p{i}", pose) for i, pose in enumerate(poses)]
     robot = scene.robot("r0", places[0], MotionModels.SE2)

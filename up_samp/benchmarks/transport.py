@@ -44,7 +44,7 @@ FT06: tuple[tuple[tuple[int, int], ...], ...] = (
 
 
 @dataclass(frozen=True)
-class Leg:
+class Trip:
     """One trip of an item by one robot: load, carry, unload."""
 
     robot: MovableObject
@@ -135,7 +135,7 @@ class Loads:
 
     def __init__(self, family: Family, pallets: list[ConfigurationObject]) -> None:
         self.family = family
-        self.legs: list[Leg] = []
+        self.legs: list[Trip] = []
         self.arrivals: dict[tuple[int, int], list[Activity]] = {}
         self.items: list[Object] = []
         if not family.with_fluents:
@@ -157,7 +157,7 @@ class Loads:
             move.add_condition(at_start(move), Equals(self.carries(robot), self.nothing))
 
     def leg(
-        self, leg: Leg, j: int, k: int, origin: ConfigurationObject, to: ConfigurationObject
+        self, leg: Trip, j: int, k: int, origin: ConfigurationObject, to: ConfigurationObject
     ) -> None:
         """``leg`` takes item ``j`` from ``origin`` to ``to`` as its trip number ``k``."""
         self.legs.append(leg)
@@ -235,7 +235,7 @@ def _legs(
             robot, origin, to, f"carry_{robot.name}_i{j}_{k}_to_{to.name}", implied=True
         )
         unload = family.work(robot, f"unload_{robot.name}_i{j}_{k}", to, HANDLING, implied=True)
-        hands.leg(Leg(robot, load, carry, unload), j, k, origin, to)
+        hands.leg(Trip(robot, load, carry, unload), j, k, origin, to)
         loads.append(load)
         unloads.append(unload)
     family.exactly_one(loads)

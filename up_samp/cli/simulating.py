@@ -18,7 +18,7 @@ from up_samp.model import ProblemError
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from up_samp.execution import Dependencies, Run
+    from up_samp.execution import Dependencies, Simulation
 
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
@@ -67,7 +67,7 @@ def _simulate(args: argparse.Namespace) -> int:
     plan = read_plan(args.plan)
     delays = Delays.parse(args.delays)
     found = _dependencies(args, plan)
-    runs: list[Run] = []
+    runs: list[Simulation] = []
     for policy in args.policy or ("timed", "staircase", "reorder"):
         graph = coarse(found) if policy == "coarse" else found
         for seed in range(args.seed, args.seed + args.runs):
@@ -88,11 +88,11 @@ def _dependencies(args: argparse.Namespace, plan: PlanDict) -> Dependencies:
     return dependencies_from_plan(plan)
 
 
-def _policies(runs: Sequence[Run]) -> list[str]:
+def _policies(runs: Sequence[Simulation]) -> list[str]:
     return list(dict.fromkeys(r.policy for r in runs))
 
 
-def _table(runs: Sequence[Run]) -> str:
+def _table(runs: Sequence[Simulation]) -> str:
     rows = []
     for policy in _policies(runs):
         mine = [r for r in runs if r.policy == policy]
@@ -118,7 +118,7 @@ def _table(runs: Sequence[Run]) -> str:
     return f"{table(header, rows, range(1, 9))}\n{note}"
 
 
-def write_runs(plan: PlanDict, runs: Sequence[Run], folder: Path) -> list[Path]:
+def write_runs(plan: PlanDict, runs: Sequence[Simulation], folder: Path) -> list[Path]:
     """Write ``runs.csv``, the median run's record and pictures; return the files."""
     from up_samp.plotting import plot_executed, plot_makespans
 

@@ -8,7 +8,7 @@ from up_samp.execution.files import dependencies_from_plan, with_dependencies
 from up_samp.execution.graph import At, Bound, Edge, Event, Graph, Task
 from up_samp.execution.remaining import Remaining, Surprise
 from up_samp.execution.reorder import Reorderer
-from up_samp.execution.simulate import Run, simulate
+from up_samp.execution.simulate import Simulation, simulate
 
 __all__ = [
     "At",
@@ -25,7 +25,7 @@ __all__ = [
     "Hold",
     "Remaining",
     "Reorderer",
-    "Run",
+    "Simulation",
     "Surprise",
     "Task",
     "coarse",

@@ -31,7 +31,7 @@ Policy = Literal["timed", "coarse", "staircase", "reorder"]
 
 
 @dataclass(frozen=True)
-class Run:
+class Simulation:
     """One execution. Times in s; ``waiting`` is the share of all robots' time until the end of
     their last activity that they stood because of others; ``waits`` are (robot, from, until, for
     whom).
@@ -172,7 +172,7 @@ def simulate(
     judged: bool = True,
     tick: float = TICK,
     watch: Callable[[Executor], int] | None = None,
-) -> Run:
+) -> Simulation:
     """Execute a plan once with the delays of ``seed``, which are the same for every policy.
 
     ``policy``: "timed" follows the clock; "staircase" the graph; "coarse" is the same on a graph
@@ -213,13 +213,13 @@ def _run(
     planned: float,
     reorders: int,
     judged: bool,
-) -> Run:
+) -> Simulation:
     spans = floor.executive.times()
     makespan = max((end for _, end in spans.values() if end is not None), default=0.0)
     waits = tuple((str(w[0]), w[1], w[2], str(w[3])) for w in floor.waits)
     record = record_of(plan, floor.dependencies.lives, spans, floor.drivings, waits, floor.now)
     finished = floor.executive.finished
-    return Run(
+    return Simulation(
         policy=policy,
         seed=seed,
         planned=planned,

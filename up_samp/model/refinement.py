@@ -177,7 +177,7 @@ class Requires:
 
 @dataclass(frozen=True)
 class Exclusive:
-    """A place for one: at most one object rests at any of its configurations.
+    """A unary place: at most one object rests at any of its configurations.
 
     ``arrivals`` are activities that bring an object there (at their end), ``departures`` those
     that take it away (at their start); ``taken`` tells whether an object is there at first.

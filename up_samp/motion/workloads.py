@@ -114,15 +114,15 @@ def compile_knots() -> None:
 
 def compile_search() -> None:
     """Run the searches for one car around movers, once: safe intervals, and samples."""
-    from up_samp.motion.fleet.sipp import Roundabout
+    from up_samp.motion.fleet.sipp import SafeIntervalPlanner
     from up_samp.motion.fleet.timed_path import fixed_run
     from up_samp.motion.tuning import PlaneTuning
 
     mover = fixed_run(FixedMotion("west", "west", _BODY, _drive((11.0, 6.0, math.pi), (7, 6, 3))))
     around = _motion("around", (2.0, 6.0, 0.0), (10.0, 6.0, 0.0))
-    roundabout = Roundabout(Scene(_hall(), 0.01), PlaneTuning())
-    roundabout.paths(around, 0.0, (), [mover], 8.0, Deadline.never())
-    roundabout.sampled(around, 0.0, (), [mover], 8.0, Deadline.never())
+    planner = SafeIntervalPlanner(Scene(_hall(), 0.01), PlaneTuning())
+    planner.paths(around, 0.0, (), [mover], 8.0, Deadline.never())
+    planner.sampled(around, 0.0, (), [mover], 8.0, Deadline.never())
 
 
 def compile_planar() -> None:

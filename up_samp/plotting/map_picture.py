@@ -18,7 +18,7 @@ from up_samp.plotting.colors import FIXTURE, INK, color_of, mixed
 from up_samp.plotting.gantt import title_of
 from up_samp.plotting.labels import Label, place_labels
 from up_samp.plotting.names import with_short_names
-from up_samp.plotting.tracks import FloatArray, Leg, Track, stops_of, tracks_of
+from up_samp.plotting.tracks import FloatArray, Track, TrackPiece, stops_of, tracks_of
 
 _Pose = tuple[float, float, float]
 
@@ -138,19 +138,19 @@ def _draw_body(ax: Axes, track: Track, pose: _Pose, **style: Any) -> None:
     )  # fmt: skip
 
 
-def _pose(leg: Leg, i: int) -> _Pose:
+def _pose(leg: TrackPiece, i: int) -> _Pose:
     x, y, yaw = (float(v) for v in leg.poses[i])
     return x, y, yaw
 
 
-def _gone(leg: Leg) -> FloatArray:
+def _gone(leg: TrackPiece) -> FloatArray:
     """Return the distance driven (m) up to each sample."""
     steps = np.hypot(*np.diff(leg.poses[:, :2], axis=0).T)
     gone: FloatArray = np.concatenate([[0.0], np.cumsum(steps)])
     return gone
 
 
-def _along(leg: Leg, step: float) -> list[_Pose]:
+def _along(leg: TrackPiece, step: float) -> list[_Pose]:
     """Return poses about every ``step`` m along the leg, without its ends."""
     gone = _gone(leg)
     count = int(gone[-1] / step)
@@ -158,7 +158,7 @@ def _along(leg: Leg, step: float) -> list[_Pose]:
     return [_pose(leg, int(np.searchsorted(gone, m))) for m in marks]
 
 
-def _draw_direction(ax: Axes, leg: Leg, color: str) -> None:
+def _draw_direction(ax: Axes, leg: TrackPiece, color: str) -> None:
     """Draw an arrow head along the leg, off its middle: the way back often is the same."""
     gone = _gone(leg)
     if gone[-1] <= 0:

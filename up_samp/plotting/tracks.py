@@ -14,7 +14,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Leg:
+class TrackPiece:
     """One motion of an object: ``times`` (n,) in s, ``poses`` (n, 3): x, y in m, yaw in rad."""
 
     activity: str
@@ -47,7 +47,7 @@ class Track:
     type_name: str
     footprint: tuple[tuple[float, float], ...]
     initial: tuple[float, float, float] | None
-    legs: tuple[Leg, ...]
+    legs: tuple[TrackPiece, ...]
     changes: tuple[tuple[float, tuple[float, float, float]], ...]
     moves: bool
 
@@ -144,14 +144,14 @@ def stops_of(tracks: Sequence[Track], places: Mapping[str, Sequence[float]]) -> 
     return list(found.values())
 
 
-def _leg(motion: dict[str, Any]) -> Leg:
+def _leg(motion: dict[str, Any]) -> TrackPiece:
     rows = motion["samples"]
     poses = np.array([flat(r[1:]) for r in rows], dtype=np.float64)
     poses[:, 2] = np.unwrap(poses[:, 2])
-    return Leg(motion["activity"], np.array([r[0] for r in rows], dtype=np.float64), poses)
+    return TrackPiece(motion["activity"], np.array([r[0] for r in rows], dtype=np.float64), poses)
 
 
-def _ridden(plan: dict[str, Any], ride: dict[str, Any]) -> Leg:
+def _ridden(plan: dict[str, Any], ride: dict[str, Any]) -> TrackPiece:
     """Return how a load travels: as its carrier does, at its place in that one's frame."""
     key = (ride["activity"], ride["carrier"])
     leg = _leg(next(m for m in plan["motions"] if (m["activity"], m["object"]) == key))
@@ -159,7 +159,7 @@ def _ridden(plan: dict[str, Any], ride: dict[str, Any]) -> Leg:
     dx, dy, turned = (float(v) for v in ride["offset"])
     c, s = np.cos(theta), np.sin(theta)
     poses = np.column_stack((x + c * dx - s * dy, y + s * dx + c * dy, theta + turned))
-    return Leg(leg.activity, leg.times, poses)
+    return TrackPiece(leg.activity, leg.times, poses)
 
 
 def horizon(plan: dict[str, Any]) -> float:

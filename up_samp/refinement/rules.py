@@ -193,7 +193,7 @@ def unless_longer(cut: Refinement, activity: str, units: int) -> Refinement:
     return replace(cut, statement=Clause((*cut.statement.literals, longer)), layer=Layer.TEMPORAL)
 
 
-def place_for_one(
+def unary_place(
     name: str, arrivals: Iterable[str], departures: Iterable[str], taken: bool
 ) -> Refinement:
     """Return that poses which overlap can hold only one object at a time."""

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from up_samp.scheduling.compilers.plain import Compiled, PlainProblem
     from up_samp.scheduling.process import WorkerProcess
-    from up_samp.scheduling.worker import Answer, Task
+    from up_samp.scheduling.worker import WorkerAnswer, WorkerTask
 
 Check = Callable[["SchedulingProblem", "Schedule"], list[str]]
 
@@ -185,7 +185,7 @@ class EngineScheduler:
             raise UnsupportedError(f"engine {self.name}: {error}") from error
         if deadline.expired():
             return _report(ScheduleStatus.OUT_OF_TIME, lower_bound, started)
-        answer: Answer | None = None
+        answer: WorkerAnswer | None = None
         for task in self._tasks(runner, compiled, deadline):
             try:
                 answer = self._ready_worker().ask(task, deadline)
@@ -208,7 +208,7 @@ class EngineScheduler:
             return replace(report, late=True)  # aries-opt calls it satisficing
         return report
 
-    def _tasks(self, runner: Any, compiled: Compiled, deadline: Deadline) -> Iterator[Task]:
+    def _tasks(self, runner: Any, compiled: Compiled, deadline: Deadline) -> Iterator[WorkerTask]:
         """Yield the call of the engine, then (for engines that may crash on a problem and solve
         the same one told otherwise) further tries.
         """
@@ -226,12 +226,12 @@ class EngineScheduler:
             until = _engine_stops(deadline)
             yield replace(first, problem=turned, until=until, environment=dict(environment))
 
-    def _first_task(self, runner: Any, problem: PlainProblem, deadline: Deadline) -> Task:
+    def _first_task(self, runner: Any, problem: PlainProblem, deadline: Deadline) -> WorkerTask:
         from up_samp.scheduling.quirks import quirks_of
-        from up_samp.scheduling.worker import Task
+        from up_samp.scheduling.worker import WorkerTask
 
         quirks = quirks_of(runner)
-        return Task(
+        return WorkerTask(
             runner.__module__,
             runner.__qualname__,
             self._params,
@@ -241,7 +241,9 @@ class EngineScheduler:
             dict(quirks.environment),
         )
 
-    def _without_proof(self, runner: Any, compiled: Compiled, deadline: Deadline) -> Answer | None:
+    def _without_proof(
+        self, runner: Any, compiled: Compiled, deadline: Deadline
+    ) -> WorkerAnswer | None:
         """Return the best schedule of the class that seeks no proof, asked for shorter and shorter
         ones: some problems crash the prover in whatever way they are told.
         """
@@ -249,7 +251,7 @@ class EngineScheduler:
         from up_samp.scheduling.process import OverrunError
 
         engine, problem = _satisficing(runner), compiled.problem
-        best: Answer | None = None
+        best: WorkerAnswer | None = None
         while engine is not runner and not deadline.expired():
             step = deadline if best is None else deadline.within(0.2 * deadline.remaining())
             try:
@@ -278,7 +280,7 @@ class EngineScheduler:
         return self._worker
 
     def _judge(
-        self, answer: Answer, compiled: Compiled, lower_bound: int | None, started: float
+        self, answer: WorkerAnswer, compiled: Compiled, lower_bound: int | None, started: float
     ) -> ScheduleReport:
         """Turn the worker's answer into a report that can be believed."""
         from up_samp.scheduling.schedules import complete

@@ -15,7 +15,7 @@ import weakref
 from typing import IO, Any
 
 from up_samp.model import Deadline, EngineError
-from up_samp.scheduling.worker import _LENGTH, Answer, Task, send
+from up_samp.scheduling.worker import _LENGTH, WorkerAnswer, WorkerTask, send
 from up_samp.system import child
 
 _GRACE = 0.5
@@ -54,7 +54,7 @@ class WorkerProcess:
         """Whether the worker can take a task."""
         return self._end.alive and self._process.poll() is None
 
-    def ask(self, task: Task, deadline: Deadline) -> Answer:
+    def ask(self, task: WorkerTask, deadline: Deadline) -> WorkerAnswer:
         """Send a task and wait for the answer until shortly after the deadline.
 
         Raises:
@@ -73,7 +73,7 @@ class WorkerProcess:
         except BaseException:
             self.close()
             raise
-        assert isinstance(answer, Answer)
+        assert isinstance(answer, WorkerAnswer)
         return answer
 
     def _read(self, size: int, deadline: Deadline) -> bytes:

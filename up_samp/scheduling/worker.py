@@ -1,9 +1,9 @@
 """Runs UP engines in a process of its own (started by ``process.WorkerProcess``).
 
-The parent sends a :class:`Task` and gets a :class:`Answer` back, one after the other, as pickles
-with a length in front, over the worker's standard input and output (what an engine prints goes to
-standard error). When the parent goes away, however that happens, the worker ends its whole process
-group, removes its temporary folder and so leaves nothing behind.
+The parent sends a :class:`WorkerTask` and gets a :class:`WorkerAnswer` back, one after the other,
+as pickles with a length in front, over the worker's standard input and output (what an engine
+prints goes to standard error). When the parent goes away, however that happens, the worker ends its
+whole process group, removes its temporary folder and so leaves nothing behind.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _LENGTH = struct.Struct("!Q")
 
 
 @dataclass(frozen=True)
-class Task:
+class WorkerTask:
     """Solve ``problem`` with the engine class ``module.name`` made with ``params``.
 
     ``until`` (of ``time.monotonic()``, which processes share) is when the engine has to stop
@@ -53,7 +53,7 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Answer:
+class WorkerAnswer:
     """``status`` is the name of UP's status, ``unsupported`` or ``exception``."""
 
     status: str
@@ -93,7 +93,7 @@ class _Engines:
     def __init__(self) -> None:
         self._engines: dict[tuple[str, str, str], Any] = {}
 
-    def get(self, task: Task) -> Any:
+    def get(self, task: WorkerTask) -> Any:
         key = (task.module, task.name, repr(sorted(task.params.items())))
         if key not in self._engines:
             found: Any = importlib.import_module(task.module)
@@ -103,7 +103,7 @@ class _Engines:
         return self._engines[key]
 
 
-def run(task: Task, engines: _Engines) -> Answer:
+def run(task: WorkerTask, engines: _Engines) -> WorkerAnswer:
     """Solve one task; every failure of the engine becomes an answer."""
     from up_samp.model import UnsupportedError
     from up_samp.scheduling.compilers.write import plain_schedule, write_problem
@@ -130,13 +130,13 @@ def run(task: Task, engines: _Engines) -> Answer:
         seconds = time.monotonic() - started
         logs = "; ".join(str(m.message) for m in result.log_messages or [])
         if result.plan is None:
-            return Answer(result.status.name, None, {}, logs[-2000:], seconds)
+            return WorkerAnswer(result.status.name, None, {}, logs[-2000:], seconds)
         times, parameters = plain_schedule(result.plan)
-        return Answer(result.status.name, times, parameters, logs[-2000:], seconds)
+        return WorkerAnswer(result.status.name, times, parameters, logs[-2000:], seconds)
     except UnsupportedError as error:
-        return Answer("unsupported", message=str(error), seconds=time.monotonic() - started)
+        return WorkerAnswer("unsupported", message=str(error), seconds=time.monotonic() - started)
     except Exception as error:
-        return Answer("exception", None, {}, _told(error), time.monotonic() - started)
+        return WorkerAnswer("exception", None, {}, _told(error), time.monotonic() - started)
 
 
 def _told(error: Exception) -> str:
@@ -154,7 +154,7 @@ def _clean(folder: str) -> None:
             shutil.rmtree(entry.path) if entry.is_dir() else os.unlink(entry.path)
 
 
-def _read_tasks(stream: IO[bytes], tasks: queue.SimpleQueue[Task], folder: str) -> None:
+def _read_tasks(stream: IO[bytes], tasks: queue.SimpleQueue[WorkerTask], folder: str) -> None:
     """Put what the parent sends into the queue; when it is gone, end the process group."""
     try:
         while True:
@@ -170,7 +170,7 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
-    tasks: queue.SimpleQueue[Task] = queue.SimpleQueue()
+    tasks: queue.SimpleQueue[WorkerTask] = queue.SimpleQueue()
     folder = tempfile.gettempdir()
     stdin = os.fdopen(os.dup(0), "rb")
     threading.Thread(target=_read_tasks, args=(stdin, tasks, folder), daemon=True).start()

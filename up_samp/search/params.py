@@ -69,7 +69,7 @@ class Parameters:
     bounds_first: bool = True
     """Motion durations known before the first schedule."""
     certificates: bool = True
-    """Proofs of unreachability (stated before the first schedule, too) and places for one."""
+    """Proofs of unreachability (stated before the first schedule, too) and unary places."""
     small_cuts: bool = True
     """Failed groups shrunk to the motions that conflict, with only the rivals that matter."""
     equivalents: bool = True

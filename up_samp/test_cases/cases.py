@@ -14,7 +14,7 @@ from unified_planning.model.motion import MotionModels
 from unified_planning.shortcuts import LT, Equals, Not, Or
 from unified_planning.test import TestCase
 
-from up_samp.test_cases.scene import Scene, plan, straight
+from up_samp.test_cases.scene import SceneBuilder, plan, straight
 
 WEST = (5.0, 10.0, 0.0)
 EAST = (22.0, 10.0, 0.0)
@@ -25,7 +25,7 @@ def drive() -> TestCase:
     """17 m straight ahead take 10.5 s, so 11 units: the optimum. The plans that are wrong end
     before the robot can be there, leave the mandatory drive out, or end elsewhere.
     """
-    scene = Scene("drive")
+    scene = SceneBuilder("drive")
     west, east = scene.place("west", WEST), scene.place("east", EAST)
     scene.drive("go", scene.robot("r0", west), [west, east], (1, 100))
     right = {"go": straight(WEST, EAST)}
@@ -50,7 +50,7 @@ def side_by_side() -> TestCase:
     """Two robots drive 17 m on lanes 4 m apart at the same time: 11 units. On lanes 0.5 m apart
     they would touch, so the plan that sends r1 over r0's lane is wrong.
     """
-    scene = Scene("side-by-side")
+    scene = SceneBuilder("side-by-side")
     robots = []
     for i, y in enumerate((8.0, 12.0)):
         west = scene.place(f"west{i}", (5.0, y, 0.0))
@@ -79,7 +79,7 @@ def in_the_way() -> TestCase:
     """r1 stands on r0's straight way, with 9 m of room beside it. r0 drives around it well within
     its 30 units: optimum 30. Driving through r1 is wrong; so is r1 starting elsewhere.
     """
-    scene = Scene("in-the-way")
+    scene = SceneBuilder("in-the-way")
     west, east = scene.place("west", WEST), scene.place("east", EAST)
     middle = scene.place("middle", (13.0, 10.0, math.pi / 2))
     r0 = scene.robot("r0", west)
@@ -93,7 +93,7 @@ def swap() -> TestCase:
     """Two robots in the open hall change places at the same time, with more than enough time in
     their 40 units each: optimum 40. Straight through each other is wrong.
     """
-    scene = Scene("swap")
+    scene = SceneBuilder("swap")
     west, east = scene.place("west", (8.0, 10.0, 0.0)), scene.place("east", (30.0, 10.0, 0.0))
     r0, r1 = scene.robot("r0", west), scene.robot("r1", east)
     scene.drive("go0", r0, [west, east], (40, 100))
@@ -109,7 +109,7 @@ def door() -> TestCase:
     follows strictly after 8 units of preparation: 9 + 18 = 27. Driving through the door before it
     is open is wrong.
     """
-    scene = Scene("door", rooms=True)
+    scene = SceneBuilder("door", rooms=True)
     west, east = scene.place("west", WEST), scene.place("far", FAR_EAST)
     leaf, _, opened = scene.door()
     go = scene.drive("go", scene.robot("r0", west), [west, east], (18, 100))
@@ -133,7 +133,7 @@ def door() -> TestCase:
 
 def locked_door() -> TestCase:
     """Nobody opens the door: unsolvable. The straight drive goes through the closed door."""
-    scene = Scene("locked-door", rooms=True)
+    scene = SceneBuilder("locked-door", rooms=True)
     west, east = scene.place("west", WEST), scene.place("far", FAR_EAST)
     scene.door()
     scene.drive("go", scene.robot("r0", west), [west, east], (18, 100))
@@ -143,7 +143,7 @@ def locked_door() -> TestCase:
 
 def too_late() -> TestCase:
     """17 m in at most 8 units: no robot of 2 m/s can. Unsolvable."""
-    scene = Scene("too-late")
+    scene = SceneBuilder("too-late")
     west, east = scene.place("west", WEST), scene.place("east", EAST)
     scene.drive("go", scene.robot("r0", west), [west, east], (1, 8))
     hasty = {"go": straight(WEST, EAST, v_max=4.0, a_max=4.0)}
@@ -152,7 +152,7 @@ def too_late() -> TestCase:
 
 def into_the_wall() -> TestCase:
     """The goal pose touches the outer wall: unsolvable."""
-    scene = Scene("into-the-wall")
+    scene = SceneBuilder("into-the-wall")
     west, wall = scene.place("west", WEST), scene.place("wall", (39.0, 10.0, 0.0))
     scene.drive("go", scene.robot("r0", west), [west, wall], (30, 100))
     into = plan(scene, {"go": (0, 30)}, {"go": straight(WEST, (39.0, 10.0, 0.0))})
@@ -161,7 +161,7 @@ def into_the_wall() -> TestCase:
 
 def choice() -> TestCase:
     """One of two optional drives has to be made, of at least 20 or 26 units: optimum 20."""
-    scene = Scene("choice")
+    scene = SceneBuilder("choice")
     west, east, far = (
         scene.place(n, p) for n, p in zip("wef", (WEST, EAST, FAR_EAST), strict=True)
     )
@@ -191,7 +191,7 @@ def fetch(*, fluents: bool) -> TestCase:
     precedences alone or also a fluent that tells where the robot is. A start without a gap is
     wrong.
     """
-    scene = Scene(f"fetch-{'fluents' if fluents else 'no-fluents'}")
+    scene = SceneBuilder(f"fetch-{'fluents' if fluents else 'no-fluents'}")
     west, east = scene.place("west", WEST), scene.place("east", EAST)
     robot = scene.robot("r0", west)
     there = scene.drive("there", robot, [west, east], (20, 100))
@@ -224,7 +224,7 @@ def via() -> TestCase:
     """A robot that can drive in any direction passes a place aside, in at least 40 units: 40. The
     straight drive that leaves the place out is wrong.
     """
-    scene = Scene("via")
+    scene = SceneBuilder("via")
     west, east = scene.place("west", WEST), scene.place("east", EAST)
     aside = scene.place("aside", (13.0, 15.0, math.pi / 2))
     robot = scene.robot("r0", west, MotionModels.SE2)
@@ -235,7 +235,7 @@ def via() -> TestCase:
 
 def first_plan() -> TestCase:
     """Without a metric any valid plan will do: two cars through one opening, either way round."""
-    scene = Scene("first-plan", rooms=True, metric=False)
+    scene = SceneBuilder("first-plan", rooms=True, metric=False)
     west, east = scene.place("west", WEST), scene.place("far", FAR_EAST)
     low, high = scene.place("low", (5.0, 5.0, 0.0)), scene.place("high", (35.0, 15.0, 0.0))
     r0, r1 = scene.robot("r0", west), scene.robot("r1", low)

@@ -32,7 +32,7 @@ DOOR = Door("door", box(1, 5), (20.0, 10.0, 0.0), (20.0, 4.0, 0.0), (10.0, 10.0,
 """Closes the opening between the two rooms; open it rests in the wall."""
 
 
-class Scene:
+class SceneBuilder:
     """A problem in a hall of 40 x 20 m (``rooms``: with a wall across and an opening of 4 m)."""
 
     def __init__(self, name: str, *, rooms: bool = False, metric: bool = True) -> None:
@@ -125,7 +125,7 @@ def straight(
 
 
 def plan(
-    scene: Scene,
+    scene: SceneBuilder,
     times: Mapping[str, tuple[int, int]],
     paths: Mapping[str, SE2WithControlsPath],
 ) -> MotionSchedule:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from up_samp.validation.collisions import Shape
 from up_samp.validation.paths import pose_gap
 from up_samp.validation.rides import Ride, between, carried_along
-from up_samp.validation.scene import Jump, Scene, Task
+from up_samp.validation.scene import JudgedMotion, JudgedScene, Jump
 from up_samp.validation.se3 import AnyTrack, SpaceTrack, track_of
 from up_samp.validation.tracks import Track
 from up_samp.validation.verdict import Violation
@@ -38,7 +38,7 @@ class Piece:
     track: AnyTrack
     since: float
     until: float
-    task: Task | None
+    task: JudgedMotion | None
     moves: tuple[float, float] | None = None
     """When the trajectory of ``task`` really leads from place to place: what is before and after
     is waiting (``None``: it does not move at all).
@@ -68,7 +68,7 @@ class _Event:
 
     start: int
     end: int
-    task: Task | None = None
+    task: JudgedMotion | None = None
     jump: Jump | None = None
     ride: Ride | None = None
 
@@ -81,7 +81,7 @@ class _Event:
 
 
 def build_lives(
-    scene: Scene, motions: Motions, seconds: float, found: list[Violation]
+    scene: JudgedScene, motions: Motions, seconds: float, found: list[Violation]
 ) -> dict[str, list[Piece]]:
     """Return the pieces of each object's life in order; breaks in it are added to ``found``."""
     events: dict[str, list[_Event]] = defaultdict(list)
@@ -133,7 +133,7 @@ def _clash(name: str, one: _Event, other: _Event) -> str | None:
 def _live(
     name: str,
     events: list[_Event],
-    scene: Scene,
+    scene: JudgedScene,
     motions: Motions,
     seconds: float,
     found: list[Violation],
@@ -178,7 +178,7 @@ def _live(
         yield Piece(resting(here, radius), since, math.inf, None, height=height)
 
 
-def _held(scene: Scene, task: Task) -> Shape | None:
+def _held(scene: JudgedScene, task: JudgedMotion) -> Shape | None:
     """Return what holds loads to the object of a task where they are not one polygon."""
     loads = []
     for ride in scene.rides:
@@ -191,7 +191,7 @@ def _held(scene: Scene, task: Task) -> Shape | None:
 
 def _taken(
     ride: Ride,
-    task: Task,
+    task: JudgedMotion,
     here: tuple[float, ...] | None,
     poses: FloatArray,
     heights: tuple[float, float],
@@ -214,7 +214,7 @@ def _moving(times: FloatArray, poses: FloatArray) -> tuple[float, float] | None:
 
 
 def _continuity(
-    task: Task,
+    task: JudgedMotion,
     here: tuple[float, ...] | None,
     poses: FloatArray,
     heights: tuple[float, float],

@@ -8,11 +8,11 @@ from unified_planning.model import metrics
 
 from up_samp.model import UnsupportedError
 from up_samp.validation.schedule import holds_throughout
-from up_samp.validation.timeline import Reading, Timeline
+from up_samp.validation.timeline import Reading, StateTimeline
 from up_samp.validation.values import Reader, Value, plain
 
 
-def evaluate_metric(metric: Any, timeline: Timeline) -> Value:
+def evaluate_metric(metric: Any, timeline: StateTimeline) -> Value:
     """Return the value of ``metric``: the makespan is the latest end of a present activity; values
     of fluents and goals are those after all effects.
     """

@@ -12,7 +12,7 @@ from unified_planning.model.motion import SE2WithControlsPath
 
 from up_samp.model import Trajectory
 from up_samp.validation.kinematics import MAX_GAP
-from up_samp.validation.scene import Task
+from up_samp.validation.scene import JudgedMotion
 from up_samp.validation.tracks import Track, pieces_of
 from up_samp.validation.verdict import Violation
 
@@ -25,7 +25,7 @@ JOINT = 1e-3
 _STEP = 0.05
 
 
-def path_of(plan: Any, task: Task) -> Any | None:
+def path_of(plan: Any, task: JudgedMotion) -> Any | None:
     """Return the UP path that a plan holds for a motion constraint.
 
     Found by the activity's name: an activity as a dictionary key is lost when it is changed.
@@ -38,7 +38,7 @@ def path_of(plan: Any, task: Task) -> Any | None:
 
 
 def read_trajectory(
-    task: Task,
+    task: JudgedMotion,
     path: Any | None,
     given: Mapping[str, Trajectory] | None,
     start: float,
@@ -142,7 +142,7 @@ def _all_short(rows: FloatArray, start: float) -> tuple[FloatArray, FloatArray] 
 
 
 def _disagreement(
-    task: Task,
+    task: JudgedMotion,
     path: Any,
     derived: tuple[FloatArray, FloatArray] | None,
     times: FloatArray,

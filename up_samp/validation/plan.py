@@ -26,7 +26,7 @@ from up_samp.validation.lives import (
 from up_samp.validation.maps import BlockedMap
 from up_samp.validation.metrics import evaluate_metric
 from up_samp.validation.paths import passes, path_of, pose_gap, read_trajectory
-from up_samp.validation.scene import Obstacle, Scene, Task
+from up_samp.validation.scene import JudgedMotion, JudgedScene, Obstacle
 from up_samp.validation.schedule import JudgedSchedule, judge_schedule
 from up_samp.validation.se3 import (
     AnyTrack,
@@ -87,7 +87,7 @@ def _with_motions(
 ) -> Verdict:
     if judged.timeline is None:
         return judged.verdict
-    scene = Scene(problem, judged.timeline)
+    scene = JudgedScene(problem, judged.timeline)
     found: list[Violation] = []
     if scene.tasks or scene.jumps:
         found = _motion_violations(scene, plan, trajectories, seconds)
@@ -96,7 +96,7 @@ def _with_motions(
 
 
 def _motion_violations(
-    scene: Scene, plan: Any, trajectories: Mapping[str, Trajectory] | None, seconds: float
+    scene: JudgedScene, plan: Any, trajectories: Mapping[str, Trajectory] | None, seconds: float
 ) -> list[Violation]:
     found: list[Violation] = []
     given = trajectories if trajectories is not None else getattr(plan, "trajectories", None)
@@ -124,7 +124,7 @@ def _motion_violations(
     return found
 
 
-def _window(task: Task, times: FloatArray, seconds: float) -> Iterator[Violation]:
+def _window(task: JudgedMotion, times: FloatArray, seconds: float) -> Iterator[Violation]:
     """Rule 15: within the activity's start and end."""
     low, high = task.start * seconds, task.end * seconds
     if times[0] < low - _LATE or times[-1] > high + _LATE:
@@ -134,7 +134,9 @@ def _window(task: Task, times: FloatArray, seconds: float) -> Iterator[Violation
         yield Violation("window", text)
 
 
-def _places(scene: Scene, task: Task, times: FloatArray, poses: FloatArray) -> Iterator[Violation]:
+def _places(
+    scene: JudgedScene, task: JudgedMotion, times: FloatArray, poses: FloatArray
+) -> Iterator[Violation]:
     """Rule 15: from the starting configuration through the waypoints, in order, to the last."""
     poses_of = [scene.pose(place) for place in task.places]
     for kind, place, wanted, is_at in (
@@ -156,7 +158,7 @@ def _places(scene: Scene, task: Task, times: FloatArray, poses: FloatArray) -> I
 
 
 def _obstacles(
-    scene: Scene, task: Task, lives: Mapping[str, list[Piece]], seconds: float
+    scene: JudgedScene, task: JudgedMotion, lives: Mapping[str, list[Piece]], seconds: float
 ) -> Iterator[Violation]:
     """Rule 19: static obstacles rest; obstacles with fluents are where these say."""
     low, high = task.start * seconds, task.end * seconds
@@ -177,7 +179,7 @@ def _obstacles(
 
 
 def _where_told(
-    scene: Scene, task: Task, obstacle: Obstacle, pieces: list[Piece], at: float
+    scene: JudgedScene, task: JudgedMotion, obstacle: Obstacle, pieces: list[Piece], at: float
 ) -> Iterator[Violation]:
     """Rule 19: what its fluent says of an obstacle at the task's start."""
     assert obstacle.place is not None
@@ -210,7 +212,7 @@ def _where_told(
 
 
 def _rests(
-    task: Task, obstacle: Obstacle, pieces: list[Piece], low: float, high: float
+    task: JudgedMotion, obstacle: Obstacle, pieces: list[Piece], low: float, high: float
 ) -> Iterator[Violation]:
     for piece in pieces:
         if piece.task is not None and piece.since < high and low < piece.until:
@@ -227,7 +229,7 @@ def _rests(
 
 
 def _collisions(
-    scene: Scene, motions: Motions, lives: Mapping[str, list[Piece]]
+    scene: JudgedScene, motions: Motions, lives: Mapping[str, list[Piece]]
 ) -> Iterator[Violation]:
     """Rule 18, swept."""
     looked_at: set[frozenset[int]] = set()
@@ -252,7 +254,9 @@ def _collisions(
                         yield from _meeting(scene, task, other, piece, theirs)
 
 
-def _keeps_clear(scene: Scene, task: Task, other: str, its: Task | None) -> bool:
+def _keeps_clear(
+    scene: JudgedScene, task: JudgedMotion, other: str, its: JudgedMotion | None
+) -> bool:
     """Return whether a task keeps clear of ``other`` while ``its`` task moves it (None: none
     does): with what travels with it, it is one body.
     """
@@ -288,7 +292,7 @@ def _hits_body(
 
 
 def _meeting(
-    scene: Scene, task: Task, other: str, piece: Piece, theirs: Piece
+    scene: JudgedScene, task: JudgedMotion, other: str, piece: Piece, theirs: Piece
 ) -> Iterator[Violation]:
     """One piece of a driven object's life against one piece of another object's that it avoids:
     while it moves itself, and while the other one does, where that has to keep clear of it.
@@ -311,7 +315,9 @@ def _meeting(
         yield Violation("collision", text, activities, (task.object, other), min(times))
 
 
-def _jumps(scene: Scene, lives: Mapping[str, list[Piece]], seconds: float) -> Iterator[Violation]:
+def _jumps(
+    scene: JudgedScene, lives: Mapping[str, list[Piece]], seconds: float
+) -> Iterator[Violation]:
     """Rule 18: nothing is set onto an object that rests and keeps clear of it when it drives."""
     for jump in scene.jumps:
         at = jump.time * seconds

@@ -21,7 +21,7 @@ from up_samp.validation.limits import Limits, limits_of
 from up_samp.validation.maps import BlockedMap, Ground, ground_of
 from up_samp.validation.rides import Ride, configurations_of, is_same, offset_between
 from up_samp.validation.se3 import Solid, load_solid
-from up_samp.validation.timeline import Reading, Timeline, show
+from up_samp.validation.timeline import Reading, StateTimeline, show
 from up_samp.validation.values import MISSING, Key, Reader
 
 SAME_HEIGHT = 1e-3
@@ -41,7 +41,7 @@ class Obstacle:
 
 
 @dataclass(frozen=True)
-class Task:
+class JudgedMotion:
     """A motion constraint of a present activity. Times in schedule units; ``places`` are the
     names of the configurations, the starting one first; ``obstacles`` is ``None`` for "all".
     """
@@ -75,11 +75,11 @@ class Jump:
 
 
 @dataclass(frozen=True)
-class Scene:
+class JudgedScene:
     """A SAMP problem under a schedule. Values are read by the rules of ``semantics.py``."""
 
     problem: Any
-    timeline: Timeline
+    timeline: StateTimeline
 
     @cached_property
     def movables(self) -> dict[str, Any]:
@@ -123,7 +123,7 @@ class Scene:
         """Return the map of a configuration's type."""
         return self.maps[self.grounds[place]]
 
-    def map_driven(self, task: Task) -> BlockedMap:
+    def map_driven(self, task: JudgedMotion) -> BlockedMap:
         """Return the map that a motion drives on (rule 21)."""
         grounds = {self.grounds[place] for place in task.places}
         if len(grounds) > 1:
@@ -153,7 +153,7 @@ class Scene:
         return found
 
     @cached_property
-    def tasks(self) -> list[Task]:
+    def tasks(self) -> list[JudgedMotion]:
         """All motion constraints of present activities."""
         found = []
         for task in self._constraints:
@@ -165,7 +165,7 @@ class Scene:
         return found
 
     @cached_property
-    def _constraints(self) -> list[Task]:
+    def _constraints(self) -> list[JudgedMotion]:
         return [task for activity in self._present() for task in self._tasks_of(activity)]
 
     @cached_property
@@ -182,7 +182,7 @@ class Scene:
             found += mine
         return found
 
-    def _ride(self, task: Task, effect: Jump) -> Ride | None:
+    def _ride(self, task: JudgedMotion, effect: Jump) -> Ride | None:
         if effect.object == task.object or any(
             self.movables[name].motion_model.name == "SE3" for name in (effect.object, task.object)
         ):
@@ -242,7 +242,7 @@ class Scene:
         heeded = self.heeds.get(one, frozenset())
         return heeded is None or other in heeded
 
-    def avoids(self, task: Task, name: str) -> bool:
+    def avoids(self, task: JudgedMotion, name: str) -> bool:
         """Return whether a task keeps clear of object ``name``."""
         if name in task.together:
             return False
@@ -276,7 +276,7 @@ class Scene:
             a for a in self.problem.activities if isinstance(a, MotionActivity) and a.name in times
         ]
 
-    def _tasks_of(self, activity: Any) -> Iterator[Task]:
+    def _tasks_of(self, activity: Any) -> Iterator[JudgedMotion]:
         start, end = self.timeline.decisions.times[activity.name]
         for k, constraint in enumerate(activity.motion_constraints):
             if not isinstance(constraint, ActivityWaypoints):
@@ -288,7 +288,7 @@ class Scene:
                 self._name(node, start, activity.name, what)
                 for node in (constraint.starting, *constraint.waypoints)
             )
-            yield Task(
+            yield JudgedMotion(
                 activity.name if k == 0 else f"{activity.name}#{k}",
                 activity.name,
                 constraint,
@@ -333,7 +333,7 @@ class Scene:
             raise ProblemError(f"'{node}' in {what} names no object")
         return value
 
-    def fluent_moves(self, obstacle: Obstacle, task: Task) -> str | None:
+    def fluent_moves(self, obstacle: Obstacle, task: JudgedMotion) -> str | None:
         """Return when a static obstacle's fluent changes during a task, but for its last unit."""
         if obstacle.key is None:
             return None

@@ -16,7 +16,7 @@ from up_samp.model import UnsupportedError
 from up_samp.validation.timeline import (
     Change,
     Reading,
-    Timeline,
+    StateTimeline,
     build_timeline,
     constant,
     in_type,
@@ -34,7 +34,7 @@ class JudgedSchedule:
 
     verdict: Verdict
     decisions: Decisions | None = None
-    timeline: Timeline | None = None
+    timeline: StateTimeline | None = None
 
 
 def validate_schedule(problem: Any, plan: Any) -> Verdict:
@@ -143,7 +143,7 @@ def _times(
 # ------------------------------------------------------------------ durations and constraints
 
 
-def _durations(problem: Any, timeline: Timeline, reading: Reading) -> Iterator[Violation]:
+def _durations(problem: Any, timeline: StateTimeline, reading: Reading) -> Iterator[Violation]:
     """Rule 2."""
     for activity in _present(problem, timeline):
         start, end = timeline.decisions.times[activity.name]
@@ -160,7 +160,7 @@ def _durations(problem: Any, timeline: Timeline, reading: Reading) -> Iterator[V
             yield Violation("duration", what)
 
 
-def _constraints(problem: Any, timeline: Timeline) -> Iterator[Violation]:
+def _constraints(problem: Any, timeline: StateTimeline) -> Iterator[Violation]:
     """Rules 3 to 5."""
     changed = _changed_fluents(problem)
 
@@ -187,7 +187,7 @@ def _changed_fluents(problem: Any) -> set[str]:
     return {effect.fluent.fluent().name for _, effect, _ in problem.all_effects()}
 
 
-def _times_in(node: Any, timeline: Timeline) -> str:
+def _times_in(node: Any, timeline: StateTimeline) -> str:
     """Return the times of the activities that an expression mentions, for people."""
     names: set[str] = set()
     stack = [node]
@@ -224,15 +224,19 @@ class _Condition:
         return f"condition '{self.node}' of {self.owner or 'the problem'} {over}"
 
 
-def _present(problem: Any, timeline: Timeline) -> list[Any]:
+def _present(problem: Any, timeline: StateTimeline) -> list[Any]:
     return [a for a in problem.activities if a.name in timeline.decisions.times]
 
 
-def _reader_at(timeline: Timeline, instant: int, reading: Reading, owner: str | None) -> Reader:
+def _reader_at(
+    timeline: StateTimeline, instant: int, reading: Reading, owner: str | None
+) -> Reader:
     return Reader(timeline.decisions, lambda k: timeline.value(k, instant, reading), owner)
 
 
-def _timed_conditions(problem: Any, timeline: Timeline, reading: Reading) -> Iterator[_Condition]:
+def _timed_conditions(
+    problem: Any, timeline: StateTimeline, reading: Reading
+) -> Iterator[_Condition]:
     """Rules 10, 12 and 13: each condition with its first and last instant."""
     chronicles = [(problem._base, None)] + [(a, a.name) for a in _present(problem, timeline)]
     for chronicle, owner in chronicles:
@@ -245,7 +249,7 @@ def _timed_conditions(problem: Any, timeline: Timeline, reading: Reading) -> Ite
 
 
 def _instants(
-    interval: Any, owner: str | None, timeline: Timeline, reading: Reading
+    interval: Any, owner: str | None, timeline: StateTimeline, reading: Reading
 ) -> tuple[int, int] | None:
     """Return the first and last instant of an interval (``None``: it hangs on an absent one)."""
     end = timeline.global_end(reading)
@@ -258,7 +262,7 @@ def _instants(
     return first + interval.is_left_open(), last - interval.is_right_open()
 
 
-def _new_values(timeline: Timeline, reading: Reading) -> dict[str, set[int]]:
+def _new_values(timeline: StateTimeline, reading: Reading) -> dict[str, set[int]]:
     """Return for each fluent's name the instants at which a new value is seen first."""
     times_of: dict[str, set[int]] = defaultdict(set)
     for change in timeline.changes:
@@ -267,7 +271,7 @@ def _new_values(timeline: Timeline, reading: Reading) -> dict[str, set[int]]:
     return times_of
 
 
-def _conditions(problem: Any, timeline: Timeline, reading: Reading) -> Iterator[Violation]:
+def _conditions(problem: Any, timeline: StateTimeline, reading: Reading) -> Iterator[Violation]:
     """Rule 9 and 10: every condition holds at every instant of its interval."""
     times_of = _new_values(timeline, reading)
     for condition in _timed_conditions(problem, timeline, reading):
@@ -277,7 +281,10 @@ def _conditions(problem: Any, timeline: Timeline, reading: Reading) -> Iterator[
 
 
 def _first_failure(
-    condition: _Condition, timeline: Timeline, reading: Reading, times_of: Mapping[str, set[int]]
+    condition: _Condition,
+    timeline: StateTimeline,
+    reading: Reading,
+    times_of: Mapping[str, set[int]],
 ) -> int | None:
     """Return the first instant at which a condition is false. Looking at the first instant and
     where a fluent that it mentions gets a new value is enough.
@@ -293,7 +300,7 @@ def _first_failure(
     return None
 
 
-def holds_throughout(interval: Any, node: Any, timeline: Timeline, reading: Reading) -> bool:
+def holds_throughout(interval: Any, node: Any, timeline: StateTimeline, reading: Reading) -> bool:
     """Return whether an expression holds at every instant of a global time interval."""
     found = _instants(interval, None, timeline, reading)
     if found is None:
@@ -302,7 +309,7 @@ def holds_throughout(interval: Any, node: Any, timeline: Timeline, reading: Read
     return _first_failure(condition, timeline, reading, _new_values(timeline, reading)) is None
 
 
-def _interference(problem: Any, timeline: Timeline) -> Iterator[Violation]:
+def _interference(problem: Any, timeline: StateTimeline) -> Iterator[Violation]:
     """Rule 11: an activity's effects keep apart from what other activities read."""
     by_name: dict[str, list[Change]] = defaultdict(list)
     for change in timeline.changes:
@@ -325,7 +332,7 @@ def _interference(problem: Any, timeline: Timeline) -> Iterator[Violation]:
 
 
 def _other_interference(
-    problem: Any, timeline: Timeline, by_name: dict[str, list[Change]]
+    problem: Any, timeline: StateTimeline, by_name: dict[str, list[Change]]
 ) -> Iterator[Violation]:
     """Rule 11 for what effects and durations read."""
     readings = [(r.time, r.owner, r.keys, r.what) for r in timeline.effect_reads]

@@ -61,7 +61,7 @@ class _Event:
 
 
 @dataclass
-class Timeline:
+class StateTimeline:
     """Values of all ground fluents over time. Build it with :func:`build_timeline`."""
 
     problem: Any
@@ -106,9 +106,9 @@ class Timeline:
         self._values[key].append(value)
 
 
-def build_timeline(problem: Any, decisions: Decisions) -> Timeline:
+def build_timeline(problem: Any, decisions: Decisions) -> StateTimeline:
     """Let all effects of present activities and of the problem happen, in order of time."""
-    timeline = Timeline(problem, decisions)
+    timeline = StateTimeline(problem, decisions)
     for node, value in problem.explicit_initial_values.items():
         timeline._initial[(node.fluent().name, tuple(constant(a) for a in node.args))] = constant(
             value
@@ -158,7 +158,7 @@ def _expand(
         yield _Event(time, owner, effect, bindings)
 
 
-def _happen(timeline: Timeline, time: int, events: list[_Event]) -> None:
+def _happen(timeline: StateTimeline, time: int, events: list[_Event]) -> None:
     """Apply the effects of one instant; all of them see the state before it (rule 6)."""
     assigned: dict[Key, list[tuple[_Event, Value]]] = defaultdict(list)
     added: dict[Key, list[tuple[_Event, Value]]] = defaultdict(list)
@@ -190,7 +190,7 @@ def _happen(timeline: Timeline, time: int, events: list[_Event]) -> None:
 
 
 def _settle(
-    timeline: Timeline,
+    timeline: StateTimeline,
     key: Key,
     time: int,
     assigned: list[tuple[_Event, Value]],

@@ -16,7 +16,7 @@ from up_samp.model import Deadline, GroupQuery, GroupReport, Outcome, Unsupporte
 from up_samp.motion.fleet.flyers import coordinate_flights, has_flyers
 from up_samp.motion.fleet.one_robot import Attempt, failed, nothing, sample_one
 from up_samp.motion.fleet.priority_search import Group, Node, alone, climb, window_of
-from up_samp.motion.fleet.timed_path import Run, fixed_run
+from up_samp.motion.fleet.timed_path import TimedPath, fixed_run
 from up_samp.motion.fleet.workspace import PathPlanner, Workspace, rest_run, workspace_of
 
 METHODS = ("ladder", "st-rrt*")
@@ -68,7 +68,7 @@ def _coordinated(
 
 def _one_by_one(group: Group, seed: int, began: float) -> GroupReport:
     """Plan one motion after the other by ST-RRT*, each among those before it."""
-    runs: dict[str, Run] = {}
+    runs: dict[str, TimedPath] = {}
     for name in group.order:
         motion, window = group.motions[name], window_of(group, name, runs)
         others = [*group.world, *runs.values()]
@@ -103,7 +103,7 @@ def _shrunk(group: Group, root: Node, query: GroupQuery) -> frozenset[str]:
         return frozenset(late[:1])
     bad = group.best.runs if group.best else {}
     suspects = {n for n in bad if group.is_late(bad[n])} or set(group.stuck)
-    suspects |= {n for pair in root.meetings for n in pair if suspects & set(pair)}
+    suspects |= {n for pair in root.conflicts for n in pair if suspects & set(pair)}
     names = [n for n in group.order if n in (suspects or set(group.motions))]
     for pair in itertools.combinations(names, 2):
         if _fails(group, root, pair):
@@ -120,12 +120,12 @@ def _fails(group: Group, root: Node, names: Sequence[str]) -> bool:
     if group.deadline.expired():
         return False
     chosen = {n: group.motions[n] for n in group.motions if n in names}
-    meetings = {pair: at for pair, at in root.meetings.items() if set(pair) <= set(names)}
-    if not meetings:
+    conflicts = {pair: at for pair, at in root.conflicts.items() if set(pair) <= set(names)}
+    if not conflicts:
         return False
     part = Group(group.workspace, chosen, group.world, group.deadline)
     runs = {n: root.runs[n] for n in chosen}
-    climb(part, Node(runs, frozenset(), meetings), top=2)
+    climb(part, Node(runs, frozenset(), conflicts), top=2)
     return _is_bad(part) and not group.deadline.expired()
 
 

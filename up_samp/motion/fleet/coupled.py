@@ -34,7 +34,7 @@ from up_samp.model import (
 )
 from up_samp.motion.fleet.knots import Drives, untie
 from up_samp.motion.fleet.paths import Path, path_of
-from up_samp.motion.fleet.timed_path import Run, run_of
+from up_samp.motion.fleet.timed_path import TimedPath, run_of
 from up_samp.motion.fleet.timings import Timing, natural_timing
 from up_samp.motion.fleet.waiting import Window, first_start, fit, parked_all_the_time
 from up_samp.motion.fleet.workspace import Workspace, rest_run
@@ -49,7 +49,7 @@ class Coupling:
 
     workspace: Workspace
     motions: Sequence[TimedMotion]
-    world: Sequence[Run]
+    world: Sequence[TimedPath]
     deadline: Deadline
     places: list[list[Configuration]] = field(default_factory=list)
     planned: int = 0
@@ -81,11 +81,11 @@ class Coupling:
 def couple(
     workspace: Workspace,
     motions: Sequence[TimedMotion],
-    alone: Mapping[str, Run],
-    world: Sequence[Run],
+    alone: Mapping[str, TimedPath],
+    world: Sequence[TimedPath],
     deadline: Deadline,
     seed: int = 0,
-) -> dict[str, Run] | None:
+) -> dict[str, TimedPath] | None:
     """Return runs of a few ``motions`` that keep clear of each other and of the ``world``, or None
     if none are found or they are not of the kind that this can couple.
 
@@ -103,7 +103,9 @@ def couple(
     return _runs_of(coupling, untie(workspace, motions, alone, world, deadline, seed), alone)
 
 
-def _find_places(coupling: Coupling, scene: Scene, alone: Mapping[str, Run], seed: int) -> None:
+def _find_places(
+    coupling: Coupling, scene: Scene, alone: Mapping[str, TimedPath], seed: int
+) -> None:
     motions = coupling.motions
     for robot, motion in enumerate(motions):
         others = [alone[m.name].path for m in motions if m is not motion]
@@ -112,8 +114,8 @@ def _find_places(coupling: Coupling, scene: Scene, alone: Mapping[str, Run], see
 
 
 def _runs_of(
-    coupling: Coupling, sequence: Sequence[Drives] | None, alone: Mapping[str, Run]
-) -> dict[str, Run] | None:
+    coupling: Coupling, sequence: Sequence[Drives] | None, alone: Mapping[str, TimedPath]
+) -> dict[str, TimedPath] | None:
     """Return the runs of all robots for a sequence of drives, if it can be timed."""
     if sequence is None:
         return None
@@ -135,7 +137,7 @@ def _can_couple(motions: Sequence[TimedMotion]) -> bool:
     )
 
 
-def _collide(coupling: Coupling, legs: Sequence[Sequence[Run]]) -> bool:
+def _collide(coupling: Coupling, legs: Sequence[Sequence[TimedPath]]) -> bool:
     """Return whether any two robots' drives, or a drive and the world, meet."""
     meeting = coupling.workspace.meeting
     pairs = [pair for a, b in itertools.combinations(legs, 2) for pair in itertools.product(a, b)]
@@ -235,12 +237,12 @@ def _sequence(coupling: Coupling) -> list[Drives] | None:
     return None
 
 
-def _timed(coupling: Coupling, sequence: Sequence[Drives]) -> list[list[Run]] | None:
+def _timed(coupling: Coupling, sequence: Sequence[Drives]) -> list[list[TimedPath]] | None:
     """Return the drives of each robot, every one as early as those before it in the sequence
     allow.
     """
     workspace, motions = coupling.workspace, coupling.motions
-    legs: list[list[Run]] = [
+    legs: list[list[TimedPath]] = [
         [replace(rest_run(workspace, Rest(m.object, m.body, m.poses[0])), avoid=m.avoid)]
         for m in motions
     ]
@@ -260,7 +262,9 @@ def _timed(coupling: Coupling, sequence: Sequence[Drives]) -> list[list[Run]] | 
     return [runs[1:] for runs in legs]
 
 
-def _leg(motion: TimedMotion, legs: Sequence[Run], path: Path) -> tuple[TimedMotion, Window, Path]:
+def _leg(
+    motion: TimedMotion, legs: Sequence[TimedPath], path: Path
+) -> tuple[TimedMotion, Window, Path]:
     """Return a robot's next drive after those in ``legs``, and when it may begin."""
     last, moved = legs[-1], len(legs) > 1
     since = last.arrival if moved else motion.present_from
@@ -276,8 +280,10 @@ def _leg(motion: TimedMotion, legs: Sequence[Run], path: Path) -> tuple[TimedMot
 
 
 def _begun(
-    coupling: Coupling, parts: Sequence[tuple[TimedMotion, Window, Path]], others: Sequence[Run]
-) -> list[Run] | None:
+    coupling: Coupling,
+    parts: Sequence[tuple[TimedMotion, Window, Path]],
+    others: Sequence[TimedPath],
+) -> list[TimedPath] | None:
     """Return the runs of drives that go at the same time: one with its speed tuned, several begun
     together, as early as all of them can.
     """
@@ -307,7 +313,7 @@ def _pose(path: Path, index: int) -> Configuration:
     return tuple(float(x) for x in path.poses[index])
 
 
-def _one_run(motion: TimedMotion, legs: Sequence[Run]) -> Run:
+def _one_run(motion: TimedMotion, legs: Sequence[TimedPath]) -> TimedPath:
     """Return the drives of one robot as one run, with rests in between."""
     times, poses = [legs[0].timing.trajectory.times], [legs[0].timing.trajectory.poses]
     for leg in legs[1:]:

@@ -18,7 +18,7 @@ from up_samp.motion.fleet.cell_times import (
 )
 from up_samp.motion.fleet.lanes import lane_offsets
 from up_samp.motion.fleet.paths import Path
-from up_samp.motion.fleet.timed_path import Run, run_of
+from up_samp.motion.fleet.timed_path import TimedPath, run_of
 from up_samp.motion.fleet.timings import natural_timing
 from up_samp.motion.fleet.waiting import ON_TIME, Window, fit
 from up_samp.motion.fleet.workspace import Workspace
@@ -26,18 +26,22 @@ from up_samp.motion.fleet.workspace import Workspace
 FloatArray = npt.NDArray[np.float64]
 
 
-GHOST_STEP = 0.8
+VIRTUAL_STEP = 0.8
 """Distance (m) between the copies of a mover that a detour keeps clear of."""
 
 
-def is_good(run: Run | None, motion: TimedMotion) -> bool:
+def is_good(run: TimedPath | None, motion: TimedMotion) -> bool:
     """Return whether a run arrives in time."""
     return run is not None and run.arrival <= motion.due + ON_TIME
 
 
 def met_at_full_speed(
-    workspace: Workspace, motion: TimedMotion, window: Window, path: Path, others: Sequence[Run]
-) -> list[tuple[Run, int, float]]:
+    workspace: Workspace,
+    motion: TimedMotion,
+    window: Window,
+    path: Path,
+    others: Sequence[TimedPath],
+) -> list[tuple[TimedPath, int, float]]:
     """Return the runs it meets when it drives ``path`` at once, with their cell and when."""
     run = run_of(motion, path, natural_timing(path, window.release), window.since)
     found = []
@@ -54,9 +58,9 @@ def with_lanes(
     motion: TimedMotion,
     window: Window,
     path: Path,
-    best: Run | None,
-    others: Sequence[Run],
-) -> Run | None:
+    best: TimedPath | None,
+    others: Sequence[TimedPath],
+) -> TimedPath | None:
     """Return the best of ``best`` and of paths that change lanes where ``path`` meets somebody."""
     for _ in range(workspace.tuning.ladder.detours):
         met = met_at_full_speed(workspace, motion, window, path, others)
@@ -77,7 +81,7 @@ def with_lanes(
 
 
 def _lanes(
-    workspace: Workspace, motion: TimedMotion, window: Window, path: Path, other: Run
+    workspace: Workspace, motion: TimedMotion, window: Window, path: Path, other: TimedPath
 ) -> Iterator[Path]:
     """Yield versions of ``path`` that pass ``other`` sideways where it would be met."""
     run = run_of(motion, path, natural_timing(path, window.release), window.since)
@@ -97,19 +101,19 @@ def with_detours(
     motion: TimedMotion,
     window: Window,
     path: Path,
-    best: Run | None,
-    others: Sequence[Run],
+    best: TimedPath | None,
+    others: Sequence[TimedPath],
     static: Sequence[Placed],
     deadline: Deadline,
-) -> Run | None:
+) -> TimedPath | None:
     """Return the best of ``best`` and of paths around whatever the last path met at full speed."""
     around = list(static)
     for _ in range(workspace.tuning.ladder.detours):
         met = met_at_full_speed(workspace, motion, window, path, others)
-        ghosts = _ghosts(workspace, motion, path, met[:2])
-        if not ghosts or deadline.expired():
+        virtual = _virtual_obstacles(workspace, motion, path, met[:2])
+        if not virtual or deadline.expired():
             break
-        around += ghosts
+        around += virtual
         other_path = workspace.detour(motion.body, motion.poses, around, deadline)
         if other_path is None:
             break
@@ -120,14 +124,17 @@ def with_detours(
     return best
 
 
-def _ghosts(
-    workspace: Workspace, motion: TimedMotion, path: Path, met: Sequence[tuple[Run, int, float]]
+def _virtual_obstacles(
+    workspace: Workspace,
+    motion: TimedMotion,
+    path: Path,
+    met: Sequence[tuple[TimedPath, int, float]],
 ) -> list[Placed]:
     """Return copies of the runs that were met, where their path conflicts with ``path``.
 
     Copies over the first and the last pose of the motion are left out: it has to be there.
     """
-    ghosts: list[Placed] = []
+    virtual: list[Placed] = []
     for other, cell, _ in met:
         runs = workspace.conflicts(path, other.path)
         hits = np.unique(np.concatenate([np.arange(a, b + 1) for _, a, b in runs]))
@@ -138,7 +145,10 @@ def _ghosts(
         for j in hits:
             row = table[j, 1]
             near = float(np.hypot(*(row[:2] - centre))) <= 4 * reach
-            if not near or float(np.hypot(*(row[:2] - last))) < GHOST_STEP * other.path.hull.radius:
+            if (
+                not near
+                or float(np.hypot(*(row[:2] - last))) < VIRTUAL_STEP * other.path.hull.radius
+            ):
                 continue
             pose = (float(row[0]), float(row[1]), math.atan2(row[3], row[2]))
             rest = workspace.resting(other.path.body, pose)
@@ -146,5 +156,5 @@ def _ghosts(
             if 0 in blocked or path.cells + 1 in blocked:
                 continue
             last = row[:2]
-            ghosts.append(Placed(f"{other.object}~{j}", other.path.body, pose))
-    return ghosts
+            virtual.append(Placed(f"{other.object}~{j}", other.path.body, pose))
+    return virtual

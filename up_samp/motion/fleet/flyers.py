@@ -46,7 +46,7 @@ FloatArray = npt.NDArray[np.float64]
 
 DETOURS = 3
 """Paths around the others' flights that are tried for one flyer."""
-GHOST_STEP = 0.5
+VIRTUAL_STEP = 0.5
 """Distance between the copies of a flyer that a detour keeps clear of, in its radii."""
 STEP = 0.25
 """Least time (s) by which a flight is put off that would meet somebody."""
@@ -57,7 +57,7 @@ ON_TIME = 1e-6
 
 
 @dataclass
-class Airspace:
+class PrioritisedFlyers:
     """A group of flyers, what rests and what is decided."""
 
     service: PathPlanner
@@ -67,7 +67,7 @@ class Airspace:
     deadline: Deadline
     met: dict[str, set[str]] = field(default_factory=dict)
     """By motion: whom it would have met, had it left at once."""
-    ghosts: dict[str, list[Placed]] = field(default_factory=dict)
+    virtual: dict[str, list[Placed]] = field(default_factory=dict)
     """By motion: copies of others where it would have met them."""
     report: PathReport | None = None
     """Why a motion has no path, the last time that happened."""
@@ -168,16 +168,16 @@ class Airspace:
     ) -> Trajectory | None:
         """Return a path around the places at which the last ``path`` would meet somebody."""
         flight = _flight(motion, path, *window)
-        ghosts = self.ghosts.setdefault(motion.name, [])
-        before = len(ghosts)
+        virtual = self.virtual.setdefault(motion.name, [])
+        before = len(virtual)
         for other in others:
             at = first_contact(flight, other, self.margin)
             if at < math.inf and len(other.trajectory.times) > 1:
-                ghosts += _ghosts(flight, other, at, self.margin)
-        if len(ghosts) == before or self.deadline.expired():
+                virtual += _virtual_obstacles(flight, other, at, self.margin)
+        if len(virtual) == before or self.deadline.expired():
             return None
         ever = self._rests(motion, window[1])
-        obstacles = (*(Placed(r.name, r.body, r.pose) for r in ever), *ghosts)
+        obstacles = (*(Placed(r.name, r.body, r.pose) for r in ever), *virtual)
         query = PathQuery(motion.body, motion.poses, obstacles)
         return self.plan(query).trajectory
 
@@ -223,7 +223,7 @@ def _flight(motion: TimedMotion, path: Trajectory, since: float, start: float) -
     )
 
 
-def _ghosts(flight: Flight, other: Flight, at: float, margin: float) -> list[Placed]:
+def _virtual_obstacles(flight: Flight, other: Flight, at: float, margin: float) -> list[Placed]:
     """Return copies of ``other`` where it is while ``flight`` is near it about the time ``at``,
     but for those that stand where the flight starts or ends.
     """
@@ -233,7 +233,7 @@ def _ghosts(flight: Flight, other: Flight, at: float, margin: float) -> list[Pla
     found: list[Placed] = []
     for t in np.arange(at - span, at + span, 0.25 * other.mesh.radius / speed):
         pose = other.trajectory.at(float(t))
-        if found and math.dist(pose[:3], found[-1].pose[:3]) < GHOST_STEP * other.mesh.radius:
+        if found and math.dist(pose[:3], found[-1].pose[:3]) < VIRTUAL_STEP * other.mesh.radius:
             continue
         if all(gap(flight, end, other, pose) > 2 * margin for end in flight.ends):
             found.append(Placed(f"{other.object}~{len(found)}", other.body, pose))
@@ -280,7 +280,7 @@ def coordinate_flights(service: PathPlanner, query: GroupQuery, deadline: Deadli
     began = time.monotonic()
     world = [*map(resting, query.rests), *map(_decided, query.fixed)]
     motions = {m.name: m for m in query.motions}
-    space = Airspace(service, motions, query.rests, world, deadline)
+    space = PrioritisedFlyers(service, motions, query.rests, world, deadline)
     best: dict[str, Flight] | None = None
     least, stuck = math.inf, ""
     for wide, order in itertools.product((False, True), _orders(motions)):
@@ -315,10 +315,12 @@ def _orders(motions: Mapping[str, TimedMotion]) -> Iterator[tuple[str, ...]]:
     yield from itertools.islice(filter(fits, some), ORDERS)
 
 
-def _one_by_one(space: Airspace, order: Sequence[str], wide: bool) -> tuple[dict[str, Flight], str]:
+def _one_by_one(
+    space: PrioritisedFlyers, order: Sequence[str], wide: bool
+) -> tuple[dict[str, Flight], str]:
     """Return the flights of an order, and who has none (then the others are incomplete)."""
     flights: dict[str, Flight] = {}
-    space.ghosts.clear()
+    space.virtual.clear()
     for index, name in enumerate(order):
         flight = space.fly(name, flights, wide, order[index + 1 :])
         if flight is None:
@@ -331,7 +333,7 @@ def _one_by_one(space: Airspace, order: Sequence[str], wide: bool) -> tuple[dict
     return flights, ""
 
 
-def _nothing(space: Airspace, stuck: str, seconds: float) -> GroupReport:
+def _nothing(space: PrioritisedFlyers, stuck: str, seconds: float) -> GroupReport:
     conflict = {stuck, *(space.met.get(stuck, set()) & set(space.motions))} - {""}
     why = space.report.reason if space.report is not None else "it would always meet somebody"
     return GroupReport(
@@ -343,7 +345,7 @@ def _nothing(space: Airspace, stuck: str, seconds: float) -> GroupReport:
     )
 
 
-def _found(space: Airspace, flights: Mapping[str, Flight], seconds: float) -> GroupReport:
+def _found(space: PrioritisedFlyers, flights: Mapping[str, Flight], seconds: float) -> GroupReport:
     ends = {name: flights[name].trajectory.end for name in sorted(flights)}
     late = {n: end for n, end in ends.items() if end > space.motions[n].due + ON_TIME}
     met = set().union(*(space.met.get(n, set()) for n in late), late)

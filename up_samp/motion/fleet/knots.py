@@ -25,7 +25,7 @@ from up_samp.motion.fleet.margins import kept
 from up_samp.motion.fleet.moves import Move, drive, in_step
 from up_samp.motion.fleet.paths import Path, hull_of, path_of
 from up_samp.motion.fleet.roadmap import Edge, Roadmap, cells_of
-from up_samp.motion.fleet.timed_path import Run, avoids
+from up_samp.motion.fleet.timed_path import TimedPath, avoids
 from up_samp.motion.fleet.waiting import parked_all_the_time
 from up_samp.motion.fleet.workspace import Workspace
 
@@ -77,7 +77,7 @@ class Knot:
     workspace: Workspace
     scene: Scene
     motions: Sequence[TimedMotion]
-    world: Sequence[Run]
+    world: Sequence[TimedPath]
     paths: Sequence[Path | None]
     deadline: Deadline
     seed: int = 0
@@ -104,8 +104,8 @@ class Knot:
 def untie(
     workspace: Workspace,
     motions: Sequence[TimedMotion],
-    alone: Mapping[str, Run],
-    world: Sequence[Run],
+    alone: Mapping[str, TimedPath],
+    world: Sequence[TimedPath],
     deadline: Deadline,
     seed: int = 0,
 ) -> list[Drives] | None:

@@ -30,7 +30,7 @@ from up_samp.model import (
 from up_samp.motion.fleet.detours import is_good, met_at_full_speed, with_detours, with_lanes
 from up_samp.motion.fleet.flyers import earliest_flight, has_flyers
 from up_samp.motion.fleet.paths import Path
-from up_samp.motion.fleet.timed_path import Run, fixed_run
+from up_samp.motion.fleet.timed_path import TimedPath, fixed_run
 from up_samp.motion.fleet.waiting import Window, fit, parked_all_the_time
 from up_samp.motion.fleet.workspace import PathPlanner, Workspace, rest_run, workspace_of
 
@@ -41,7 +41,7 @@ FloatArray = npt.NDArray[np.float64]
 class Attempt:
     """What came of planning one motion: a ``run``, or none and the ``report`` that says why."""
 
-    run: Run | None
+    run: TimedPath | None
     report: PathReport | None = None
     met: frozenset[str] = field(default_factory=frozenset)
     """Objects in the way of the best path at full speed."""
@@ -51,7 +51,7 @@ def plan_one(
     workspace: Workspace,
     motion: TimedMotion,
     window: Window,
-    others: Sequence[Run],
+    others: Sequence[TimedPath],
     deadline: Deadline,
     effort: int = 0,
 ) -> Attempt:
@@ -74,8 +74,13 @@ def plan_one(
     best = with_lanes(workspace, motion, window, first, best, others)
     if effort > 0 and not is_good(best, motion):
         best = with_detours(workspace, motion, window, first, best, others, static, deadline)
-    if effort > 1 and not is_good(best, motion) and workspace.roundabout and not deadline.expired():
-        paths, dry = workspace.roundabout.paths(
+    if (
+        effort > 1
+        and not is_good(best, motion)
+        and workspace.safe_intervals
+        and not deadline.expired()
+    ):
+        paths, dry = workspace.safe_intervals.paths(
             motion, window.release, static, others, _goal_free(workspace, motion, others), deadline
         )
         if not paths and not dry and not deadline.expired():
@@ -90,15 +95,15 @@ def _sampled(
     motion: TimedMotion,
     window: Window,
     static: Sequence[Placed],
-    others: Sequence[Run],
+    others: Sequence[TimedPath],
     deadline: Deadline,
     seed: int = 0,
 ) -> list[Path]:
     """Return ways that ST-RRT* finds."""
-    if workspace.roundabout is None:
+    if workspace.safe_intervals is None:
         return []
     free = _goal_free(workspace, motion, others)
-    return workspace.roundabout.sampled(
+    return workspace.safe_intervals.sampled(
         motion, window.release, static, others, free, deadline, seed
     )
 
@@ -107,7 +112,7 @@ def sample_one(
     workspace: Workspace,
     motion: TimedMotion,
     window: Window,
-    others: Sequence[Run],
+    others: Sequence[TimedPath],
     deadline: Deadline,
     seed: int = 0,
 ) -> Attempt:
@@ -116,14 +121,14 @@ def sample_one(
         raise UnsupportedError(
             f"ST-RRT* plans cars from one pose to another; '{motion.name}' is something else"
         )
-    best: Run | None = None
+    best: TimedPath | None = None
     static = parked_all_the_time(motion, others)
     for path in _sampled(workspace, motion, window, static, others, deadline, seed):
         best = fit(workspace, motion, window, path, others, best)
     return Attempt(best, None, frozenset(placed.name for placed in static))
 
 
-def _goal_free(workspace: Workspace, motion: TimedMotion, others: Sequence[Run]) -> float:
+def _goal_free(workspace: Workspace, motion: TimedMotion, others: Sequence[TimedPath]) -> float:
     """Return when (s) the last of ``others`` has left the last pose, so far as it stays there."""
     rest = workspace.resting(motion.body, motion.poses[-1])
     rows = workspace.forbidden(rest, motion.object, motion.avoid, others)
@@ -131,7 +136,7 @@ def _goal_free(workspace: Workspace, motion: TimedMotion, others: Sequence[Run])
     return float(np.max(rows[:, 2], initial=-math.inf))
 
 
-def _lasts(placed: Placed, others: Iterable[Run]) -> bool:
+def _lasts(placed: Placed, others: Iterable[TimedPath]) -> bool:
     return any(
         o.object == placed.name and o.path.cells == 0 and o.until == math.inf for o in others
     )

@@ -18,7 +18,7 @@ from functools import cached_property
 from up_samp.model import Deadline, TimedMotion
 from up_samp.motion.fleet.coupled import couple
 from up_samp.motion.fleet.one_robot import Attempt, plan_one
-from up_samp.motion.fleet.timed_path import Run
+from up_samp.motion.fleet.timed_path import TimedPath
 from up_samp.motion.fleet.waiting import ON_TIME, Window
 from up_samp.motion.fleet.workspace import Workspace
 
@@ -35,9 +35,9 @@ RUNGS = 4
 class Node:
     """Runs by motion name, who goes before whom, and which pairs still meet (at what time)."""
 
-    runs: Mapping[str, Run]
+    runs: Mapping[str, TimedPath]
     before: frozenset[Pair] = frozenset()
-    meetings: Mapping[Pair, float] = field(default_factory=dict)
+    conflicts: Mapping[Pair, float] = field(default_factory=dict)
 
 
 @dataclass
@@ -46,7 +46,7 @@ class Group:
 
     workspace: Workspace
     motions: dict[str, TimedMotion]
-    world: list[Run]
+    world: list[TimedPath]
     deadline: Deadline
     effort: int = 0
     best: Node | None = None
@@ -74,7 +74,7 @@ class Group:
             last[motion.object] = name
         return found
 
-    def is_late(self, run: Run) -> bool:
+    def is_late(self, run: TimedPath) -> bool:
         """Return whether a run arrives after its motion's due."""
         return run.arrival > self.motions[run.name].due + ON_TIME
 
@@ -82,12 +82,12 @@ class Group:
         """Return whether nobody can be less late, as far as driving alone tells."""
         return self.best is not None and self.lateness(self.best.runs) <= self.least + ON_TIME
 
-    def lateness(self, runs: Mapping[str, Run]) -> float:
+    def lateness(self, runs: Mapping[str, TimedPath]) -> float:
         """Return the sum of all lateness (s)."""
         late = (runs[name].arrival - self.motions[name].due for name in sorted(runs))
         return sum(x for x in late if x > ON_TIME)
 
-    def cost(self, runs: Mapping[str, Run]) -> tuple[float, float]:
+    def cost(self, runs: Mapping[str, TimedPath]) -> tuple[float, float]:
         """Return (lateness, sum of arrivals), less is better."""
         return self.lateness(runs), sum(runs[name].arrival for name in sorted(runs))
 
@@ -111,10 +111,10 @@ def climb(group: Group, root: Node, top: int = RUNGS) -> None:
 def _couple(group: Group, root: Node) -> None:
     """Move those that meet together, where no order of them was found; or else everybody."""
     counts = Counter(motion.object for motion in group.motions.values())
-    parts = _parts(root.meetings)
+    parts = _parts(root.conflicts)
     if any(counts[group.motions[n].object] > 1 for part in parts for n in part):
         return  # the same object's other motions would have to give way, too
-    runs: dict[str, Run] | None = dict(root.runs)
+    runs: dict[str, TimedPath] | None = dict(root.runs)
     for part in parts:
         runs = None if runs is None else _moved_together(group, root, runs, part)
     if runs is None and len(counts) == len(group.motions):
@@ -124,8 +124,8 @@ def _couple(group: Group, root: Node) -> None:
 
 
 def _moved_together(
-    group: Group, root: Node, runs: Mapping[str, Run], part: set[str]
-) -> dict[str, Run] | None:
+    group: Group, root: Node, runs: Mapping[str, TimedPath], part: set[str]
+) -> dict[str, TimedPath] | None:
     """Return ``runs`` with those of a ``part`` moved together among the others, if found."""
     motions = [group.motions[n] for n in group.order if n in part]
     world = [*group.world, *(runs[n] for n in sorted(runs) if n not in part)]
@@ -133,7 +133,7 @@ def _moved_together(
     return None if found is None else {**runs, **found}
 
 
-def _polished(group: Group, runs: Mapping[str, Run]) -> dict[str, Run]:
+def _polished(group: Group, runs: Mapping[str, TimedPath]) -> dict[str, TimedPath]:
     """Return runs in which nobody arrives later: each motion planned again among the others, the
     last to arrive first.
     """
@@ -155,17 +155,17 @@ def _polished(group: Group, runs: Mapping[str, Run]) -> dict[str, Run]:
     return found
 
 
-def _parts(meetings: Iterable[Pair]) -> list[set[str]]:
-    """Return the sets of motions that hang together by meetings."""
+def _parts(conflicts: Iterable[Pair]) -> list[set[str]]:
+    """Return the sets of motions that hang together by conflicts."""
     parts: list[set[str]] = []
-    for pair in sorted(meetings):
+    for pair in sorted(conflicts):
         joined = set(pair).union(*(part for part in parts if part & set(pair)))
         parts = [part for part in parts if not part & joined]
         parts.append(joined)
     return parts
 
 
-def window_of(group: Group, name: str, runs: Mapping[str, Run]) -> Window:
+def window_of(group: Group, name: str, runs: Mapping[str, TimedPath]) -> Window:
     """Return when a motion may happen: not before its object has arrived from the last one."""
     motion = group.motions[name]
     previous = group.previous.get(name)
@@ -177,7 +177,7 @@ def window_of(group: Group, name: str, runs: Mapping[str, Run]) -> Window:
 
 
 def _plan(
-    group: Group, name: str, runs: Mapping[str, Run], first: Iterable[str], delay: float = 0.0
+    group: Group, name: str, runs: Mapping[str, TimedPath], first: Iterable[str], delay: float = 0.0
 ) -> Attempt:
     """Plan one motion around the world and the runs of those that go ``first``, ``delay`` s later
     than it could leave.
@@ -193,7 +193,7 @@ def _plan(
 
 def alone(group: Group) -> tuple[Node | None, Attempt, str]:
     """Plan everybody alone; return the node, or the first motion that is impossible on its own."""
-    runs: dict[str, Run] = {}
+    runs: dict[str, TimedPath] = {}
     attempt = Attempt(None)
     for name in group.order:
         for effort in range(RUNGS):
@@ -204,18 +204,18 @@ def alone(group: Group) -> tuple[Node | None, Attempt, str]:
         if attempt.run is None:
             return None, attempt, name
         runs[name] = attempt.run
-    return Node(runs, frozenset(), _all_meetings(group, runs)), attempt, ""
+    return Node(runs, frozenset(), _all_conflicts(group, runs)), attempt, ""
 
 
-def _all_meetings(group: Group, runs: Mapping[str, Run]) -> dict[Pair, float]:
+def _all_conflicts(group: Group, runs: Mapping[str, TimedPath]) -> dict[Pair, float]:
     names = sorted(runs)
-    meetings: dict[Pair, float] = {}
+    conflicts: dict[Pair, float] = {}
     for i, a in enumerate(names):
         for b in names[i + 1 :]:
             at = group.workspace.meeting(runs[a], runs[b])[0]
             if at < math.inf:
-                meetings[a, b] = at
-    return meetings
+                conflicts[a, b] = at
+    return conflicts
 
 
 def _search(group: Group, root: Node, budget: int) -> None:
@@ -226,12 +226,12 @@ def _search(group: Group, root: Node, budget: int) -> None:
         budget -= 1
         if group.best is not None and group.lateness(node.runs) >= group.lateness(group.best.runs):
             continue
-        if not node.meetings:
+        if not node.conflicts:
             group.best = node
             if group.finished():
                 return
             continue
-        a, b = min(node.meetings, key=lambda pair: (node.meetings[pair], pair))
+        a, b = min(node.conflicts, key=lambda pair: (node.conflicts[pair], pair))
         children = [_child(group, node, a, b), _child(group, node, b, a)]
         order = {name: i for i, name in enumerate(group.order)}
         ranked = [
@@ -248,20 +248,20 @@ def _child(group: Group, node: Node, first: str, second: str) -> Node | None:
     before = node.before | {(first, second)}
     if _ahead(before, first) & {second}:
         return None
-    runs, meetings = dict(node.runs), dict(node.meetings)
+    runs, conflicts = dict(node.runs), dict(node.conflicts)
     queue = [second]
     while queue:
         name = queue.pop(0)
         ahead = _ahead(before, name)
         attempt = _plan(group, name, runs, ahead)
         if attempt.run is None and group.effort > 2 and name == second:
-            attempt = _with_delay(group, before, runs, meetings, first, second)
+            attempt = _with_delay(group, before, runs, conflicts, first, second)
         if attempt.run is None:
             group.stuck |= {name, *ahead}
             return None
         runs[name] = attempt.run
-        _renew_meetings(group, runs, meetings, name)
-        for other in sorted(_partners(meetings, name)):
+        _renew_conflicts(group, runs, conflicts, name)
+        for other in sorted(_partners(conflicts, name)):
             if other in ahead:
                 # it rests in the way before it may leave: whoever comes first cannot come there
                 group.stuck |= {name, other}
@@ -274,14 +274,14 @@ def _child(group: Group, node: Node, first: str, second: str) -> Node | None:
             queue.append(follower)
         if group.deadline.expired():
             return None
-    return Node(runs, before, meetings)
+    return Node(runs, before, conflicts)
 
 
 def _with_delay(
     group: Group,
     before: frozenset[Pair],
-    runs: dict[str, Run],
-    meetings: dict[Pair, float],
+    runs: dict[str, TimedPath],
+    conflicts: dict[Pair, float],
     first: str,
     second: str,
 ) -> Attempt:
@@ -295,14 +295,14 @@ def _with_delay(
         attempt = _plan(group, second, trial, _ahead(before, second))
         if attempt.run is not None:
             runs[first] = yielding.run
-            _renew_meetings(group, runs, meetings, first)
+            _renew_conflicts(group, runs, conflicts, first)
             break
     return attempt
 
 
-def _partners(meetings: Mapping[Pair, float], name: str) -> set[str]:
+def _partners(conflicts: Mapping[Pair, float], name: str) -> set[str]:
     """Return who meets ``name``."""
-    return {a if b == name else b for a, b in meetings if name in (a, b)}
+    return {a if b == name else b for a, b in conflicts if name in (a, b)}
 
 
 def _ahead(before: frozenset[Pair], name: str) -> set[str]:
@@ -318,13 +318,13 @@ def _ahead(before: frozenset[Pair], name: str) -> set[str]:
     return found
 
 
-def _renew_meetings(
-    group: Group, runs: Mapping[str, Run], meetings: dict[Pair, float], name: str
+def _renew_conflicts(
+    group: Group, runs: Mapping[str, TimedPath], conflicts: dict[Pair, float], name: str
 ) -> None:
     for other in runs:
         pair = (name, other) if name < other else (other, name)
-        meetings.pop(pair, None)
+        conflicts.pop(pair, None)
         if other != name:
             at = group.workspace.meeting(runs[pair[0]], runs[pair[1]])[0]
             if at < math.inf:
-                meetings[pair] = at
+                conflicts[pair] = at

@@ -19,7 +19,7 @@ from up_samp.motion.fleet import strrt
 from up_samp.motion.fleet.margins import kept
 from up_samp.motion.fleet.movers import Me, Movers
 from up_samp.motion.fleet.paths import Path, hull_of, path_of
-from up_samp.motion.fleet.timed_path import Run, pair_flags
+from up_samp.motion.fleet.timed_path import TimedPath, pair_flags
 from up_samp.motion.guides.cost_to_go import Fields
 from up_samp.motion.planners.car_shortcuts import improve, settle
 from up_samp.motion.tuning import PlaneTuning
@@ -30,7 +30,7 @@ STEPS = (0.7, 0.35)
 """Lengths of an arc, in turning radii, coarse to fine."""
 
 
-class Roundabout:
+class SafeIntervalPlanner:
     """Searches for one car at a time among movers in one scene."""
 
     def __init__(self, scene: Scene, tuning: PlaneTuning) -> None:
@@ -44,7 +44,7 @@ class Roundabout:
         motion: TimedMotion,
         release: float,
         static: Sequence[Placed],
-        others: Sequence[Run],
+        others: Sequence[TimedPath],
         goal_free: float,
         deadline: Deadline,
     ) -> tuple[list[Path], bool]:
@@ -72,7 +72,7 @@ class Roundabout:
         motion: TimedMotion,
         release: float,
         static: Sequence[Placed],
-        others: Sequence[Run],
+        others: Sequence[TimedPath],
         goal_free: float,
         deadline: Deadline,
         seed: int = 0,
@@ -128,7 +128,7 @@ class Roundabout:
         return np.concatenate([points.min(axis=0), points.max(axis=0)])
 
     def _me(
-        self, motion: TimedMotion, others: Sequence[Run], release: float, goal_free: float
+        self, motion: TimedMotion, others: Sequence[TimedPath], release: float, goal_free: float
     ) -> Me:
         hull = hull_of(motion.body)
         radius, v, a = limits_of(motion.body.kinematics)
@@ -144,7 +144,7 @@ class Roundabout:
         motion: TimedMotion,
         release: float,
         static: tuple[Placed, ...],
-        others: Sequence[Run],
+        others: Sequence[TimedPath],
         goal_free: float,
         level: int,
         deadline: Deadline,
@@ -217,7 +217,7 @@ def _end(pose: FloatArray, arcs: FloatArray) -> FloatArray:
     return np.ascontiguousarray(nodes_of(pose, arcs)[-1])
 
 
-def movers_of(motion: TimedMotion, others: Sequence[Run], release: float) -> Movers:
+def movers_of(motion: TimedMotion, others: Sequence[TimedPath], release: float) -> Movers:
     """Return what the search needs of the other bodies that are there after ``release`` (s)."""
     seen = []
     for other in others:

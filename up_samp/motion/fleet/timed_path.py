@@ -33,7 +33,7 @@ IntArray = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class TimedPath:
     """A body on a timed path. It is there from ``since`` until ``until`` (s) and, while it moves,
     keeps clear of the objects in ``avoid`` (``None``: all). A rest is a run without cells.
     """
@@ -100,19 +100,21 @@ NOBODY: frozenset[str] = frozenset()
 """A resting body keeps clear of nobody: it does not move."""
 
 
-def fixed_run(motion: FixedMotion) -> Run:
+def fixed_run(motion: FixedMotion) -> TimedPath:
     """Return an already decided motion as a run."""
     planar(motion.body)
     path = path_of(motion.trajectory, motion.body)
     timing = Timing(motion.trajectory, path.natural_s)
-    return Run(
+    return TimedPath(
         motion.name, motion.object, path, timing, motion.present_from, motion.present_until, None
     )
 
 
-def run_of(motion: TimedMotion, path: Path, timing: Timing, since: float) -> Run:
+def run_of(motion: TimedMotion, path: Path, timing: Timing, since: float) -> TimedPath:
     """Return a motion with its timing as a run that is there from ``since`` on."""
-    return Run(motion.name, motion.object, path, timing, since, motion.present_until, motion.avoid)
+    return TimedPath(
+        motion.name, motion.object, path, timing, since, motion.present_until, motion.avoid
+    )
 
 
 def planar(body: Body) -> None:

@@ -21,7 +21,7 @@ from up_samp.motion.fleet.cell_times import (
 )
 from up_samp.motion.fleet.paths import Path
 from up_samp.motion.fleet.speed import tune
-from up_samp.motion.fleet.timed_path import Run, avoids, pose_at, run_of
+from up_samp.motion.fleet.timed_path import TimedPath, avoids, pose_at, run_of
 from up_samp.motion.fleet.timings import Timing, natural_timing
 from up_samp.motion.fleet.workspace import Workspace
 
@@ -48,9 +48,9 @@ def fit(
     motion: TimedMotion,
     window: Window,
     path: Path,
-    others: Sequence[Run],
-    best: Run | None = None,
-) -> Run | None:
+    others: Sequence[TimedPath],
+    best: TimedPath | None = None,
+) -> TimedPath | None:
     """Return the earliest arrival along ``path`` among ``others``, by waiting and slowing down, or
     ``best`` if that is not later.
     """
@@ -72,7 +72,11 @@ def fit(
 
 
 def first_start(
-    workspace: Workspace, motion: TimedMotion, window: Window, path: Path, others: Sequence[Run]
+    workspace: Workspace,
+    motion: TimedMotion,
+    window: Window,
+    path: Path,
+    others: Sequence[TimedPath],
 ) -> float | None:
     """Return when a motion can first begin its ``path`` with the path's own timing (s), if ever."""
     rows = workspace.forbidden(path, motion.object, motion.avoid, others)
@@ -85,7 +89,7 @@ def first_start(
 
 
 def _end_rows(
-    workspace: Workspace, motion: TimedMotion, path: Path, later: Sequence[Run]
+    workspace: Workspace, motion: TimedMotion, path: Path, later: Sequence[TimedPath]
 ) -> FloatArray:
     """Return the forbidden rows of the rest at the end for runs that only come later."""
     rest = workspace.resting(motion.body, pose_at(path, -1))
@@ -123,7 +127,7 @@ def _earliest(
     return best
 
 
-def parked_all_the_time(motion: TimedMotion, others: Iterable[Run]) -> list[Placed]:
+def parked_all_the_time(motion: TimedMotion, others: Iterable[TimedPath]) -> list[Placed]:
     """Return what rests in one place all through the motion's window."""
     return [
         Placed(other.object, other.path.body, rest)
@@ -135,7 +139,7 @@ def parked_all_the_time(motion: TimedMotion, others: Iterable[Run]) -> list[Plac
     ]
 
 
-def _rest_until(other: Run, motion: TimedMotion) -> Configuration | None:
+def _rest_until(other: TimedPath, motion: TimedMotion) -> Configuration | None:
     end = max(motion.due, motion.release)
     if other.until < end:
         return None

@@ -35,14 +35,14 @@ from up_samp.motion.fleet.conflicts import conflict_runs
 from up_samp.motion.fleet.lanes import shifted_lane
 from up_samp.motion.fleet.margins import kept, wished
 from up_samp.motion.fleet.paths import Path, path_of, resting_path
-from up_samp.motion.fleet.timed_path import NOBODY, Run, pair_flags, planar, pose_at
+from up_samp.motion.fleet.timed_path import NOBODY, TimedPath, pair_flags, planar, pose_at
 from up_samp.motion.fleet.timings import Timing
 from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
 from up_samp.motion.stringing import strung
 from up_samp.motion.tuning import FleetTuning, MotionTuning
 
 if TYPE_CHECKING:
-    from up_samp.motion.fleet.sipp import Roundabout
+    from up_samp.motion.fleet.sipp import SafeIntervalPlanner
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -101,11 +101,13 @@ class Workspace:
         return service
 
     @cached_property
-    def roundabout(self) -> Roundabout | None:
+    def safe_intervals(self) -> SafeIntervalPlanner | None:
         """The search over the plane, if the service has a scene to search in."""
-        from up_samp.motion.fleet.sipp import Roundabout
+        from up_samp.motion.fleet.sipp import SafeIntervalPlanner
 
-        return Roundabout(self.scene, self.tuning.plane) if self.scene is not None else None
+        return (
+            SafeIntervalPlanner(self.scene, self.tuning.plane) if self.scene is not None else None
+        )
 
     def path(
         self,
@@ -238,7 +240,7 @@ class Workspace:
         return self._conflicts.put(key, rows)
 
     def forbidden(
-        self, path: Path, name: str, avoid: frozenset[str] | None, others: Iterable[Run]
+        self, path: Path, name: str, avoid: frozenset[str] | None, others: Iterable[TimedPath]
     ) -> FloatArray:
         """Return rows (cell, from, until) in which ``others`` keep the object ``name`` from
         cells of ``path``.
@@ -255,7 +257,7 @@ class Workspace:
                 parts.append(out[:used])
         return np.concatenate(parts) if parts else np.empty((0, 3))
 
-    def meeting(self, a: Run, b: Run) -> tuple[float, int, int]:
+    def meeting(self, a: TimedPath, b: TimedPath) -> tuple[float, int, int]:
         """Return (time, cell of a, cell of b) of the first conflict of two runs (inf: none)."""
         flags = pair_flags(a.object, a.avoid, b.object, b.avoid)
         if a.object == b.object or flags == 0:
@@ -268,7 +270,7 @@ class Workspace:
         return first_meeting(runs, a.held, b.held, flags)
 
 
-def _stay_far(a: Run, b: Run, margin: float) -> bool:
+def _stay_far(a: TimedPath, b: TimedPath, margin: float) -> bool:
     """Return whether two runs cannot meet, by their distance over time alone."""
     p, q = a.timing.trajectory, b.timing.trajectory
     low = max(a.held[0], b.held[0], -1e9)
@@ -289,10 +291,10 @@ def workspace_of(service: PathPlanner) -> Workspace:
     return _workspaces[service]
 
 
-def rest_run(workspace: Workspace, rest: Rest) -> Run:
+def rest_run(workspace: Workspace, rest: Rest) -> TimedPath:
     """Return a resting object as a run."""
     path = workspace.resting(rest.body, rest.pose)
-    return Run(
+    return TimedPath(
         rest.name,
         rest.name,
         path,

@@ -75,7 +75,7 @@ class OmplSettings:
 
 
 @dataclass(frozen=True)
-class Search:
+class TreeSearch:
     """What one search came to: the ``nodes`` (n, 3) of a path or None; the ``blockers`` that its
     extensions ran into; its ``tree`` of reached poses (m, 3); the number of edge ``checks``;
     whether it ended by itself (``complete``) and not by a deadline.
@@ -207,7 +207,7 @@ def search(
     planner: str,
     seed: int,
     tree: bool = False,
-) -> Search:
+) -> TreeSearch:
     """Look for a path with one of OMPL's planners; ``tree``: also tell what was reached."""
     name = canonical(planner)
     counter = Counter()
@@ -238,7 +238,7 @@ def search(
     if solved.states is not None:
         nodes = _joined_nodes(start, goal, np.array(solved.states, dtype=np.float64))
     reason = "" if nodes is not None else f"OMPL's {name} found no path ({solved.status.lower()})"
-    return Search(nodes, reason, world.blockers(), reached, counter.edges, not counter.cut)
+    return TreeSearch(nodes, reason, world.blockers(), reached, counter.edges, not counter.cut)
 
 
 def _joined_nodes(start: Configuration, goal: Configuration, nodes: FloatArray) -> FloatArray:

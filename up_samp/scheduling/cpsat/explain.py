@@ -69,7 +69,7 @@ def _alternatives(model: ScheduleModel) -> list[str]:
 
 def _places(model: ScheduleModel, routes: list[Route]) -> list[str]:
     units = find_unit_places(model, routes) if routes else []
-    return [f"places for one: {len(units)}"] if units else []
+    return [f"unary places: {len(units)}"] if units else []
 
 
 def _states(model: ScheduleModel, routes: list[Route]) -> list[str]:

@@ -11,7 +11,7 @@ from unified_planning.model import FNode
 from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.model import Deadline, UnsupportedError
-from up_samp.scheduling.cpsat.encode.alternatives import Group, find_groups, merge_forms
+from up_samp.scheduling.cpsat.encode.alternatives import Alternatives, find_groups, merge_forms
 from up_samp.scheduling.cpsat.encode.durations import constant_bounds, constants, least
 from up_samp.scheduling.cpsat.encode.histories import find_histories
 from up_samp.scheduling.cpsat.encode.horizon import Horizon
@@ -222,7 +222,7 @@ class ScheduleModel:
         horizon.total += sum(constants(c) for c, _, _ in parts.constraints)
         return horizon.bound() <= max(self.limit, before)
 
-    def _alternatives(self, groups: list[Group]) -> dict[int, tuple[int, ...]]:
+    def _alternatives(self, groups: list[Alternatives]) -> dict[int, tuple[int, ...]]:
         """Tell who is never there together; return presence -> presences of its exact group."""
         exact: dict[int, tuple[int, ...]] = {}
         for group in groups:

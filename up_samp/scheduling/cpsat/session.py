@@ -13,7 +13,7 @@ from up_samp.scheduling.cpsat.explain import Explanation, explain
 from up_samp.scheduling.cpsat.model import OutOfTimeError, ScheduleModel
 from up_samp.scheduling.cpsat.problem import Watcher
 from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders, Progress
-from up_samp.scheduling.cpsat.solve.runner import Run
+from up_samp.scheduling.cpsat.solve.runner import SolverRun
 from up_samp.scheduling.cpsat.solve.strategy import Solve, solve
 from up_samp.scheduling.cpsat.tuning import CpsatTuning
 
@@ -44,7 +44,7 @@ class CpsatSession:
         tuning: CpsatTuning | None = None,
     ) -> None:
         self.problem = problem
-        self.settings = Run(seed, workers or os.cpu_count() or 1)
+        self.settings = SolverRun(seed, workers or os.cpu_count() or 1)
         self.effort = effort
         self.tuning = tuning or CpsatTuning()
         self.bound = 0

@@ -82,4 +82,4 @@ def _place(facts: Facts, members: list[tuple[str, str]]) -> Refinement:
             departures.add(task.activity)
     taken = any(facts.snapshot.initial[name] == place for name, place in members)
     name = "_".join(sorted({place for _, place in members}))
-    return rules.place_for_one(name, arrivals, departures, taken)
+    return rules.unary_place(name, arrivals, departures, taken)

@@ -24,7 +24,7 @@ from up_samp.scheduling.cpsat.problem import Additions
 
 
 @dataclass(frozen=True)
-class Group:
+class Alternatives:
     """Activities of one fixed duration, at most one of them present; ``exact``: one is.
 
     An optional activity that must be there is an exact group of one.
@@ -34,7 +34,7 @@ class Group:
     exact: bool
 
 
-def find_groups(parts: Additions, presences: Presences | None = None) -> list[Group]:
+def find_groups(parts: Additions, presences: Presences | None = None) -> list[Alternatives]:
     """Return disjoint groups of alternatives among the parts of a normal form.
 
     :param presences: who is there together (nobody, if not given).
@@ -64,7 +64,7 @@ def find_groups(parts: Additions, presences: Presences | None = None) -> list[Gr
         alike = len(same) == 1 and None not in same
         if (exact or len(names) > 1) and apart and alike and not taken.intersection(names):
             taken.update(names)
-            groups.append(Group(names, exact))
+            groups.append(Alternatives(names, exact))
     return groups
 
 

@@ -213,7 +213,7 @@ class Route:
 
 @dataclass(frozen=True)
 class UnitPlace:
-    """A place for one: it is taken by whoever rests at one of ``places`` (by route's key)."""
+    """A unary place: it is taken by whoever rests at one of ``places`` (by route's key)."""
 
     key: Key
     places: tuple[tuple[Key, frozenset[int]], ...]
@@ -501,7 +501,7 @@ def _kept(model: ScheduleModel, activity: ActivityVars, read: Read) -> tuple[int
 
 
 def find_unit_places(model: ScheduleModel, routes: list[Route]) -> list[UnitPlace]:
-    """Return the places for one: 0/1 fluents that arrivals decrease and departures increase."""
+    """Return the unary places: 0/1 fluents that arrivals decrease and departures increase."""
     owners = {
         model.world.activities[move.name].index: (route, move)
         for route in routes

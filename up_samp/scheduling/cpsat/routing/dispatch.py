@@ -2,7 +2,7 @@
 
 A task is one of several alternatives (stops of routes) that are done once; its times are one start
 variable, and whatever opens the same door is one task. What the tasks need is read off the full
-model: order, machines, doors, places for one.
+model: order, machines, doors, unary places.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""From a schedule of the collapsed problem to one with moves."""
+"""From a schedule of the routing relaxation to one with moves."""
 
 from __future__ import annotations
 

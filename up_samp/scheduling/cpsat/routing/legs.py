@@ -1,4 +1,4 @@
-"""What the last move to a stop needs, in the collapsed problem: doors that hold still, places.
+"""What the last move to a stop needs, in the routing relaxation: doors that hold still, places.
 
 Alternatives have the same times, so they share one leg and one stay. Travellers who meet come each
 in their own time.
@@ -38,7 +38,7 @@ class Arc:
 
 
 @dataclass
-class Leg:
+class Travel:
     """The last move to a stop: it starts at ``begin`` and ends at ``end``, or lasts longer."""
 
     begin: Lin
@@ -50,7 +50,7 @@ class Leg:
 
 
 class Legs:
-    """All legs of a collapsed problem, and who holds which place for one."""
+    """All legs of a routing relaxation, and who holds which unary place."""
 
     def __init__(
         self, store: Store, limit: int, units: list[UnitPlace], routes: list[Route]
@@ -60,7 +60,7 @@ class Legs:
         self._meetings = {name for name, count in counts.items() if count > 1}
         self.limit = limit
         self.units = units
-        self.legs: dict[tuple[int, frozenset[tuple[Key, tuple[int, int]]], Key | None], Leg] = {}
+        self.legs: dict[tuple[int, frozenset[tuple[Key, tuple[int, int]]], Key | None], Travel] = {}
         self._since: dict[
             tuple[UnitPlace, int, int, Key | None], tuple[Lin, Lin, list[Literal]]
         ] = {}
@@ -70,7 +70,7 @@ class Legs:
         bare = form._replace(needs=()) if form.__class__ is not int else form
         self.store.enforce(bare, literals)
 
-    def add(self, route: Route, stop: ActivityVars, arcs: list[Arc]) -> Leg | None:
+    def add(self, route: Route, stop: ActivityVars, arcs: list[Arc]) -> Travel | None:
         """State when the last move to a stop happens."""
         if not route.still or not any(arc.last for arc in arcs):
             return None
@@ -79,8 +79,8 @@ class Legs:
         leg = self.legs.get(key)
         if leg is None:
             begin, end = (Lin(((store.integer(0, self.limit), 1),)) for _ in range(2))
-            leg = self.legs[key] = Leg(begin, end, route.still)
-        roundabout = store.boolean()
+            leg = self.legs[key] = Travel(begin, end, route.still)
+        detour = store.boolean()
         for arc in arcs:
             if arc.last:
                 leg.travels.append(arc.literal)
@@ -91,16 +91,16 @@ class Legs:
                     continue
                 distance, last = arc.around
                 soonest = arc.since.shift(arc.lead + distance - route.step + arc.rest)
-                self.when(leg.begin.shift(arc.last).le(leg.end), arc.literal, ~roundabout)
+                self.when(leg.begin.shift(arc.last).le(leg.end), arc.literal, ~detour)
                 self.when(leg.begin.shift(last).le(leg.end), arc.literal)
-                self.when(soonest.le(stop.start), arc.literal, roundabout)
+                self.when(soonest.le(stop.start), arc.literal, detour)
         return leg
 
     def _who(self, route: Route, stop: ActivityVars) -> Key | None:
         """Return who comes to a stop, if it is not just one of its alternative travellers."""
         return route.key if stop.name in self._meetings else None
 
-    def open_before(self, leg: Leg, arcs: list[Arc], entry: Entry, time: Lin) -> None:
+    def open_before(self, leg: Travel, arcs: list[Arc], entry: Entry, time: Lin) -> None:
         """State that what a move needs changed, at ``time``, before it: not in its midst."""
         if entry.state in leg.still:
             leg.opened.add(entry.state)
@@ -126,7 +126,7 @@ class Legs:
                     if key in leg.still and not own and not done:
                         self._apart(leg, key, time, happens)
 
-    def _apart(self, leg: Leg, key: Key, time: Lin, happens: Literal) -> None:
+    def _apart(self, leg: Travel, key: Key, time: Lin, happens: Literal) -> None:
         store = self.store
         before, after = store.boolean(), store.boolean()
         first, last = leg.still[key]
@@ -134,11 +134,11 @@ class Legs:
         self.when(leg.end.shift(last).le(time), after)
         store.clause([before, after, ~store.any_of(leg.travels), ~happens])
 
-    # -- places for one ------------------------------------------------------------------------
+    # -- unary places ------------------------------------------------------------------------
     def stay(
         self, route: Route, stop: ActivityVars, places: frozenset[int], arcs: list[Arc]
     ) -> None:
-        """State that a traveller holds a place for one from its arrival to its departure."""
+        """State that a traveller holds a unary place from its arrival to its departure."""
         store = self.store
         for unit in self.units:
             if not places <= unit.places_of(route.key):
@@ -157,7 +157,7 @@ class Legs:
                     self.when(since.le(before), arc.literal)
 
     def hold(self, exact: dict[Literal, tuple[Literal, ...]]) -> None:
-        """State that stays at a place for one do not overlap."""
+        """State that stays at a unary place do not overlap."""
         store = self.store
         intervals: dict[UnitPlace, list[object]] = {}
         for (unit, *_), (since, until, present) in self._since.items():

@@ -2,7 +2,7 @@
 
 A plan is a sequence of tasks with who does each; :class:`Decoder` gives every task and move its
 time (a serial schedule generation scheme, Kolisch 1996): doors are opened where nobody has done so
-before, moves wait until nothing changes in their midst, and robots leave a place for one when
+before, moves wait until nothing changes in their midst, and robots leave a unary place when
 somebody else needs it. :func:`improve` anneals the sequence (Kirkpatrick et al. 1983).
 """
 

@@ -1,4 +1,4 @@
-"""Doors that the collapsed problem may open once: a constraint that loses none of its optima.
+"""Doors that the routing relaxation may open once: a constraint that loses none of its optima.
 
 What opens a door again, where nothing shuts it, changes nothing. Take it out of a schedule: its
 traveller goes on from the stop before to the stop after, which takes no longer (travel times obey

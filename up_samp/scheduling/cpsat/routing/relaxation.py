@@ -3,10 +3,10 @@
 Moves are replaced by the time that they take at least between what happens at places, in a circuit
 per traveller. A move happens once at most, so only one leg can use it, and others pay for a detour.
 What moves keep as it is (doors) changes between the legs only, a door is opened once
-(:mod:`.once`), and a place for one is used by one after the other. Other constraints, conditions
+(:mod:`.once`), and a unary place is used by one after the other. Other constraints, conditions
 and effects that speak of moves are dropped, so every schedule of the problem is one of the
 collapsed problem: its optimum is a lower bound, and if it has no schedule, the problem has none. A
-collapsed schedule, with shortest paths of moves put back in, is a hint for the full model; the full
+relaxed schedule, with shortest paths of moves put back in, is a hint for the full model; the full
 model alone decides whether it holds.
 """
 
@@ -34,14 +34,14 @@ from up_samp.scheduling.cpsat.problem import Additions
 from up_samp.scheduling.cpsat.routing.detection import INFINITE, Entry, Route, find_unit_places
 from up_samp.scheduling.cpsat.routing.dispatch import find_tasks
 from up_samp.scheduling.cpsat.routing.expand import Changes, expand
-from up_samp.scheduling.cpsat.routing.legs import Arc, Leg, Legs, entry_form
+from up_samp.scheduling.cpsat.routing.legs import Arc, Legs, Travel, entry_form
 from up_samp.scheduling.cpsat.routing.once import opened_once
 from up_samp.scheduling.cpsat.routing.order import Order
 from up_samp.scheduling.cpsat.routing.reduce import without
 
 
-class Collapsed:
-    """The collapsed model of a problem, for the routes of its full model.
+class RoutingRelaxation:
+    """The routing relaxation of a problem, for the routes of its full model.
 
     :raises OutOfTimeError: when ``deadline`` comes before it is built.
     """
@@ -176,7 +176,7 @@ class Collapsed:
         route: Route,
         stop: ActivityVars,
         places: frozenset[int],
-        leg: Leg | None,
+        leg: Travel | None,
         arcs: list[Arc],
     ) -> None:
         """State what a stop needs before anybody can come to it."""
@@ -187,7 +187,7 @@ class Collapsed:
             self._supported(entry, entry.lead - late, stop, leg, arcs)
 
     def _supported(
-        self, entry: Entry, lead: int, stop: ActivityVars, leg: Leg | None, arcs: list[Arc]
+        self, entry: Entry, lead: int, stop: ActivityVars, leg: Travel | None, arcs: list[Arc]
     ) -> None:
         store = self.model.store
         able = self._able(entry)
@@ -210,7 +210,7 @@ class Collapsed:
         store.clause([*ways, ~stop.present])
 
     def _able(self, entry: Entry) -> list[Write] | None:
-        """Return the effects, in the collapsed problem, that support an entry; ``None`` where none
+        """Return the effects, in the routing relaxation, that support an entry; ``None`` where none
         is needed, or where a move may be one.
         """
         state = self.model.states.vars.get(entry.state)
@@ -244,7 +244,7 @@ class Collapsed:
         return Write(made.index, made.present, time, write.value)
 
     def expanded(self, schedule: CandidateSchedule) -> CandidateSchedule:
-        """Return a schedule of the collapsed problem with moves put in."""
+        """Return a schedule of the routing relaxation with moves put in."""
         changes: Changes = {}
         for key, state in self.full.states.vars.items():
             for write in state.writes if not state.numeric else ():

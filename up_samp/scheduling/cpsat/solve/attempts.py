@@ -16,7 +16,7 @@ from up_samp.scheduling.cpsat.encode.store import TRUE, Lin
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.solve import options as profiles
 from up_samp.scheduling.cpsat.solve.options import Profile
-from up_samp.scheduling.cpsat.solve.runner import Answer, Run, run
+from up_samp.scheduling.cpsat.solve.runner import SolverAnswer, SolverRun, run
 from up_samp.scheduling.cpsat.solve.solutions import hint_values, schedule_of
 from up_samp.scheduling.cpsat.tuning import StagesTuning
 
@@ -27,7 +27,7 @@ Progress = Callable[[CandidateSchedule, "int | None"], None]
 class Orders:
     """How all runs of one solve are made. ``optimal``: the proven optimum is asked for."""
 
-    run: Run
+    run: SolverRun
     optimal: bool
     tuning: StagesTuning
     interrupted: threading.Event
@@ -232,7 +232,9 @@ class Attempts:
             self.bound = max(self.bound, math.ceil(max(answer.bound, 0) - 1e-6))
 
     # -- running -------------------------------------------------------------------------------
-    def _run(self, model: Any, profile: Profile, effort: float | None, *, first: bool) -> Answer:
+    def _run(
+        self, model: Any, profile: Profile, effort: float | None, *, first: bool
+    ) -> SolverAnswer:
         limits = [e for e in (effort, self.left) if e is not None]
         if limits:
             profile = {**profile, "max_deterministic_time": max(0.0, min(limits))}

@@ -18,7 +18,7 @@ Improved = Callable[[Any, float, float], bool]
 
 
 @dataclass(frozen=True)
-class Run:
+class SolverRun:
     """How CP-SAT is run."""
 
     seed: int
@@ -26,7 +26,7 @@ class Run:
 
 
 @dataclass(frozen=True)
-class Answer:
+class SolverAnswer:
     """What CP-SAT said. ``values`` are those of the last solution, by CP-SAT's indices."""
 
     status: int
@@ -58,13 +58,13 @@ class _Watch(cp_model.CpSolverSolutionCallback):
 
 def run(
     model: cp_model.CpModel,
-    settings: Run,
+    settings: SolverRun,
     deadline: Deadline,
     improved: Improved,
     *,
     interrupted: threading.Event | None = None,
     options: dict[str, Any] | None = None,
-) -> Answer:
+) -> SolverAnswer:
     """Solve ``model``. Ctrl-C stops the solver and is raised."""
     solver = cp_model.CpSolver()
     parameters = solver.parameters
@@ -95,7 +95,7 @@ def run(
     status = outcome["status"]
     solution = list(solver.response_proto.solution)
     known = status in (cp_model.OPTIMAL, cp_model.FEASIBLE)
-    return Answer(
+    return SolverAnswer(
         status,
         solution if known else None,
         solver.best_objective_bound,
@@ -110,7 +110,7 @@ def _interruptible(
     solver: Any,
     interrupted: threading.Event,
 ) -> None:
-    """Run ``work`` in a thread, so that signals reach this one at once.
+    """SolverRun ``work`` in a thread, so that signals reach this one at once.
 
     The thread is over when this returns or raises: one that goes on when Python ends aborts the
     process. Ctrl-C may come at any instant, also while the thread starts.

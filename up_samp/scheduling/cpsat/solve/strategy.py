@@ -16,7 +16,7 @@ from up_samp.scheduling.cpsat.problem import Additions
 from up_samp.scheduling.cpsat.routing.detection import Route, find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import Work, find_work
 from up_samp.scheduling.cpsat.routing.list_scheduling import decode, improve, sequence_of
-from up_samp.scheduling.cpsat.routing.relaxation import Collapsed
+from up_samp.scheduling.cpsat.routing.relaxation import RoutingRelaxation
 from up_samp.scheduling.cpsat.routing.workload import bound_by_work
 from up_samp.scheduling.cpsat.solve import options as profiles
 from up_samp.scheduling.cpsat.solve.attempts import Attempts
@@ -120,7 +120,7 @@ def _solve_relaxation(search: Solve) -> None:
     whole = search.whole
     assert search.routes is not None
     try:
-        relaxation = Collapsed(whole.model, search.parts(), search.routes, whole.deadline)
+        relaxation = RoutingRelaxation(whole.model, search.parts(), search.routes, whole.deadline)
     except OutOfTimeError:
         search.expected = max(search.expected, whole.value)
         return
@@ -158,7 +158,7 @@ def _solve_relaxation(search: Solve) -> None:
         _take_over(search, relaxation, inner)
 
 
-def _take_over(search: Solve, relaxation: Collapsed, inner: Attempts) -> None:
+def _take_over(search: Solve, relaxation: RoutingRelaxation, inner: Attempts) -> None:
     """Make the relaxation's best schedule one of the whole."""
     whole, work = search.whole, search.work
     assert inner.best is not None
