@@ -120,6 +120,7 @@ def test_components_and_schedulers_get_their_tunables(tmp_path, monkeypatch):
 
 def test_motion_planning_gets_its_tunables_here_and_in_child_processes(monkeypatch):
     from up_samp.motion import MotionService, batch
+    from up_samp.motion.crew import Scope
     from up_samp.motion.fleet.workspace import workspace_of
 
     tuning = tuning_of({"motion": {"fleet": {"plane": {"extra": 7}}, "legs": {"lazy_rounds": 1}}})
@@ -132,6 +133,9 @@ def test_motion_planning_gets_its_tunables_here_and_in_child_processes(monkeypat
     pairs = [(body, (0.0, 0.0, 0.0), (9.0, y, 0.0)) for y in (0.0, 2.0)]
     assert batch.precompute(service, pairs, processes=2) == 2
     assert [job.tuning for job in jobs] == [tuning.motion] * 2
+    scope = pickle.loads(pickle.dumps(Scope.of(service)))
+    assert scope.service().tuning == tuning.motion
+    assert Scope.of(MotionService(None)).service().tuning == Tuning().motion
     with pytest.raises(ProblemError, match="4 numbers"):
         tuning_of({"motion": {"fleet": {"ladder": {"nodes": [1, 2]}}}})
 

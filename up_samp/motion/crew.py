@@ -28,6 +28,7 @@ from up_samp.model import (
 )
 from up_samp.motion.protocol import Leg, LegQuery
 from up_samp.motion.service import MotionService
+from up_samp.motion.tuning import MotionTuning
 
 CHUNK = 6
 """Paths that are asked for in one task."""
@@ -54,21 +55,27 @@ class Scope:
     margin: float
     seed: int
     digest: str
+    tuning: MotionTuning
 
     @staticmethod
     def of(service: MotionService) -> Scope:
         """Return the scope of a service."""
         scene = service.scene
-        return Scope(service.grid, service.planner, scene.margin, service.seed, scene.digest)
+        settings = (service.grid, service.planner, scene.margin, service.seed)
+        return Scope(*settings, scene.digest, service.tuning)
 
     def service(self) -> MotionService:
         """Return this process's own service of this scope."""
-        key = (self.digest, self.planner, self.margin, self.seed)
+        key = (self.digest, self.planner, self.margin, self.seed, self.tuning)
         if key not in _services:
             while len(_services) >= MOST_SERVICES:
                 del _services[next(iter(_services))]
             _services[key] = MotionService(
-                self.grid, planner=self.planner, margin=self.margin, seed=self.seed
+                self.grid,
+                planner=self.planner,
+                margin=self.margin,
+                seed=self.seed,
+                tuning=self.tuning,
             )
         return _services[key]
 
