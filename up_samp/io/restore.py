@@ -10,6 +10,7 @@ from up_samp.io.files import check_plan
 from up_samp.io.plan_dict import PlanDict
 from up_samp.io.sampling import rows_trajectory
 from up_samp.model import CandidateSchedule, ProblemError, Trajectory
+from up_samp.model.errors import short
 from up_samp.model.schedule import Value
 from up_samp.upio.plan import SampSchedule, build_plan, trajectory_key
 from up_samp.upio.read import read_problem
@@ -36,13 +37,16 @@ def plan_from_dict(problem: SchedulingMotionProblem, plan: PlanDict) -> SampSche
         times[name] = (_whole(entry, "start"), _whole(entry, "end"))
         given = entry.get("parameters", {})
         for parameter in known[name].parameters:
-            short = parameter.name.removeprefix(f"{name}.")
-            if short not in given:
-                raise ProblemError(f"the plan gives activity '{name}' no parameter '{short}'")
-            parameters[parameter.name] = given[short]
+            own = parameter.name.removeprefix(f"{name}.")
+            if own not in given:
+                raise ProblemError(f"the plan gives activity '{name}' no parameter '{own}'")
+            parameters[parameter.name] = given[own]
+            _check_value(problem, parameter.type, f"parameter '{own}' of '{name}'", given[own])
     missing = [v.name for v in problem.base_variables if v.name not in parameters]
     if missing:
         raise ProblemError(f"the plan gives the variable '{missing[0]}' no value")
+    for v in problem.base_variables:
+        _check_value(problem, v.type, f"variable '{v.name}'", parameters[v.name])
     trajectories: dict[str, Trajectory] = {}
     samples: dict[tuple[str, str], Any] = {}
     for motion in plan["motions"]:
@@ -60,6 +64,21 @@ def plan_from_dict(problem: SchedulingMotionProblem, plan: PlanDict) -> SampSche
             trajectories[trajectory_key(task)] = rows_trajectory(rows)
     candidate = CandidateSchedule(times, parameters)
     return build_plan(problem, snapshot, candidate, trajectories)
+
+
+def _check_value(problem: SchedulingMotionProblem, tpe: Any, what: str, value: Value) -> None:
+    """Raise :class:`ProblemError` where ``value`` is none of the type ``tpe``."""
+    if tpe.is_user_type():
+        known = isinstance(value, str) and problem.has_object(value)
+        good = known and tpe.is_compatible(problem.object(value).type)
+    elif tpe.is_bool_type():
+        good = isinstance(value, bool)
+    else:
+        good = isinstance(value, int | float) and not isinstance(value, bool)
+    if not good:
+        raise ProblemError(
+            f"the plan gives {what} the value {short(value)}, which is no {tpe} of the problem"
+        )
 
 
 def _whole(entry: dict[str, Any], key: str) -> int:

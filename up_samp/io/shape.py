@@ -216,12 +216,14 @@ def _check_rides(plan: Mapping[str, Any], label: str) -> None:
 
 def _check_samples(motion: Mapping[str, Any], label: str) -> None:
     rows = motion["samples"]
-    where = f"{label}: the samples of '{short(motion['activity'])}'"
+    who, what = short(motion["object"]), short(motion["activity"])
+    where = f"{label}: the samples of '{who}' in activity '{what}'"
     good = isinstance(rows, list) and rows and all(isinstance(r, list) for r in rows)
     if not good or len({len(r) for r in rows}) != 1 or len(rows[0]) not in (4, 8):
         raise ProblemError(f"{where} must be rows [t, x, y, theta]")
     wrong = next((v for r in rows for v in r if number(v)), None)
     if wrong is not None or any(v is None for r in rows for v in r):
         raise ProblemError(f"{where} must be finite numbers up to {LARGEST:g}, not {short(wrong)}")
-    if any(b[0] <= a[0] for a, b in itertools.pairwise(rows)):
-        raise ProblemError(f"{where} must have increasing times")
+    late = next((a[0] for a, b in itertools.pairwise(rows) if b[0] <= a[0]), None)
+    if late is not None:
+        raise ProblemError(f"{where} must have increasing times, not as after {late:g} s")

@@ -41,7 +41,13 @@ def ompl_leg(
     scene: Scene, query: LegQuery, deadline: Deadline, *, planner: str, seed: int
 ) -> OmplLeg:
     """Return a motion from rest to rest by OMPL's ``planner``."""
-    module, function = _LEGS[query.body.kinematics.model]
+    model = query.body.kinematics.model
+    if model not in _LEGS:
+        raise UnsupportedError(
+            f"the motion planner '{planner}' is OMPL's, which has no paths for bodies that turn on "
+            "the spot (turning_radius 0): leave 'path_planner' at 'default'"
+        )
+    module, function = _LEGS[model]
     leg = getattr(importlib.import_module(f"up_samp.motion.planners.{module}"), function)
     found: OmplLeg = leg(scene, query, deadline, planner=planner, seed=seed)
     return found
