@@ -3,12 +3,13 @@ behind. ``benchmarks/reliability/fuzz.py`` runs thousands of them.
 """
 
 import tempfile
+from dataclasses import replace
 
 import pytest
 
 from tests.fuzz.attack import ATTACKERS, attack
 from tests.fuzz.problems import BODIES, SECONDS, build, random_case
-from tests.fuzz.wide import wide_case
+from tests.fuzz.wide import MESHES, wide_case
 from up_samp.upio import read_problem
 
 WIDE = (1, 2, 3)
@@ -50,7 +51,7 @@ def test_the_generator_uses_every_style(tmp_path):
 
 def test_the_wide_generator_uses_all_that_there_is(tmp_path):
     cases = [wide_case(seed) for seed in range(300)]
-    assert {r.moves for c in cases for r in c.robots} == {*BODIES, "flyer"}
+    assert {r.moves for c in cases for r in c.robots} == {*BODIES, *(("flyer",) if MESHES else ())}
     assert {len(c.robots) for c in cases} == {1, 2, 3, 4, 5, 6}
     assert {c.style.choice for c in cases} == {"optional", "parameter", "variable"}
     assert {c.style.one_at_a_time for c in cases} == {"pairs", "uses", "all"}
@@ -79,3 +80,13 @@ def test_many_wide_problems(tmp_path, first):
         if found.wrong or found.refused:
             wrong[seed] = [*found.wrong, found.refused]
     assert wrong == {}
+
+
+def test_ompl_refuses_bodies_that_turn_on_the_spot_by_name(tmp_path):
+    """The paper's preset asks OMPL for all paths."""
+    case = wide_case(0)
+    robots = (replace(case.robots[0], body="pivot"),)
+    case = replace(case, robots=robots, loads=(), idle=(), door=None, limit=None)
+    found = attack(case, tmp_path, attackers=(), preset="paper")
+    assert "'RRT' is OMPL's" in found.refused
+    assert "turn on the spot" in found.refused

@@ -86,6 +86,17 @@ def test_kernels_are_found_again_and_changed_ones_are_not(ask, tmp_path):
     assert not list((tmp_path / "cache" / "kernels").glob("*.lock"))
 
 
+def test_a_kernel_in_the_place_of_another_is_not_run(ask, tmp_path):
+    """Both take the same arguments: only their names tell them apart."""
+    assert ask()[0] == 3.0
+    folder = tmp_path / "cache" / "kernels"
+    (inner,), (outer,) = (list(folder.glob(f"*.{n}-*")) for n in ("inner_sum", "outer"))
+    outer.write_bytes(inner.read_bytes())
+    value, hits, said = ask(extra=0)
+    assert (value, hits) == (3.0, 0)
+    assert "is damaged and compiled again" in said
+
+
 def test_nowhere_to_keep_them_is_told_and_does_no_harm(ask, tmp_path):
     (tmp_path / "cache").write_text("no folder")
     value, hits, said = ask()

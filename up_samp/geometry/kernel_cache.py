@@ -132,6 +132,7 @@ class KernelCache:
         code = function.__code__
         self._name = f"{Path(code.co_filename).stem}.{function.__qualname__}"
         self._module = Path(code.co_filename)
+        self._qualname = function.__qualname__
         self._locks: list[Any] = []
         self._missed: list[float] = []
 
@@ -155,13 +156,13 @@ class KernelCache:
         load_numba_arrays()
         context.refresh()
         path = self._path(types, context.codegen())
-        found = None if path is None else self._read(path, context)
+        found = None if path is None else self._read(path, context, types)
         if found is not None:
             return found
         self._missed.append(clock())
         if path is not None and path.parent.is_dir():
             self._lock(path)  # another process may be compiling it
-            found = self._read(path, context)
+            found = self._read(path, context, types)
             if found is not None:
                 self._unlock()
                 self._end_of_wait()
@@ -192,19 +193,29 @@ class KernelCache:
         digest = hashlib.sha256(repr(key).encode()).hexdigest()[:32]
         return place / f"{self._name.replace('<', '').replace('>', '')}-{digest}{SUFFIX}"
 
-    def _read(self, path: Path, context: Any) -> Any:
+    def _read(self, path: Path, context: Any, types: Any) -> Any:
         try:
             data = path.read_bytes()
         except OSError:
             return None
-        if not is_whole(data):
+        found = None
+        if is_whole(data):
+            found = CompileResult._rebuild(context, *pickle.loads(data[_CHECKSUM:]))
+        if found is None or not self._is_ours(found, types):
             log.warning("a compiled kernel is damaged and compiled again: %s", path)
             with contextlib.suppress(OSError):
                 path.unlink()
             return None
-        found = CompileResult._rebuild(context, *pickle.loads(data[_CHECKSUM:]))
         used[path.name] = len(data)
         return found
+
+    def _is_ours(self, found: Any, types: Any) -> bool:
+        """Return whether it is this kernel for these types: a whole file may lie in another's
+        place, and to call it would end the process.
+        """
+        return found.fndesc.qualname == self._qualname and tuple(found.signature.args) == tuple(
+            types
+        )
 
     def _lock(self, path: Path) -> None:
         """Wait until no other process compiles this kernel (locks end with their process), but not
