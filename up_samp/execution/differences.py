@@ -8,6 +8,7 @@ is broken only where it is false.
 
 from __future__ import annotations
 
+import itertools
 import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -22,6 +23,10 @@ Point = tuple[str, str]
 ZERO: Point = ("zero", "")
 HORIZON: Point = ("horizon", "")
 """The plan's end (``GlobalEnd``)."""
+
+
+MOST_WAYS = 8
+"""A constraint that can be kept in more ways is no choice of two orders."""
 
 
 class _Missing:
@@ -247,3 +252,64 @@ def _at_most_zero(
     if then == HORIZON and first != HORIZON and constant <= 0:
         return []  # everything ends by the plan's end
     return [Difference(first, then, constant, strict)]
+
+
+def other_way(planned: Planned, e: Expr, needs: list[Difference]) -> Difference | None:
+    """Return the other difference that would keep ``e``, where there are exactly two and the plan
+    keeps the one in ``needs``.
+    """
+    found = _alternatives(planned, e, True)
+    if found is None or len(needs) != 1 or len(found) != 2 or needs not in found:
+        return None
+    others = [way for way in found if way != needs]
+    return others[0][0] if others and len(others[0]) == 1 else None
+
+
+def _alternatives(planned: Planned, e: Expr, positive: bool) -> list[list[Difference]] | None:
+    """Return all ways to keep ``e`` from being false, also those that the plan does not take;
+    ``None`` where there are too many, or they are no simple differences.
+    """
+    kind = e[0]
+    if kind in ("and", "or"):
+        parts = [_alternatives(planned, part, positive) for part in e[1:]]
+        known = [p for p in parts if p is not None]
+        if len(known) < len(parts):
+            return None
+        if (kind == "and") != positive:
+            found = [way for ways in known for way in ways]
+            found = [[]] if [] in found else found
+        else:
+            found = [[d for way in ways for d in way] for ways in _product(known)]
+        return found if len(found) <= MOST_WAYS else None
+    if kind == "not":
+        return _alternatives(planned, e[1], not positive)
+    if kind == "implies":
+        return _alternatives(planned, ("or", ("not", e[1]), e[2]), positive)
+    if kind in ("le", "lt"):
+        return _both_ways(planned, e, positive)
+    if kind in ("iff", "eq"):
+        return None
+    value = planned.value(e)
+    return [[]] if value is MISSING or value == positive else []
+
+
+def _product(parts: list[list[list[Difference]]]) -> list[tuple[list[Difference], ...]]:
+    """Return all combinations, no more than can be of use."""
+    return list(itertools.islice(itertools.product(*parts), MOST_WAYS + 1))
+
+
+def _both_ways(planned: Planned, e: Expr, positive: bool) -> list[list[Difference]] | None:
+    kind, x, y = e
+    if not positive:  # not x <= y: y < x
+        kind, x, y = ("lt" if kind == "le" else "le"), y, x
+    left, right = planned.linear(x), planned.linear(y)
+    if isinstance(left, _Missing) or isinstance(right, _Missing):
+        return [[]]
+    terms, constant = _combined("minus", [left, right], e)
+    if not terms:
+        return [[]] if constant < 0 or (constant == 0 and kind == "le") else []
+    plus = [p for p, k in terms.items() if k == 1]
+    minus = [p for p, k in terms.items() if k == -1]
+    if len(plus) != 1 or len(minus) != 1 or len(terms) != 2:
+        return None
+    return [[Difference(plus[0], minus[0], constant, kind == "lt")]]

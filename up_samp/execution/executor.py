@@ -64,6 +64,8 @@ class Executor:
         self.pace = Pace()
         self.sides: dict[tuple[str, str, int], bool] = {}
         """Components that are passed on another side than planned (see ``reorder``)."""
+        self.turned: frozenset[int] = frozenset()
+        """Choices that are the other way round than planned, by their number."""
         self._running: dict[str, None] = {}
         self._ready = dict.fromkeys(sorted(graph.tasks, key=lambda n: graph.tasks[n].planned))
         self._of_robot: dict[str, list[str]] = {}

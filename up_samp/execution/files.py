@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
 from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.execution.build import Dependencies, dependencies_of, tasks_of, with_avoid
-from up_samp.execution.graph import At, Bound, Edge, Event, Graph, Task
+from up_samp.execution.graph import At, Bound, Choice, Edge, Event, Graph, Precedence, Task
 from up_samp.execution.lives import Drive, lives_of
 from up_samp.execution.meetings import MARGIN, meetings_of
-from up_samp.io.plan_dict import MINOR, PlanDict, snapshot_of
+from up_samp.execution.reduce import MEETING
+from up_samp.io.plan_dict import MINOR, MINOR_CHOICES, PlanDict, snapshot_of
 from up_samp.model import ProblemError
 
 
@@ -34,6 +35,9 @@ def with_dependencies(
         if key == "version":
             data["minor"] = max(MINOR, plan.get("minor", 0))
     data["dependencies"] = graph_to_dict(dependencies.graph)
+    if dependencies.choices:
+        data["minor"] = max(MINOR_CHOICES, data["minor"])
+        data["dependencies"]["choices"] = [_choice_to_dict(c) for c in dependencies.choices]
     return data
 
 
@@ -76,6 +80,22 @@ def graph_to_dict(graph: Graph) -> dict[str, Any]:
     }
 
 
+def _choice_to_dict(choice: Choice) -> dict[str, Any]:
+    ways = [
+        {"first": event_to_list(w.first), "then": event_to_list(w.then), "lag": round(w.lag, 6)}
+        for w in choice.ways
+    ]
+    return {"ways": ways, "kind": choice.kind, "why": choice.why}
+
+
+def _choice_from_dict(entry: Mapping[str, Any]) -> Choice:
+    one, two = (
+        Precedence(event_from_list(w["first"]), event_from_list(w["then"]), float(w["lag"]))
+        for w in entry["ways"]
+    )
+    return Choice((one, two), str(entry["kind"]), str(entry["why"]))
+
+
 def event_to_list(event: Event) -> list[Any]:
     """Return an event as ``["start", activity]`` or ``["reach", activity, object, progress]``."""
     if event.at is At.ORIGIN:
@@ -116,13 +136,21 @@ def dependencies_from_plan(plan: PlanDict) -> Dependencies:
     tasks = {
         n: Task(n, t.planned, expected.get(n, t.expected), t.who, t.moves) for n, t in tasks.items()
     }
-    graph = _graph(data, tasks, drives)
+    choices = tuple(_choice_from_dict(entry) for entry in data.get("choices", ()))
+    for event in (e for c in choices for w in c.ways for e in (w.first, w.then)):
+        if event.activity not in tasks:
+            raise ProblemError(f"the plan's choices speak of {event}, which is not in it")
+    graph = _graph(data, tasks, drives, {(c.ways[0].first, c.ways[0].then) for c in choices})
     _ = graph.order
-    return Dependencies(graph, lives, tuple(meetings_of(lives, float(data["margin"]))))
+    meetings = tuple(meetings_of(lives, float(data["margin"])))
+    return Dependencies(graph, lives, meetings, choices)
 
 
 def _graph(
-    data: Mapping[str, Any], tasks: Mapping[str, Task], drives: Mapping[tuple[str, str], Drive]
+    data: Mapping[str, Any],
+    tasks: Mapping[str, Task],
+    drives: Mapping[tuple[str, str], Drive],
+    free: Collection[tuple[Event, Event]],
 ) -> Graph:
     events: dict[Event, int] = {Event(At.ORIGIN): 0}
     for name in tasks:
@@ -136,10 +164,13 @@ def _graph(
             raise ProblemError(f"the plan's dependencies speak of {event}, which is not in it")
         return events.setdefault(event, len(events))
 
-    edges = tuple(
-        Edge(number(e["first"]), number(e["then"]), float(e["lag"]), e["kind"], e["why"])
-        for e in data["edges"]
-    )
+    def edge(e: Mapping[str, Any]) -> Edge:
+        pair = (event_from_list(e["first"]), event_from_list(e["then"]))
+        open_ = pair in free and e["kind"] != MEETING
+        first, then = number(e["first"]), number(e["then"])
+        return Edge(first, then, float(e["lag"]), e["kind"], e["why"], open_)
+
+    edges = tuple(edge(e) for e in data["edges"])
     bounds = tuple(
         Bound(number(b["first"]), number(b["then"]), float(b["most"]), b["why"])
         for b in data["bounds"]

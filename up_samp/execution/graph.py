@@ -67,6 +67,28 @@ class Edge:
     lag: float
     kind: str
     why: str
+    free: bool = False
+    """Whether it comes from a :class:`Choice`."""
+
+
+@dataclass(frozen=True)
+class Precedence:
+    """Event ``then`` may not happen before ``lag`` s after event ``first``."""
+
+    first: Event
+    then: Event
+    lag: float
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Two precedences either of which does what the problem asks: which job a machine takes first,
+    who has a place or the only unit of a resource first. ``ways[0]`` is the plan's.
+    """
+
+    ways: tuple[Precedence, Precedence]
+    kind: str
+    why: str
 
 
 @dataclass(frozen=True)

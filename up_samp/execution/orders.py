@@ -17,6 +17,7 @@ from up_samp.execution.differences import (
     Planned,
     Point,
     kept,
+    other_way,
 )
 from up_samp.model import ProblemError
 from up_samp.model.snapshot import Snapshot
@@ -25,11 +26,14 @@ from up_samp.scheduling.compilers.plain import Effect, Expr, show, subexpression
 
 @dataclass(frozen=True)
 class Order:
-    """A difference with its reason: ``kind`` is a stable word, ``why`` is for people."""
+    """A difference with its reason: ``kind`` is a stable word, ``why`` is for people. ``instead``
+    would do what is asked as well.
+    """
 
     difference: Difference
     kind: str
     why: str
+    instead: Difference | None = None
 
 
 def orders_of(planned: Planned, snapshot: Snapshot) -> list[Order]:
@@ -51,8 +55,9 @@ def _constraints(planned: Planned) -> Iterator[Order]:
         needs = kept(planned, constraint)
         if needs is None:
             raise ProblemError(f"the plan breaks the constraint '{_short(constraint)}'")
+        instead = other_way(planned, constraint, needs)
         for need in needs:
-            yield Order(need, "constraint", _short(constraint))
+            yield Order(need, "constraint", _short(constraint), instead)
 
 
 def _short(e: Expr) -> str:
@@ -245,8 +250,19 @@ def _chained(planned: Planned, key: Expr, writes: list[_Write], capacity: int) -
     for w in writes:
         if w.point[0] == "start" and w.owner is not None:
             amount[w.owner] = amount.get(w.owner, 0) + w.effect.value[1]
+    users = sorted(amount, key=lambda n: planned.times[n])
+    alone = max(amount.values()) <= capacity < sum(sorted(amount.values())[:2])
+    if alone and all(
+        planned.times[a][1] <= planned.times[b][0] for a, b in itertools.pairwise(users)
+    ):
+        # one after the other, in whatever order
+        for one, two in itertools.combinations(users, 2):
+            need = Difference(("end", one), ("start", two), 0)
+            instead = Difference(("end", two), ("start", one), 0)
+            yield Order(need, "resource", f"{two} takes {show(key)} after {one}", instead)
+        return
     units: list[tuple[int, int, str | None]] = [(0, capacity, None)]  # free since, how many, after
-    for name in sorted(amount, key=lambda n: planned.times[n]):
+    for name in users:
         start, end = planned.times[name]
         left = amount[name]
         free = sorted((u for u in units if u[0] <= start), key=lambda u: -u[0])
@@ -307,13 +323,13 @@ def _resting(planned: Planned, snapshot: Snapshot) -> Iterator[Order]:
                     continue
                 begin, stop = planned.times[name]
                 why = f"{obstacle} rests during {task.activity}, {name} moves it"
+                then = ("start" if drives else "end", name)
+                before = Difference(("end", name), ("start", task.activity), 0)
+                after = Difference(("end", task.activity), then, 0)
                 if stop <= start:
-                    need = Difference(("end", name), ("start", task.activity), 0)
-                    yield Order(need, "static obstacle", why)
+                    yield Order(before, "static obstacle", why, after)
                 elif end <= (begin if drives else stop):
-                    then = ("start" if drives else "end", name)
-                    need = Difference(("end", task.activity), then, 0)
-                    yield Order(need, "static obstacle", why)
+                    yield Order(after, "static obstacle", why, before)
                 else:
                     raise ProblemError(f"in the plan {why} at the same time")
 

@@ -27,12 +27,13 @@ def reduced(graph: Graph) -> list[Edge]:
     kept; "strictly after" follows from any way that has a lag.
 
     What the problem asks for is dropped only where it follows from other things that the problem
-    asks for: who goes first where bodies would meet may still change.
+    asks for: who goes first where bodies would meet, and what is free to be turned round, may still
+    change.
     """
-    orders = [e for e in graph.edges if e.kind != MEETING]
+    orders = [e for e in graph.edges if e.kind != MEETING and not e.free]
     alone = Graph(graph.tasks, graph.events, graph.times, tuple(orders), lengths=graph.lengths)
     kept = set(_needed(alone, frozenset()))
-    meetings = [e for e in graph.edges if e.kind == MEETING]
+    meetings = [e for e in graph.edges if e.kind == MEETING or e.free]
     both = Graph(graph.tasks, graph.events, graph.times, (*kept, *meetings), lengths=graph.lengths)
     needed = set(_needed(both, frozenset(kept)))
     return [e for e in graph.edges if e in needed]

@@ -1,52 +1,35 @@
-"""Who goes first, decided again: the sides of components as binaries (CP-SAT).
+"""Who goes first, decided again: sides of components and orders of activities as binaries (CP-SAT).
 
 The idea of the switchable action dependency graph in a receding horizon (Berndt, van Duijkeren,
 Palmieri, Kleiner & Keviczky, "Receding horizon re-ordering of multi-agent execution schedules",
-IEEE T-RO 40, 2024; switchable edges also in Jiang et al., arXiv 2412.15908 and Su et al.,
-2401.00315), here over the components of continuous obstacles. An order is changed only where no
-robot is committed yet, and only if the new graph has no cycle and is forecast to be better.
+IEEE T-RO 40, 2024; switchable dependencies also in Jiang, Lin & Li, arXiv 2412.15908, and Su,
+Veerapaneni & Li, arXiv 2401.00315), here over the components of continuous obstacles, and over
+the orders in which machines, places and unary resources are used. An order is changed only where
+no robot is committed yet, and only if the new graph has no cycle and is forecast to be better.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ortools.sat.python import cp_model
 
-from up_samp.execution.build import steps_by, with_sides
+from up_samp.execution.build import with_sides
+from up_samp.execution.decisions import Decision, open_decisions, settled
 from up_samp.execution.forecast import Forecast, routes_of
 from up_samp.execution.graph import At, Event, Graph
-from up_samp.execution.meetings import Meeting
-from up_samp.execution.reduce import MEETING
 from up_samp.execution.sides import Key
-from up_samp.execution.staircase import Step, steps_of, switched
-from up_samp.execution.state import Phase, State
+from up_samp.execution.state import Phase
+from up_samp.execution.times import SCALE, Times
 from up_samp.model import ProblemError
 
 if TYPE_CHECKING:
     from up_samp.execution.executor import Executor
 
-SCALE = 100
-"""Ticks a second in the model."""
-
-REACTION = 0.5
-"""Seconds that pass before a robot obeys a new command."""
-
 WORTH = 0.5
 """A new order has to save so many seconds of makespan (or four times that in all ends)."""
-
-
-@dataclass(frozen=True)
-class Choice:
-    """A component that may be passed on either side: its steps on both."""
-
-    key: Key
-    one_first: bool
-    """The side on which it is passed so far."""
-    steps: Mapping[bool, tuple[Step, ...]]
 
 
 def reorder(
@@ -55,30 +38,44 @@ def reorder(
     """Change who goes first where that is forecast to end sooner; return how many orders changed.
 
     Decisions that come up within ``horizon`` s are looked at, the ``most`` earliest of them, for
-    up to
-    ``seconds`` s of the solver's deterministic time. What has begun is not touched.
+    up to ``seconds`` s of the solver's deterministic time. What has begun is not touched.
     """
     before = executor.retime()
-    choices = _choices(executor, before, horizon, most)
-    if not choices:
+    decisions = open_decisions(executor, before, horizon, most)
+    if not decisions:
         return 0
-    chosen = _solve(executor, before, choices, seconds)
-    flips = {c.key: chosen[c.key] for c in choices if chosen.get(c.key, c.one_first) != c.one_first}
+    chosen = _solve(executor, before, decisions, seconds)
+    flips = {d.key: chosen[d.key] for d in decisions if chosen.get(d.key, d.now) != d.now}
     if not flips:
         return 0
-    old_graph, old_sides = executor.state.graph, dict(executor.sides)
+    old = executor.state.graph, executor.sides, executor.turned
+    executor.sides, executor.turned = _with(executor, flips)
     try:
-        graph = with_sides(executor.dependencies, {**executor.sides, **flips})
-    except ProblemError:
-        return 0  # it would have opened a cycle
-    _load(executor, graph)
-    after = executor.retime()
-    if not _better(before, after):
-        _load(executor, old_graph)
-        executor.sides = old_sides
+        graph = with_sides(executor.dependencies, executor.sides, executor.turned)
+    except ProblemError:  # it would have opened a cycle
+        _, executor.sides, executor.turned = old
         return 0
-    executor.sides = {**executor.sides, **flips}
+    _load(executor, graph)
+    if not _better(before, executor.retime()):
+        _load(executor, old[0])
+        _, executor.sides, executor.turned = old
+        return 0
     return len(flips)
+
+
+def _with(
+    executor: Executor, flips: Mapping[Key | int, bool]
+) -> tuple[dict[Key, bool], frozenset[int]]:
+    """Return the sides and the turned choices with some decisions changed."""
+    sides, turned = dict(executor.sides), set(executor.turned)
+    for key, way in flips.items():
+        if not isinstance(key, int):
+            sides[key] = way
+        elif way:
+            turned.discard(key)
+        else:
+            turned.add(key)
+    return sides, frozenset(turned)
 
 
 def _load(executor: Executor, graph: Graph) -> None:
@@ -87,182 +84,46 @@ def _load(executor: Executor, graph: Graph) -> None:
 
 
 def _better(before: Forecast, after: Forecast) -> bool:
-    def ends(f: Forecast) -> float:
-        return sum(f.span(name)[1] for name in f.graph.tasks)
-
-    saved = before.makespan - after.makespan
-    return saved > WORTH or (saved > -1e-3 and ends(before) - ends(after) > 4 * WORTH)
-
-
-def _choices(executor: Executor, ahead: Forecast, horizon: float, most: int) -> list[Choice]:
-    """Return the open decisions, those that come up first."""
-    state = executor.state
-    found: list[tuple[float, Choice]] = []
-    parts: dict[Key, list[Meeting]] = {}
-    for meeting in executor.dependencies.meetings:
-        if all(_over(state, p) for p in (meeting.a, meeting.b)):
-            continue
-        for component in meeting.components:
-            key = (*meeting.pair, component)
-            if key in executor.open_sides:
-                parts.setdefault(key, []).append(meeting)
-    for key, meetings in parts.items():
-        steps = {
-            side: tuple(s for m in meetings for s in switched(m, key[2], side))
-            for side in (True, False)
-        }
-        now_first = executor.sides.get(key, executor.open_sides[key])
-        due = min(
-            (ahead.span(s.then.activity)[0] for side in steps.values() for s in side),
-            default=math.inf,
-        )
-        open_ = all(_can_wait(state, s) for s in steps[not now_first])
-        if (
-            open_
-            and due <= state.now + horizon
-            and any(not _happened(state, s.first) for s in steps[now_first])
-        ):
-            found.append((due, Choice(key, now_first, steps)))
-    found.sort(key=lambda f: (f[0], f[1].key))
-    return [choice for _, choice in found[:most]]
-
-
-def _over(state: State, piece: object) -> bool:
-    activity = getattr(piece, "activity", None)
-    return activity is not None and state.phase[activity] is Phase.DONE
-
-
-def _happened(state: State, event: Event) -> bool:
-    if event in state.fired:
-        return True
-    if event.at is At.REACH:
-        way = state.ways[event.activity, event.object]
-        begun = state.phase[event.activity] is not Phase.WAITING
-        return begun and way.progress >= event.progress - state.tolerance
-    return False
-
-
-def _can_wait(state: State, step: Step) -> bool:
-    """Return whether a step can still be kept: its first has happened, or who waits can still
-    stop.
-    """
-    if _happened(state, step.first):
-        return True
-    event = step.then
-    if event.at is not At.LEAVE:
-        return event not in state.fired
-    phase = state.phase[event.activity]
-    if phase is Phase.WAITING:
-        return True
-    if phase is Phase.DONE:
+    """Return whether everything ends sooner, and no deadline is missed by more."""
+    if _missed(after) > _missed(before) + 1e-3:
         return False
-    way = state.ways[event.activity, event.object]
-    speed = max(way.travel.speed_at(way.progress), way.travel.speed_at(way.progress + 0.5))
-    brake = speed * speed / (2 * way.travel.accel) + speed * REACTION + 0.05
-    # a robot at rest at a gate goes nowhere
-    committed = min(way.progress + brake, state.until(way))
-    return event.progress >= committed - 1e-9
+    saved = before.makespan - after.makespan
+    return saved > WORTH or (saved > -1e-3 and _ends(before) - _ends(after) > 4 * WORTH)
 
 
-class _Model:
-    """Times of events to come as variables, in ticks from now."""
+def _ends(ahead: Forecast) -> float:
+    return sum(ahead.span(name)[1] for name in ahead.graph.tasks)
 
-    def __init__(self, executor: Executor, ahead: Forecast):
-        self.state, self.pace, self.ahead = executor.state, executor.pace, ahead
-        self.model = cp_model.CpModel()
-        span = max(ahead.makespan - self.state.now, 1.0)
-        self.latest = int(4 * span * SCALE) + 1000
-        self.times: dict[Event, cp_model.IntVar] = {}
-        self.on_way: dict[tuple[str, str], list[Event]] = {}
 
-    def time(self, event: Event) -> cp_model.IntVar:
-        """Return the variable of an event that has not happened."""
-        if event not in self.times:
-            self.times[event] = self.model.new_int_var(0, self.latest, "")
-            if event.at in (At.REACH, At.LEAVE):
-                self.on_way.setdefault((event.activity, event.object), []).append(event)
-        return self.times[event]
-
-    def after(self, first: Event, then: Event, lag: float, only_if: cp_model.IntVar | None) -> None:
-        """``then`` is at least ``lag`` s after ``first``, where ``only_if`` is true."""
-        if _happened(self.state, then) or self._passed(then):
-            return
-        if _happened(self.state, first):
-            since = self.state.fired.get(first, self.state.now)
-            left = math.ceil((since + lag - self.state.now) * SCALE)
-            if left <= 0:
-                return
-            found = self.model.add(self.time(then) >= left)
-        else:
-            found = self.model.add(self.time(then) >= self.time(first) + math.ceil(lag * SCALE))
-        if only_if is not None:
-            found.only_enforce_if(only_if)
-
-    def _passed(self, event: Event) -> bool:
-        if event.at is not At.LEAVE:
-            return False
-        way = self.state.ways[event.activity, event.object]
-        begun = self.state.phase[event.activity] is not Phase.WAITING
-        return begun and way.progress > event.progress + self.state.tolerance
-
-    def chain(self) -> None:
-        """Tie each activity's events together by the times that driving and doing take."""
-        state = self.state
-        for name, task in state.graph.tasks.items():
-            if state.phase[name] is Phase.DONE:
-                continue
-            start, end = Event(At.START, name), Event(At.END, name)
-            if not task.moves:
-                begun = state.fired.get(start)
-                if begun is None:
-                    self.after(start, end, task.expected, None)
-                else:
-                    left = max(0.0, begun + task.expected - state.now)
-                    self.model.add(self.time(end) >= math.ceil(left * SCALE))
-            for way in state.ways_of[name]:
-                self._drive((way.activity, way.object), start, end)
-
-    def _drive(self, key: tuple[str, str], start: Event, end: Event) -> None:
-        way = self.state.ways[key]
-        pace = self.pace.get(way.object, 1.0)
-        events = sorted(self.on_way.get(key, ()), key=lambda e: (e.progress, e.at is At.LEAVE))
-        begun = self.state.phase[way.activity] is Phase.RUNNING
-        here = way.travel.time_at(way.progress) if begun else 0.0
-        last = None if begun else self.time(start)
-        for event in [*events, end]:
-            there = float(way.travel.time[-1])
-            if event is not end:
-                there = way.travel.time_at(event.progress)
-            need = max(0, round((there - here) / pace * SCALE))
-            at = self.time(event)
-            self.model.add(at >= (need if last is None else last + need))
-            last, here = at, there
+def _missed(ahead: Forecast) -> float:
+    """Return by how much (s) deadlines, windows and longest durations will be missed, in all."""
+    return sum(
+        max(0.0, ahead.times[b.then] - ahead.times[b.first] - b.most) for b in ahead.graph.bounds
+    )
 
 
 def _solve(
-    executor: Executor, ahead: Forecast, choices: list[Choice], seconds: float
-) -> dict[Key, bool]:
-    """Return who should go first, by component; empty where the solver found nothing in time."""
+    executor: Executor, ahead: Forecast, decisions: list[Decision], seconds: float
+) -> dict[Key | int, bool]:
+    """Return how each decision should be; empty where the solver found nothing in time."""
     state = executor.state
-    build = _Model(executor, ahead)
-    graph = with_choices_left_out(executor, {c.key for c in choices})
-    for first, then, lag in graph:
-        build.after(first, then, lag, None)
+    build = Times(executor, ahead)
+    for need in settled(executor, {d.key for d in decisions}):
+        build.after(need)
     literals = {}
-    for choice in choices:
+    for decision in decisions:
         literal = build.model.new_bool_var("")
-        literals[choice.key] = literal
-        for step in choice.steps[True]:
-            build.after(step.first, step.then, 0.0, literal)
-        for step in choice.steps[False]:
-            build.after(step.first, step.then, 0.0, literal.negated())
-        build.model.add_hint(literal, choice.one_first)
+        literals[decision.key] = literal
+        for need in decision.needs[True]:
+            build.after(need, literal)
+        for need in decision.needs[False]:
+            build.after(need, literal.negated())
+        build.model.add_hint(literal, decision.now)
     build.chain()
     ends = [build.time(Event(At.END, n)) for n, p in state.phase.items() if p is not Phase.DONE]
     makespan = build.model.new_int_var(0, build.latest, "")
     build.model.add_max_equality(makespan, ends)
-    weight = 10 * len(ends)
-    build.model.minimize(weight * makespan + sum(ends))
+    build.model.minimize(10 * len(ends) * makespan + sum(ends))
     number = state.graph.number
     for event, variable in build.times.items():
         if event in number:
@@ -277,34 +138,6 @@ def _solve(
     if status not in (cp_model.OPTIMAL, cp_model.FEASIBLE):
         return {}
     return {key: bool(solver.boolean_value(literal)) for key, literal in literals.items()}
-
-
-def with_choices_left_out(executor: Executor, open_: set[Key]) -> list[tuple[Event, Event, float]]:
-    """Return all edges (first, then, lag) but those of components that are open to choice."""
-    graph = executor.dependencies.graph
-    found = [
-        (graph.events[e.first], graph.events[e.then], e.lag)
-        for e in graph.edges
-        if e.kind != MEETING
-    ]
-    for meeting in executor.dependencies.meetings:
-        mine = {c for c in meeting.components if (*meeting.pair, c) in open_}
-        if all(_over(executor.state, p) for p in (meeting.a, meeting.b)):
-            continue
-        sides = {
-            (*meeting.pair, c): executor.sides[(*meeting.pair, c)]
-            for c in meeting.components
-            if (*meeting.pair, c) in executor.sides and c not in mine
-        }
-        if not mine:
-            steps = steps_by(meeting, sides)
-        else:
-            changed = {k[2] for k in sides}
-            steps = steps_of(meeting, without=mine | changed)
-            for key, side in sides.items():
-                steps += switched(meeting, key[2], side)
-        found += [(s.first, s.then, 0.0) for s in steps]
-    return found
 
 
 class Reorderer:

@@ -37,6 +37,9 @@ MINOR = 1
 MINOR_MAPS = 2
 """2 adds maps with frames and heights, and several maps."""
 
+MINOR_CHOICES = 3
+"""3 adds ``choices`` to the dependencies: orders that could be the other way round, too."""
+
 PlanDict = dict[str, Any]
 """A plan as JSON would hold it; see docs/plan-format.md."""
 
