@@ -1,9 +1,16 @@
 """The same seed, one worker: the same plan file, byte for byte, in every process."""
 
+import json
 import subprocess
+import sys
+from pathlib import Path
 
 import pytest
+from unified_planning.shortcuts import OneshotPlanner
 
+from tests.fuzz.problems import build, random_case
+from up_samp.model import Deadline, OutOfTimeError, ProblemError, UnsupportedError
+from up_samp.model.deadline import TICK, check_time, in_force
 from up_samp.system import child
 
 CODE = """
@@ -36,3 +43,97 @@ def test_equal_seeds_give_equal_plan_files(name):
         plans.add(done.stdout)
     assert len(plans) == 1
     assert '"motions"' in plans.pop()
+
+
+RANDOM = """
+import sys, json
+from pathlib import Path
+sys.path.insert(0, sys.argv[1])
+from unified_planning.shortcuts import OneshotPlanner, get_environment
+from tests.fuzz.problems import SECONDS, Writer, random_case
+from up_samp.io import result_to_dict, dump_plan
+get_environment().credits_stream = None
+params = {"seed": 3, "reproducible": True, "seconds_per_unit": SECONDS}
+for seed in json.loads(sys.argv[3]):
+    case = random_case(seed)
+    problem = Writer(case, Path(sys.argv[2]) / str(seed) / f"{case.floor.kind}.yaml").write()
+    with OneshotPlanner(name="samp-refine[cpsat]", params=params) as planner:
+        result = planner.solve(problem, timeout=600)
+    sys.stdout.write(result.status.name)
+    if result.plan is not None:
+        sys.stdout.write(dump_plan(result_to_dict(problem, result)))
+"""
+
+
+def same_in_processes(folder, seeds, hash_seeds):
+    for seed in seeds:
+        (folder / str(seed)).mkdir()
+        build(random_case(seed), folder / str(seed))
+    root = str(Path(__file__).parents[2])
+    burner = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+    try:
+        plans = set()
+        for hash_seed in hash_seeds:
+            done = subprocess.run(
+                child.command(RANDOM, [root, str(folder), json.dumps(seeds)]),
+                env=child.environment({"PYTHONHASHSEED": hash_seed}),
+                capture_output=True,
+                text=True,
+                timeout=900,
+            )
+            assert done.returncode == 0, done.stderr
+            plans.add(done.stdout)
+    finally:
+        burner.kill()
+        burner.wait()
+    assert len(plans) == 1
+    assert '"motions"' in plans.pop()
+
+
+def test_a_few_plans_are_the_same_beside_a_busy_process(tmp_path):
+    same_in_processes(tmp_path, [103, 109], ["1", "77"])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("first", range(100, 160, 10))
+def test_plans_are_the_same_beside_a_busy_process(tmp_path, first):
+    same_in_processes(tmp_path, list(range(first, first + 10)), ["0", "1", "77"])
+
+
+def test_counted_deadlines_go_by_work():
+    whole = Deadline.counted(100.0)
+    part = whole.within(0.005)
+    looks = 0
+    while not part.expired():
+        looks += 1
+    assert looks == round(0.005 / TICK) - 1
+    assert not whole.expired()
+    left = whole.remaining()
+    whole.spend(30.0)
+    assert whole.remaining() == pytest.approx(left - 30.0)
+    assert whole.within(50.0).within(5.0).remaining() == pytest.approx(5.0)
+    whole.spend(1000.0)
+    assert whole.remaining() == pytest.approx(10.0)  # when it ends is for the clock to say
+    assert not whole.expired()
+    with in_force(whole):
+        check_time()
+    over = Deadline.counted(0.0)
+    assert over.expired()
+    assert over.remaining() == 0.0
+    assert over.within(5.0).expired()
+    with in_force(over), pytest.raises(OutOfTimeError):
+        check_time()
+
+
+@pytest.mark.parametrize(
+    ("engine", "params", "error"),
+    [("aries", {}, UnsupportedError), ("cpsat", {"workers": 2}, ProblemError)],
+)
+def test_what_hangs_on_the_clock_is_refused(tmp_path, engine, params, error):
+    problem = build(random_case(103), tmp_path)
+    params = {"reproducible": True, **params}
+    with (
+        OneshotPlanner(name=f"samp-refine[{engine}]", params=params) as planner,
+        pytest.raises(error, match="reproducible=True"),
+    ):
+        planner.solve(problem, timeout=10)

@@ -30,8 +30,10 @@ from up_samp.model import (
     EngineError,
     MotionModel,
     OutOfTimeError,
+    ProblemError,
     Refusal,
     SampError,
+    UnsupportedError,
     in_force,
 )
 from up_samp.model.errors import InterruptedSearch, short
@@ -89,6 +91,8 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
 
     def __init__(self, *args: Any, **kwargs: Any):
         self.params, self.engine_params = split_parameters(kwargs)
+        if self.params.reproducible and self._native:
+            self.engine_params.setdefault("workers", 1)
         MetaEngine.__init__(self, *args, **self.engine_params)
         OneshotPlannerMixin.__init__(self)
         AnytimePlannerMixin.__init__(self)
@@ -213,7 +217,9 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
 
         if moves:
             compiling.wait()
-        deadline = Deadline.after(timeout)
+        self._check_reproducible(problem)
+        counted = self.params.reproducible
+        deadline = Deadline.counted(timeout) if counted else Deadline.after(timeout)
         if not moves:
             yield schedule_plainly(self, problem, deadline, optimal, start)
             return
@@ -248,6 +254,20 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
             yield self._failure(problem, search, _broke_down(error))
         finally:
             steps.close()
+
+    def _check_reproducible(self, problem: Any) -> None:
+        """Raise where the clock, or what runs beside, decides what is found."""
+        if not self.params.reproducible:
+            return
+        if not self._native:
+            raise UnsupportedError(
+                f"reproducible=True: when '{self._engine_class.name}' answers hangs on the clock; "
+                "use samp-refine[cpsat]"
+            )
+        if self.engine_params.get("workers") != 1:
+            raise ProblemError("reproducible=True needs workers=1: CP-SAT's threads race")
+        if self.params.executor is not None:
+            raise ProblemError("reproducible=True needs motions planned here: leave out 'executor'")
 
     def _too_late(self, deadline: Deadline) -> PlanGenerationResult:
         """Return that the time was over before the problem was even read."""

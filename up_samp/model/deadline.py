@@ -27,15 +27,43 @@ def do_not_count(seconds: float) -> None:
     _not_counted[0] += seconds
 
 
+TICK = 1e-3
+"""Seconds of work that one look at a counted deadline stands for."""
+
+LEAST_LEFT = 0.1
+"""Share of a counted deadline's whole time that is left to plan with, however much is done: when it
+ends is for the clock alone to say.
+"""
+
+
+@dataclass
+class Work:
+    """What was done, counted as seconds, for deadlines that do not go by the clock.
+
+    ``total``: the seconds there are; ``until`` (of :func:`clock`): when all is over nevertheless.
+    """
+
+    total: float
+    until: float
+    spent: float = 0.0
+
+    def over(self) -> bool:
+        """Return whether the time on the clock is over."""
+        return clock() >= self.until
+
+
 @dataclass(frozen=True)
 class Deadline:
     """A point in time (see :func:`clock`) that all parts of one solve share.
 
-    ``Deadline.after(5.0)`` ends in five seconds, ``Deadline.never()`` does not end.
+    ``Deadline.after(5.0)`` ends in five seconds, ``Deadline.never()`` does not end. With ``work``
+    its parts (:meth:`within`) end after so much work, the same on every machine, and ``at`` counts
+    in seconds of work; only the whole ends by the clock.
     """
 
     at: float = math.inf
     started: float = field(default_factory=clock)
+    work: Work | None = field(default=None, compare=False)
 
     @staticmethod
     def after(seconds: float | None) -> Deadline:
@@ -51,6 +79,15 @@ class Deadline:
         return Deadline(now + seconds, now)
 
     @staticmethod
+    def counted(seconds: float | None) -> Deadline:
+        """Return the same for a solve whose parts end by the work that they did: every look at such
+        a deadline counts as ``TICK`` s of it.
+        """
+        whole = Deadline.after(seconds)
+        total = math.inf if seconds is None else float(seconds)
+        return Deadline(math.inf, whole.started, Work(total, whole.at))
+
+    @staticmethod
     def never() -> Deadline:
         """Return a deadline that never ends."""
         return Deadline.after(None)
@@ -58,11 +95,19 @@ class Deadline:
     @property
     def moment(self) -> float:
         """When it ends on the clock of the whole machine, ``time.monotonic``, as things stand."""
-        return self.at + _not_counted[0]
+        at = self.at if self.work is None else self.work.until
+        return at + _not_counted[0]
 
     def remaining(self) -> float:
         """Return the seconds left (``inf`` without a limit, never below 0)."""
-        return max(0.0, self.at - clock())
+        work = self.work
+        if work is None:
+            return max(0.0, self.at - clock())
+        if work.over():
+            return 0.0
+        if math.isinf(self.at):
+            return max(work.total - work.spent, LEAST_LEFT * work.total)
+        return max(0.0, self.at - work.spent)
 
     def elapsed(self) -> float:
         """Return the seconds since the deadline was set."""
@@ -70,12 +115,27 @@ class Deadline:
 
     def expired(self) -> bool:
         """Return whether no time is left."""
-        return clock() >= self.at
+        if self.work is None:
+            return clock() >= self.at
+        self.work.spent += TICK
+        return self.work.over() or self.work.spent >= self.at
+
+    def spend(self, seconds: float) -> None:
+        """Count work that was done without a look at the deadline."""
+        if self.work is not None:
+            self.work.spent += seconds
+
+    def over(self) -> bool:
+        """Return whether the clock says that all is over, which is no work."""
+        return clock() >= self.at if self.work is None else self.work.over()
 
     def within(self, seconds: float | None) -> Deadline:
         """Return the earlier of this deadline and ``seconds`` from now."""
         now = clock()
-        return self if seconds is None else Deadline(min(self.at, now + seconds), now)
+        if seconds is None:
+            return self
+        begin = now if self.work is None else self.work.spent
+        return Deadline(min(self.at, begin + seconds), now, self.work)
 
 
 _in_force: ContextVar[Deadline | None] = ContextVar("deadline in force", default=None)
@@ -98,5 +158,5 @@ def in_force(deadline: Deadline) -> Iterator[None]:
 def check_time() -> None:
     """Raise :class:`~up_samp.model.OutOfTimeError` if the deadline in force is over."""
     deadline = _in_force.get()
-    if deadline is not None and deadline.expired():
+    if deadline is not None and deadline.over():
         raise OutOfTimeError("no time is left")

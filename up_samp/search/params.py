@@ -38,6 +38,10 @@ class Parameters:
     """Clearance that motions keep from everything (m)."""
     optimal: bool | None = None
     """Go on until proven optimal (``None``: as UP's optimality guarantee says)."""
+    reproducible: bool = False
+    """Limits within the search count work, not seconds: the same seed gives the same plan on every
+    machine, busy or not, if the time limit does not end it. For ``cpsat`` with one worker.
+    """
     query_seconds: float = 10.0
     """First limit of one motion query (the paper's t_p, doubled at each restart)."""
     max_restarts: int | None = None

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from up_samp.geometry import Shape, sweeps
 from up_samp.geometry.scene import Scene
 from up_samp.geometry.shapes import shape_of
-from up_samp.model import Body, Configuration, Placed
+from up_samp.model import Body, Configuration, Placed, check_time
 from up_samp.motion.fleet.abilities import abilities_of
 from up_samp.motion.fleet.conflicts import sweep_table
 from up_samp.motion.fleet.lanes import arcs_between
@@ -176,6 +176,7 @@ class Roadmap:
     def out(self, node: int) -> list[Edge]:
         """Return the free moves from a place."""
         if node not in self._known:
+            check_time()
             found = [self.edges[k] for k in self._extra.get(node, ())]
             if node in self._keys and len(self.poses) < NODES:
                 found += self._lattice_moves(node)

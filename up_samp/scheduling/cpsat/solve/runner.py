@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -77,8 +78,13 @@ def run(
         else:
             setattr(parameters, name, value)
     remaining = deadline.remaining()
-    if math.isfinite(remaining):
+    if math.isfinite(remaining) and deadline.work is None:
         parameters.max_time_in_seconds = max(0.0, remaining)
+    if deadline.work is not None:
+        # counted like all other work; the clock only ends it
+        parameters.max_deterministic_time = min(parameters.max_deterministic_time, remaining)
+        left = deadline.moment - time.monotonic()
+        parameters.max_time_in_seconds = max(0.0, min(left, parameters.max_time_in_seconds))
     watch = _Watch(improved)
     outcome: dict[str, Any] = {}
 
@@ -93,6 +99,7 @@ def run(
     if error is not None:
         raise error
     status = outcome["status"]
+    deadline.spend(solver.response_proto.deterministic_time)
     solution = list(solver.response_proto.solution)
     known = status in (cp_model.OPTIMAL, cp_model.FEASIBLE)
     return SolverAnswer(
