@@ -2,7 +2,7 @@
 
 - Each robot has a fluent for its place. Moves need it at their start and set it at their end; what
   is done at places needs it over ``(start, end]``, so that it may begin as a move ends.
-- What one robot does is kept apart pair by pair, which the scheduler reads as "one at a time".
+- What one robot does takes the robot, a resource of one unit: linear in size, where pairs are not.
 - What can be done by several robots is one optional activity each, exactly one of them present.
 """
 
@@ -144,8 +144,8 @@ class _Writer:
         self._after()
         self._priorities()
         self._left_out()
-        for activities in self.busy.values():
-            self._one_at_a_time(activities)
+        for robot, activities in self.busy.items():
+            self._one_at_a_time(robot, activities)
         if self.records.objective == "makespan":
             self.problem.add_quality_metric(MinimizeMakespan())
         return self.problem
@@ -456,7 +456,7 @@ class _Writer:
             for a in self.problem.activities:
                 if a not in last:
                     self.problem.add_constraint(LE(a.end, leaving.start), _present(a, leaving))
-        self._one_at_a_time(list(self.leaving.values()))
+        self._one_at_a_time("nobody", list(self.leaving.values()))
 
     def _exactly_one(self, activities: Sequence[Activity]) -> None:
         self.problem.add_constraint(Or([a.present for a in activities]))
@@ -504,10 +504,11 @@ class _Writer:
             for a, b in itertools.product(firsts, others):
                 self.problem.add_constraint(LE(a.start, b.start), _present(a, b))
 
-    def _one_at_a_time(self, activities: Sequence[Activity]) -> None:
-        for a, b in itertools.combinations(activities, 2):
-            apart = Or(LE(a.end, b.start), LE(b.end, a.start))
-            self.problem.add_constraint(apart, _present(a, b))
+    def _one_at_a_time(self, who: str, activities: Sequence[Activity]) -> None:
+        if len(activities) > 1:
+            busy = self.problem.add_resource(f"busy{MARK}{who}", 1)
+            for a in activities:
+                a.uses(busy)
 
 
 def _present(*activities: Activity) -> list[FNode]:
