@@ -1,6 +1,6 @@
 """One robot does one thing at a time: said by a resource of one unit, or pair by pair.
 
-``python benchmarks/fleet/one_at_a_time.py [ORDERS ROBOTS SECONDS]`` writes the same fleet problem in
+``python benchmarks/fleet/one_at_a_time.py [ORDERS ROBOTS SECONDS]`` writes one fleet problem in
 both forms, gives its drives the least durations that distances tell, and lets ``cpsat`` solve what
 remains without motions: constraints, CPU time of writing and of solving, makespan and bound.
 """
