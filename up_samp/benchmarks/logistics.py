@@ -139,6 +139,18 @@ def logistics(
         body, closed, opened = family.door(DOOR, prefix="door")
         button = family.place("button", DOOR.button)
         family.open_door("open_door", body, closed, opened, button)
+    _picks(family, depots, shelves, button, items)
+    return family.finish()
+
+
+def _picks(
+    family: Family,
+    depots: list[ConfigurationObject],
+    shelves: dict[tuple[int, str], ConfigurationObject],
+    button: ConfigurationObject | None,
+    items: int,
+) -> None:
+    """Add who picks what: every item is picked by exactly one robot."""
     hands = Hands(family)
     picks: list[list[Activity]] = [[] for _ in range(items)]
     for robot, depot in zip(family.robots, depots, strict=True):
@@ -151,7 +163,6 @@ def logistics(
         family.routes.end(robot, depot)
     for choices in picks:
         family.exactly_one(choices)
-    return family.finish()
 
 
 class Hands:

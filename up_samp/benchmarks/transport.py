@@ -58,6 +58,27 @@ def instance_name(robots: int, jobs: int, machines: int, door: DoorState) -> str
     return f"transport-d{door[0]}-r{robots}-j{jobs}-m{machines}"
 
 
+def _starts(family: Family, shop: jobshop.Shop) -> list[ConfigurationObject]:
+    """Add the robots where they start, and return these places."""
+    starts = [family.place(f"start{r}", pose) for r, pose in enumerate(shop.starts)]
+    for r, start in enumerate(starts):
+        family.robot(f"r{r}", start)
+    return starts
+
+
+def _empty_moves(
+    family: Family,
+    hands: Loads,
+    starts: list[ConfigurationObject],
+    stops: list[ConfigurationObject],
+) -> None:
+    """Add the robots' moves without a load: from their starts and between all stops."""
+    for robot, start in zip(family.robots, starts, strict=True):
+        for origin, to in itertools.product([start, *stops], stops):
+            if origin is not to:
+                hands.empty(robot, family.move(robot, origin, to))
+
+
 def transport(
     robots: int = 2,
     jobs: int = 2,
@@ -88,8 +109,11 @@ def transport(
     if data == "ft06":
         jobs, machines = len(FT06), len(FT06[0])
     shop = jobshop.draw_shop(robots, jobs, machines, seed)
-    title = f"transport-{data}-d{door[0]}-r{robots}" if data else None
-    title = name or title or instance_name(robots, jobs, machines, door)
+    title = name or (
+        f"transport-{data}-d{door[0]}-r{robots}"
+        if data
+        else instance_name(robots, jobs, machines, door)
+    )
     family = Family(
         title + (f"-s{seed}" if seed and not name else ""),
         str(job_shop_map(machines)),
@@ -97,24 +121,16 @@ def transport(
         encoding=encoding,
         metric=metric,
     )
-    starts = [family.place(f"start{r}", pose) for r, pose in enumerate(shop.starts)]
-    for r, start in enumerate(starts):
-        family.robot(f"r{r}", start)
+    starts = _starts(family, shop)
     stands = [family.place(f"machine{m}", pose) for m, pose in enumerate(shop.machines)]
     spots = pallet_poses(jobs, machines)
     pallets = [family.place(f"pallet{j}", pose) for j, pose in enumerate(spots)]
     _check(shop, spots, door == "closed")
-    buttons: list[ConfigurationObject] = []
-    if door == "closed":
-        buttons = jobshop.add_doors(family, [jobshop.shop_door(i) for i in range(machines)])
+    doors = [jobshop.shop_door(i) for i in range(machines)] if door == "closed" else []
+    buttons = jobshop.add_doors(family, doors) if doors else []
     hands = Loads(family, pallets)
-    for robot, start in zip(family.robots, starts, strict=True):
-        stops = [*stands, *pallets, *buttons]
-        for origin, to in itertools.product([start, *stops], stops):
-            if origin is not to:
-                hands.empty(robot, family.move(robot, origin, to))
-    routes = FT06 if data == "ft06" else shop.jobs
-    _jobs(family, hands, routes, stands, pallets)
+    _empty_moves(family, hands, starts, [*stands, *pallets, *buttons])
+    _jobs(family, hands, FT06 if data == "ft06" else shop.jobs, stands, pallets)
     hands.finish()
     return family.finish()
 

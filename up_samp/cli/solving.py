@@ -62,6 +62,10 @@ def add_solver_arguments(parser: argparse.ArgumentParser, *, out: str | None, gi
         metavar="S",
         help="length of a time unit (default: 1, or what the problem file says)",
     )
+    _add_output_arguments(parser, out=out, gif=gif)
+
+
+def _add_output_arguments(parser: argparse.ArgumentParser, *, out: str | None, gif: bool) -> None:
     parser.add_argument(
         "--out",
         type=Path,

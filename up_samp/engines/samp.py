@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import traceback
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from typing import IO, TYPE_CHECKING, Any
 
 from unified_planning.engines import (
@@ -202,20 +202,12 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         ``start``: a plan to begin from, of this problem or of one with some of its activities.
         """
         moves = isinstance(problem, SchedulingMotionProblem) and problem.motion_activities
-        if moves:
-            from up_samp.motion.compile import begin
-
-            # once per machine, before the clock runs and beside the imports
-            movers = _movers(problem)
-            models = {MotionModel[o.motion_model.name] for o in movers}
-            compiling = begin(models, several=len(movers) > 1)
+        compiling = _begin_compiling(problem) if moves else None
         # imports, too, are made before the clock runs
         from up_samp.engines.plain import schedule_plainly
-        from up_samp.search.conclusion import Conclusion, SearchResult, conclude
-        from up_samp.search.loop import InvalidPlanError
         from up_samp.search.session import run
 
-        if moves:
+        if compiling is not None:
             compiling.wait()
         self._check_reproducible(problem)
         counted = self.params.reproducible
@@ -229,7 +221,15 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         except OutOfTimeError:
             yield self._too_late(deadline)
             return
-        steps = run(search, optimal=optimal)
+        yield from self._told(problem, search, run(search, optimal=optimal), deadline)
+
+    def _told(
+        self, problem: Any, search: Search, steps: Generator[Any, None, Any], deadline: Deadline
+    ) -> Iterator[PlanGenerationResult]:
+        """Yield what a search finds, and how it ended, whatever ended it."""
+        from up_samp.search.conclusion import Conclusion, SearchResult, conclude
+        from up_samp.search.loop import InvalidPlanError
+
         try:
             while True:
                 with in_force(deadline):
@@ -293,7 +293,7 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         stream: IO[str] | None,
         start: Plan | None,
     ) -> Search:
-        from up_samp.search.session import open_search
+        from up_samp.search.session import Wrapped, open_search
         from up_samp.validation import validate_plan, validate_schedule
 
         params = self.params
@@ -312,13 +312,10 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
 
         return open_search(
             problem,
-            self._engine_class,
+            Wrapped(self._engine_class, self.engine_params, check_schedule, self._native),
             params,
-            self.engine_params,
             deadline,
-            check_schedule=check_schedule,
             check_plan=check_plan,
-            native=self._native,
             start=start,
         )
 
@@ -396,6 +393,17 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
             metrics["makespan"] = str(makespan)
             metrics["gap"] = f"{1 - bounds.lower / makespan if makespan else 0:.4f}"
         return metrics
+
+
+def _begin_compiling(problem: SchedulingMotionProblem) -> Any:
+    """Begin to compile what the problem's bodies need, once per machine, before the clock runs and
+    beside the imports.
+    """
+    from up_samp.motion.compile import begin
+
+    movers = _movers(problem)
+    models = {MotionModel[o.motion_model.name] for o in movers}
+    return begin(models, several=len(movers) > 1)
 
 
 def _movers(problem: SchedulingMotionProblem) -> set[MovableObject]:

@@ -36,14 +36,6 @@ def record_of(
     unit = float(plan["seconds_per_unit"])
     done = {n: (a, now if b is None else b) for n, (a, b) in spans.items()}
     drives = {d.key: d for life in lives.values() for d in life.drives}
-    activities = []
-    for entry in plan["activities"]:
-        if entry["name"] in done:
-            start, end = done[entry["name"]]
-            activities.append(
-                {**entry, "start": round(start / unit, 6), "end": round(end / unit, 6)}
-            )
-    activities.sort(key=lambda a: (a["start"], a["end"]))
     planned = {(m["activity"], m["object"]): m for m in plan["motions"]}
     frames = side_by_side(plan)[1]
     motions = []
@@ -72,11 +64,27 @@ def record_of(
         engine=f"{plan['engine']} (executed)",
         lower_bound=None,
         makespan=round(max((end for _, end in done.values()), default=0.0) / unit, 6),
-        activities=activities,
+        activities=_activities(plan, done, unit),
         motions=motions,
         changes=sorted(changes, key=lambda c: c["time"]),
     )
     return record
+
+
+def _activities(
+    plan: PlanDict, done: Mapping[str, tuple[float, float]], unit: float
+) -> list[dict[str, Any]]:
+    """Return the activities that began, with their real times (units), in order of time."""
+    found = [
+        {
+            **entry,
+            "start": round(done[entry["name"]][0] / unit, 6),
+            "end": round(done[entry["name"]][1] / unit, 6),
+        }
+        for entry in plan["activities"]
+        if entry["name"] in done
+    ]
+    return sorted(found, key=lambda a: (a["start"], a["end"]))
 
 
 def _motion(drive: Drive, trace: list[tuple[float, float]], home: Frame) -> dict[str, Any]:

@@ -37,6 +37,16 @@ def draw_fleet(
     ax.set(xlim=(left, right), ylim=(bottom, top), xlabel="x [m]", ylabel="y [m]")
     ax.set_aspect("equal")
     bad = {f.subject for f in findings if f.level is not Level.NOTE}
+    labels = [*_draw_fixtures(ax, records), *_draw_places(ax, records, bad)]
+    ax.set_title(f"{records.name}: {len(records.robots)} robots, {len(records.orders)} orders, "
+                 f"{len(records.tasks)} tasks", loc="left", fontsize=11, color=INK)  # fmt: skip
+    _draw_legend(ax, records, bad)
+    place_labels(ax, labels, avoid=[])
+    return ax
+
+
+def _draw_fixtures(ax: Axes, records: FleetRecords) -> list[Label]:
+    """Draw zones, doors and loads; return what they are called."""
     labels: list[Label] = []
     for name, zone in records.zones.items():
         here = np.asarray(zone.polygon, dtype=np.float64)
@@ -53,6 +63,12 @@ def draw_fleet(
             at = load_pose(job.attached, records.places[job.pickup.at[0]].pose)
             load = placed(job.attached.footprint, at)
             ax.add_patch(Polygon(load, fc=mixed(FIXTURE, 0.6), ec=FIXTURE, zorder=1.5))
+    return labels
+
+
+def _draw_places(ax: Axes, records: FleetRecords, bad: set[str]) -> list[Label]:
+    """Draw places, with the robots that start there; return what they are called."""
+    labels: list[Label] = []
     starts = {r.start: name for name, r in records.robots.items()}
     order = list(records.robots)
     shape = _usual(records)
@@ -73,8 +89,10 @@ def draw_fleet(
         ax.plot([x, tip[0]], [y, tip[1]], color=color, lw=1.2, zorder=4)
         text = name if robot is None else f"{robot} at {name}"
         labels.append(_label(text, place.pose, outline, color))
-    ax.set_title(f"{records.name}: {len(records.robots)} robots, {len(records.orders)} orders, "
-                 f"{len(records.tasks)} tasks", loc="left", fontsize=11, color=INK)  # fmt: skip
+    return labels
+
+
+def _draw_legend(ax: Axes, records: FleetRecords, bad: set[str]) -> None:
     keys = [
         Patch(fc=mixed(INK, 0.85), ec=INK, label="place"),
         Patch(fc=FIXTURE, label="door, closed"),
@@ -85,8 +103,6 @@ def draw_fleet(
         keys.append(Patch(fc=WRONG, label="wrong: see the list"))
     ax.legend(handles=keys, loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=4.5,
               frameon=False, ncols=3, fontsize=8)  # fmt: skip
-    place_labels(ax, labels, avoid=[])
-    return ax
 
 
 def _usual(records: FleetRecords) -> Outline:

@@ -88,14 +88,19 @@ def plan_to_dict(
     }
     if rides := described_rides(snapshot, times):
         data["rides"] = rides
-    if len(maps) > 1 or "frame" in data["map"] or "height" in data["map"]:
-        data["minor"] = MINOR_MAPS
-    if len(maps) > 1:
-        data["maps"] = maps
+    _tell_maps(data, maps)
     if problem.base_variables:
         # only by these can a plan with variables be read back and judged
         data["parameters"] = {v.name: value_of(plan.get(v)) for v in problem.base_variables}
     return data
+
+
+def _tell_maps(data: PlanDict, maps: list[dict[str, Any]]) -> None:
+    """Add what only plans on several maps, or on maps with frames of their own, have."""
+    if len(maps) > 1 or "frame" in data["map"] or "height" in data["map"]:
+        data["minor"] = MINOR_MAPS
+    if len(maps) > 1:
+        data["maps"] = maps
 
 
 def result_to_dict(

@@ -168,20 +168,25 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
 }
 
 
+SWITCHES = (
+    "refine",
+    "bounds_first",
+    "certificates",
+    "small_cuts",
+    "equivalents",
+    "profiles",
+    "incumbents",
+    "slack",
+    "tidy",
+    "single_geometric",
+    "single_temporal",
+)
+"""The ideas that presets and ablations turn on and off."""
+
 ABLATIONS: Mapping[str, Mapping[str, Any]] = {
     f"without-{switch.replace('_', '-')}": {switch: False}
-    for switch in (
-        "bounds_first",
-        "certificates",
-        "small_cuts",
-        "equivalents",
-        "profiles",
-        "incumbents",
-        "slack",
-        "tidy",
-        "single_geometric",
-        "single_temporal",
-    )
+    for switch in SWITCHES
+    if switch != "refine"
 }
 """The default preset with one idea switched off; presets too, for measurements."""
 

@@ -23,7 +23,7 @@ from up_samp.search.events import Phase
 from up_samp.search.facts import Facts, just_this
 from up_samp.search.in_turn import InTurn
 from up_samp.search.pace import AtOnce, Staged
-from up_samp.search.params import Parameters
+from up_samp.search.params import SWITCHES, Parameters
 from up_samp.search.repair import Repairing
 from up_samp.search.search import Search
 from up_samp.search.slack import Slack
@@ -134,18 +134,3 @@ def _cuts(ideas: set[str], attempts: tuple[Attempt, ...], seed: int, tuning: Cut
     if "small_cuts" in ideas:
         return SmallCuts(alike, attempts)
     return PaperCuts(alike, widened="equivalents" in ideas, seed=seed, tuning=tuning)
-
-
-SWITCHES = (
-    "refine",
-    "bounds_first",
-    "certificates",
-    "small_cuts",
-    "equivalents",
-    "profiles",
-    "incumbents",
-    "slack",
-    "tidy",
-    "single_geometric",
-    "single_temporal",
-)

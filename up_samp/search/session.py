@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -54,16 +54,26 @@ ScheduleCheck = Callable[[Any, Schedule], list[str]]
 PlanCheck = Callable[[SampSchedule], list[Refusal]]
 
 
+@dataclass(frozen=True)
+class Wrapped:
+    """The engine that schedules, with its parameters and the judge of its schedules.
+
+    ``native``: it is our own.
+    """
+
+    engine: Any
+    params: Mapping[str, Any]
+    check: ScheduleCheck
+    native: bool
+
+
 def open_search(
     problem: SchedulingMotionProblem,
-    engine: Any,
+    wrapped: Wrapped,
     params: Parameters,
-    engine_params: Mapping[str, Any],
     deadline: Deadline,
     *,
-    check_schedule: ScheduleCheck,
     check_plan: PlanCheck,
-    native: bool,
     start: Plan | None = None,
 ) -> Search:
     """Read the problem, check its geometry, relax it and open a scheduler on the relaxation.
@@ -79,18 +89,18 @@ def open_search(
         check_start_poses(snapshot, service)
 
     def relax_anew() -> Relaxation:
-        return relax(problem, snapshot, hold_static=native)
+        return relax(problem, snapshot, hold_static=wrapped.native)
 
-    own = {"tuning": tuning_of(params.tuning).cpsat} if native else {}
-    given = {**own, **engine_params}
+    own = {"tuning": tuning_of(params.tuning).cpsat} if wrapped.native else {}
+    given = {**own, **wrapped.params}
 
     def scheduler_for(relaxation: Relaxation, attempt: int) -> Scheduler:
         return open_scheduler(
-            engine,
+            wrapped.engine,
             relaxation.problem,
             params=given,
             seed=params.seed + attempt,
-            check=check_schedule,
+            check=wrapped.check,
             environment=problem.environment,
         )
 
@@ -99,7 +109,7 @@ def open_search(
         scheduler_for,
         partial(to_plan, problem, snapshot),
         check_plan,
-        native,
+        wrapped.native,
     )
     with stages.of(READING):
         search = assemble(asked, service, params, deadline)

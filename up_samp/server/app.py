@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from importlib import resources
 from typing import Any
 
@@ -56,6 +56,19 @@ def create_app(jobs: Jobs) -> FastAPI:
         first = int(seen) + 1 if seen.isdecimal() else max(0, begin)
         return StreamingResponse(_stream(job, first), media_type="text/event-stream")
 
+    @app.delete("/v1/plans/{name}")
+    def stop(name: str) -> dict[str, Any]:
+        """End a job and return the best plan that it had."""
+        job = find(name)
+        jobs.stop(job)
+        return {**job.status(), "plan": job.plan}
+
+    _add_animation(app, find)
+    _add_validation(app, jobs)
+    return app
+
+
+def _add_animation(app: FastAPI, find: Callable[[str], Job]) -> None:
     @app.get("/v1/plans/{name}/animation.html", response_class=HTMLResponse)
     def animation(name: str) -> str:
         """Return a page that plays the best plan so far."""
@@ -65,16 +78,6 @@ def create_app(jobs: Jobs) -> FastAPI:
         if job.plan is None:
             raise HTTPException(404, f"there is no plan of '{name}' yet")
         return animation_of(job.plan, job.request["map"])
-
-    @app.delete("/v1/plans/{name}")
-    def stop(name: str) -> dict[str, Any]:
-        """End a job and return the best plan that it had."""
-        job = find(name)
-        jobs.stop(job)
-        return {**job.status(), "plan": job.plan}
-
-    _add_validation(app, jobs)
-    return app
 
 
 def _add_validation(app: FastAPI, jobs: Jobs) -> None:

@@ -174,17 +174,9 @@ class CarPlanner:
             looked, nearest = int(tree.counters[0]), min(nearest, reached)
             before = int(tree.counters[2])
             state = hybrid.expand(
-                tree,
-                data,
-                polys,
-                shape.data,
-                field,
-                space,
-                steps,
-                target,
-                limits,
+                tree, data, polys, shape.data, field, space, steps, target, limits,
                 self.settings.slice,
-            )
+            )  # fmt: skip
             budget.used += int(tree.counters[2]) - before
         found = tree.counters[3] >= 0
         arcs = merged(hybrid.solution(tree)) if found else None

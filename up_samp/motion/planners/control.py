@@ -115,6 +115,15 @@ class _Validity(ob.StateValidityChecker):  # type: ignore[misc]
         return bool(self._low[0] <= x <= self._high[0] and self._low[1] <= y <= self._high[1])
 
 
+def _state(si: Any, pose: Configuration) -> Any:
+    """Return a pose as a state of OMPL's."""
+    state = si.allocState()
+    state.setX(float(pose[0]))
+    state.setY(float(pose[1]))
+    state.setYaw((float(pose[2]) + math.pi) % (2 * math.pi) - math.pi)
+    return state
+
+
 def _search(
     world: ControlWorld,
     start: Configuration,
@@ -151,14 +160,7 @@ def _search(
     si.setMinMaxControlDuration(1, 12)
     si.setup()
     pdef = ob.ProblemDefinition(si)
-    ends = []
-    for pose in (start, goal):
-        state = si.allocState()
-        state.setX(float(pose[0]))
-        state.setY(float(pose[1]))
-        state.setYaw((float(pose[2]) + math.pi) % (2 * math.pi) - math.pi)
-        ends.append(state)
-    pdef.setStartAndGoalStates(*ends, world.near)
+    pdef.setStartAndGoalStates(_state(si, start), _state(si, goal), world.near)
     set_seed(seed)
     method = getattr(oc, name)(si)
     method.setProblemDefinition(pdef)

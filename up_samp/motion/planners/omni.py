@@ -159,19 +159,9 @@ class PlanarPlanner:
         while state == 0 and not budget.spent():
             before = int(tree.counters[2])
             state = expand_planar(
-                tree,
-                data,
-                polys,
-                shape.data,
-                field,
-                space,
-                np.array(moves),
-                origin,
-                target,
-                limits,
-                grain.tight,
-                self.settings.slice,
-            )
+                tree, data, polys, shape.data, field, space, np.array(moves), origin, target,
+                limits, grain.tight, self.settings.slice,
+            )  # fmt: skip
             budget.used += int(tree.counters[2]) - before
         if state != 1:
             return None, state == 2
