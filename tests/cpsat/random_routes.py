@@ -24,6 +24,7 @@ from unified_planning.shortcuts import (
     GE,
     LE,
     LT,
+    And,
     BoolType,
     Equals,
     Fluent,
@@ -106,6 +107,8 @@ class RandomRoutes:
         own = random.Random(seed + 10**6)  # so that what else is drawn does not change
         if own.random() < 0.5:
             self._openings(own)
+        if own.random() < 0.4:
+            self._from_anywhere(own)
         for t in self.travellers:
             self._one_at_a_time(self.busy[t])
         self.p.add_quality_metric(MinimizeMakespan())
@@ -238,6 +241,22 @@ class RandomRoutes:
                 self.p.add_constraint(LE(a.end, r.choice(self.stops).start), present(a))
             elif kind < 0.4:
                 a.add_condition(begin(a), Equals(self.door(), self.shut))
+
+    def _from_anywhere(self, r):
+        """Add moves that start wherever their traveller is: how long they last hangs on that."""
+        for t in self.travellers:
+            for n, to in enumerate(r.sample(self.spots, r.choice([1, 1, 2]))):
+                m = self.p.add_activity(f"f{t}_{n}", 1, optional=True)
+                m.set_duration_bounds(r.choice([0, 1, 2]), 7)
+                origin = m.add_parameter("origin", self.spot)
+                span = r.choice([whole, whole, begin])(m)
+                m.add_condition(span, Equals(self.at[t](), origin))
+                m.add_effect(m.end, self.at[t](), to)
+                for a in r.sample(self.spots, 2):
+                    lasts = And(m.present, LE(m.start + r.choice([2, 4, 5]), m.end))
+                    elsewhere = Not(Equals(origin, a))
+                    self.p.add_constraint(Or(Not(m.present), lasts, elsewhere))
+                self.busy[t].append(m)
 
     # -- what is beside the shape ----------------------------------------------------------------
     def _side_effects(self):

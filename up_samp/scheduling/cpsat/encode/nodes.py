@@ -20,6 +20,18 @@ def equals_object(node: FNode) -> str | None:
     return None
 
 
+def equals_parameter(node: FNode) -> str | None:
+    """Return the parameter's name if ``node`` says that a fluent equals an object parameter."""
+    if node.node_type is not Op.EQUALS:
+        return None
+    left, right = node.args
+    if right.node_type is Op.FLUENT_EXP:
+        left, right = right, left
+    if left.node_type is Op.FLUENT_EXP and right.node_type is Op.PARAM_EXP:
+        return str(right.parameter().name) if right.type.is_user_type() else None
+    return None
+
+
 def conjuncts(node: FNode) -> list[FNode]:
     """Return the parts of a conjunction (the node itself if it is none)."""
     if node.node_type is Op.AND:

@@ -20,6 +20,7 @@ from up_samp.model import UnsupportedError, check_time
 from up_samp.scheduling.cpsat.encode.nodes import (
     conjuncts,
     equals_object,
+    equals_parameter,
     fluents_in,
     has_decisions,
 )
@@ -343,6 +344,15 @@ class States:
                 allowed = self._values(node, state)
                 self._read(state, Read(number, active, lo, hi, allowed=allowed, loose=loose))
                 return
+        chosen = equals_parameter(node)
+        if chosen is not None and single is not None and all(a.is_constant() for a in single.args):
+            ((_, state),) = self.grounds(single, Terms(self.world, _no_fluents, owner))
+            value = self.world.parameters.get(chosen)
+            if state.key[0] in self.dynamic and state.values is not None and value is not None:
+                low, high = self.store.range(value)
+                allowed = frozenset(v for v in state.values if low <= v <= high)
+                self._read(state, Read(number, active, lo, hi, allowed, value, loose=loose))
+                return
         terms = Terms(self.world, self.reader(owner, active, lo, hi, loose), owner)
         self.store.enforce(terms.form(node), (active,))
 
@@ -365,7 +375,7 @@ class States:
     def _read(self, state: StateVar, read: Read) -> None:
         if state.key[0] in self.dynamic:
             anything = read.allowed is not None and len(read.allowed) == len(state.values or ())
-            if anything and state.initial is not None:
+            if anything and state.initial is not None and read.value is None:
                 read = replace(read, allowed=None, guard_only=True)
             state.reads.append(read)
         elif state.initial is None or (

@@ -135,7 +135,8 @@ class Timeline:
     def _implied(self, read: Read, link: Link) -> bool:
         """Return whether ``read`` asks no more than the read of ``link`` does."""
         return (
-            read.allowed is not None
+            read.value is None
+            and read.allowed is not None
             and link.read.allowed is not None
             and read.active == link.read.active
             and link.read.allowed <= read.allowed

@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from up_samp.scheduling.cpsat.encode.statevars import Key, Read, StateVar
-from up_samp.scheduling.cpsat.encode.store import TRUE
+from up_samp.scheduling.cpsat.encode.store import TRUE, Cmp, Form, Literal
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.encode.timeline import Link, Timeline
 
@@ -300,15 +300,8 @@ def _route(model: ScheduleModel, timeline: Timeline, cliques: Cliques) -> Route:
     links = list(timeline.linked.values())
     owners = {w.owner for w in state.writes}
     gap, members = _clique(owners, cliques) or (0, set())
-    moves = [
-        Move(
-            model.states.activity(link.write.owner or 0).name,
-            link.read.allowed or frozenset(),
-            link.write.value.const,
-            model.states.activity(link.write.owner or 0).least,
-        )
-        for link in links
-    ]
+    lasting = _lasting(model)
+    moves = [move for link in links for move in _moves(model, link, lasting)]
     stops, late = _stops(model, state, members - {o for o in owners if o is not None})
     lag = 1 + min(_delay(model, link) for link in links)
     final = _final(model, state)
@@ -318,6 +311,66 @@ def _route(model: ScheduleModel, timeline: Timeline, cliques: Cliques) -> Route:
     _find_entries(model, route, timeline)
     route.still = _find_still(model, timeline)
     return route
+
+
+Lasting = dict[tuple[Literal, int, int], int]
+"""(presence, variable, value) -> how long an activity lasts at least with that value."""
+
+
+def _lasting(model: ScheduleModel) -> Lasting:
+    """Return what is stated about durations for single values of variables: as a clause of "it is
+    absent", "it lasts so long" and "the variable has another value".
+    """
+    by_times = {
+        ((a.start.terms[0][0], 1), (a.end.terms[0][0], -1)): a
+        for a in model.world.activities.values()
+        if a.size.terms
+    }
+    found: Lasting = {}
+    for form in model.stated:
+        if form.__class__ is not tuple or form[0] != "|" or len(form) != 4:
+            continue
+        absent = [x for x in form[1:] if x.__class__ is int]
+        others = [x for x in form[1:] if x.__class__ is Cmp and x.op == "!="]
+        longer = [y for x in form[1:] for y in _times(x)]
+        if (len(absent), len(others), len(longer)) != (1, 1, 1):
+            continue
+        activity = by_times.get(tuple(sorted(longer[0].terms, key=lambda t: -t[1])))  # type: ignore[arg-type]
+        chosen = others[0].terms
+        if activity is None or activity.present != ~absent[0] or len(chosen) != 1:
+            continue
+        (variable, factor), shift = chosen[0], others[0].const
+        if factor == 1 and longer[0].const > 0:
+            key = (activity.present, variable, -shift)
+            found[key] = max(longer[0].const, found.get(key, 0))
+    return found
+
+
+def _times(form: Form) -> list[Cmp]:
+    """Return the comparison of times in a part of a clause, with the presence that it needs."""
+    parts = form[1:] if form.__class__ is tuple and form[0] == "&" else (form,)
+    return [p for p in parts if p.__class__ is Cmp and p.op == "<=" and len(p.terms) == 2]
+
+
+def _moves(model: ScheduleModel, link: Link, lasting: Lasting) -> list[Move]:
+    """Return a transition as a move, or as one for each origin where a variable tells it: they
+    have one name, and happen once together.
+    """
+    activity = model.states.activity(link.write.owner or 0)
+    origins, to = link.read.allowed or frozenset(), link.write.value.const
+    if link.read.value is None:
+        return [Move(activity.name, origins, to, activity.least)]
+    terms = link.read.value.terms
+    variable = terms[0][0] if terms == ((terms[0][0], 1),) and not link.read.value.const else -1
+    return [
+        Move(
+            activity.name,
+            frozenset((origin,)),
+            to,
+            max(activity.least, lasting.get((activity.present, variable, origin), 0)),
+        )
+        for origin in sorted(origins)
+    ]
 
 
 def _plain(model: ScheduleModel, link: Link) -> bool:
@@ -521,8 +574,11 @@ def find_unit_places(model: ScheduleModel, routes: list[Route]) -> list[UnitPlac
             inside = frozenset(m.to for m in route.moves if m.name in arrivals)
             comes = {m.name for m in route.moves if m.to in inside}
             goes = {m.name for m in route.moves if m.origins & inside}
-            mixed = any(m.origins & inside and not m.origins <= inside for m in route.moves)
             own = {m.name for m in route.moves}
+            origins: dict[str, frozenset[int]] = {}
+            for move in route.moves:
+                origins[move.name] = origins.get(move.name, frozenset()) | move.origins
+            mixed = any(some & inside and not some <= inside for some in origins.values())
             if mixed or comes != arrivals & own or goes != departures & own:
                 break
             places.append((route.key, inside))
