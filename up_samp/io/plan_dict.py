@@ -21,7 +21,6 @@ from up_samp.model import (
     Movable,
     ProblemError,
     Trajectory,
-    UnsupportedError,
 )
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
 from up_samp.upio.plan import trajectory_key
@@ -84,7 +83,7 @@ def plan_to_dict(
         "objects": described_objects(snapshot),
         "activities": activities,
         "motions": _motions(plan, snapshot, times),
-        "changes": _changes(plan, snapshot, times),
+        "changes": _changes(problem, plan, snapshot, times),
     }
     if rides := described_rides(snapshot, times):
         data["rides"] = rides
@@ -271,14 +270,22 @@ def _trajectory(plan: Schedule, task: MotionTask, start: float) -> Trajectory:
 
 
 def _changes(
-    plan: Schedule, snapshot: Snapshot, times: Mapping[str, tuple[float, float]]
+    problem: SchedulingProblem,
+    plan: Schedule,
+    snapshot: Snapshot,
+    times: Mapping[str, tuple[float, float]],
 ) -> list[dict[str, Any]]:
     entries = []
+    told: dict[tuple[str, str], str] | None = None
     rides = [ChangeTask(r.activity, r.load, r.goal) for r in snapshot.rides]
     for change in (*snapshot.changes, *rides):
         if change.activity not in times:
             continue
-        name = _configuration_name(plan, change, change.term)
+        if change.term.kind is TermKind.FLUENT:
+            told = _told_by_fluents(problem, plan) if told is None else told
+            name = told[change.activity, change.object]
+        else:
+            name = _configuration_name(plan, change.term)
         entries.append(
             {
                 "activity": change.activity,
@@ -306,14 +313,22 @@ def described_rides(snapshot: Snapshot, present: Container[str]) -> list[dict[st
     ]
 
 
-def _configuration_name(plan: Schedule, change: ChangeTask, term: Term) -> str:
-    if term.kind is TermKind.CONSTANT:
-        return term.name
-    if term.kind is TermKind.PARAMETER:
-        for variable, value in plan.assignment.items():
-            if getattr(variable, "name", None) == term.name:
-                return str(value_of(value))
-    raise UnsupportedError(
-        f"activity '{change.activity}' moves '{change.object}' to where {term.kind.value} "
-        f"'{term.name}' says; plan files need a configuration object or a parameter there"
-    )
+def _configuration_name(plan: Schedule, term: Term) -> str:
+    """Return the configuration that a constant or a decision of the plan names."""
+    for variable, value in plan.assignment.items() if term.kind is TermKind.PARAMETER else ():
+        if getattr(variable, "name", None) == term.name:
+            return str(value_of(value))
+    return term.name
+
+
+def _told_by_fluents(problem: SchedulingProblem, plan: Schedule) -> dict[tuple[str, str], str]:
+    """Return the configuration that each motion effect (activity, object) means in a plan: fluents
+    are read at their activity's end, by the validator's rules.
+    """
+    from up_samp.validation.scene import JudgedScene
+    from up_samp.validation.schedule import judge_schedule
+
+    timeline = judge_schedule(problem, plan).timeline
+    if timeline is None:
+        raise ProblemError("the plan's schedule is broken: no fluent has a value in it")
+    return {(e.activity, e.object): e.place for e in JudgedScene(problem, timeline).effects}
