@@ -61,7 +61,10 @@ NAMES = (
     "logistics-dc-all-r10-i16",
 )
 SMALL = NAMES[:2] + NAMES[3:5]
-SHARES = (0.1, 0.3, 0.5)
+SHARES = (0.3, 0.1, 0.5)
+BLOCK = 5
+"""Seeds after which the next instance has its turn."""
+
 POLICIES = ("timed", "coarse", "staircase", "reorder")
 HEADER = ("instance", "delays", "policy", "seed", "planned", "makespan", "waiting", "collisions",
           "deadlock", "finished", "overruns", "reorders")  # fmt: skip
@@ -78,7 +81,10 @@ def plans(args):
         if target.exists():
             continue
         problem = instance(name).build()
-        result = solve(problem, 120)
+        result = solve(problem, args.seconds)
+        if result.plan is None:
+            print(name, result.status.name)
+            continue
         plan = with_dependencies(problem, result_to_dict(problem, result))
         write_plan(target, plan)
         edges = plan["dependencies"]
@@ -91,33 +97,42 @@ def files(args):
 
 
 def runs(args):
+    """All instances, shares and policies in blocks of seeds: what is there is even at any time."""
     done = set()
     target = args.folder / "runs.csv"
     if target.exists():
         with target.open() as stream:
             done = {tuple(r[:4]) for r in csv.reader(stream)}
+    made = {}
     with target.open("a", newline="") as stream:
         out = csv.writer(stream)
         if not done:
             out.writerow(HEADER)
-        for name, file in files(args):
-            plan = read_plan(file)
-            fine = dependencies_from_plan(plan)
-            whole = coarse(fine)
+        last = args.seed + args.runs
+        for low in range(args.seed, last, BLOCK):
             for share in args.shares:
-                for policy in POLICIES:
-                    for seed in range(args.runs):
-                        if (name, str(share), policy, str(seed)) in done:
-                            continue
-                        graph = whole if policy == "coarse" else fine
-                        r = simulate(graph, plan, Delays.of_share(share), seed, policy=policy)
-                        out.writerow(
-                            [name, share, policy, seed, r.planned, round(r.makespan, 3),
-                             round(r.waiting, 4), r.collisions, int(r.deadlock), int(r.finished),
-                             r.overruns, r.reorders]
-                        )  # fmt: skip
-                    stream.flush()
-                print(name, share, f"{time.process_time():.0f} s", file=sys.stderr)
+                for name, file in files(args):
+                    block = [
+                        (p, s) for s in range(low, min(low + BLOCK, last)) for p in POLICIES
+                        if (name, str(share), p, str(s)) not in done
+                    ]  # fmt: skip
+                    if not block:
+                        continue
+                    if name not in made:
+                        plan = read_plan(file)
+                        fine = dependencies_from_plan(plan)
+                        made[name] = plan, fine, coarse(fine)
+                    for policy, seed in block:
+                        out.writerow(one_run(name, share, policy, seed, *made[name]))
+                        stream.flush()
+                    print(name, share, low, f"{time.process_time():.0f} s", file=sys.stderr)
+
+
+def one_run(name, share, policy, seed, plan, fine, whole):
+    graph = whole if policy == "coarse" else fine
+    r = simulate(graph, plan, Delays.of_share(share), seed, policy=policy)
+    return [name, share, policy, seed, r.planned, round(r.makespan, 3), round(r.waiting, 4),
+            r.collisions, int(r.deadlock), int(r.finished), r.overruns, r.reorders]  # fmt: skip
 
 
 def slowed(name, pace):
@@ -138,7 +153,7 @@ def bound(args):
             plan = read_plan(file)
             fine = dependencies_from_plan(plan)
             robots = [life.object for life in fine.lives.values() if life.drives]
-            for seed in range(args.runs):
+            for seed in range(args.seed, args.seed + args.runs):
                 luck = draw(delays, robots, (), plan["makespan"], seed)
                 problem = slowed(name, luck.pace)
                 result = solve(problem, 60, optimal=True)
@@ -259,7 +274,7 @@ def replan(args):
         robots = [life.object for life in found.lives.values() if life.drives]
         if len(robots) != 3:
             continue
-        for seed in range(args.runs):
+        for seed in range(args.seed, args.seed + args.runs):
             luck = draw(Delays.of_share(0.3), robots, found.graph.tasks, plan["makespan"], seed)
             executor = Executor(plan, problem, dependencies=found)
             floor = Floor(executor, found, luck)
@@ -320,7 +335,9 @@ def main():
     parser.add_argument("folder", type=Path, nargs="?", default=Path("execution-runs"))
     parser.add_argument("names", nargs="*")
     parser.add_argument("--runs", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=1000, help="the first of the draws")
     parser.add_argument("--all", action="store_true", help="replan: with other choices, too")
+    parser.add_argument("--seconds", type=float, default=120, help="plans: time for each")
     parser.add_argument("--shares", type=float, nargs="+", default=SHARES)
     args = parser.parse_args()
     get_environment().credits_stream = None

@@ -6,9 +6,10 @@ from up_samp.execution.delays import Delays
 from up_samp.execution.executor import Executor
 from up_samp.execution.files import dependencies_from_plan, with_dependencies
 from up_samp.execution.graph import At, Bound, Edge, Event, Graph, Task
-from up_samp.execution.remaining import Remaining, Surprise
 from up_samp.execution.reorder import Reorderer
+from up_samp.execution.replan import Incident, Journey, simulate_replanned, solve_remaining
 from up_samp.execution.simulate import Simulation, simulate
+from up_samp.execution.surprise import Remaining, Surprise
 
 __all__ = [
     "At",
@@ -23,6 +24,8 @@ __all__ = [
     "Go",
     "Graph",
     "Hold",
+    "Incident",
+    "Journey",
     "Remaining",
     "Reorderer",
     "Simulation",
@@ -32,5 +35,7 @@ __all__ = [
     "dependencies_from_plan",
     "dependencies_of",
     "simulate",
+    "simulate_replanned",
+    "solve_remaining",
     "with_dependencies",
 ]

@@ -16,9 +16,10 @@ from up_samp.execution.forecast import Forecast, forecast, routes_of
 from up_samp.execution.graph import At, Event
 from up_samp.execution.meetings import MARGIN
 from up_samp.execution.pace import Pace
-from up_samp.execution.remaining import Remaining, Surprise, remaining_problem
+from up_samp.execution.remaining import remaining_problem
 from up_samp.execution.sides import planned_sides
 from up_samp.execution.state import Phase, State, Way
+from up_samp.execution.surprise import Remaining, Surprise
 from up_samp.execution.travel import travels_of
 from up_samp.io.plan_dict import PlanDict, plan_to_dict
 from up_samp.model import ProblemError

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -19,52 +16,21 @@ from unified_planning.model.motion import (
     SchedulingMotionProblem,
 )
 from unified_planning.model.scheduling import Activity
-from unified_planning.plans import Schedule
 
 from up_samp.execution.build import planned_of
 from up_samp.execution.graph import At, Event
+from up_samp.execution.involved import involves, moves
 from up_samp.execution.lives import Drive
 from up_samp.execution.state import Phase, State
 from up_samp.execution.substitute import Substitution, later_by, names_in
+from up_samp.execution.surprise import Remaining, Surprise, check_names, rest_of_plan
+from up_samp.execution.values import ValuesNow
 from up_samp.io.floors import maps_of
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import Configuration, ProblemError, UnsupportedError
-from up_samp.scheduling.compilers.plain import Expr, show
-
-Pose = tuple[float, float, float]
 
 NEAR = 1e-3
 """Poses closer than this (m, rad) are the same place."""
-
-
-@dataclass(frozen=True)
-class Surprise:
-    """What has changed on the floor. ``broken`` maps robots that are out of order to where they
-    stand, ``cancelled`` and ``shut`` name activities, and objects that stay where they are; ``new``
-    are functions that add tasks to the problem. ``same_choices``: who does what stays as planned
-    (optional activities that the plan leaves out stay out), which is much quicker to solve.
-    """
-
-    broken: Mapping[str, Pose] = field(default_factory=dict)
-    cancelled: Sequence[str] = ()
-    shut: Sequence[str] = ()
-    new: Sequence[Callable[[SchedulingMotionProblem], None]] = ()
-    same_choices: bool = False
-
-
-@dataclass(frozen=True)
-class Remaining:
-    """``problem`` starts at ``since`` (units of the old clock), with robots standing at ``poses``.
-
-    Robots under way stop there: these are the points at which they can. ``hint`` is what is left of
-    the old plan, as a UP schedule of the new problem. ``notes`` say which constraints fell away.
-    """
-
-    problem: SchedulingMotionProblem
-    since: int
-    poses: Mapping[str, Configuration]
-    hint: Schedule | None
-    notes: tuple[str, ...]
 
 
 def remaining_problem(
@@ -105,23 +71,12 @@ class _Builder:
         self.m = problem.environment.expression_manager
         self.planned = planned_of(problem, plan)
         self.notes: list[str] = []
-        self._check_names()
+        check_names(self.surprise, problem, state)
         self.stops = self._stops()
         self.since = math.ceil(max([state.now, *(t for _, t in self.stops.values())]) / self.unit)
         self.gone = self._gone()
         self.past = self._past()
-
-    def _check_names(self) -> None:
-        activities = {a.name for a in self.source.activities}
-        objects = {o.name for o in self.source.all_objects}
-        for name in self.surprise.cancelled:
-            if name not in activities:
-                raise ProblemError(f"cancelled '{name}' is no activity of '{self.source.name}'")
-            if self.state.phase.get(name) in (Phase.DONE, Phase.RUNNING):
-                raise ProblemError(f"'{name}' cannot be cancelled: it has begun")
-        for name in (*self.surprise.broken, *self.surprise.shut):
-            if name not in objects:
-                raise ProblemError(f"'{name}' is no object of '{self.source.name}'")
+        self.values = ValuesNow(self.planned, state, self.unit, self.since, self.gone)
 
     # ------------------------------------------------------------------ what has happened
 
@@ -150,9 +105,9 @@ class _Builder:
                 continue
             if self.surprise.same_choices and activity.name not in self.state.phase:
                 found.add(activity.name)
-            if any(_involves(activity, robot) for robot in self.surprise.broken):
+            if any(involves(activity, robot) for robot in self.surprise.broken):
                 found.add(activity.name)
-            if phase is Phase.WAITING and any(_moves(activity, d) for d in self.surprise.shut):
+            if phase is Phase.WAITING and any(moves(activity, d) for d in self.surprise.shut):
                 found.add(activity.name)
         return frozenset(found)
 
@@ -221,7 +176,8 @@ class _Builder:
             target,
             self.since,
             {n: tuple(float(v) for v in p) for n, p in poses.items()},
-            self._hint(target),
+            {name: at for name, (at, _) in self.stops.items()},
+            rest_of_plan(target, self.planned, self.state, self.since),
             tuple(self.notes),
         )
 
@@ -265,7 +221,7 @@ class _Builder:
         names = names_in(constraint)
         cancelled = set(self.surprise.cancelled)
         own = any(
-            all(_involves(a, robot) for a in self.source.activities if a.name in names)
+            all(involves(a, robot) for a in self.source.activities if a.name in names)
             for robot in self.surprise.broken
         )
         if not names & self.gone:
@@ -337,7 +293,7 @@ class _Builder:
         copy._conditions = {}
         for span, nodes in activity.conditions.items():
             at_start = span.upper.timepoint.kind == TimepointKind.START
-            kept = [n for n in nodes if not at_start or self._holds_now(n)]
+            kept = [n for n in nodes if not at_start or self.values.holds(n)]
             if kept:
                 copy._conditions[span] = kept
         if drives:
@@ -429,136 +385,13 @@ class _Builder:
 
     # ------------------------------------------------------------------ fluents
 
-    def _holds_now(self, node: FNode) -> bool:
-        """Return whether a condition certainly holds in the new initial state."""
-        if node.is_bool_constant():
-            return bool(node.constant_value())
-        if node.is_and():
-            return all(self._holds_now(a) for a in node.args)
-        if node.is_fluent_exp():
-            return self._value_now(node) is True
-        if node.is_not() and node.arg(0).is_fluent_exp():
-            return self._value_now(node.arg(0)) is False
-        if node.is_equals():
-            one, two = (self._value_now(a) for a in node.args)
-            return one is not None and bool(one == two)
-        return False
-
-    def _value_now(self, node: FNode) -> Any:
-        """Return the value of a fluent or a constant in the new initial state (``None``: open)."""
-        if node.is_object_exp():
-            return node.object().name
-        if node.is_constant():
-            return node.constant_value()
-        if not node.is_fluent_exp() or not all(a.is_object_exp() for a in node.args):
-            return None
-        key: Expr = (
-            "flu",
-            node.fluent().name,
-            *(("obj", a.object().name) for a in node.args),
-        )
-        if key in self.values_now:
-            return self.values_now[key]
-        return self.planned.value(self.planned.problem.initial_value(key))
-
-    @cached_property
-    def values_now(self) -> dict[Expr, Any]:
-        """The values of fluents that effects have changed."""
-        happened = sorted(self._happened(), key=lambda e: e[0])
-        values: dict[Expr, Any] = {}
-        for _, key, kind, amount in happened:
-            old = values.get(key)
-            if old is None and kind != "assign":
-                old = self.planned.value(self.planned.problem.initial_value(key))
-            if kind == "assign":
-                values[key] = amount
-            else:
-                values[key] = old + (amount if kind == "increase" else -amount)
-        return values
-
     def _initial(self, target: SchedulingMotionProblem) -> None:
         """Put the effects that have happened into the initial state."""
-        for key, value in self.values_now.items():
+        for key, value in self.values.changed.items():
             arguments = [self._constant(e[1]) for e in key[2:]]
             fluent = target.fluent(key[1])
             target.set_initial_value(fluent(*arguments), self._constant(value))
 
-    def _happened(self) -> Iterator[tuple[float, Expr, str, Any]]:
-        for effect in self.planned.problem.effects:
-            time = self._when(effect)
-            if time is None:
-                continue
-            key = self.planned.ground(effect.fluent)
-            if effect.condition != ("bool", True):
-                raise UnsupportedError(f"conditional effect on {show(effect.fluent)}, from now on")
-            amount = self.planned.value(effect.value)
-            if key is not None:
-                yield time, key, effect.kind, amount
-
-    def _when(self, effect: Any) -> float | None:
-        """Return when an effect happened (s), ``None`` if it has not."""
-        _, anchor, owner, delay = effect.time
-        if anchor == "zero":
-            time = delay * self.unit
-            return time if time < self.since * self.unit else None
-        if owner is None or owner not in self.state.phase:
-            return None
-        at = At.START if anchor == "start" else At.END
-        fired = self.state.fired.get(Event(at, owner))
-        if fired is None:
-            return None
-        if owner in self.gone and at is At.START:
-            # what a robot that is out of order has taken, it gives back
-            return None
-        return fired + delay * self.unit
-
-    # ------------------------------------------------------------------ the old plan as a hint
-
-    def _hint(self, target: SchedulingMotionProblem) -> Schedule | None:
-        """Return the rest of the old plan on the new clock (it need not be valid)."""
-        here = [a for a in target.activities if a.name in self.planned.times]
-        wanted = {a.name for a in target.activities if not a.optional}
-        if not wanted <= {a.name for a in here}:
-            return None
-        if any(a.parameters for a in here) or target.base_variables:
-            return None
-        assignment: dict[Any, Any] = {}
-        for activity in here:
-            start, end = self.planned.times[activity.name]
-            begun = self.state.phase[activity.name] is Phase.RUNNING
-            first = 0 if begun else max(0, start - self.since)
-            assignment[activity.start] = first
-            assignment[activity.end] = first + (max(1, end - self.since) if begun else end - start)
-        return Schedule(here, assignment, target.environment)
-
 
 def _array(value: float) -> Any:
     return np.array([value])
-
-
-def _moves(activity: Activity, name: str) -> bool:
-    """Return whether an activity drives an object or puts it elsewhere."""
-    if not isinstance(activity, MotionActivity):
-        return False
-    driven = [c.movable for c in activity.motion_constraints]
-    return any(
-        n.is_object_exp() and n.object().name == name for n in (*driven, *activity.motion_effects)
-    )
-
-
-def _involves(activity: Activity, name: str) -> bool:
-    """Return whether an activity needs an object: it moves it, speaks of it, or is named after
-    it.
-    """
-    if _moves(activity, name):
-        return True
-    if re.search(rf"(?<![A-Za-z0-9]){re.escape(name)}(?![A-Za-z0-9])", activity.name):
-        return True
-    nodes = [n for items in activity.conditions.values() for n in items]
-    nodes += [e.fluent for items in activity.effects.values() for e in items]
-    while nodes:
-        node = nodes.pop()
-        nodes += node.args
-        if node.is_object_exp() and node.object().name == name:
-            return True
-    return False

@@ -200,20 +200,17 @@ def simulate(
         if watch is not None and isinstance(executive, Executor) and floor.now >= looked + 1.0:
             looked = floor.now
             reorders += watch(executive)
+    return simulation_of(floor, plan, policy, seed, reorders=reorders, judged=judged)
+
+
+def simulation_of(
+    floor: Floor, plan: PlanDict, policy: str, seed: int, *, reorders: int = 0, judged: bool = True
+) -> Simulation:
+    """Return what has happened on a floor so far."""
     for robot in floor.robots.values():
         floor.keep(robot)
-    return _run(floor, plan, policy, seed, planned, reorders, judged)
-
-
-def _run(
-    floor: Floor,
-    plan: PlanDict,
-    policy: str,
-    seed: int,
-    planned: float,
-    reorders: int,
-    judged: bool,
-) -> Simulation:
+    tasks = floor.dependencies.graph.tasks
+    planned = max((t.planned[1] for t in tasks.values()), default=0.0)
     spans = floor.executive.times()
     makespan = max((end for _, end in spans.values() if end is not None), default=0.0)
     waits = tuple((str(w[0]), w[1], w[2], str(w[3])) for w in floor.waits)

@@ -1,0 +1,108 @@
+"""What happens on the floor, the rest is planned anew from the old plan on, and carried out."""
+
+import pytest
+from unified_planning.shortcuts import OneshotPlanner, get_environment
+
+import up_samp  # noqa: F401
+from up_samp.benchmarks import instance
+from up_samp.execution import Delays, Incident, Surprise, simulate_replanned
+from up_samp.io import plan_from_dict, result_to_dict
+from up_samp.validation import validate_plan
+
+DELAYS = Delays(slow=0.3)
+
+
+def solved(name):
+    get_environment().credits_stream = None
+    problem = instance(name).build()
+    with OneshotPlanner(name="samp-refine[cpsat]") as planner:
+        return problem, result_to_dict(problem, planner.solve(problem, timeout=120))
+
+
+@pytest.fixture(scope="module")
+def open_hall():
+    return solved("logistics-do-oc-r2-i2")
+
+
+def check(journey):
+    """Every leg's plan is one of its problem, nobody met, and all was done in the end."""
+    assert journey.replans == 1
+    assert journey.finished
+    assert journey.collisions == 0
+    assert all(leg.overruns == 0 for leg in journey.legs)
+    assert journey.since[1] > 0
+    # where the second leg begins, the first one left everybody
+    ends = {}
+    for motion in journey.legs[0].record["motions"]:
+        ends[motion["object"]] = motion["samples"][-1][1:]
+    starts = {o["name"]: o["initial"] for o in journey.legs[1].record["objects"]}
+    for name, pose in ends.items():
+        assert starts[name] == pytest.approx(pose, abs=5e-3), name
+
+
+def done(journey):
+    return {a["name"] for leg in journey.legs for a in leg.record["activities"]}
+
+
+def test_late_by_more_than_a_threshold(open_hall):
+    problem, plan = open_hall
+    plans = []
+
+    def solve(left):
+        assert left.hint is not None
+        from up_samp.execution import solve_remaining
+
+        plans.append((left.problem, solve_remaining(left, seconds=120)))
+        return plans[-1][1]
+
+    journey = simulate_replanned(problem, plan, Delays(slow=0.6), 3, late=2.0, solve=solve)
+    check(journey)
+    for left, data in plans:
+        assert validate_plan(left, plan_from_dict(left, data)).valid
+    assert done(journey) >= {a["name"] for a in plan["activities"]}
+
+
+def test_a_robot_breaks_down_and_others_do_its_work(open_hall):
+    problem, plan = open_hall
+    journey = simulate_replanned(
+        problem, plan, DELAYS, 1, incidents=[Incident(3.0, broken_down=("r1",))]
+    )
+    check(journey)
+    second = {a["name"] for a in journey.legs[1].record["activities"]}
+    assert second
+    assert not [n for n in second if "r1" in n.split("_")]
+    picked = {n.split("_")[2] for n in done(journey) if n.startswith("pick_")}
+    assert picked == {"i0", "i1"}
+
+
+def test_a_task_is_new(open_hall):
+    problem, plan = open_hall
+
+    def add(target):
+        target.add_activity("sweep", 5)
+
+    told = Surprise(new=[add], same_choices=True)
+    journey = simulate_replanned(problem, plan, DELAYS, 2, incidents=[Incident(20.0, told)])
+    check(journey)
+    assert "sweep" in done(journey)
+
+
+def test_a_task_is_cancelled(open_hall):
+    problem, plan = open_hall
+    gone = [a.name for a in problem.activities if a.name.startswith("pick_") and "_i1" in a.name]
+    told = Surprise(cancelled=gone)
+    journey = simulate_replanned(problem, plan, DELAYS, 2, incidents=[Incident(2.0, told)])
+    check(journey)
+    assert not done(journey) & set(gone)
+    assert [n for n in done(journey) if n.startswith("pick_") and "_i0" in n]
+
+
+@pytest.mark.long
+def test_a_door_stays_shut():
+    """A door that nobody needs any more stays shut: the rest goes on without it."""
+    problem, plan = solved("logistics-dc-all-r2-i2")
+    inside = [a.name for a in problem.activities if a.name.endswith("_in")]
+    told = Surprise(shut=["door"], cancelled=inside)
+    journey = simulate_replanned(problem, plan, DELAYS, 2, incidents=[Incident(1.0, told)])
+    check(journey)
+    assert not [n for n in done(journey) if n.startswith("open_door")]

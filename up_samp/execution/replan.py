@@ -1,0 +1,170 @@
+"""Plan what is left anew, and go on: on a simulated floor, leg by leg."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from unified_planning.model.scheduling import SchedulingProblem
+from unified_planning.shortcuts import OneshotPlanner
+
+from up_samp.execution.delays import Delays, draw
+from up_samp.execution.executor import Executor
+from up_samp.execution.simulate import PATIENCE, STILL, Floor, Simulation, simulation_of
+from up_samp.execution.surprise import Remaining, Surprise
+from up_samp.io.plan_dict import PlanDict, result_to_dict
+from up_samp.model import ProblemError
+
+ENGINE = "samp-refine[cpsat]"
+
+
+def solve_remaining(
+    left: Remaining, *, engine: str = ENGINE, seconds: float | None = None
+) -> PlanDict:
+    """Return a plan of what is left, sought from the rest of the old plan (``left.hint``) on.
+
+    Raises :class:`ProblemError` where the engine finds none within ``seconds``.
+    """
+    with OneshotPlanner(name=engine) as planner:
+        result = planner.solve(left.problem, timeout=seconds, warm_start_plan=left.hint)
+    return result_to_dict(left.problem, result)
+
+
+@dataclass(frozen=True)
+class Incident:
+    """At ``time`` (s since the first plan's start) this becomes known. Robots ``broken_down`` are
+    out of order from then on, wherever they stand.
+    """
+
+    time: float
+    surprise: Surprise = field(default_factory=Surprise)
+    broken_down: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Journey:
+    """The legs of a run with re-planning: ``since`` are their starts (s), each on a clock of its
+    own; the first leg's problem is the original one.
+    """
+
+    legs: tuple[Simulation, ...]
+    since: tuple[float, ...]
+    problems: tuple[SchedulingProblem, ...]
+
+    @property
+    def replans(self) -> int:
+        """How often what was left was planned anew."""
+        return len(self.legs) - 1
+
+    @property
+    def makespan(self) -> float:
+        """When everything was over (s since the first plan's start)."""
+        return self.since[-1] + self.legs[-1].makespan
+
+    @property
+    def collisions(self) -> int:
+        """Pairs that met, in all legs."""
+        return sum(leg.collisions for leg in self.legs)
+
+    @property
+    def finished(self) -> bool:
+        """Whether the last leg was carried out to its end."""
+        return self.legs[-1].finished
+
+
+Told = tuple[Surprise, Mapping[str, float]]
+"""What has happened, and how far (m) robots that were under way then still go."""
+
+
+def simulate_replanned(
+    problem: SchedulingProblem,
+    plan: PlanDict,
+    delays: Delays,
+    seed: int = 0,
+    *,
+    incidents: Sequence[Incident] = (),
+    late: float | None = None,
+    solve: Callable[[Remaining], PlanDict] = solve_remaining,
+) -> Journey:
+    """Execute a plan; plan the rest anew at each incident, and once when it is forecast to end
+    ``late`` s later than planned (with the same choices).
+
+    The new plan begins when all robots under way have come to a stand where they can: where one is
+    held up then, deadlines of the rest count from that moment. A leg draws its
+    delays from ``seed`` plus its number.
+    """
+    legs: list[Simulation] = []
+    problems, since = [problem], [0.0]
+    waiting = sorted(incidents, key=lambda i: i.time)
+    while True:
+        executor = Executor(plan, problem)
+        floor = _floor(executor, plan, delays, seed + len(legs))
+        told = _until(floor, plan, since[-1], waiting, None if legs else late)
+        if told is None:
+            legs.append(simulation_of(floor, plan, "replan", seed))
+            return Journey(tuple(legs), tuple(since), tuple(problems))
+        surprise, stops = told
+        left = executor.remaining_problem(surprise)
+        start = left.since * float(plan["seconds_per_unit"])
+        start = _come_to_a_stand(floor, {**stops, **left.stops}, start)
+        legs.append(simulation_of(floor, plan, "replan", seed))
+        plan, problem = solve(left), left.problem
+        problems.append(problem)
+        since.append(since[-1] + start)
+
+
+def _floor(executor: Executor, plan: PlanDict, delays: Delays, seed: int) -> Floor:
+    found = executor.dependencies
+    robots = [life.object for life in found.lives.values() if life.drives]
+    luck = draw(delays, robots, found.graph.tasks, float(plan["makespan"]), seed)
+    return Floor(executor, found, luck)
+
+
+def _until(
+    floor: Floor, plan: PlanDict, since: float, waiting: list[Incident], late: float | None
+) -> Told | None:
+    """Execute until something happens; ``None``: until the end."""
+    executor = floor.executive
+    assert isinstance(executor, Executor)
+    planned = float(plan["makespan"]) * float(plan["seconds_per_unit"])
+    looked = 0.0
+    while not executor.finished and floor.now < PATIENCE * planned + 60.0 and floor.idle < STILL:
+        if waiting and since + floor.now >= waiting[0].time:
+            return _told(executor, waiting.pop(0))
+        if late is not None and floor.now >= looked + 1.0:
+            looked = floor.now
+            if executor.predicted_makespan() > planned + late:
+                return Surprise(same_choices=True), {}
+        floor.step()
+    return None
+
+
+def _told(executor: Executor, incident: Incident) -> Told:
+    """Return an incident's surprise, with where robots that have broken down come to a stand."""
+    surprise = incident.surprise
+    if not incident.broken_down:
+        return surprise, {}
+    broken = dict(surprise.broken)
+    here = executor.remaining_problem()
+    for name in incident.broken_down:
+        x, y, theta = here.poses[name]
+        broken[name] = (x, y, theta)
+    return replace(surprise, broken=broken), here.stops
+
+
+def _come_to_a_stand(floor: Floor, stops: Mapping[str, float], until: float) -> float:
+    """Let robots under way drive on to where they stop; nothing new begins. Return when (s) all
+    stand: at ``until``, or later where one is held up on these last metres.
+    """
+    latest = until + PATIENCE
+    while floor.now < latest:
+        left = [
+            r for r in floor.robots.values() if r.motion is not None and r.s < stops.get(r.name, 0)
+        ]
+        if not left and floor.now >= until - 1e-9:
+            return floor.now
+        for robot in left:
+            robot.until = stops[robot.name]
+            robot.step(floor.now, floor.tick)
+        floor.now = round(floor.now + floor.tick, 9)
+    raise ProblemError(f"robots {sorted(r.name for r in left)} do not come to a stand")
