@@ -21,7 +21,14 @@ def test_it_is_kept_without_output(path):
         assert not cell.get("outputs"), cell["source"]
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
+QUICK = {"2_a_unified_planning_problem"}
+
+
+def runnable(path):
+    return pytest.param(path, id=path.stem, marks=[] if path.stem in QUICK else [pytest.mark.long])
+
+
+@pytest.mark.parametrize("path", [runnable(path) for path in NOTEBOOKS])
 def test_it_runs(path, monkeypatch):
     # the kernel's own folders only: no other installation of the same name
     monkeypatch.setenv("JUPYTER_PLATFORM_DIRS", "1")

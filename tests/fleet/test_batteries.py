@@ -46,6 +46,7 @@ def test_a_robot_charges_where_it_has_to():
     assert course[-1][1] == pytest.approx(60 - driven + 20 * len(charges), abs=0.5)
 
 
+@pytest.mark.long
 def test_with_a_large_battery_nobody_charges():
     fleet = floor(100)
     result = fleet.solve(optimal=True)
@@ -57,6 +58,7 @@ def test_without_a_charger_there_is_no_plan():
     assert floor(60, charger=False).solve().status == "UNSOLVABLE_PROVEN"
 
 
+@pytest.mark.long
 def test_seconds_count_as_well_as_metres():
     assert floor(100, charger=False, per_second=2.0).solve().status == "UNSOLVABLE_PROVEN"
 

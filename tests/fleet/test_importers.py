@@ -104,6 +104,9 @@ def test_an_rmf_building(tmp_path):
     # 400 pixels are 20 m: 0.05 m each; y points up
     assert records.places["tiny_charger"].pose == pytest.approx((8.0, -10.0, 0.0))
     assert records.places["tiny_charger"].park == 1
+    assert records.places["tiny_charger"].charger.per_second == 0.05
+    assert records.places["pantry"].charger is None
+    assert any("once robots have a battery: tiny_charger" in note for note in found.notes)
     assert records.places["pantry"].park == 0
     site = grid(tmp_path)
     assert site.state_at(15.0, -6.0) == "occupied"

@@ -58,6 +58,7 @@ def test_a_pallet_rides_and_stands_where_it_was_put():
     assert (goal.x, goal.y) == pytest.approx((12, 4), abs=1e-3)
 
 
+@pytest.mark.long
 def test_a_robot_drives_round_pallets_but_under_its_own():
     fleet = floor()
     fleet.add_order("o1", "a", "e", attached={"footprint": PALLET})
@@ -74,7 +75,7 @@ def test_a_robot_drives_round_pallets_but_under_its_own():
     assert last["r0"].area > 0
 
 
-@pytest.mark.parametrize("ahead", [0.7, 0.9, 1.0])
+@pytest.mark.parametrize("ahead", [0.7, pytest.param(0.9, marks=pytest.mark.long), 1.0])
 def test_a_truck_carries_before_itself(ahead):
     """Its forks are under the pallet, touch it, or are 10 cm away: then it drives round to it."""
     fleet = floor(footprint=FORKS)
@@ -102,6 +103,7 @@ def test_a_load_too_wide_for_the_opening_is_told_by_check_and_by_solve():
     solved(bare)
 
 
+@pytest.mark.long
 def test_pallets_at_the_same_place_get_out_of_each_others_way():
     """o2's pallet stands where o1's is to be put: it has to go first."""
     fleet = floor(2)

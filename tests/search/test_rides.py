@@ -102,6 +102,7 @@ def test_robot_and_load_take_the_way_that_is_wide_enough(tmp_path):
     assert load.name == "pallet"
 
 
+@pytest.mark.long
 def test_loads_keep_clear_of_each_other_and_stand_where_they_are_put(tmp_path):
     """Two robots with wide loads pass in a hall and put them down; judged by samples as well."""
     hall, load = carrying(tmp_path, 1.6, gap=(20, 80), robots=2)

@@ -17,6 +17,8 @@ from up_samp.fleet.importers.common import Imported, Options, finish, name_of, t
 from up_samp.fleet.importers.outlines import map_from_polygons
 
 AGV = {"footprint": [1.0, 0.7], "model": "omni", "v_max": 1.0, "a_max": 0.5, "omega_max": 1.0}
+CHARGING = 0.05
+"""What a charger gives a second where nothing tells: a battery of 100 is full in half an hour."""
 WALL = 0.1
 """Thickness of RMF's walls, m (its own default)."""
 
@@ -105,6 +107,7 @@ def import_rmf(source: Path, folder: Path, options: Options) -> Imported:
         free = free.difference(unary_union(walls).buffer(WALL / 2, cap_style="square"))
     low = free.bounds[:2]
     places: dict[str, Any] = {}
+    chargers: list[str] = []
     for vertex, (x, y) in zip(vertices, points, strict=True):
         title = vertex[3] if len(vertex) > 3 else ""
         if title:
@@ -113,7 +116,13 @@ def import_rmf(source: Path, folder: Path, options: Options) -> Imported:
             pose = [round(x, 4), round(y, 4), 0.0]
             place = name_of(title, places, "v")
             places[place] = {"pose": pose, "park": 1} if park else pose
+            if _flag(traits, "is_charger"):
+                places[place]["charger"] = {"per_second": CHARGING}
+                chargers.append(place)
     notes = [f"level '{name}': {scale:g} m a pixel; its lower left corner is at {_show(low)}"]
+    if chargers:
+        text = f"chargers give {CHARGING:g} a second, once robots have a battery: "
+        notes.append(text + ", ".join(chargers))
     if level.get("doors"):
         doors = ", ".join(str(d[2].get("name", ["", "?"])[1]) for d in level["doors"])
         notes.append(f"doors are taken as open, as RMF opens them on request: {doors}")
