@@ -52,6 +52,6 @@ def test_two_robots_pass_each_other_in_the_bay(tmp_path, capsys):
 
 def test_there_are_examples():
     assert {e.stem for e in EXAMPLES} >= {
-        "charging", "delays", "door", "drones", "mixed_fleet", "pallets", "passing_place", "ros_map",
-        "shop", "swap", "warehouse",
+        "charging", "delays", "door", "drones", "mixed_fleet", "pallets", "passing_place",
+        "ros_map", "shop", "swap", "warehouse",
     }  # fmt: skip
