@@ -89,3 +89,25 @@ def test_a_command_that_is_stopped_while_it_loads_says_so_shortly(tmp_path, numb
     done = subprocess.run(child.command(script), env=child.environment(), capture_output=True)
     assert done.returncode == code
     assert done.stderr.strip() == b"up-samp: stopped"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_waits_until_a_plan_is_written(tmp_path, number):
+    script = (
+        "import os, signal, sys, time\n"
+        "from pathlib import Path\n"
+        "from up_samp.system.files import uninterrupted\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "with uninterrupted():\n"
+        f"    os.kill(os.getpid(), {int(number)})\n"
+        "    Path(sys.argv[1]).write_text('whole')\n"
+        "time.sleep(5)\n"
+    )
+    done = subprocess.run(
+        child.command(script, [str(tmp_path / "plan")]),
+        env=child.environment(),
+        capture_output=True,
+        timeout=60,
+    )
+    assert (tmp_path / "plan").read_text() == "whole"
+    assert done.returncode in (-number, 1 if number is signal.SIGTERM else 130)

@@ -60,10 +60,25 @@ def _own_the_process() -> None:
     own_the_process()
     # collect garbage less often, a sixth of a short command's time
     gc.set_threshold(50_000, 20, 20)
+    _open_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # names in any script, on any terminal
             stream.reconfigure(errors="backslashreplace")
     signal.signal(signal.SIGTERM, _terminate)
+
+
+def _open_streams() -> None:
+    """Open what of standard input, output and error is closed, to nowhere: else the next files to
+    be opened would take their places, and be written to by whoever prints.
+    """
+    for descriptor, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # the lowest number that is free
+        if getattr(sys, name) is None:
+            mode = "r" if name == "stdin" else "w"
+            setattr(sys, name, open(descriptor, mode, closefd=False))  # noqa: SIM115
 
 
 def _run(args: argparse.Namespace) -> int:

@@ -22,7 +22,7 @@ from up_samp.io import PlanDict, result_to_dict, write_plan
 from up_samp.model import EngineError, UnsupportedError
 from up_samp.model.errors import InterruptedSearch
 from up_samp.search.params import PRESETS
-from up_samp.system.files import check_folder
+from up_samp.system.files import check_folder, uninterrupted
 
 if TYPE_CHECKING:
     from up_samp.validation import Verdict
@@ -121,9 +121,11 @@ def _show(
     if result.plan is None:
         _explain_failure(problem, result, seconds)
         return 1
-    plan = result_to_dict(problem, result)
+    with uninterrupted():  # first of all the file: whatever comes may fail
+        plan = result_to_dict(problem, result)
+        if args.out is not None:
+            write_plan(args.out / "plan.json", plan)
     if args.out is not None:
-        write_plan(args.out / "plan.json", plan)  # first: whatever comes may fail
         plan = _with_dependencies(problem, plan)
     print(schedule_table(plan))
     print()

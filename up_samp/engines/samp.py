@@ -227,20 +227,10 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         self, problem: Any, search: Search, steps: Generator[Any, None, Any], deadline: Deadline
     ) -> Iterator[PlanGenerationResult]:
         """Yield what a search finds, and how it ended, whatever ended it."""
-        from up_samp.search.conclusion import Conclusion, SearchResult, conclude
-        from up_samp.search.loop import InvalidPlanError
+        from up_samp.search.conclusion import Conclusion, SearchResult
 
         try:
-            while True:
-                with in_force(deadline):
-                    better = next(steps)
-                yield self._intermediate(search, better)
-        except StopIteration as stop:
-            yield self._final(problem, search, stop.value)
-        except OutOfTimeError:
-            yield self._final(problem, search, conclude(search))
-        except (InvalidPlanError, EngineError) as error:
-            yield self._failure(problem, search, str(error))
+            yield from self._plans(problem, search, steps, deadline)
         except KeyboardInterrupt as stop:
             if search.bounds.incumbent is None:
                 raise
@@ -268,6 +258,29 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
             raise ProblemError("reproducible=True needs workers=1: CP-SAT's threads race")
         if self.params.executor is not None:
             raise ProblemError("reproducible=True needs motions planned here: leave out 'executor'")
+
+    def _plans(
+        self,
+        problem: SchedulingMotionProblem,
+        search: Search,
+        steps: Generator[Incumbent, None, SearchResult],
+        deadline: Deadline,
+    ) -> Iterator[PlanGenerationResult]:
+        """Yield each better plan, and what the search ends with, if it ends as it should."""
+        from up_samp.search.conclusion import conclude
+        from up_samp.search.loop import InvalidPlanError
+
+        try:
+            while True:
+                with in_force(deadline):
+                    better = next(steps)
+                yield self._intermediate(search, better)
+        except StopIteration as stop:
+            yield self._final(problem, search, stop.value)
+        except OutOfTimeError:
+            yield self._final(problem, search, conclude(search))
+        except (InvalidPlanError, EngineError) as error:
+            yield self._failure(problem, search, str(error))
 
     def _too_late(self, deadline: Deadline) -> PlanGenerationResult:
         """Return that the time was over before the problem was even read."""
