@@ -1,12 +1,12 @@
-"""How much longer a search takes for the way in which a problem is written.
+"""How much longer a search computes for the way in which a problem is written.
 
     python benchmarks/search/styles.py [--families shop store] [--seeds 3] [--timeout 60] --out FILE
 
 Each site of ``tests/metamorphic`` is solved in every style, first to last and again for each seed.
 Prints, per style, the time to the first plan and to the proof as a ratio to the style of the same
 meaning that was fastest on the same site (without a plan or a proof: the time limit), their median
-and the worst, and all contradictions. A run that was stopped goes on where its file ended. Run it
-on a quiet machine; what takes less than ``--least`` seconds counts as that.
+and the worst, and all contradictions. Times are s of computing by all threads; what takes less than
+``--least`` of them counts as that. A run that was stopped goes on where its file ended.
 """
 
 from __future__ import annotations
