@@ -72,7 +72,7 @@ def _in_turn(
     for _ in range(tuning.steps):
         if deadline.expired():
             return None
-        problem = restrict(relaxation, snapshot, schedule)
+        problem = restrict(search.own_relaxation(), snapshot, schedule)
         _take_turns(problem, some)
         session = CpsatSession(
             problem, seed=search.seed, workers=1, effort=tuning.effort, tuning=search.cpsat

@@ -52,7 +52,7 @@ def repair(
     """Return a plan with the activities of ``schedule``, or None where this way finds none."""
     relaxation, facts, tuning = search.knowledge.relaxation, search.facts, made.tuning
     deadline = search.budget.deadline
-    problem = restrict(relaxation, facts.snapshot, schedule)
+    problem = restrict(search.own_relaxation(), facts.snapshot, schedule)
     session = CpsatSession(
         problem, seed=search.seed, workers=1, effort=tuning.effort, tuning=search.cpsat
     )

@@ -23,7 +23,7 @@ from up_samp.search.restarts import Restarts
 from up_samp.search.stages import VALIDATING
 from up_samp.search.stopping import Stop
 from up_samp.search.tuning import SearchTuning
-from up_samp.upio import Relaxation, SampSchedule
+from up_samp.upio import Relaxation, SampSchedule, write_refinement
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,7 @@ class Search:
     """Of our own scheduler, whatever engine is wrapped."""
     start: CandidateSchedule | None = None
     """What to begin from: see :mod:`up_samp.search.start`."""
+    _own: tuple[tuple[int, int], Relaxation] | None = None
 
     @property
     def history(self) -> History:
@@ -84,6 +85,21 @@ class Search:
         """Return what the independent validator has against a plan."""
         with self.history.stages.of(VALIDATING):
             return self.problem.judge(plan)
+
+    def own_relaxation(self) -> Relaxation:
+        """Return the relaxation as our own scheduler takes it, for what is made of candidates:
+        where another engine is wrapped, with what only ours knows how to say.
+        """
+        if self.problem.native:
+            return self.knowledge.relaxation
+        known = (self.restarts.done, len(self.knowledge.active))
+        if self._own is None or self._own[0] != known:
+            relaxation = self.problem.relax()
+            facts = [r for statement in self.components.for_proofs for r in statement.find(self)]
+            for refinement in (*self.knowledge.active, *facts):
+                write_refinement(relaxation, refinement)
+            self._own = known, relaxation
+        return self._own[1]
 
     def start_over(self) -> None:
         """Begin anew with what is proven or relative; drop what was only guessed."""

@@ -44,7 +44,7 @@ def tidied(search: Search, plan: Incumbent, tuning: TidyTuning) -> Incumbent | N
     weights = _weights(relaxation, plan.schedule)
     if not weights or not _only_makespan(relaxation):
         return None
-    problem = _loose(relaxation, plan.schedule, weights)
+    problem = _loose(relaxation, plan.schedule, weights, plan.schedule.makespan)
     activities = {a.name: a for a in problem.activities}
     manager = problem.environment.expression_manager
     current = plan.schedule
@@ -75,29 +75,39 @@ def tidied(search: Search, plan: Incumbent, tuning: TidyTuning) -> Incumbent | N
 
 @dataclass(frozen=True)
 class Lean:
-    """The component: leaves needless motions out of candidates."""
+    """The component: leaves needless motions out of another engine's candidates."""
 
     tuning: TidyTuning = field(default_factory=TidyTuning)
 
     def __call__(self, search: Search, schedule: CandidateSchedule) -> CandidateSchedule:
-        """Return a candidate with fewer motions that ends no later; ``schedule`` itself, if there
-        is none to be had in little time.
+        """Return a candidate with some of the same activities, few of them motions, that ends as
+        soon as these can; ``schedule`` itself, if there is none to be had in little time.
+
+        What the engine was not told may need more time: twice as much as it scheduled at most.
         """
-        relaxation = search.knowledge.relaxation
-        weights = _weights(relaxation, schedule)
-        if not weights or not _only_makespan(relaxation):
-            return schedule
+        own, told = search.own_relaxation(), search.knowledge.relaxation
+        for relaxation, factor in ((own, 2), (told, 1)):
+            weights = _weights(relaxation, schedule)
+            if not weights or not _only_makespan(relaxation):
+                return schedule
+            until = factor * schedule.makespan
+            few = self._solved(search, _loose(relaxation, schedule, weights, until), schedule)
+            if few is not None:
+                restricted = restrict(relaxation, relaxation.snapshot, few)
+                return self._solved(search, restricted, few) or few
+        return schedule
+
+    def _solved(
+        self, search: Search, problem: SchedulingProblem, near: CandidateSchedule
+    ) -> CandidateSchedule | None:
         session = CpsatSession(
-            _loose(relaxation, schedule, weights),
-            seed=search.seed,
-            workers=1,
-            effort=self.tuning.effort,
-            tuning=search.cpsat,
+            problem, seed=search.seed, workers=1, effort=self.tuning.effort, tuning=search.cpsat
         )
-        report = session.solve(search.budget.deadline, optimal=True, hint=schedule)
+        report = session.solve(search.budget.deadline, optimal=True, hint=near)
+        search.budget.seconds_scheduler += report.seconds
         if report.schedule is None:
-            return schedule
-        values = {**schedule.parameters, **report.schedule.parameters}
+            return None
+        values = {**near.parameters, **report.schedule.parameters}
         return CandidateSchedule(report.schedule.times, values)
 
 
@@ -121,17 +131,18 @@ def _weights(relaxation: Relaxation, schedule: CandidateSchedule) -> dict[str, i
 
 
 def _loose(
-    relaxation: Relaxation, schedule: CandidateSchedule, weights: Mapping[str, int]
+    relaxation: Relaxation, schedule: CandidateSchedule, weights: Mapping[str, int], until: int
 ) -> SchedulingProblem:
-    """Return the problem of a schedule's activities, with the weighted ones optional."""
+    """Return the problem of a schedule's activities, with the weighted ones optional; all of it
+    ends by ``until``.
+    """
     twins = {twin.name for twin in relaxation.elsewhere.values()}
     free = frozenset(weights) | (twins & set(schedule.times))
     problem = restrict(relaxation, relaxation.snapshot, schedule, free=free)
     manager = problem.environment.expression_manager
-    makespan = schedule.makespan
     goals = {}
     for activity in problem.activities:
-        problem.add_constraint(manager.LE(activity.end, makespan))
+        problem.add_constraint(manager.LE(activity.end, until))
         if activity.name in weights:
             goals[manager.Not(activity.present)] = weights[activity.name]
     problem.clear_quality_metrics()
