@@ -101,7 +101,7 @@ class Lean:
         self, search: Search, problem: SchedulingProblem, near: CandidateSchedule
     ) -> CandidateSchedule | None:
         session = CpsatSession(
-            problem, seed=search.seed, workers=1, effort=self.tuning.effort, tuning=search.cpsat
+            problem, seed=search.seed, workers=1, effort=self.tuning.lean, tuning=search.cpsat
         )
         report = session.solve(search.budget.deadline, optimal=True, hint=near)
         search.budget.seconds_scheduler += report.seconds

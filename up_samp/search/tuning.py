@@ -155,6 +155,12 @@ class TidyTuning(Tunables):
 
     steps: int = tunable(8, "steps", "of leaving out and driving", least=0)
     effort: float = tunable(0.2, EFFORT, "for one step: a few seconds at most", least=0)
+    lean: float = tunable(
+        2.0,
+        EFFORT,
+        "for another engine's candidate: some seconds; checking it takes longer",
+        least=0,
+    )
 
 
 @dataclass(frozen=True)
