@@ -70,9 +70,9 @@ HEADER = ("instance", "delays", "policy", "seed", "planned", "makespan", "waitin
           "deadlock", "finished", "overruns", "reorders")  # fmt: skip
 
 
-def solve(problem, seconds, **params):
+def solve(problem, seconds, hint=None, **params):
     with OneshotPlanner(name="samp-refine[cpsat]", params=params) as planner:
-        return planner.solve(problem, timeout=seconds)
+        return planner.solve(problem, timeout=seconds, warm_start_plan=hint)
 
 
 def plans(args):
@@ -284,7 +284,7 @@ def replan(args):
                 for same in (True, False) if args.all else (True,):
                     began, cpu = time.perf_counter(), time.process_time()
                     left = executor.remaining_problem(Surprise(same_choices=same))
-                    result = solve(left.problem, 60)
+                    result = solve(left.problem, 60, left.hint)
                     took, cpu = time.perf_counter() - began, time.process_time() - cpu
                     rows.append((name, seed, share, same, result.plan is not None, took, cpu))
                     print(*rows[-1], file=sys.stderr)
