@@ -9,17 +9,25 @@ import numpy.typing as npt
 
 from up_samp.geometry import sweeps
 from up_samp.geometry.scene import Scene
-from up_samp.model import MotionModel
 from up_samp.motion.curves.arcs import merged
+from up_samp.motion.curves.blending import pieces
 from up_samp.motion.curves.reeds_shepp import fastest
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
+from up_samp.motion.fleet.abilities import abilities_of
 from up_samp.motion.fleet.paths import Path, path_of
 from up_samp.motion.planners.car_shortcuts import settle
+from up_samp.motion.planners.gliding import Glider
 
 FloatArray = npt.NDArray[np.float64]
 
 LONGEST = 25.0
 """Stretches longer than this (m) are not worth a lane of their own."""
+
+
+TANGENT = 0.05
+"""Half of the stretch (m) that tells the direction of a path."""
+THIN = 0.01
+"""Distance (m) from a line that is no corner."""
 
 
 def lane_offsets(path: Path, other: Path) -> list[float]:
@@ -30,11 +38,61 @@ def lane_offsets(path: Path, other: Path) -> list[float]:
 
 def shifted_lane(scene: Scene, path: Path, first: float, last: float, offset: float) -> Path | None:
     """Return ``path`` moved sideways by ``offset`` m (left > 0) on [first, last] (m along it), if
-    the map allows it. Only for cars on a path without waypoints.
+    the map allows it. For a path without waypoints, of cars and of bodies that move sideways: who
+    turns on the spot would stop and turn four times.
     """
-    kin = path.body.kinematics
-    if kin.model is not MotionModel.REEDSSHEPP or last - first > LONGEST:
+    able = abilities_of(path.body)
+    if able.free or last - first > LONGEST:
         return None
+    if able.sideways:
+        return _beside(scene, path, first, last, offset)
+    return None if able.pivots else _swerved(scene, path, first, last, offset)
+
+
+def _beside(scene: Scene, path: Path, first: float, last: float, offset: float) -> Path | None:
+    """Return the lane of a body that moves sideways: out of the path, along it and back."""
+    reach = abs(offset) + path.hull.radius
+    begin, end = max(first - reach, 0.0), min(last + reach, path.length)
+    if not begin < first < last < end:
+        return None
+    marks = np.linspace(first, last, max(2, math.ceil((last - first) / reach) + 1))
+    middle = path.poses_at(marks)
+    ahead = path.poses_at(np.minimum(marks + TANGENT, path.length))
+    behind = path.poses_at(np.maximum(marks - TANGENT, 0.0))
+    way = ahead[:, :2] - behind[:, :2]
+    sizes = np.hypot(*way.T)
+    if sizes.min() < 0.5 * TANGENT:  # it turns there, or rests
+        return None
+    middle[:, 0] -= offset * way[:, 1] / sizes
+    middle[:, 1] += offset * way[:, 0] / sizes
+    before = path.poses_at(np.append(path.s[path.s < begin], begin))
+    after = path.poses_at(np.append(end, path.s[path.s > end]))
+    nodes = np.concatenate([_thinned(before), _thinned(middle), _thinned(after)])
+    goal = tuple(float(x) for x in path.poses[-1])
+    found = Glider(scene, path.body, scene.shape(path.body), ()).glide(pieces(nodes), goal)
+    ends = (tuple(float(x) for x in path.poses[0]), goal)
+    return None if found is None else path_of(found[0], path.body, ends)
+
+
+def _thinned(rows: FloatArray) -> FloatArray:
+    """Return the poses (n, 3) without those that lie within ``THIN`` of the line between others
+    (Ramer 1972, Douglas & Peucker 1973; a radian counts as a metre).
+    """
+    if len(rows) < 3:
+        return rows
+    line = rows[-1] - rows[0]
+    size = float(np.linalg.norm(line))
+    share = (rows - rows[0]) @ line / max(size * size, 1e-12)
+    off = np.linalg.norm(rows - rows[0] - np.clip(share, 0.0, 1.0)[:, None] * line, axis=1)
+    worst = int(np.argmax(off))
+    if off[worst] < THIN:
+        return rows[[0, -1]]
+    return np.concatenate([_thinned(rows[: worst + 1]), _thinned(rows[worst:])[1:]])
+
+
+def _swerved(scene: Scene, path: Path, first: float, last: float, offset: float) -> Path | None:
+    """Return the lane of a car."""
+    kin = path.body.kinematics
     # a lane change of two equal arcs takes about 2 sqrt(|d| (2 R - |d| / 2)), with some air
     reach = 2.0 * math.sqrt(abs(offset) * kin.turning_radius * 2.0) + kin.turning_radius
     begin, end = first - reach, last + reach

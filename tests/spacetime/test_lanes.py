@@ -1,0 +1,61 @@
+"""Lanes beside a path, for bodies that can leave it sideways."""
+
+import numpy as np
+import pytest
+from independent import judge, limits_of
+
+from up_samp.benchmarks import tight_places as tight
+from up_samp.model import Deadline, GroupQuery, Kinematics, TimedMotion, Trajectory
+from up_samp.motion.fleet import coordinate
+from up_samp.motion.fleet.paths import path_of
+from up_samp.motion.fleet.workspace import workspace_of
+from up_samp.motion.service import MotionService
+from up_samp.validation.kinematics import motion_violations
+
+
+@pytest.mark.parametrize("offset", [-1.0, 0.7])
+@pytest.mark.parametrize("goal", [(18.0, 4.0, 0.0), (18.0, 6.0, 1.0)])
+def test_a_lane_leaves_the_path_and_comes_back(offset, goal):
+    service = MotionService(tight.hall(20, 8, [(0.5, 0.5, 19.5, 7.5)]))
+    workspace, body = workspace_of(service), tight.omni()
+    path = workspace.path(body, ((2.0, 4.0, 0.0), goal), (), Deadline.never())
+    lane = workspace.lane(path, 8.0, 11.0, offset)
+    motion = lane.natural
+    assert not list(motion_violations("lane", limits_of("r", body), motion.times, motion.poses))
+    assert np.allclose(motion.poses[[0, -1], :2], path.poses[[0, -1], :2])
+    way = path.poses[-1, :2] - path.poses[0, :2]
+    left = np.array([-way[1], way[0]]) / np.hypot(*way)
+    aside = (motion.poses[:, :2] - path.poses[0, :2]) @ left
+    assert max(aside * np.sign(offset)) == pytest.approx(abs(offset), abs=0.02)
+    assert path.natural.duration < motion.duration < path.natural.duration + 3.0
+
+
+def test_no_lane_through_a_wall_or_for_who_would_stop_to_turn():
+    service = MotionService(tight.hall(20, 8, [(0.0, 3.0, 20.0, 5.0)]))
+    workspace = workspace_of(service)
+    ends = ((2.0, 4.0, 0.0), (18.0, 4.0, 0.0))
+    narrow = workspace.path(tight.omni(), ends, (), Deadline.never())
+    assert workspace.lane(narrow, 8.0, 11.0, 1.0) is None
+    pivot = workspace.path(tight.differential(), ends, (), Deadline.never())
+    assert workspace.lane(pivot, 8.0, 11.0, 0.3) is None
+
+
+def test_a_fast_one_overtakes_in_the_open(tmp_path):
+    grid = tight.hall(30, 8, [(0.0, 0.5, 30.0, 7.5)])
+    slow = tight.Body(tight.SQUARE, Kinematics(tight.omni().kinematics.model, v_max=0.2))
+    motions = (
+        TimedMotion("slow", "tortoise", slow, ((6.0, 4.0, 0.0), (24.0, 4.0, 0.0)), 0.0, 1e6),
+        TimedMotion("fast", "hare", tight.omni(), ((3.0, 4.0, 0.0), (27.0, 4.0, 0.0)), 0.0, 40.0),
+    )
+    traffic = tight.Traffic("overtaking", grid, GroupQuery(motions))
+    report = coordinate(MotionService(grid), traffic.query, Deadline.after(200.0))
+    judge(traffic, report, tmp_path)
+    assert not report.late
+
+
+@pytest.mark.parametrize(("radius", "tunable"), [(1.5, False), (2.0, False), (20.0, True)])
+def test_speeds_are_tuned_only_where_bends_leave_the_acceleration_over(radius, tunable):
+    angles = np.linspace(0.0, 6.0 / radius, 61)
+    poses = np.stack([radius * np.sin(angles), radius * (1 - np.cos(angles)), 0 * angles], axis=1)
+    path = path_of(Trajectory(np.linspace(0.0, 12.0, 61), poses), tight.omni())
+    assert path.tunable is tunable
