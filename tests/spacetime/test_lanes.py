@@ -59,3 +59,10 @@ def test_speeds_are_tuned_only_where_bends_leave_the_acceleration_over(radius, t
     poses = np.stack([radius * np.sin(angles), radius * (1 - np.cos(angles)), 0 * angles], axis=1)
     path = path_of(Trajectory(np.linspace(0.0, 12.0, 61), poses), tight.omni())
     assert path.tunable is tunable
+
+
+def test_speeds_are_not_tuned_where_a_body_begins_to_turn_on_its_way():
+    x = np.linspace(0.0, 2.0, 41)
+    poses = np.stack([x, 0 * x, 0.75 * np.maximum(0.0, x - 1.0) ** 2], axis=1)
+    path = path_of(Trajectory(np.linspace(0.0, 8.0, 41), poses), tight.omni())
+    assert not path.tunable  # where it turns, less of its speed is left for the way

@@ -190,7 +190,7 @@ def path_of(trajectory: Trajectory, body: Body, waypoints: Sequence[Configuratio
     if tunable:
         stop |= _pauses(trajectory, natural_s, s)
         kink |= stop | _waypoints(trajectory, natural_s, s, waypoints[1:-1])
-    if model is MotionModel.SE2 and _bends_hard(kept, stop, body):
+    if model is MotionModel.SE2 and _bends_hard(kept, s, stop, body):
         # speeds are tuned along a path for speed alone: a blended corner would be taken too fast
         tunable = False
     edges, halt = _cells(s, stop, _cell_length(body))
@@ -244,18 +244,17 @@ def _kinks(poses: FloatArray, s: FloatArray, model: MotionModel) -> tuple[BoolAr
     return kink, stop
 
 
-def _bends_hard(poses: FloatArray, stop: BoolArray, body: Body) -> bool:
-    """Return whether going round some bend at full speed takes more acceleration than what speeding
-    up or braking at the same time leaves over.
+def _bends_hard(poses: FloatArray, s: FloatArray, stop: BoolArray, body: Body) -> bool:
+    """Return whether going on at full speed where the way bends, or where it begins to turn more or
+    less on its way, takes more acceleration than what speeding up or braking leaves over.
     """
-    steps = np.diff(poses[:, :2], axis=0)
-    lengths = np.hypot(steps[:, 0], steps[:, 1])
-    headings = np.arctan2(steps[:, 1], steps[:, 0])
-    turn = np.abs((np.diff(headings) + np.pi) % (2 * np.pi) - np.pi)
-    mean = 0.5 * (lengths[1:] + lengths[:-1])
-    moving = (lengths[1:] > TINY) & (lengths[:-1] > TINY) & ~stop[1:-1]
+    steps = np.diff(s)
+    way = np.diff(poses[:, :2], axis=0) / steps[:, None]
+    change = np.hypot(*np.diff(way, axis=0).T)
+    mean = 0.5 * (steps[1:] + steps[:-1])
+    moving = (steps[1:] > TINY) & (steps[:-1] > TINY) & ~stop[1:-1]
     kin = body.kinematics
-    return bool(np.any(turn[moving] * kin.v_max**2 > BENT * kin.a_max * mean[moving]))
+    return bool(np.any(change[moving] * kin.v_max**2 > BENT * kin.a_max * mean[moving]))
 
 
 def _waypoints(
