@@ -24,12 +24,6 @@ LONGEST = 25.0
 """Stretches longer than this (m) are not worth a lane of their own."""
 
 
-TANGENT = 0.05
-"""Half of the stretch (m) that tells the direction of a path."""
-THIN = 0.01
-"""Distance (m) from a line that is no corner."""
-
-
 def lane_offsets(path: Path, other: Path) -> list[float]:
     """Return the sideways offsets (m) worth a try to pass ``other``, small ones first."""
     width = path.hull.radius + other.hull.radius
@@ -55,13 +49,14 @@ def _beside(scene: Scene, path: Path, first: float, last: float, offset: float) 
     begin, end = max(first - reach, 0.0), min(last + reach, path.length)
     if not begin < first < last < end:
         return None
+    near = 0.1 * path.hull.radius
     marks = np.linspace(first, last, max(2, math.ceil((last - first) / reach) + 1))
     middle = path.poses_at(marks)
-    ahead = path.poses_at(np.minimum(marks + TANGENT, path.length))
-    behind = path.poses_at(np.maximum(marks - TANGENT, 0.0))
+    ahead = path.poses_at(np.minimum(marks + near, path.length))
+    behind = path.poses_at(np.maximum(marks - near, 0.0))
     way = ahead[:, :2] - behind[:, :2]
     sizes = np.hypot(*way.T)
-    if sizes.min() < 0.5 * TANGENT:  # it turns there, or rests
+    if sizes.min() < 0.5 * near:  # it turns there, or rests
         return None
     middle[:, 0] -= offset * way[:, 1] / sizes
     middle[:, 1] += offset * way[:, 0] / sizes
@@ -74,8 +69,8 @@ def _beside(scene: Scene, path: Path, first: float, last: float, offset: float) 
     return None if found is None else path_of(found[0], path.body, ends)
 
 
-def _thinned(rows: FloatArray) -> FloatArray:
-    """Return the poses (n, 3) without those that lie within ``THIN`` of the line between others
+def _thinned(rows: FloatArray, off_line: float = 0.01) -> FloatArray:
+    """Return the poses (n, 3) without those that lie within ``off_line`` m of the line between others
     (Ramer 1972, Douglas & Peucker 1973; a radian counts as a metre).
     """
     if len(rows) < 3:
@@ -85,7 +80,7 @@ def _thinned(rows: FloatArray) -> FloatArray:
     share = (rows - rows[0]) @ line / max(size * size, 1e-12)
     off = np.linalg.norm(rows - rows[0] - np.clip(share, 0.0, 1.0)[:, None] * line, axis=1)
     worst = int(np.argmax(off))
-    if off[worst] < THIN:
+    if off[worst] < off_line:
         return rows[[0, -1]]
     return np.concatenate([_thinned(rows[: worst + 1]), _thinned(rows[worst:])[1:]])
 

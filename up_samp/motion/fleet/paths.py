@@ -254,7 +254,10 @@ def _bends_hard(poses: FloatArray, s: FloatArray, stop: BoolArray, body: Body) -
     mean = 0.5 * (steps[1:] + steps[:-1])
     moving = (steps[1:] > TINY) & (steps[:-1] > TINY) & ~stop[1:-1]
     kin = body.kinematics
-    return bool(np.any(change[moving] * kin.v_max**2 > BENT * kin.a_max * mean[moving]))
+    most = BENT * kin.a_max / kin.v_max**2
+    # tuned motions follow constant twists: who turns on a straight way would sway from side to side
+    turn = np.where(np.hypot(*way.T) > 1e-6, np.abs(np.diff(poses[:, 2])) / steps, 0.0)
+    return bool(np.any(change[moving] > most * mean[moving]) or np.any(turn > most))
 
 
 def _waypoints(
