@@ -70,7 +70,7 @@ def _beside(scene: Scene, path: Path, first: float, last: float, offset: float) 
 
 
 def _thinned(rows: FloatArray, off_line: float = 0.01) -> FloatArray:
-    """Return the poses (n, 3) without those that lie within ``off_line`` m of the line between others
+    """Return the poses (n, 3) without those within ``off_line`` m of the line between others
     (Ramer 1972, Douglas & Peucker 1973; a radian counts as a metre).
     """
     if len(rows) < 3:
