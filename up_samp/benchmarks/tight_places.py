@@ -252,7 +252,7 @@ CASES: dict[str, Case] = {
     "door both ways": Case(lambda body: door(body, 6)),
     "full ring of three": Case(full_ring),
     "full ring, three speeds": Case(lambda body: full_ring(body, 3, (1.0, 0.5, 0.8))),
-    "full ring of six": Case(lambda body: full_ring(body, 6), ("car",)),
+    "full ring of six": Case(lambda body: full_ring(body, 6), ("omni", "car")),
     "carousel of four": Case(lambda body: carousel(omni(DISC)), ("omni",)),
     "square of six": Case(lambda body: square(body, 6)),
     "square of ten": Case(square),
