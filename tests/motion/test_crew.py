@@ -60,7 +60,11 @@ class LastFirst(Executor):
         return future
 
 
-@pytest.mark.parametrize("executor", [LastFirst(), LastFirst(lost={0}), None], ids=["reversed", "one lost", "threads"])
+@pytest.mark.parametrize(
+    "executor",
+    [LastFirst(), LastFirst(lost={0}), None],
+    ids=["reversed", "one lost", "threads"],
+)
 def test_answers_do_not_depend_on_the_workers(executor):
     grid, queries = errands()
     alone = answers(MotionService(grid), queries)
