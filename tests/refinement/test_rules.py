@@ -82,6 +82,16 @@ def test_unary_place_counts_who_is_there():
     assert holds(place.statement, schedule(in1=(0, 5), out1=(7, 9), in2=(3, 8)), nowhere)
     assert not holds(place.statement, schedule(in1=(0, 5), out1=(9, 12), in2=(3, 8)), nowhere)
     assert not holds(place.statement, schedule(in1=(0, 5), in2=(3, 8)), nowhere)
+    assert not holds(place.statement, schedule(in1=(0, 5), out1=(8, 9), in2=(3, 8)), nowhere)
+
+
+def test_nobody_passes_through_a_unary_place_where_another_rests():
+    place = rules.unary_place("m", ["in1", "in2"], ["out1", "out2"], taken=False)
+    first = {"in1": (0, 16), "out1": (18, 30)}
+    assert not holds(place.statement, schedule(**first, in2=(0, 17), out2=(17, 28)), nowhere)
+    assert holds(place.statement, schedule(**first, in2=(0, 15), out2=(15, 28)), nowhere)
+    assert holds(place.statement, schedule(**first, in2=(0, 19), out2=(19, 28)), nowhere)
+    assert not holds(place.statement, schedule(**first, in2=(0, 16), out2=(16, 28)), nowhere)
 
 
 def test_requirements_over_their_spans():

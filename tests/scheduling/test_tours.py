@@ -19,7 +19,9 @@ from unified_planning.shortcuts import (
 
 from scheduling.test_alternatives import exactly_one
 from up_samp.benchmarks import job_shop
+from up_samp.benchmarks.instances import instance
 from up_samp.model import Deadline, ScheduleStatus
+from up_samp.refinement import rules
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.detection import find_routes, find_unit_places
@@ -28,6 +30,7 @@ from up_samp.scheduling.cpsat.routing.list_scheduling import improve
 from up_samp.scheduling.cpsat.solve import strategy as search
 from up_samp.upio import read_problem, relax
 from up_samp.upio.plan import build_schedule
+from up_samp.upio.write import write_refinement
 from up_samp.validation import validate_schedule
 
 
@@ -151,6 +154,20 @@ def test_places_for_one_and_stillness_are_recognised():
             assert all(("door",) in route.still for route in routes)
             return
     raise AssertionError("no random shop has a place for one")
+
+
+def test_stated_places_are_unary_places_of_routes():
+    samp = instance("logistics-dc-oc-r2-i2").build("fluents")
+    relaxation = relax(samp, read_problem(samp))
+    routes = [f"move_robot{r}_" for r in range(2)]
+    moves = [n for n in relaxation.activities if n.startswith(tuple(routes))]
+    coming = [n for n in moves if n.endswith("to_door0_button")]
+    leaving = [n for n in moves if "door0_button_to" in n]
+    place = rules.unary_place("button", coming, leaving, taken=False)
+    write_refinement(relaxation, place)
+    model = ScheduleModel(relaxation.problem)
+    units = find_unit_places(model, find_routes(model))
+    assert [len(unit.places) for unit in units] == [2]
 
 
 @pytest.mark.parametrize("size", [(1, 2, 2), (2, 3, 2), (3, 3, 4)])

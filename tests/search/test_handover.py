@@ -25,6 +25,7 @@ from unified_planning.shortcuts import (
     OneshotPlanner,
 )
 
+from up_samp.benchmarks.instances import instance
 from up_samp.benchmarks.maps import hall_map
 from up_samp.model import Body, Kinematics, MotionModel
 from up_samp.model.refinement import Strength
@@ -146,3 +147,13 @@ def test_no_straight_hand_over_is_shorter_than_proven():
                     for t in times
                 )
                 assert not apart or gap == 0.0
+
+
+def test_nobody_passes_the_button_while_another_opens_the_door():
+    """Who waits for the door does not stop, for no time at all, where the other one rests."""
+    problem = instance("logistics-dc-oc-r2-i2").build("fluents", metric=False)
+    with OneshotPlanner(name="samp-refine[cpsat]") as planner:
+        result = planner.solve(problem, timeout=60.0)
+    assert validate_plan(problem, result.plan).valid
+    assert int(result.metrics["makespan"]) <= 60  # in turn: 100
+    assert int(result.metrics["rounds"]) <= 3

@@ -161,8 +161,29 @@ def test_a_place_for_one_keeps_arrivals_apart(tmp_path):
     refine(relaxation, statement)
     report = solve(relaxation)
     times = report.schedule.times
-    assert times["out0"][0] <= times["in1"][1]
+    assert times["out0"][0] < times["in1"][1]
     assert holds(statement, report.schedule, lambda *_: set())
+
+
+def test_nobody_passes_through_a_place_for_one_while_another_rests_there(tmp_path):
+    hall = Hall(tmp_path, robots=2)
+    hall.pose("shared", 15.0, 5.0, 0.0)
+    hall.move("in0", 0, "left0", "shared", bounds=(5, 5))
+    hall.move("out0", 0, "shared", "right0", bounds=(4, 50))
+    hall.move("in1", 1, "left1", "shared", bounds=(5, 50))
+    hall.move("out1", 1, "shared", "right1", bounds=(4, 50))
+    relaxation = relax(hall.problem, read_problem(hall.problem))
+    names = [frozenset({f"{what}{i}" for i in range(2)}) for what in ("in", "out")]
+    refine(relaxation, Exclusive("shared", *names, False))
+    activities = relaxation.activities
+    manager = hall.problem.environment.expression_manager
+    for earlier, later in (("in0", "in1"), ("in1", "out0")):
+        end = activities[later].end if later == "in1" else activities[later].start
+        relaxation.problem.add_constraint(manager.LE(activities[earlier].end, end))
+    relaxation.problem.add_constraint(
+        manager.Equals(activities["in1"].end, activities["out1"].start)
+    )
+    assert solve(relaxation).status is ScheduleStatus.INFEASIBLE
 
 
 def test_too_long_means_absent(tmp_path):

@@ -180,7 +180,8 @@ class Exclusive:
     """A unary place: at most one object rests at any of its configurations.
 
     ``arrivals`` are activities that bring an object there (at their end), ``departures`` those
-    that take it away (at their start); ``taken`` tells whether an object is there at first.
+    that take it away (at their start: it rests there until then); ``taken`` tells whether an
+    object is there at first.
     """
 
     name: str

@@ -67,7 +67,11 @@ def _meets_requirement(
 
 def _fits_place(statement: Exclusive, schedule: CandidateSchedule) -> bool:
     changes = [(schedule.times[a][1], 1) for a in statement.arrivals if a in schedule.times]
-    changes += [(schedule.times[a][0], -1) for a in statement.departures if a in schedule.times]
+    changes += [
+        (schedule.times[a][0] + (a not in statement.arrivals), -1)
+        for a in statement.departures
+        if a in schedule.times
+    ]
     level = 1 if statement.taken else 0
     for time in sorted({t for t, _ in changes}):
         level += sum(step for t, step in changes if t == time)

@@ -87,7 +87,11 @@ def _write_requires(relaxation: Relaxation, requires: Requires) -> None:
 
 
 def _write_exclusive(relaxation: Relaxation, place: Exclusive) -> None:
-    """A unary resource: taken at each arrival's end, given back at each departure's start."""
+    """A unary resource: taken at each arrival's end, given back a unit after departures start.
+
+    Who leaves still rests there at that instant, so nobody else has come by then: not even who
+    only passes through and leaves at once.
+    """
     problem = relaxation.problem
     free = problem.add_fluent(
         f"samp_free_{place.name}",
@@ -99,7 +103,9 @@ def _write_exclusive(relaxation: Relaxation, place: Exclusive) -> None:
         activity.add_decrease_effect(activity.end, free, 1)
     for name in sorted(place.departures):
         activity = relaxation.activities[name]
-        activity.add_increase_effect(activity.start, free, 1)
+        # who goes from one of the configurations to another may be back at once
+        back = Timing(0 if name in place.arrivals else 1, activity.start)
+        activity.add_increase_effect(back, free, 1)
 
 
 def _absent(relaxation: Relaxation, literal: Absent) -> FNode:

@@ -592,15 +592,15 @@ def find_unit_places(model: ScheduleModel, routes: list[Route]) -> list[UnitPlac
 
 
 def _unit_moves(model: ScheduleModel, state: StateVar) -> tuple[set[str] | None, set[str]]:
-    """Return who takes a unit at its end and who gives it back at its start; None if anybody
-    does anything else with it.
+    """Return who takes a unit at its end and who gives it back at its start, or a unit after it;
+    None if anybody does anything else with it.
     """
     arrivals, departures = set(), set()
     for write in state.writes:
         activity = model.states.activity(write.owner or 0)
         if write.value.terms or write.active != activity.present:
             return None, set()
-        start = model.states.difference(write.time, activity.start) == (0, 0)
+        start = model.states.difference(write.time, activity.start) in ((0, 0), (1, 1))
         end = model.states.difference(write.time, activity.end) == (0, 0)
         if write.value.const == -1 and end:
             arrivals.add(activity.name)
