@@ -41,6 +41,10 @@ def test_routes_with_side_constraints():
     check(range(FEW))
 
 
+def test_tasks_that_are_apart_by_other_gaps_for_other_travellers():
+    assert disagreement(10_170) == (None, True)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("block", range(10))
 def test_many_routes_with_side_constraints(block):

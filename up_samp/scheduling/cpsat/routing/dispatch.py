@@ -65,14 +65,18 @@ def find_tasks(model: ScheduleModel, routes: list[Route]) -> list[Task]:
     for first, then, gap in _differences(model):
         if first in numbers and then in numbers:
             tasks[numbers[then]].after.append((numbers[first], gap))
-    for (a, b), gap in model.disjunctions.gaps.items():
-        i, j = owners.get(a), owners.get(b)
-        if i is not None and j is not None and i != j and (j, gap) not in tasks[i].apart:
-            if len({w[0] for w in tasks[i].ways} | {w[0] for w in tasks[j].ways}) == 1:
-                continue  # one traveller does one thing at a time anyway
-            if _wholly_apart(model, tasks[i], tasks[j]):
-                tasks[i].apart.append((j, gap))
-                tasks[j].apart.append((i, gap))
+    seen = set[tuple[int, int]]()
+    for a, b in model.disjunctions.gaps:
+        i, j = sorted((owners.get(a, -1), owners.get(b, -1)))
+        if i < 0 or i == j or (i, j) in seen:
+            continue
+        seen.add((i, j))
+        if len({w[0] for w in tasks[i].ways} | {w[0] for w in tasks[j].ways}) == 1:
+            continue  # one traveller does one thing at a time anyway
+        least = _gap_between(model, tasks[i], tasks[j])
+        if least is not None:
+            tasks[i].apart.append((j, least))
+            tasks[j].apart.append((i, least))
     _find_changes(model, owners, tasks)
     return with_openings(model, routes, tasks)
 
@@ -88,15 +92,20 @@ def _differences(model: ScheduleModel) -> Iterator[tuple[int, int, int]]:
                 yield v, u, form.const
 
 
-def _wholly_apart(model: ScheduleModel, one: Task, other: Task) -> bool:
-    """Return whether no ways of two tasks may overlap, not even those of two travellers."""
+def _gap_between(model: ScheduleModel, one: Task, other: Task) -> int | None:
+    """Return the least gap between two tasks, whoever does them; ``None`` if some ways to do them,
+    be they of two travellers, may overlap.
+    """
     world = model.world.activities
+    gaps = []
     for _, a, _ in one.ways:
         for _, b, _ in other.ways:
-            pair = sorted((world[a].index, world[b].index))
-            if (pair[0], pair[1]) not in model.disjunctions.gaps:
-                return False
-    return True
+            first, second = sorted((world[a].index, world[b].index))
+            gap = model.disjunctions.gaps.get((first, second))
+            if gap is None:
+                return None
+            gaps.append(gap)
+    return min(gaps)
 
 
 def _find_changes(model: ScheduleModel, owners: dict[int, int], tasks: list[Task]) -> None:
