@@ -1,0 +1,105 @@
+"""How robots get from place to place: drives, what is in their way, and what they take along."""
+
+from __future__ import annotations
+
+from unified_planning.model.motion import ActivityWaypoints, MovableObject
+from unified_planning.model.scheduling import Activity
+from unified_planning.shortcuts import Equals
+
+from up_samp.fleet.batteries import Meter
+from up_samp.fleet.crowds import Passing
+from up_samp.fleet.loads import attached_of, ends_of, is_under, place_of, ridden
+from up_samp.fleet.records import RobotType
+from up_samp.fleet.site import Site
+from up_samp.fleet.statements import at_start
+from up_samp.fleet.visits import Successions, moves_needed
+from up_samp.fleet.work import Work
+from up_samp.geometry import load_map
+
+
+class Drives:
+    """Writes the drives of robots into a site's problem."""
+
+    def __init__(self, site: Site, work: Work) -> None:
+        self._site = site
+        self._work = work
+        self._meter = Meter(site.records, site.folder)
+
+    def add(self, robot: str) -> None:
+        """Add the drives that a robot may need, as many of each as any schedule could."""
+        records, kind = self._site.records, self._site.kind_of(robot)
+        needed = moves_needed(self._work.visits[robot], Successions(records, kind))
+        longest = self._longest(kind)
+        for (origin, to), copies in needed.items():
+            order = ridden(records, origin, to)
+            verb = f"move_{robot}_{origin}_to_{to}"
+            if order is not None:
+                verb = f"carry_{order.id}_{robot}_{place_of(origin)}_to_{place_of(to)}"
+            for number in range(1, copies + 1):
+                name = verb + (f"_{number}" if number > 1 else "")
+                self._work.busy[robot].append(self._drive(robot, origin, to, name, longest))
+
+    def _drive(self, robot: str, origin: str, to: str, name: str, longest: int) -> Activity:
+        site = self._site
+        mover = site.robots[robot]
+        a = site.problem.add_motion_activity(name, optional=True)
+        a.set_duration_bounds(1, longest)
+        areas = self._zones(a, robot, origin, to)
+        a.add_motion_constraint(
+            ActivityWaypoints(
+                mover,
+                site.places[origin],
+                [site.places[to]],
+                static_obstacles=[
+                    *site.doors.values(),
+                    *site.keep_out.get(mover.type.name, ()),
+                    *areas,
+                ],
+                dynamic_obstacles_at_start=self._moving(robot, origin, to),
+            )
+        )
+        a.add_motion_effect(mover, site.places[to])
+        amount = self._meter.drive(robot, origin, to)
+        if amount:
+            a.add_decrease_effect(a.start, site.batteries[robot], amount)
+        order = ridden(site.records, origin, to)
+        if order is not None:
+            a.add_motion_effect(site.pallets[order.id], site.stands[order.id, to])
+        a.add_condition(at_start(a), Equals(site.at[robot], site.places[origin]))
+        a.add_effect(a.end, site.at[robot], site.places[to])
+        return a
+
+    def _zones(self, a: Activity, robot: str, origin: str, to: str) -> list[MovableObject]:
+        """Count a drive in the zones that it visits; return those that it goes around."""
+        around = []
+        for crowd in self._site.crowds:
+            area, room = self._site.rooms[crowd.zone]
+            passing = crowd.passing(robot, origin, to)
+            if passing is Passing.AROUND:
+                around.append(area)
+            if passing in (Passing.IN, Passing.THROUGH):
+                a.add_decrease_effect(a.start, room, 1)
+            if passing in (Passing.OUT, Passing.THROUGH):
+                a.add_increase_effect(a.end, room, 1)
+        return around
+
+    def _moving(self, robot: str, origin: str, to: str) -> list[MovableObject]:
+        """Return what else moves and is in the way of a drive: other robots, and all loads on the
+        floor but for those that it takes along, or stands under when it begins or ends.
+        """
+        site = self._site
+        kind = site.kind_of(robot)
+        found = [r for name, r in site.robots.items() if name != robot]
+        for order in attached_of(site.records):
+            assert order.attached is not None
+            mine = {name for end in ends_of(order) for name in end} & {origin, to}
+            if not (mine and (len(mine) == 2 or is_under(kind, order.attached))):
+                found.append(site.pallets[order.id])
+        return found
+
+    def _longest(self, kind: RobotType) -> int:
+        """Return how long a drive may take (units): four times along the map's edges, and a
+        quarter of an hour, in which others can get out of the way.
+        """
+        width, height = load_map(self._site.map).size
+        return self._site.up(8 * (width + height) / kind.v_max + 900)

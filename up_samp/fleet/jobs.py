@@ -1,0 +1,109 @@
+"""What binds activities to jobs: who does them, what comes first, what may be left out."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+from unified_planning.model.scheduling import Activity
+from unified_planning.shortcuts import LE, Not, Or
+
+from up_samp.fleet.records import Order, Task
+from up_samp.fleet.site import Site
+from up_samp.fleet.statements import ends_before, exactly_one, one_at_a_time, present, together
+from up_samp.fleet.visits import Role
+from up_samp.fleet.work import Work
+
+
+class Jobs:
+    """Writes the rules of jobs into a site's problem, whose activities are all there."""
+
+    def __init__(self, site: Site, work: Work) -> None:
+        self._site = site
+        self._problem = site.problem
+        self._records = site.records
+        self._work = work
+        self._leaving: dict[str, Activity] = {}
+
+    def add(self) -> None:
+        """State all rules of jobs."""
+        self._done()
+        self._after()
+        self._priorities()
+        self._left_out()
+
+    def _done(self) -> None:
+        """Each job is done by exactly one robot, and orders are delivered by whom picked them."""
+        for order in self._records.orders:
+            pairs = [self._work.pair(r, order) for r in self._able(order)]
+            self._done_once(order, [pick for pick, _ in pairs], "pick")
+            self._done_once(order, [deliver for _, deliver in pairs], "deliver")
+            for pick, deliver in pairs:
+                together(self._problem, pick, deliver)
+                ends_before(self._problem, pick, deliver)
+        for task in self._records.tasks:
+            if task.at:
+                self._done_once(task, self._work.of(task.id, Role.TASK), "task")
+            elif task.optional:
+                self._done_once(task, [self._work.machines[task.id]], "task")
+
+    def _able(self, order: Order) -> list[str]:
+        """Return the robots that may do an order."""
+        visits = self._work.activities
+        return [v.robot for v in visits if v.what == order.id and v.role is Role.PICKUP]
+
+    def _done_once(self, job: Order | Task, activities: Sequence[Activity], part: str) -> None:
+        """Exactly one of ``activities`` is there, or one that stands for leaving the part out.
+
+        That one lasts as long as they do: the scheduler reads alternatives of equal length as one
+        thing to be done, and finds first plans in which it is.
+        """
+        ways = [*activities]
+        if job.optional and job.penalty is not None:
+            length = int(activities[0].duration.lower.constant_value())
+            skip = self._problem.add_activity(f"skip_{part}_{job.id}", length, optional=True)
+            together(self._problem, skip, self._leave(job.id, job.penalty))
+            ways.append(skip)
+        exactly_one(self._problem, ways)
+
+    def _leave(self, job: str, penalty: float) -> Activity:
+        """Return the activity that stands for leaving a job out; it lasts as long as that costs."""
+        if job not in self._leaving:
+            units = self._site.up(penalty)
+            a = self._problem.add_activity(f"leave_out_{job}", duration=units, optional=True)
+            self._leaving[job] = a
+        return self._leaving[job]
+
+    def _after(self) -> None:
+        for job in self._records.jobs:
+            for earlier in job.after:
+                if earlier in self._leaving:
+                    self._only_with(job, earlier)
+                ends, begins = self._work.ends(earlier), self._work.begins(job.id)
+                for a, b in itertools.product(ends, begins):
+                    ends_before(self._problem, a, b)
+
+    def _only_with(self, job: Order | Task, earlier: str) -> None:
+        """Where ``earlier`` is left out, ``job`` is, too."""
+        skipped = Not(self._leaving[earlier].present)
+        own = [self._leaving[job.id].present] if job.id in self._leaving else []
+        self._problem.add_constraint(Or([skipped, *own]))
+
+    def _priorities(self) -> None:
+        """Who has a higher priority begins no later."""
+        jobs = self._records.jobs
+        levels = sorted({j.priority for j in jobs}, reverse=True)
+        for high, low in itertools.pairwise(levels):
+            firsts = [a for j in jobs if j.priority == high for a in self._work.begins(j.id)]
+            others = [a for j in jobs if j.priority == low for a in self._work.begins(j.id)]
+            for a, b in itertools.product(firsts, others):
+                self._problem.add_constraint(LE(a.start, b.start), present(a, b))
+
+    def _left_out(self) -> None:
+        """What is left out counts as seconds of makespan: it comes after all else, one by one."""
+        last = set(self._leaving.values())
+        for leaving in self._leaving.values():
+            for a in self._problem.activities:
+                if a not in last:
+                    ends_before(self._problem, a, leaving)
+        one_at_a_time(self._problem, "nobody", list(self._leaving.values()))

@@ -1,0 +1,149 @@
+"""What there is before anything happens: objects, places, fluents and resources of a problem."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from unified_planning.model import Fluent, FNode, GlobalEndTiming, TimePointInterval
+from unified_planning.model.motion import (
+    SE2,
+    ConfigurationKind,
+    ConfigurationObject,
+    MotionModels,
+    MovableObject,
+    OccupancyMap,
+    SchedulingMotionProblem,
+)
+from unified_planning.shortcuts import ConfigurationType, Equals, IntType, MovableType
+
+from up_samp.fleet.batteries import GRAINS, first_level, lowest
+from up_samp.fleet.crowds import Crowd
+from up_samp.fleet.faults import Fault, FleetError
+from up_samp.fleet.loads import MARK, attached_of, ends_of, load_pose, place_of, poses_of
+from up_samp.fleet.outlines import corners, movable
+from up_samp.fleet.records import FleetRecords, Outline, Pose, RobotType
+
+
+class Site:
+    """A UP problem with all that the records name, and nothing that happens yet.
+
+    ``at`` holds the fluents that tell where robots and doors are, ``stands`` where the load of an
+    order is while its robot is at a place, ``rooms`` how many more robots fit into a zone.
+    """
+
+    def __init__(self, records: FleetRecords, folder: Path) -> None:
+        self.records = records
+        self.folder = folder
+        self.map = str(folder / records.map)
+        self.problem = SchedulingMotionProblem(records.name)
+        ground = OccupancyMap(self.map, SE2(0.0, 0.0, 0.0))
+        self._pose_type = ConfigurationType("pose", ground, ConfigurationKind.SE2)
+        self.places: dict[str, ConfigurationObject] = {}
+        self.resources: dict[str, Fluent] = {}
+        self.robots: dict[str, MovableObject] = {}
+        self.at: dict[str, FNode] = {}
+        self.batteries: dict[str, FNode] = {}
+        self.pallets: dict[str, MovableObject] = {}
+        self.stands: dict[tuple[str, str], ConfigurationObject] = {}
+        self.doors: dict[str, MovableObject] = {}
+        self.keep_out: dict[str, list[MovableObject]] = {}
+        self.crowds: list[Crowd] = []
+        self.rooms: dict[str, tuple[MovableObject, FNode]] = {}
+        for name, pose in poses_of(records).items():
+            self.places[name] = self._pose(name, pose)
+        for name, resource in records.resources.items():
+            self.resources[name] = self.problem.add_resource(name, resource.capacity)
+        self._robots()
+        self._pallets()
+        self._doors()
+        self._zones()
+
+    def kind_of(self, robot: str) -> RobotType:
+        """Return the type of a robot."""
+        return self.records.robot_types[self.records.robots[robot].type]
+
+    def up(self, seconds: float) -> int:
+        """Return seconds as whole units, rounded up, at least one."""
+        return max(1, math.ceil(seconds / self.records.seconds_per_unit - 1e-9))
+
+    def down(self, seconds: float) -> int:
+        """Return seconds as whole units, rounded down."""
+        return math.floor(seconds / self.records.seconds_per_unit + 1e-9)
+
+    def _pose(self, name: str, pose: Pose) -> ConfigurationObject:
+        found = ConfigurationObject(name, self._pose_type, SE2(*pose))
+        self.problem.add_object(found)
+        return found
+
+    def _at_first(self, name: str, place: ConfigurationObject) -> None:
+        """Add the fluent that tells where something is."""
+        fluent = Fluent(f"{name}_at", self._pose_type)
+        self.problem.add_fluent(fluent, default_initial_value=place)
+        self.at[name] = fluent()
+
+    def _robots(self) -> None:
+        types = {name: MovableType(name) for name in self.records.robot_types}
+        for name, robot in self.records.robots.items():
+            kind = self.kind_of(name)
+            self.robots[name] = movable(name, types[robot.type], kind)
+            self.problem.add_object(self.robots[name])
+            self.problem.set_initial_configuration(self.robots[name], self.places[robot.start])
+            self._at_first(name, self.places[robot.start])
+            if kind.battery is not None:
+                level = Fluent(f"{name}_battery", IntType(lowest(kind.battery), GRAINS))
+                self.problem.add_fluent(level, default_initial_value=first_level(kind.battery))
+                self.batteries[name] = level()
+            if robot.end is not None:
+                end = Equals(self.at[name], self.places[robot.end])
+                self.problem.add_condition(TimePointInterval(GlobalEndTiming()), end)
+
+    def _pallets(self) -> None:
+        """Loads that travel with robots: they stand at their pickup at first."""
+        for order in attached_of(self.records):
+            assert order.attached is not None
+            pickups, deliveries = ends_of(order)
+            name = f"load{MARK}{order.id}"
+            for place in dict.fromkeys((*pickups, *deliveries)):
+                pose = load_pose(order.attached, self.records.places[place_of(place)].pose)
+                self.stands[order.id, place] = self._pose(f"load{MARK}{place}", pose)
+            at = self.stands[order.id, pickups[0]]
+            self.pallets[order.id] = self._fixture(name, order.attached.footprint, at, "load")
+
+    def _fixture(
+        self, name: str, outline: Outline, pose: ConfigurationObject, kind: str = "fixture"
+    ) -> MovableObject:
+        fixture = MovableObject(
+            name, MovableType(kind), footprint=corners(outline), motion_model=MotionModels.SE2
+        )
+        self.problem.add_object(fixture)
+        self.problem.set_initial_configuration(fixture, pose)
+        return fixture
+
+    def _doors(self) -> None:
+        for name, door in self.records.doors.items():
+            closed = self._pose(f"{name}.closed", door.closed)
+            opened = self._pose(f"{name}.open", door.open)
+            self.doors[name] = self._fixture(name, door.leaf, closed)
+            self.places[closed.name], self.places[opened.name] = closed, opened
+            self._at_first(name, closed)
+
+    def _zones(self) -> None:
+        for name, zone in self.records.zones.items():
+            here = self._pose(f"{name}.here", (0.0, 0.0, 0.0))
+            area = self._fixture(name, zone.polygon, here)
+            for kind in zone.keep_out:
+                self.keep_out.setdefault(kind, []).append(area)
+            if zone.max_robots is not None:
+                self.crowds.append(Crowd(self.records, self.folder, name))
+                self._room(name, area, zone.max_robots)
+
+    def _room(self, name: str, area: MovableObject, most: int) -> None:
+        """How many more robots may come into a zone."""
+        inside = sum(self.crowds[-1].starts_inside(r) for r in self.records.robots)
+        if inside > most:
+            what = f"{inside} robots start in it; it takes {most}"
+            raise FleetError([Fault(("zones", name, "max_robots"), what)])
+        room = Fluent(f"{name}_room", IntType(0, most))
+        self.problem.add_fluent(room, default_initial_value=most - inside)
+        self.rooms[name] = (area, room())

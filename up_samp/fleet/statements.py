@@ -1,0 +1,62 @@
+"""What several parts of a fleet problem state of activities, in one way."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+from unified_planning.model import FNode, TimePointInterval, Timing
+from unified_planning.model.motion import SchedulingMotionProblem
+from unified_planning.model.scheduling import Activity
+from unified_planning.model.timing import LeftOpenTimeInterval
+from unified_planning.shortcuts import LE, Not, Or
+
+from up_samp.fleet.loads import MARK
+
+
+def at_start(a: Activity) -> TimePointInterval:
+    """Return the instant at which ``a`` starts."""
+    return TimePointInterval(Timing(0, a.start))
+
+
+def while_there(a: Activity) -> LeftOpenTimeInterval:
+    """Return ``(start, end]`` of ``a``: a move may end as it begins."""
+    return LeftOpenTimeInterval(Timing(0, a.start), Timing(0, a.end))
+
+
+def present(*activities: Activity) -> list[FNode]:
+    """Return what must hold for all ``activities`` to be there."""
+    return [a.present for a in activities if a.optional]
+
+
+def only_with(problem: SchedulingMotionProblem, a: Activity, b: Activity) -> None:
+    """State that ``a`` is there only where ``b`` is."""
+    problem.add_constraint(Or(Not(a.present), b.present))
+
+
+def together(problem: SchedulingMotionProblem, a: Activity, b: Activity) -> None:
+    """State that both are there, or neither."""
+    only_with(problem, a, b)
+    only_with(problem, b, a)
+
+
+def ends_before(problem: SchedulingMotionProblem, a: Activity, b: Activity) -> None:
+    """State that ``a`` ends before ``b`` starts, where both are there."""
+    problem.add_constraint(LE(a.end, b.start), present(a, b))
+
+
+def exactly_one(problem: SchedulingMotionProblem, activities: Sequence[Activity]) -> None:
+    """State that one of ``activities`` is there, and no two are."""
+    problem.add_constraint(Or([a.present for a in activities]))
+    for a, b in itertools.combinations(activities, 2):
+        problem.add_constraint(Or(Not(a.present), Not(b.present)))
+
+
+def one_at_a_time(
+    problem: SchedulingMotionProblem, who: str, activities: Sequence[Activity]
+) -> None:
+    """State that no two of ``activities`` overlap: they take a resource of one unit."""
+    if len(activities) > 1:
+        busy = problem.add_resource(f"busy{MARK}{who}", 1)
+        for a in activities:
+            a.uses(busy)

@@ -1,0 +1,128 @@
+"""What happens at places: pickups, deliveries, tasks, doors that are opened, charging, machines."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from unified_planning.model.scheduling import Activity
+from unified_planning.shortcuts import Equals, Or
+
+from up_samp.fleet.batteries import step_of, steps_of
+from up_samp.fleet.loads import ends_of
+from up_samp.fleet.records import Order, Stop, Task
+from up_samp.fleet.site import Site
+from up_samp.fleet.statements import at_start, ends_before, only_with, while_there
+from up_samp.fleet.visits import WORK, Role, Visit, visits_of
+
+
+class Work:
+    """Activities at places, each optional: which robot does what where is decided later.
+
+    ``busy`` holds for each robot what only it can do, one at a time; drives join them.
+    """
+
+    def __init__(self, site: Site) -> None:
+        self._site = site
+        self._records = site.records
+        self.visits = {r: visits_of(self._records, r) for r in self._records.robots}
+        self.activities: dict[Visit, Activity] = {}
+        self.machines: dict[str, Activity] = {}
+        self.busy: dict[str, list[Activity]] = {r: [] for r in self._records.robots}
+        for visits in self.visits.values():
+            for visit in visits:
+                if visit.role is Role.CHARGE:
+                    self._charge(visit)
+                elif visit.role in WORK:
+                    self._work(visit)
+        for task in self._records.tasks:
+            if not task.at:
+                self._machine(task)
+
+    def of(self, what: str, *roles: Role) -> list[Activity]:
+        """Return the activities of a job in some roles: one for each robot that may do it."""
+        return [a for v, a in self.activities.items() if v.what == what and v.role in roles]
+
+    def pair(self, robot: str, order: Order) -> tuple[Activity, Activity]:
+        """Return a robot's pickup and delivery of an order."""
+        pickups, deliveries = ends_of(order)
+        pick = Visit(robot, Role.PICKUP, order.id, pickups)
+        deliver = Visit(robot, Role.DELIVERY, order.id, deliveries)
+        return self.activities[pick], self.activities[deliver]
+
+    def begins(self, job: str) -> list[Activity]:
+        """Return the activities of which one begins a job."""
+        if job in self.machines:
+            return [self.machines[job]]
+        return self.of(job, Role.PICKUP, Role.TASK)
+
+    def ends(self, job: str) -> list[Activity]:
+        """Return the activities of which one ends a job."""
+        if job in self.machines:
+            return [self.machines[job]]
+        return self.of(job, Role.DELIVERY, Role.TASK)
+
+    def _work(self, visit: Visit) -> None:
+        """Add what a robot does at one of a visit's places."""
+        site = self._site
+        length, window, resources = self._figures(visit)
+        units = site.up(length)
+        if visit.role is Role.OPEN:
+            a: Any = site.problem.add_motion_activity(visit.name, units, optional=True)
+            opened, state = site.places[f"{visit.what}.open"], site.at[visit.what]
+            a.add_motion_effect(site.doors[visit.what], opened)
+            a.add_condition(at_start(a), Equals(state, site.places[f"{visit.what}.closed"]))
+            a.add_effect(a.end, state, opened)
+        else:
+            a = site.problem.add_activity(visit.name, duration=units, optional=True)
+        here = [Equals(site.at[visit.robot], site.places[p]) for p in visit.places]
+        a.add_condition(while_there(a), here[0] if len(here) == 1 else Or(here))
+        self._limit(a, window, resources)
+        self.activities[visit] = a
+        self.busy[visit.robot].append(a)
+
+    def _charge(self, visit: Visit) -> None:
+        """Add the steps of a visit to a charger: one after the other, as many as are wanted."""
+        site, problem = self._site, self._site.problem
+        battery = site.kind_of(visit.robot).battery
+        charger = self._records.places[visit.what].charger
+        assert battery is not None
+        assert charger is not None
+        level, at = site.batteries[visit.robot], site.at[visit.robot]
+        before: Activity | None = None
+        for step in range(1, steps_of(battery, charger) + 1):
+            a = problem.add_activity(f"{visit.name}_{step}", site.up(charger.step), optional=True)
+            a.add_condition(while_there(a), Equals(at, site.places[visit.what]))
+            a.add_increase_effect(a.end, level, step_of(battery, charger))
+            self.busy[visit.robot].append(a)
+            if before is not None:
+                only_with(problem, a, before)
+                ends_before(problem, before, a)
+            before = a
+
+    def _machine(self, task: Task) -> None:
+        """Add what no robot does."""
+        units = self._site.up(task.duration)
+        a = self._site.problem.add_activity(task.id, duration=units, optional=task.optional)
+        self._limit(a, task.window, task.resources)
+        self.machines[task.id] = a
+
+    def _figures(self, visit: Visit) -> tuple[float, tuple[float, float] | None, tuple[str, ...]]:
+        """Return how long a visit lasts (s), its window and its resources."""
+        if visit.role is Role.OPEN:
+            return self._records.doors[visit.what].seconds, None, ()
+        if visit.role is Role.TASK:
+            task = next(t for t in self._records.tasks if t.id == visit.what)
+            return task.duration, task.window, task.resources
+        order = next(o for o in self._records.orders if o.id == visit.what)
+        stop: Stop = order.pickup if visit.role is Role.PICKUP else order.delivery
+        return stop.service, stop.window, stop.resources
+
+    def _limit(
+        self, a: Activity, window: tuple[float, float] | None, resources: Iterable[str]
+    ) -> None:
+        if window is not None:
+            a.add_release_date(self._site.up(window[0]) if window[0] else 0)
+            a.add_deadline(self._site.down(window[1]))
+        for resource in resources:
+            a.uses(self._site.resources[resource])
