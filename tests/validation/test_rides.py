@@ -3,11 +3,10 @@
 import math
 
 import pytest
-from validation_kit import World, drive, kinds
+from validation_kit import HOME, World, drive, kinds
 
 from up_samp.validation import validate_plan
 
-HOME = (4.0, 10.0, 0.0)
 PALLET = [(-0.5, -1.0), (0.5, -1.0), (0.5, 1.0), (-0.5, 1.0)]
 BEAM = [(-0.15, -2.5), (0.15, -2.5), (0.15, 2.5), (-0.15, 2.5)]
 """5 m wide: the hall's gap is 4 m, the cars are 1 m."""

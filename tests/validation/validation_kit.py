@@ -20,11 +20,14 @@ from unified_planning.plans import MotionSchedule
 from unified_planning.shortcuts import ConfigurationType, MinimizeMakespan, MovableType
 
 from up_samp.model import Trajectory
+from up_samp.validation import validate_plan
 
 get_environment().credits_stream = None
 CAR = [(-1.0, -0.5), (1.0, -0.5), (1.0, 0.5), (-1.0, 0.5)]
 DOOR = [(-0.15, -2.0), (0.15, -2.0), (0.15, 2.0), (-0.15, 2.0)]
 V, A, R = 2.0, 0.5, 1.0
+HOME = (4.0, 10.0, 0.0)
+WAY = [(10.0, 0.0), (3.0, 0.5), (-4.0, 0.0), (6.0, -1.0)]
 
 
 def write_map(folder, cells, resolution=0.1, origin=(0.0, 0.0, 0.0), extra="", name="hall"):
@@ -180,3 +183,16 @@ class World:
 
 def kinds(verdict):
     return sorted({v.kind for v in verdict.violations})
+
+
+def judge(w, **options):
+    return validate_plan(
+        w.problem, w.plan(), options.pop("trajectories", w.trajectories), **options
+    )
+
+
+def changed(trajectory, change):
+    """A copy with ``change(times, poses)`` applied to copies in place."""
+    times, poses = trajectory.times.copy(), trajectory.poses.copy()
+    result = change(times, poses)
+    return Trajectory(*(result or (times, poses)))
