@@ -131,7 +131,7 @@ def in_step(moves: Sequence[Move], kinematics: Sequence[Kinematics]) -> list[Tra
             rows = start + shares[:, None] * (move.rows[-1] - start)
         else:
             ends = np.cumsum(np.abs(move.arcs[:, 1]))
-            rows = poses_on(start.copy(), move.arcs, ends, shares * ends[-1])
+            rows = poses_on(nodes_of(start, move.arcs), move.arcs, ends, shares * ends[-1])
         found.append(Trajectory(times.copy(), rows))
     return found
 
