@@ -362,3 +362,11 @@ def present(*activities):
 def random_routes(seed: int) -> SchedulingProblem:
     """Return the problem of a seed."""
     return RandomRoutes(seed).p
+
+
+def state_some_absent(problem: SchedulingProblem, seed: int) -> None:
+    """State of some optional activities that they never happen."""
+    r = random.Random(seed + 2 * 10**6)
+    optional = [a for a in problem.activities if a.optional]
+    for a in r.sample(optional, min(len(optional), r.choice([1, 2, 4]))):
+        problem.add_constraint(Not(a.present))

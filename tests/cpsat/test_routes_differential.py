@@ -6,16 +6,18 @@ constraint with nothing recognised; the collapsed problem's optimum must be a lo
 
 import pytest
 
-from cpsat.random_routes import random_routes
+from cpsat.random_routes import random_routes, state_some_absent
 from cpsat.truth import answer, bound_without_search, collapsed_optimum, nothing_recognised
 
 FEW = 30
 MANY = 1500
 
 
-def disagreement(seed):
+def disagreement(seed, *, absent=False):
     """Return (what differs on the problem of ``seed``, whether it has routes)."""
     problem = random_routes(seed)
+    if absent:
+        state_some_absent(problem, seed)
     with nothing_recognised():
         truth = answer(problem)
     found = answer(problem)
@@ -31,14 +33,18 @@ def disagreement(seed):
     return (f"bound {bound} above {truth[1]}" if wrong else None), bound is not None
 
 
-def check(seeds):
-    found = {seed: disagreement(seed) for seed in seeds}
+def check(seeds, **more):
+    found = {seed: disagreement(seed, **more) for seed in seeds}
     assert not {seed: wrong for seed, (wrong, _) in found.items() if wrong}
     assert sum(routes for _, routes in found.values()) > len(seeds) // 3
 
 
 def test_routes_with_side_constraints():
     check(range(FEW))
+
+
+def test_routes_without_what_never_happens():
+    check(range(20_000, 20_000 + FEW // 2), absent=True)
 
 
 def test_tasks_that_are_apart_by_other_gaps_for_other_travellers():
@@ -50,3 +56,9 @@ def test_tasks_that_are_apart_by_other_gaps_for_other_travellers():
 def test_many_routes_with_side_constraints(block):
     size = MANY // 10
     check(range(10_000 + block * size, 10_000 + (block + 1) * size))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("block", range(4))
+def test_many_routes_without_what_never_happens(block):
+    check(range(21_000 + block * 100, 21_100 + block * 100), absent=True)

@@ -24,6 +24,7 @@ from up_samp.model import Deadline, ScheduleStatus
 from up_samp.refinement import rules
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
+from up_samp.scheduling.cpsat.problem import Watcher
 from up_samp.scheduling.cpsat.routing.detection import find_routes, find_unit_places
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
 from up_samp.scheduling.cpsat.routing.list_scheduling import improve
@@ -180,3 +181,25 @@ def test_tours_of_job_shops_are_schedules(size):
     assert not validate_schedule(problem, build_schedule(problem, tour.schedule)).violations
     again = improve(work, 50, 0, lambda: False)
     assert again.schedule == tour.schedule
+
+
+def check_tour_without(model, absent):
+    problem = model.problem
+    tour = improve(find_work(model, find_routes(model)), 0, 0, lambda: False)
+    assert absent not in tour.schedule.times
+    assert not validate_schedule(problem, build_schedule(problem, tour.schedule)).violations
+
+
+@pytest.mark.parametrize("kind", ["move_", "op_"])
+def test_tours_do_without_what_never_happens(kind):
+    """Motion proofs state in advance, or between two solves, that something cannot be done."""
+    problem = relax(samp := job_shop(2, 3, 2), read_problem(samp)).problem
+    model = ScheduleModel(problem)
+    watcher = Watcher(problem)
+    watcher.look()
+    tour = improve(find_work(model, find_routes(model)), 0, 0, lambda: False)
+    absent = min((times, n) for n, times in tour.schedule.times.items() if n.startswith(kind))[1]
+    problem.add_constraint(Not(problem.get_activity(absent).present))
+    model.grow(watcher.look())
+    check_tour_without(model, absent)
+    check_tour_without(ScheduleModel(problem), absent)

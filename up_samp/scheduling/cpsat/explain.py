@@ -101,9 +101,13 @@ def _left(model: ScheduleModel, routes: list[Route]) -> list[str]:
         )
     whole = {route.key for route in routes}
     stops = {name for route in routes for name, _ in route.stops}
-    moves = {move.name for route in routes for move in route.moves}
+    moves = {name for route in routes for name in route.movers}
     if whole:
-        others = [n for n in model.world.activities if n not in stops and n not in moves]
+        others = [
+            name
+            for name, activity in model.world.activities.items()
+            if name not in stops | moves and not model.store.never(activity.present)
+        ]
         if others:
             found.append(f"{len(others)} activities are on no route ({others[0]} and others)")
     return found

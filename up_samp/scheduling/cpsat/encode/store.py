@@ -147,6 +147,7 @@ class Store:
     def __init__(self) -> None:
         self.model = cp_model.CpModel()
         self.bounds: list[tuple[int, int]] = [(1, 1)]
+        self._sure: set[Literal] = set()
         self._made: dict[int, Any] = {0: self.model.new_constant(1)}
         self._negated: dict[int, Any] = {}
         self._literals: dict[Form, Literal] = {}
@@ -238,9 +239,15 @@ class Store:
     # -- constraints -------------------------------------------------------------------------
     def clause(self, literals: Iterable[Literal]) -> None:
         """At least one of ``literals`` is true."""
-        some = list(literals)
+        some = [x for x in literals if x != FALSE]
         if TRUE not in some:
-            self.model.add_bool_or([self.raw(x) for x in some if x != FALSE])
+            self.model.add_bool_or([self.raw(x) for x in some])
+            if len(some) == 1:
+                self._sure.add(some[0])
+
+    def never(self, literal: Literal) -> bool:
+        """Return whether it was stated, as it is, that ``literal`` is false."""
+        return literal == FALSE or ~literal in self._sure
 
     def attain(self, value: Lin, times: Iterable[tuple[Literal, Lin]]) -> None:
         """``value`` is at most one of the ``times`` whose literals are true."""

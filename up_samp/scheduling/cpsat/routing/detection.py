@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from up_samp.scheduling.cpsat.encode.statevars import Key, Read, StateVar
+from up_samp.scheduling.cpsat.encode.statevars import Key, Read, StateVar, Write
 from up_samp.scheduling.cpsat.encode.store import TRUE, Cmp, Form, Literal
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.encode.timeline import Link, Timeline
@@ -68,6 +68,8 @@ class Route:
     visits: list[tuple[str, frozenset[int]]] = field(default_factory=list)
     """Places where the traveller has to arrive some time, with a name for each: nothing happens
     there. As stops they last no time, and begin when a move ends (see :meth:`with_visits`)."""
+    never: frozenset[str] = frozenset()
+    """Moves that are stated to be absent: they are not among ``moves``."""
     lag: int = 1
     """Time from the end of a move until its effect is seen: 1 for an effect at the end, 0 for one
     at ``end - 1``."""
@@ -83,6 +85,11 @@ class Route:
     def step(self) -> int:
         """Time from the end of a move to what may come next (its effect has to be seen)."""
         return max(self.lag, self.gap)
+
+    @property
+    def movers(self) -> frozenset[str]:
+        """All that is stated to change the place, be it that it never happens."""
+        return self.never | {move.name for move in self.moves}
 
     def with_visits(self) -> Route:
         """Return the same route with its visits among its stops."""
@@ -289,6 +296,11 @@ def _name(model: ScheduleModel, owner: int | None) -> str:
     return "the problem itself" if owner is None else model.states.activity(owner).name
 
 
+def _happens(model: ScheduleModel, owner: int | None) -> bool:
+    """Return whether what changes or needs a state may be there at all."""
+    return owner is None or not model.store.never(model.states.activity(owner).present)
+
+
 def _clique(owners: set[int | None], cliques: Cliques) -> tuple[int, set[int]] | None:
     fitting = (c for c in cliques if owners <= c[1])
     return max(fitting, key=lambda c: len(c[1]), default=None)
@@ -301,15 +313,19 @@ def _route(model: ScheduleModel, timeline: Timeline, cliques: Cliques) -> Route:
     owners = {w.owner for w in state.writes}
     gap, members = _clique(owners, cliques) or (0, set())
     lasting = _lasting(model)
-    moves = [move for link in links for move in _moves(model, link, lasting)]
+    possible = [link for link in links if _happens(model, link.write.owner)]
+    moves = [move for link in possible for move in _moves(model, link, lasting)]
+    never = frozenset(_name(model, o) for o in owners if not _happens(model, o))
     stops, late = _stops(model, state, members - {o for o in owners if o is not None})
     lag = 1 + min(_delay(model, link) for link in links)
     final = _final(model, state)
-    route = Route(state.key, gap, state.initial or 0, final, moves, stops, late, lag=lag)
+    route = Route(
+        state.key, gap, state.initial or 0, final, moves, stops, late, never=never, lag=lag
+    )
     _find_returns(model, route)
     _find_visits(model, route)
-    _find_entries(model, route, timeline)
-    route.still = _find_still(model, timeline)
+    _find_entries(model, route, possible)
+    route.still = _find_still(model, state, possible)
     return route
 
 
@@ -395,7 +411,7 @@ def _stops(
     places: dict[int, frozenset[int]] = {}
     early = set()
     for read in state.reads:
-        if read.owner in members and read.allowed is not None:
+        if read.owner in members and read.allowed is not None and _happens(model, read.owner):
             activity = model.states.activity(read.owner)
             if read.active == activity.present and _inside(model, activity, read):
                 places[read.owner] = places.get(read.owner, read.allowed) & read.allowed
@@ -424,9 +440,10 @@ def _find_returns(model: ScheduleModel, route: Route) -> None:
     stops = {name for name, _ in route.stops}
     left: dict[frozenset[int], set[str]] = {}
     for follow_up in model.follow_ups:
-        if not follow_up.helpers <= to.keys():
+        helpers = follow_up.helpers - route.never
+        if not helpers <= to.keys():
             continue
-        places = frozenset(to[h] for h in follow_up.helpers)
+        places = frozenset(to[h] for h in helpers)
         if follow_up.activity in stops:
             known = route.returns.get(follow_up.activity)
             route.returns[follow_up.activity] = places if known is None else known & places
@@ -450,7 +467,8 @@ def _find_visits(model: ScheduleModel, route: Route) -> None:
                for form in model.stated]  # fmt: skip
     clauses += [*model.exact.values(), *((p,) for p in leading if p == TRUE)]
     visited = set()
-    for clause in clauses:
+    for every in clauses:
+        clause = [x for x in every if x.__class__ is not int or not model.store.never(x)]
         if all(literal.__class__ is int and literal in leading for literal in clause):
             places = {leading[literal] for literal in clause}
             visited |= places if len(places) == 1 else set()
@@ -460,13 +478,13 @@ def _find_visits(model: ScheduleModel, route: Route) -> None:
     route.late |= {name for name, _ in route.visits}
 
 
-def _find_entries(model: ScheduleModel, route: Route, timeline: Timeline) -> None:
+def _find_entries(model: ScheduleModel, route: Route, links: list[Link]) -> None:
     """Find what every transition into a place needs of other state variables (open doors)."""
     into: dict[int, list[ActivityVars]] = {}
-    for link in timeline.linked.values():
+    for link in links:
         activity = model.states.activity(link.write.owner or 0)
         into.setdefault(link.write.value.const, []).append(activity)
-    movers = {link.write.owner for link in timeline.linked.values()}
+    movers = {link.write.owner for link in links}
     needs: Needs = {}
     for other in model.states.vars.values():
         if any(write.owner in movers for write in other.writes):
@@ -515,12 +533,12 @@ def _find_closed_off(model: ScheduleModel, route: Route, needs: Needs) -> None:
                 known.append(Entry(key, allowed, max(0, min(leads))))
 
 
-def _find_still(model: ScheduleModel, timeline: Timeline) -> Still:
+def _find_still(model: ScheduleModel, place: StateVar, links: list[Link]) -> Still:
     """Return what every transition keeps as it is between its start and its end."""
-    owners = {link.write.owner for link in timeline.linked.values()}
+    owners = {link.write.owner for link in links}
     found: Still = {}
     for state in model.states.vars.values():
-        if state is timeline.state or not state.writes or state.numeric:
+        if state is place or not state.writes or state.numeric:
             continue
         if any(write.owner is None or write.owner in owners for write in state.writes):
             continue  # nothing is kept apart from what the problem itself changes
@@ -562,11 +580,12 @@ def find_unit_places(model: ScheduleModel, routes: list[Route]) -> list[UnitPlac
     }
     found = []
     for key, state in model.states.vars.items():
-        if not state.writes or state.bounds != (0, 1) or not all(w.add for w in state.writes):
+        writes = [w for w in state.writes if not model.store.never(w.active)]
+        if not writes or state.bounds != (0, 1) or not all(w.add for w in writes):
             continue
-        if any(w.owner not in owners for w in state.writes):
+        if any(w.owner not in owners for w in writes):
             continue
-        arrivals, departures = _unit_moves(model, state)
+        arrivals, departures = _unit_moves(model, writes)
         if arrivals is None:
             continue
         places = []
@@ -591,12 +610,12 @@ def find_unit_places(model: ScheduleModel, routes: list[Route]) -> list[UnitPlac
     return found
 
 
-def _unit_moves(model: ScheduleModel, state: StateVar) -> tuple[set[str] | None, set[str]]:
+def _unit_moves(model: ScheduleModel, writes: list[Write]) -> tuple[set[str] | None, set[str]]:
     """Return who takes a unit at its end and who gives it back at its start, or a unit after it;
     None if anybody does anything else with it.
     """
     arrivals, departures = set(), set()
-    for write in state.writes:
+    for write in writes:
         activity = model.states.activity(write.owner or 0)
         if write.value.terms or write.active != activity.present:
             return None, set()

@@ -38,7 +38,11 @@ class Work:
 def find_work(model: ScheduleModel, routes: list[Route]) -> Work | None:
     """Return the tasks of ``routes``; ``None`` if something else must be done, too."""
     names = {n for r in routes for n, _ in r.stops}
-    others = [a for a in model.world.activities.values() if a.name not in names]
+    others = [
+        a
+        for a in model.world.activities.values()
+        if a.name not in names and not model.store.never(a.present)
+    ]
     if any(a.present == TRUE or a.present in model.exact for a in others):
         return None
     initial = {key: state.initial for key, state in model.states.vars.items()}

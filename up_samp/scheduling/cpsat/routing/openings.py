@@ -73,12 +73,16 @@ def _openers(model: ScheduleModel, tasks: list[Task], entrance: Entrance) -> lis
     names = {name: i for i, task in enumerate(tasks) for _, name, _ in task.ways}
     found: dict[int, None] = {}
     for write in state.writes:
+        if model.store.never(write.active):
+            continue
         owner = None if write.owner is None else model.states.activity(write.owner)
         if owner is None or owner.name not in names or write.active != owner.present:
             return None
         if write.value.terms or write.value.const not in allowed:
             return None
         found[names[owner.name]] = None
+    if not found:
+        return None
     some = [tasks[i] for i in found]
     first = some[0]
     alike = all(

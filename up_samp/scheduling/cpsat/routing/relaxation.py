@@ -50,7 +50,7 @@ class RoutingRelaxation:
         self, full: ScheduleModel, parts: Additions, routes: list[Route], deadline: Deadline
     ) -> None:
         self.full = full
-        removed = {move.name for route in routes for move in route.moves}
+        removed = {name for route in routes for name in route.movers}
         tasks = find_tasks(full, routes)
         self.routes = routes = [route.with_visits() for route in routes]
         kept = without(parts, removed)
@@ -224,6 +224,8 @@ class RoutingRelaxation:
         able = []
         for write in whole.writes:
             if write.value.terms or write.value.const not in entry.allowed:
+                continue
+            if self.full.store.never(write.active):
                 continue
             found = self._translated(write)
             if found is None:

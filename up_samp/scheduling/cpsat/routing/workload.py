@@ -103,6 +103,8 @@ def _needed(model: ScheduleModel, work: Work) -> list[list[Task]]:
             continue
         tasks: set[int] | None = set()
         for write in state.writes:
+            if model.store.never(write.active):
+                continue
             if write.value.terms or write.value.const in allowed:
                 name = "" if write.owner is None else model.states.activity(write.owner).name
                 tasks = None if tasks is None or name not in owners else tasks | {owners[name]}
