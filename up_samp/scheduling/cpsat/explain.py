@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from up_samp.scheduling.cpsat.encode.statevars import Key
 from up_samp.scheduling.cpsat.encode.timeline import Timeline
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.routing.detection import Route, find_unit_places, refusals
+from up_samp.scheduling.cpsat.routing.detection import refusals
+from up_samp.scheduling.cpsat.routing.route import Route
+from up_samp.scheduling.cpsat.routing.unit_places import find_unit_places
 
 
 @dataclass(frozen=True)

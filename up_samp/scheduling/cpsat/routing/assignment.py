@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 from ortools.sat.python import cp_model
 
-from up_samp.scheduling.cpsat.routing.detection import INFINITE, Route
 from up_samp.scheduling.cpsat.routing.dispatch import Work
 from up_samp.scheduling.cpsat.routing.programme import cost, way_back
+from up_samp.scheduling.cpsat.routing.route import INFINITE, Route
 
 EFFORT = 0.5
 """Of one proof, in CP-SAT's deterministic time."""

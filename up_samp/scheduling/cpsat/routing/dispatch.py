@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from up_samp.scheduling.cpsat.encode.statevars import Key
 from up_samp.scheduling.cpsat.encode.store import TRUE, Cmp
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.routing.detection import Route, UnitPlace, find_unit_places
 from up_samp.scheduling.cpsat.routing.openings import Task, with_openings
+from up_samp.scheduling.cpsat.routing.route import Route
+from up_samp.scheduling.cpsat.routing.unit_places import UnitPlace, find_unit_places
 
 
 @dataclass

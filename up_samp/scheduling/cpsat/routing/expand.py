@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterable
 
 from up_samp.model import CandidateSchedule
 from up_samp.scheduling.cpsat.encode.statevars import Key
-from up_samp.scheduling.cpsat.routing.detection import Move, Route, Still
+from up_samp.scheduling.cpsat.routing.route import Move, Route, Still
 
 Changes = dict[str, list[tuple[Key, int]]]
 """Activity -> the state variables that it changes, and when: counted from its end."""

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 from up_samp.scheduling.cpsat.encode.statevars import Key, StateVar
 from up_samp.scheduling.cpsat.encode.store import Form, Lin, Literal, Store, constant, disjunction
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
-from up_samp.scheduling.cpsat.routing.detection import Entry, Route, Still, UnitPlace
+from up_samp.scheduling.cpsat.routing.route import Entry, Route, Still
+from up_samp.scheduling.cpsat.routing.unit_places import UnitPlace
 
 
 @dataclass(frozen=True)

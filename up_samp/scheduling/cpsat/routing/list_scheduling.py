@@ -15,10 +15,11 @@ from dataclasses import dataclass, field
 
 from up_samp.model import CandidateSchedule
 from up_samp.scheduling.cpsat.encode.statevars import Key
-from up_samp.scheduling.cpsat.routing.detection import Entry, Move, Route, Still, UnitPlace
 from up_samp.scheduling.cpsat.routing.dispatch import Work
 from up_samp.scheduling.cpsat.routing.expand import calm
 from up_samp.scheduling.cpsat.routing.openings import Task
+from up_samp.scheduling.cpsat.routing.route import Entry, Move, Route, Still
+from up_samp.scheduling.cpsat.routing.unit_places import UnitPlace
 
 Step = tuple[int, int]
 """(task, number of its way; -1: whichever is done first)."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 from up_samp.scheduling.cpsat.encode.statevars import Key
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.routing.detection import Route
+from up_samp.scheduling.cpsat.routing.route import Route
 
 
 @dataclass

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from up_samp.scheduling.cpsat.routing.detection import INFINITE, Route
 from up_samp.scheduling.cpsat.routing.dispatch import Work
 from up_samp.scheduling.cpsat.routing.openings import Task
+from up_samp.scheduling.cpsat.routing.route import INFINITE, Route
 
 MOST_STATES = 2_000_000
 """States of the dynamic programme; more of them take longer than they are worth."""

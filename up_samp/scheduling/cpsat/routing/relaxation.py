@@ -31,13 +31,14 @@ from up_samp.scheduling.cpsat.encode.store import (
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.problem import Additions
-from up_samp.scheduling.cpsat.routing.detection import INFINITE, Entry, Route, find_unit_places
 from up_samp.scheduling.cpsat.routing.dispatch import find_tasks
 from up_samp.scheduling.cpsat.routing.expand import Changes, expand
 from up_samp.scheduling.cpsat.routing.legs import Arc, Legs, Travel, entry_form
 from up_samp.scheduling.cpsat.routing.once import opened_once
 from up_samp.scheduling.cpsat.routing.order import Order
 from up_samp.scheduling.cpsat.routing.reduce import without
+from up_samp.scheduling.cpsat.routing.route import INFINITE, Entry, Route
+from up_samp.scheduling.cpsat.routing.unit_places import find_unit_places
 
 
 class RoutingRelaxation:

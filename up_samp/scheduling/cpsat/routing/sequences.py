@@ -16,9 +16,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-from up_samp.scheduling.cpsat.routing.detection import INFINITE
 from up_samp.scheduling.cpsat.routing.dispatch import Work
 from up_samp.scheduling.cpsat.routing.programme import Programme, cost
+from up_samp.scheduling.cpsat.routing.route import INFINITE
 
 MOST_LABELS = 100_000
 """Beginnings that all proofs together may look at (some 5 microseconds each)."""

@@ -15,10 +15,10 @@ from collections.abc import Callable, Iterator
 from up_samp.scheduling.cpsat.encode.statevars import Key
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.assignment import bound_by_assignment
-from up_samp.scheduling.cpsat.routing.detection import INFINITE, Route
 from up_samp.scheduling.cpsat.routing.dispatch import Work
 from up_samp.scheduling.cpsat.routing.openings import Task
 from up_samp.scheduling.cpsat.routing.programme import Programme, cost, way_back
+from up_samp.scheduling.cpsat.routing.route import INFINITE, Route
 from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
 
 

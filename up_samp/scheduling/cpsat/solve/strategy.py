@@ -13,10 +13,11 @@ from dataclasses import dataclass, field, replace
 from up_samp.model import CandidateSchedule, Deadline
 from up_samp.scheduling.cpsat.model import OutOfTimeError
 from up_samp.scheduling.cpsat.problem import Additions
-from up_samp.scheduling.cpsat.routing.detection import Route, find_routes
+from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import Work, find_work
 from up_samp.scheduling.cpsat.routing.list_scheduling import decode, improve, sequence_of
 from up_samp.scheduling.cpsat.routing.relaxation import RoutingRelaxation
+from up_samp.scheduling.cpsat.routing.route import Route
 from up_samp.scheduling.cpsat.routing.workload import bound_by_work
 from up_samp.scheduling.cpsat.solve import options as profiles
 from up_samp.scheduling.cpsat.solve.attempts import Attempts

@@ -1,0 +1,106 @@
+"""What moves of one traveller need of other states: doors, rooms behind them, what holds still."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from up_samp.scheduling.cpsat.encode.statevars import Key, Read, StateVar
+from up_samp.scheduling.cpsat.encode.terms import ActivityVars
+from up_samp.scheduling.cpsat.encode.timeline import Link
+from up_samp.scheduling.cpsat.routing.route import Entry, Route, Still
+
+if TYPE_CHECKING:
+    from up_samp.scheduling.cpsat.model import ScheduleModel
+
+
+def find_entries(model: ScheduleModel, route: Route, links: list[Link]) -> None:
+    """Find what every transition into a place needs of other state variables (open doors)."""
+    into: dict[int, list[ActivityVars]] = {}
+    for link in links:
+        activity = model.states.activity(link.write.owner or 0)
+        into.setdefault(link.write.value.const, []).append(activity)
+    movers = {link.write.owner for link in links}
+    needs: Needs = {}
+    for other in model.states.vars.values():
+        if any(write.owner in movers for write in other.writes):
+            continue  # a move may provide what it needs itself
+        for read in other.reads:
+            if read.owner is not None and read.allowed is not None and not read.guard_only:
+                activity = model.states.activity(read.owner)
+                before = model.states.difference(activity.end, read.lo)[0]
+                if read.active == activity.present and before >= 0:
+                    lead = before + 1 + route.step
+                    needs.setdefault(read.owner, {})[other.key, read.allowed] = lead
+    for place, activities in into.items():
+        common = None
+        for activity in activities:
+            mine = set(needs.get(activity.index, {}))
+            common = mine if common is None else common & mine
+        for key, allowed in sorted(common or (), key=str):
+            if model.states.vars[key].initial in allowed:
+                continue
+            lead = min(needs[a.index][key, allowed] for a in activities)
+            route.entries.setdefault(place, []).append(Entry(key, allowed, max(0, lead)))
+    _find_closed_off(model, route, needs)
+
+
+Needs = dict[int, dict[tuple[Key, frozenset[int]], int]]
+"""What each move needs of other state variables -> how long before what is done where it leads."""
+
+
+def _find_closed_off(model: ScheduleModel, route: Route, needs: Needs) -> None:
+    """Find the places to which there is no way but by moves that all need the same (rooms behind
+    a door): to come there, one of these has been made before.
+    """
+    index = {move.name: model.world.activities[move.name].index for move in route.moves}
+    for key, allowed in sorted({need for some in needs.values() for need in some}, key=str):
+        if model.states.vars[key].initial in allowed:
+            continue
+        free = [m for m in route.moves if (key, allowed) not in needs.get(index[m.name], {})]
+        leads = [some[key, allowed] for some in needs.values() if (key, allowed) in some]
+        reached, size = {route.initial}, 0
+        while size < len(reached):
+            size = len(reached)
+            reached |= {m.to for m in free if m.origins & reached}
+        for place in sorted({m.to for m in route.moves} - reached):
+            known = route.entries.setdefault(place, [])
+            if not any((e.state, e.allowed) == (key, allowed) for e in known):
+                known.append(Entry(key, allowed, max(0, min(leads))))
+
+
+def find_still(model: ScheduleModel, place: StateVar, links: list[Link]) -> Still:
+    """Return what every transition keeps as it is between its start and its end."""
+    owners = {link.write.owner for link in links}
+    found: Still = {}
+    for state in model.states.vars.values():
+        if state is place or not state.writes or state.numeric:
+            continue
+        if any(write.owner is None or write.owner in owners for write in state.writes):
+            continue  # nothing is kept apart from what the problem itself changes
+        spans: dict[int, tuple[int, int]] = {}
+        for read in state.reads:
+            if read.owner is not None and read.owner in owners:
+                span = _kept(model, model.states.activity(read.owner), read)
+                known = spans.get(read.owner)
+                if span is not None and (known is None or _width(span) > _width(known)):
+                    spans[read.owner] = span
+        if not spans:
+            continue
+        common = max(s[0] for s in spans.values()), min(s[1] for s in spans.values())
+        others = [model.states.activity(o or 0) for o in owners - spans.keys()]
+        # what lasts one unit has no midst
+        if not others or (_width(common) <= 0 and all(a.least <= 1 for a in others)):
+            found[state.key] = common
+    return found
+
+
+def _width(span: tuple[int, int]) -> int:
+    return span[1] - span[0]
+
+
+def _kept(model: ScheduleModel, activity: ActivityVars, read: Read) -> tuple[int, int] | None:
+    """Return (a, b): effects on what is read come by ``start + a`` or from ``end + b`` on."""
+    after = model.states.difference(read.lo, activity.start)[1] - 1
+    before = 1 - model.states.difference(activity.end, read.hi)[1]
+    near = after <= 0 and before >= -1
+    return (after, before) if near and read.active == activity.present else None

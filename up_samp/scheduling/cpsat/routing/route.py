@@ -1,0 +1,208 @@
+"""The route of one traveller, as it is read off a model: moves, stops, the ways between places."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+from collections.abc import Collection
+from dataclasses import dataclass, field, replace
+
+from up_samp.scheduling.cpsat.encode.statevars import Key
+
+INFINITE = 10**12
+
+
+@dataclass(frozen=True, order=True)
+class Move:
+    """A transition: from one of ``origins`` to ``to``, lasting at least ``least``."""
+
+    name: str
+    origins: frozenset[int]
+    to: int
+    least: int
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Everyone who comes to a place needs ``state`` to be in ``allowed``; a supporting effect
+    comes ``lead`` or more before what is done there.
+    """
+
+    state: Key
+    allowed: frozenset[int]
+    lead: int
+
+
+Still = dict[Key, tuple[int, int]]
+"""State variables that nobody may change in the midst of any move -> (a, b): an effect comes by
+``begin + a``, or from ``end + b`` on. Both are 0 where effects are at the ends of activities, and
+-1 where they are a unit early."""
+
+
+@dataclass
+class Route:
+    """One traveller. ``stops`` are (activity, places where it may happen)."""
+
+    key: Key
+    gap: int
+    initial: int
+    final: frozenset[int] | None
+    moves: list[Move]
+    stops: list[tuple[str, frozenset[int]]]
+    late: frozenset[str] = frozenset()
+    """Stops that need their place only after their start: a move may end when they begin."""
+    entries: dict[int, list[Entry]] = field(default_factory=dict)
+    still: Still = field(default_factory=dict)
+    returns: dict[str, frozenset[int]] = field(default_factory=dict)
+    """Stops after which the traveller has to come to one of these places some time."""
+    visits: list[tuple[str, frozenset[int]]] = field(default_factory=list)
+    """Places where the traveller has to arrive some time, with a name for each: nothing happens
+    there. As stops they last no time, and begin when a move ends (see :meth:`with_visits`)."""
+    never: frozenset[str] = frozenset()
+    """Moves that are stated to be absent: they are not among ``moves``."""
+    lag: int = 1
+    """Time from the end of a move until its effect is seen: 1 for an effect at the end, 0 for one
+    at ``end - 1``."""
+    hops: dict[tuple[int, int], list[Move]] = field(default_factory=dict)
+    travel: dict[tuple[int, int], int] = field(default_factory=dict)
+    _via: dict[tuple[int, int], int] = field(default_factory=dict)
+    _leaving: dict[int, list[tuple[int, list[Move]]]] = field(default_factory=dict)
+    _ways: dict[tuple[int, frozenset[int]], tuple[int, list[Move]] | None] = field(
+        default_factory=dict
+    )
+
+    @property
+    def step(self) -> int:
+        """Time from the end of a move to what may come next (its effect has to be seen)."""
+        return max(self.lag, self.gap)
+
+    @property
+    def movers(self) -> frozenset[str]:
+        """All that is stated to change the place, be it that it never happens."""
+        return self.never | {move.name for move in self.moves}
+
+    def with_visits(self) -> Route:
+        """Return the same route with its visits among its stops."""
+        return replace(self, stops=[*self.stops, *self.visits])
+
+    def rest(self, stop: str) -> int:
+        """Return the time from the end of a move to a stop."""
+        return self.gap if stop in self.late else self.step
+
+    @property
+    def home(self) -> frozenset[int] | None:
+        """Where the traveller has to be in the end, or may as well be (``None``: anywhere)."""
+        if self.final is not None or not self.returns:
+            return self.final
+        places = frozenset.intersection(*self.returns.values())
+        return places or None
+
+    def measure(self) -> None:
+        """Compute the shortest travel times between places (Floyd and Warshall)."""
+        places = {self.initial, *(m.to for m in self.moves)}
+        for move in self.moves:
+            places |= move.origins
+            for origin in move.origins:
+                if origin != move.to:
+                    self.hops.setdefault((origin, move.to), []).append(move)
+        order = sorted(places)
+        for a in order:
+            self.travel[a, a] = 0
+        for (a, b), moves in self.hops.items():
+            self.travel[a, b] = min(m.least for m in moves) + self.step
+            choices = sorted(moves, key=lambda m: (m.least, m.name))
+            self._leaving.setdefault(a, []).append((b, choices))
+        for via in order:
+            for a in order:
+                first = self.travel.get((a, via), INFINITE)
+                if a == via or first >= INFINITE:
+                    continue
+                for b in order:
+                    through = first + self.travel.get((via, b), INFINITE)
+                    if b != via and through < self.travel.get((a, b), INFINITE):
+                        self.travel[a, b] = through
+                        self._via[a, b] = via
+
+    def between(self, some: frozenset[int], others: frozenset[int]) -> int:
+        """Return the least travel time from a place in ``some`` to one in ``others``."""
+        return min(
+            (self.travel.get((a, b), INFINITE) for a in some for b in others), default=INFINITE
+        )
+
+    def is_direct(self, a: int, b: int) -> bool:
+        """Return whether the shortest way is one move."""
+        return (a, b) in self.hops and (a, b) not in self._via
+
+    def least(self, a: int, b: int) -> int:
+        """Return the duration of the quickest move between two places."""
+        return min(m.least for m in self.hops[a, b])
+
+    def last_least(self, places: frozenset[int]) -> int:
+        """Return the least duration of a move into one of ``places``."""
+        return min((m.least for m in self.moves if m.to in places), default=0)
+
+    def around(self, a: int, b: int) -> tuple[int, int] | None:
+        """Return (travel time, duration of the last move) that ways from ``a`` to ``b`` at least
+        take whose last move is quicker than the direct one; ``None`` if there are none.
+        """
+        direct = self.least(a, b)
+        found = [
+            (
+                self.travel.get((a, via), INFINITE) + self.least(via, b) + self.step,
+                self.least(via, b),
+            )
+            for via, to in self.hops
+            if to == b and via != a and self.least(via, b) < direct
+        ]
+        distance = min((d for d, _ in found), default=INFINITE)
+        return None if distance >= INFINITE else (distance, min(last for _, last in found))
+
+    def loop(self, place: int) -> int:
+        """Return the least travel time of a way out of a place and back."""
+        return min(
+            (
+                self.travel.get((place, b), INFINITE) + self.travel.get((b, place), INFINITE)
+                for b in {m.to for m in self.moves} - {place}
+            ),
+            default=INFINITE,
+        )
+
+    def leaving(self, place: int) -> list[tuple[int, list[Move]]]:
+        """Return where one can go from a place, with the moves there, the quickest first."""
+        return self._leaving.get(place, [])
+
+    def way(
+        self, here: int, targets: frozenset[int], banned: Collection[str] = ()
+    ) -> tuple[int, list[Move]] | None:
+        """Return the shortest travel time and moves to one of ``targets``, without the moves
+        named in ``banned`` (Dijkstra); ``None`` if there is no way.
+        """
+        key = (here, targets)
+        if key not in self._ways:
+            self._ways[key] = self._shortest(here, targets, ())
+        found = self._ways[key]
+        if found is None or not any(move.name in banned for move in found[1]):
+            return found
+        return self._shortest(here, targets, banned)
+
+    def _shortest(
+        self, here: int, targets: frozenset[int], banned: Collection[str]
+    ) -> tuple[int, list[Move]] | None:
+        leaving, step = self._leaving, self.step
+        ties = itertools.count()
+        heap: list[tuple[int, int, int, list[Move]]] = [(0, here, next(ties), [])]
+        done = set()
+        while heap:
+            distance, place, _, moves = heapq.heappop(heap)
+            if place in targets:
+                return distance, moves
+            if place in done:
+                continue
+            done.add(place)
+            for to, choices in leaving.get(place, ()):
+                if to not in done:
+                    move = next((m for m in choices if m.name not in banned), None)
+                    if move is not None:
+                        cost = distance + move.least + step
+                        heapq.heappush(heap, (cost, to, next(ties), [*moves, move]))
+        return None
