@@ -6,7 +6,6 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -26,14 +25,6 @@ from up_samp.motion.curves.trapezoid import (
 from up_samp.motion.fleet.abilities import abilities_of
 
 FloatArray = npt.NDArray[np.float64]
-Key = tuple[int, int, int]
-
-HEADINGS = 8
-"""Headings of a car's lattice."""
-REACH = 5
-"""Offsets (cells) up to which a car's lattice looks for its moves."""
-STRAIGHTER = 1.25
-"""A car's move may be that much longer than the straight line."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,127 +172,3 @@ def _straight_on(a: FloatArray, b: FloatArray, c: FloatArray) -> bool:
     if min(sizes) < 1e-12:
         return True
     return bool(np.abs(first / sizes[0] - second / sizes[1]).max() < 1e-9)
-
-
-class Tensor:
-    """Places at all pairs of some coordinates, at some headings: for bodies that pivot.
-
-    A body moves to the next place along an axis (only along its heading unless it moves sideways)
-    or turns to the next heading.
-    """
-
-    def __init__(
-        self, body: Body, xs: FloatArray, ys: FloatArray, headings: Sequence[float]
-    ) -> None:
-        self.body = body
-        self.xs, self.ys = xs, ys
-        self.headings = np.array(headings)
-        self.sideways = abilities_of(body).sideways
-
-    def pose(self, key: Key) -> Configuration:
-        """Return the pose of a place."""
-        return float(self.xs[key[0]]), float(self.ys[key[1]]), float(self.headings[key[2]])
-
-    def near(self, x: float, y: float) -> list[Key]:
-        """Return the places around a point."""
-        cols, rows = (
-            [j for j in (i - 1, i) if 0 <= j < len(axis)]
-            for i, axis in (
-                (int(np.searchsorted(self.xs, x)), self.xs),
-                (int(np.searchsorted(self.ys, y)), self.ys),
-            )
-        )
-        return [(i, j, k) for i in cols for j in rows for k in range(len(self.headings))]
-
-    def moves(self, key: Key) -> list[tuple[Key, Move]]:
-        """Return the moves from a place, map or no map."""
-        i, j, k = key
-        count = len(self.headings)
-        turns = [(i, j, n) for n in {(k + 1) % count, (k - 1) % count} - {k}]
-        ways = [(i + d, j) for d in (-1, 1) if 0 <= i + d < len(self.xs)]
-        ways += [(i, j + d) for d in (-1, 1) if 0 <= j + d < len(self.ys)]
-        if self.sideways:
-            return [(n, self._straight(key, n)) for n in (*turns, *((*way, k) for way in ways))]
-        found = [(n, self._straight(key, n)) for n in turns]
-        # turning and driving off is one move: who is pushed has to get away at once
-        for way in ways:
-            for n in self._along(0 if way[1] == j else 1):
-                drive = self._straight((i, j, n), (*way, n))
-                found.append(((*way, n), drive if n == k else self._turned(key, n, drive)))
-        return found
-
-    def _along(self, axis: int) -> list[int]:
-        """Return the headings along an axis."""
-        across = np.sin(self.headings) if axis == 0 else np.cos(self.headings)
-        return [int(n) for n in np.flatnonzero(np.abs(across) < 1e-9)]
-
-    def _straight(self, key: Key, there: Key) -> Move:
-        start, goal = np.array(self.pose(key)), np.array(self.pose(there))
-        return straight_move(start, goal, self.body.kinematics)
-
-    def _turned(self, key: Key, heading: int, drive: Move) -> Move:
-        turn = self._straight(key, (key[0], key[1], heading))
-        rows = drive.rows.copy()
-        rows[:, 2] += turn.rows[-1, 2] - rows[0, 2]
-        return Move(np.concatenate([turn.rows[:1], rows]), turn.seconds + drive.seconds)
-
-
-class State:
-    """A lattice of places and headings joined by drives that a car can do (Pivtoraiko, Knepper &
-    Kelly, *Differentially constrained mobile robot motion planning in state lattices*, 2009).
-    """
-
-    def __init__(self, body: Body, origin: tuple[float, float], cell: float) -> None:
-        self.body, self.origin, self.cell = body, origin, cell
-
-    def pose(self, key: Key) -> Configuration:
-        """Return the pose of a place."""
-        x, y = self.origin[0] + key[0] * self.cell, self.origin[1] + key[1] * self.cell
-        return x, y, math.remainder(key[2] * 2 * math.pi / HEADINGS, 2 * math.pi)
-
-    def near(self, x: float, y: float) -> list[Key]:
-        """Return the places around a point."""
-        i, j = round((x - self.origin[0]) / self.cell), round((y - self.origin[1]) / self.cell)
-        reach = math.ceil(1.5 * self.body.kinematics.turning_radius / self.cell)
-        span = range(-reach, reach + 1)
-        return [(i + a, j + b, k) for a in span for b in span for k in range(HEADINGS)]
-
-    def moves(self, key: Key) -> list[tuple[Key, Move]]:
-        """Return the moves from a place, map or no map."""
-        i, j, k = key
-        here = np.array(self.pose(key))
-        found = []
-        for (di, dj, n), arcs, seconds in _primitives(self.body.kinematics, self.cell)[k]:
-            there = (i + di, j + dj, n)
-            found.append((there, Move(nodes_of(here, arcs), seconds, arcs)))
-        return found
-
-
-Primitive = tuple[Key, FloatArray, float]
-
-
-@lru_cache(maxsize=64)
-def _primitives(kin: Kinematics, cell: float) -> tuple[tuple[Primitive, ...], ...]:
-    """Return the moves from each heading of a car's lattice: without a cusp, the shortest ones
-    straight on, into the lane beside and to the next heading, forwards and backwards.
-    """
-    found = []
-    for k in range(HEADINGS):
-        start = (0.0, 0.0, k * 2 * math.pi / HEADINGS)
-        best: dict[tuple[int, bool, int], tuple[float, Primitive]] = {}
-        for i, j, turn in itertools.product(range(-REACH, REACH + 1), repeat=3):
-            if abs(turn) > 1 or (i, j) == (0, 0):
-                continue
-            n = (k + turn) % HEADINGS
-            goal = (i * cell, j * cell, n * 2 * math.pi / HEADINGS)
-            seconds, arcs = fastest(start, goal, *limits_of(kin))
-            length = length_of(arcs)
-            if len(runs_of(arcs)) != 1 or length > STRAIGHTER * math.hypot(i * cell, j * cell):
-                continue
-            side = -math.sin(start[2]) * i + math.cos(start[2]) * j
-            lane = 0 if abs(side) < 1e-9 else int(math.copysign(1, side))
-            sort = (turn, bool(arcs[0, 1] > 0), lane)
-            if sort not in best or length < best[sort][0] - 1e-9:
-                best[sort] = (length, ((i, j, n), arcs, float(seconds)))
-        found.append(tuple(primitive for _, primitive in best.values()))
-    return tuple(found)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import heapq
 import itertools
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -24,12 +24,12 @@ from up_samp.model import Body, Configuration, Placed, check_time
 from up_samp.motion.fleet.abilities import abilities_of
 from up_samp.motion.fleet.conflicts import sweep_table
 from up_samp.motion.fleet.lanes import arcs_between
-from up_samp.motion.fleet.moves import Key, Move, State, Tensor, steer, straight_move
+from up_samp.motion.fleet.lattices import Box, Key, box_around, lattice_of
+from up_samp.motion.fleet.moves import Move, steer, straight_move
 from up_samp.motion.fleet.paths import Hull, Path, hull_of
 from up_samp.motion.guides.search_space import widest_shape
 
 FloatArray = npt.NDArray[np.float64]
-Box = tuple[float, float, float, float]
 
 CELLS = 4
 """Cells of a move: two robots in step are compared cell by cell."""
@@ -45,8 +45,6 @@ EACH = 0.05
 """Seconds added for each move: fewer are better."""
 ROOMY = 2.1
 """Distance between places of the coarsest lattice, in radii of the body."""
-QUARTERS = (0.0, math.pi / 2, math.pi, -math.pi / 2)
-MOST_HEADINGS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,8 +135,8 @@ class Roadmap:
         self._known: dict[int, list[Edge]] = {}
         self._free: dict[Key, bool] = {}
         self.cell = cell
-        self._box = box or _box(ends, paths, self.hull.radius, abilities_of(body).radius)
-        self.lattice = _lattice(body, ends, self._box, self.cell)
+        self._box = box or box_around(ends, paths, self.hull.radius, abilities_of(body).radius)
+        self.lattice = lattice_of(body, ends, self._box, self.cell)
         self.places: dict[Configuration, int] = {}
         self._rests: dict[int, Edge] = {}
         for pose in ends:
@@ -363,42 +361,3 @@ def _same(p: Configuration, q: Configuration) -> bool:
     if abs(p[0] - q[0]) > 1e-9 or abs(p[1] - q[1]) > 1e-9:
         return False
     return abs(math.remainder(p[2] - q[2], 2 * math.pi)) < 1e-9
-
-
-def _box(
-    ends: Iterable[Configuration], paths: Iterable[Path], radius: float, turning: float
-) -> Box:
-    """Return the region that the lattice covers: all ends and paths, and room to step aside."""
-    points = np.concatenate([np.array([p[:2] for p in ends]), *(p.poses[:, :2] for p in paths)])
-    reach = 6 * radius + 3 * turning
-    low, high = points.min(axis=0) - reach, points.max(axis=0) + reach
-    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
-
-
-def _lattice(body: Body, ends: Sequence[Configuration], box: Box, cell: float) -> Tensor | State:
-    """Return the lattice for a body in a box."""
-    if not abilities_of(body).pivots:
-        x, y, _ = ends[0]
-        return State(body, (x, y), cell)
-    headings = dict.fromkeys(round(math.remainder(p[2], 2 * math.pi), 12) for p in ends)
-    near = [
-        h for h in headings if all(abs(math.remainder(h - q, 2 * math.pi)) > 1e-6 for q in QUARTERS)
-    ]
-    chosen = sorted([*QUARTERS, *near[: MOST_HEADINGS - len(QUARTERS)]])
-    xs = _coordinates([p[0] for p in ends], box[0], box[2], cell)
-    ys = _coordinates([p[1] for p in ends], box[1], box[3], cell)
-    return Tensor(body, xs, ys, chosen)
-
-
-def _coordinates(marks: Iterable[float], low: float, high: float, cell: float) -> FloatArray:
-    """Return coordinates through the marks, where they are not too close, about ``cell`` apart."""
-    kept: list[float] = []
-    for mark in sorted(set(marks)):
-        if not kept or mark - kept[-1] >= 0.4 * cell:
-            kept.append(mark)
-    first = np.arange(kept[0], low, -cell)[:0:-1]
-    last = np.arange(kept[-1], high, cell)[1:]
-    parts = [first]
-    for a, b in itertools.pairwise(kept):
-        parts.append(np.linspace(a, b, max(1, round((b - a) / cell)) + 1)[:-1])
-    return np.concatenate([*parts, np.array(kept[-1:]), last])

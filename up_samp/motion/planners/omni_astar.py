@@ -21,6 +21,34 @@ SLIDE = 0.02
 """Shares of a step that are too short for a slide."""
 
 
+@inner
+def _free_share(
+    grid: GridData,
+    polys: PolyData,
+    shape: ShapeData,
+    x: float,
+    y: float,
+    th: float,
+    dx: float,
+    dy: float,
+    turn: float,
+    least: float,
+) -> float:
+    """Return the share of a straight motion up to which it keeps the margin and ``least`` m (1: all
+    the way). Conservative advancement.
+    """
+    reach = math.sqrt(dx * dx + dy * dy) + abs(turn) * shape.numbers[0]
+    share = 0.0
+    while share < 1.0:
+        c = clearance(grid, polys, shape, x + share * dx, y + share * dy, th + share * turn)
+        if c < least:
+            return share
+        if reach <= 0.0:
+            break
+        share += c / reach
+    return 1.0
+
+
 @kernel
 def straight_free(
     grid: GridData,
@@ -35,44 +63,10 @@ def straight_free(
 ) -> bool:
     """Return whether moving straight by (dx, dy) while turning evenly keeps the margin all the way.
 
-    Conservative advancement; refuses what comes closer than the shape's smallest slack, too.
+    Refuses what comes closer than a tenth of the shape's smallest slack, too.
     """
-    reach = math.sqrt(dx * dx + dy * dy) + abs(turn) * shape.numbers[0]
     least = 0.1 * shape.slack[2]
-    share = 0.0
-    while True:
-        c = clearance(grid, polys, shape, x + share * dx, y + share * dy, th + share * turn)
-        if c < least:
-            return False
-        if reach <= 0.0:
-            return True
-        share += c / reach
-        if share >= 1.0:
-            return True
-
-
-@inner
-def _free_share(
-    grid: GridData,
-    polys: PolyData,
-    shape: ShapeData,
-    x: float,
-    y: float,
-    th: float,
-    dx: float,
-    dy: float,
-    turn: float,
-) -> float:
-    """Return the share of a straight motion up to which it keeps the margin (1: all the way)."""
-    reach = math.sqrt(dx * dx + dy * dy) + abs(turn) * shape.numbers[0]
-    least = 0.1 * shape.slack[2]
-    share = 0.0
-    while share < 1.0:
-        c = clearance(grid, polys, shape, x + share * dx, y + share * dy, th + share * turn)
-        if c < 2.0 * least:
-            return share
-        share += c / reach
-    return 1.0
+    return _free_share(grid, polys, shape, x, y, th, dx, dy, turn, least) >= 1.0
 
 
 @inner
@@ -188,7 +182,9 @@ def expand_planar(
             if _grown(tree, grid, polys, shape, field, space, node, dx, dy, dth, goal, limits):
                 continue
             if tight:
-                free = _free_share(grid, polys, shape, x, y, th, dx, dy, dth)
+                # a little short of what straight_free takes: from there it must pass again
+                least = 0.2 * shape.slack[2]
+                free = _free_share(grid, polys, shape, x, y, th, dx, dy, dth, least)
                 for part in (0.5 * free, free):
                     if SLIDE < part < 1.0:
                         _grown(
