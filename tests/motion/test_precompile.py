@@ -132,13 +132,36 @@ def test_what_few_problems_need_is_waited_for_by_nobody(folder, monkeypatch):
             return b"", b""
 
     monkeypatch.setattr(module, "_start", Done)
-    monkeypatch.setattr(module, "_behind", [])
+    monkeypatch.setattr(module, "_behind", {})
     compilation = module.begin([MotionModel.REEDSSHEPP], several=True)
     assert sorted(p for parts in started for p in parts) == ["bounds", "groups", "paths"]
     assert compilation.wait() > 0.0
     assert started[-1] == [module.LOWLY, "knots", "search"]
     compilation.wait()
     assert sum(module.LOWLY in parts for parts in started) == 1
+
+
+def test_what_is_compiled_behind_is_not_begun_twice(folder, monkeypatch):
+    """However many solves begin meanwhile; but again where that process has ended in vain."""
+    for part in ("paths", "bounds", "groups"):
+        compiled(part, monkeypatch)
+    monkeypatch.setattr(module, "_behind", {})
+    monkeypatch.setattr(module.child, "bare", lambda name: "import sys; sys.stdin.read()")
+    started, start = [], module._start
+    monkeypatch.setattr(module, "_start", lambda parts: started.append(parts) or start(parts))
+    for _ in range(3):
+        module.begin([MotionModel.REEDSSHEPP], several=True).wait()
+    assert started == [[module.LOWLY, "knots", "search"]]
+    process = module._behind["knots"]
+    assert process.poll() is None
+    process.stdin.close()
+    process.wait(20.0)
+    module.begin([MotionModel.REEDSSHEPP], several=True).wait()
+    assert len(started) == 2
+    last = module._behind["search"]
+    module._end_all()
+    assert last.poll() is not None
+    assert not module._behind
 
 
 def test_a_child_that_fails_is_told_of_and_its_work_done_here(folder, monkeypatch, caplog):

@@ -132,7 +132,7 @@ def test_motion_planning_gets_its_tunables_here_and_in_child_processes(monkeypat
     body = Body(box(2, 1), Kinematics(MotionModel.REEDSSHEPP, 1.0, 2.0, 1.0))
     pairs = [(body, (0.0, 0.0, 0.0), (9.0, y, 0.0)) for y in (0.0, 2.0)]
     assert batch.precompute(service, pairs, processes=2) == 2
-    assert [job.tuning for job in jobs] == [tuning.motion] * 2
+    assert [job.scope.tuning for job in jobs] == [tuning.motion] * 2
     scope = pickle.loads(pickle.dumps(Scope.of(service)))
     assert scope.service().tuning == tuning.motion
     assert Scope.of(MotionService(None)).service().tuning == Tuning().motion

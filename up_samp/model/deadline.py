@@ -16,7 +16,9 @@ _not_counted = [0.0]
 
 
 def clock() -> float:
-    """Return the time (s) that deadlines go by: monotonic, and still while kernels are compiled."""
+    """Return the time (s) that deadlines go by: that of ``time.monotonic`` without what was taken
+    out of it (:func:`do_not_count`). It goes back by so much when that is told.
+    """
     return time.monotonic() - _not_counted[0]
 
 

@@ -13,7 +13,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import IO, Any
 
-from up_samp.geometry import OccupancyGrid
 from up_samp.model import (
     Body,
     Configuration,
@@ -24,9 +23,9 @@ from up_samp.model import (
     Placed,
     UnsupportedError,
 )
-from up_samp.motion.protocol import Leg, LegQuery
+from up_samp.motion.crew import Found, Scope, find_legs, store_legs
+from up_samp.motion.protocol import LegQuery
 from up_samp.motion.service import MotionService
-from up_samp.motion.tuning import MotionTuning
 from up_samp.system import child
 
 Pair = tuple[Body, Configuration, Configuration]
@@ -39,13 +38,8 @@ _GRACE = 10.0
 class _Job:
     """What a child is asked for: legs on one map, with the service's settings."""
 
-    grid: OccupancyGrid | None
-    planner: str
-    margin: float
-    seed: int
-    tuning: MotionTuning
-    pairs: tuple[Pair, ...]
-    obstacles: tuple[Placed, ...]
+    scope: Scope
+    queries: tuple[LegQuery, ...]
     seconds: float
 
 
@@ -72,14 +66,11 @@ def precompute(
             report = service.plan(PathQuery(body, (start, goal), obstacles), deadline)
             done += report.outcome is Outcome.FOUND
         return done
+    queries = [LegQuery(*pair, obstacles) for pair in todo]
     # dealt out like cards: neighbours in the list are often equally hard
-    hands = [todo[i::processes] for i in range(min(processes, len(todo)))]
-    found = _in_children(service, hands, obstacles, deadline)
-    return sum(
-        _store(service, pair, obstacles, legs)
-        for hand, answers in zip(hands, found, strict=True)
-        for pair, legs in zip(hand, answers, strict=True)
-    )
+    hands = [queries[i::processes] for i in range(min(processes, len(queries)))]
+    answers = _in_children(service, hands, deadline)
+    return sum(store_legs(service, h, found) for h, found in zip(hands, answers, strict=True))
 
 
 def _distinct(service: MotionService, pairs: Iterable[Pair]) -> list[Pair]:
@@ -93,14 +84,11 @@ def _distinct(service: MotionService, pairs: Iterable[Pair]) -> list[Pair]:
 
 
 def _in_children(
-    service: MotionService,
-    hands: Sequence[Sequence[Pair]],
-    obstacles: tuple[Placed, ...],
-    deadline: Deadline,
-) -> list[list[tuple[str, Leg] | None]]:
-    """Return the answers for each list of pairs, each list planned in a process of its own."""
-    scope = (service.grid, service.planner, service.scene.margin, service.seed, service.tuning)
-    jobs = [_pickled(_Job(*scope, tuple(h), obstacles, deadline.remaining())) for h in hands]
+    service: MotionService, hands: Sequence[Sequence[LegQuery]], deadline: Deadline
+) -> list[list[Found]]:
+    """Return the answers for each list of queries, each list planned in a process of its own."""
+    scope = Scope.of(service)
+    jobs = [_pickled(_Job(scope, tuple(hand), deadline.remaining())) for hand in hands]
     with contextlib.ExitStack() as stack:
         running = []
         for job in jobs:
@@ -134,7 +122,7 @@ def _pickled(job: _Job) -> bytes:
 
 def _answer(
     process: subprocess.Popen[bytes], answer: IO[bytes], errors: IO[bytes], deadline: Deadline
-) -> list[tuple[str, Leg] | None]:
+) -> list[Found]:
     limit = deadline.remaining() + _GRACE
     try:
         code = process.wait(None if limit == float("inf") else limit)
@@ -168,32 +156,5 @@ def main() -> None:
     with os.fdopen(os.dup(0), "rb") as stream:
         job: _Job = pickle.loads(stream.read(int.from_bytes(stream.read(8), "big")))
     child.die_with(sys.stdin.fileno())
-    deadline = Deadline.after(None if job.seconds == float("inf") else job.seconds)
-    service = MotionService(
-        job.grid, planner=job.planner, margin=job.margin, seed=job.seed, tuning=job.tuning
-    )
     with answers:
-        pickle.dump([_plan(service, p, job.obstacles, deadline) for p in job.pairs], answers)
-
-
-def _plan(
-    service: MotionService, pair: Pair, obstacles: tuple[Placed, ...], deadline: Deadline
-) -> tuple[str, Leg] | None:
-    body, start, goal = pair
-    if deadline.expired() or service.certificate(body, (start, goal), obstacles) is not None:
-        return None
-    found = service.legs.find(LegQuery(body, start, goal, obstacles), deadline)
-    return None if found.leg is None else (found.planner, found.leg)
-
-
-def _store(
-    service: MotionService,
-    pair: Pair,
-    obstacles: tuple[Placed, ...],
-    found: tuple[str, Leg] | None,
-) -> int:
-    if found is None:
-        return 0
-    name, leg = found
-    service.remember(name, LegQuery(*pair, obstacles), leg)
-    return 1
+        pickle.dump(find_legs(job.scope.service(), job.queries, job.seconds), answers)

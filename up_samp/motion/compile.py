@@ -217,7 +217,7 @@ class Compilation:
             for part in missing(self.parts):
                 compile_part(part)
         if self.later and kernel_cache.can_write():
-            _behind.append(_start([LOWLY, *self.later]))
+            _start_behind(self.later)
             self.later = ()
         return time.monotonic() - self._began if self.parts else 0.0
 
@@ -242,14 +242,23 @@ class Compilation:
                 _end(process)
 
 
-_behind: list[subprocess.Popen[bytes]] = []
-"""Processes that compile what nobody waits for; they end with this one at the latest."""
+_behind: dict[str, subprocess.Popen[bytes]] = {}
+"""By part: the process that compiles it while nobody waits for that; it ends with this one at the
+latest.
+"""
+
+
+def _start_behind(parts: Iterable[str]) -> None:
+    """Start to compile those of the parts that no such process of this one compiles already."""
+    wanted = [p for p in parts if p not in _behind or _behind[p].poll() is not None]
+    if wanted:
+        _behind.update(dict.fromkeys(wanted, _start([LOWLY, *wanted])))
 
 
 @atexit.register
 def _end_all() -> None:
     while _behind:
-        _end(_behind.pop())
+        _end(_behind.popitem()[1])
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
@@ -269,12 +278,14 @@ def shared_out(parts: Iterable[str], processes: int) -> list[list[str]]:
 
 
 def _start(parts: Sequence[str]) -> subprocess.Popen[bytes]:
+    # nobody reads what one behind says: a full pipe would hold it up
+    heard = subprocess.DEVNULL if LOWLY in parts else subprocess.PIPE
     return subprocess.Popen(
         child.command(child.bare(__name__), parts),
         env=child.environment(),
         stdin=subprocess.PIPE,  # its end tells the child that this process is gone
         stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
+        stderr=heard,
         start_new_session=True,  # Ctrl-C is for this process, which ends the child
     )
 

@@ -3,9 +3,9 @@
 A :class:`Crew` hands queries to any ``concurrent.futures.Executor`` (processes of this machine, a
 Dask client's ``get_executor()`` for a cluster) and takes the answers in the order of the questions:
 it does not matter which worker was first. Each query is answered as the service itself would answer
-it; what a search came to the end of is the same on any machine. What a lost worker
-was to answer is answered here. In one process queries run one at a time, also on an executor of
-threads: the planners' random numbers belong to one of them.
+it; what a search came to the end of is the same on any machine. What a lost worker was to answer is
+answered here (a process pool is lost with any of its processes). In one process queries run one at
+a time, also on an executor of threads: the planners' random numbers belong to one of them.
 """
 
 from __future__ import annotations
@@ -80,30 +80,43 @@ class Scope:
         return _services[key]
 
 
-def find_legs(scope: Scope, queries: Sequence[LegQuery], seconds: float) -> list[Found]:
-    """Return the legs for some queries, and whose they are (what a worker does)."""
-    deadline = Deadline.after(None if seconds == float("inf") else seconds)
+def find_legs(service: MotionService, queries: Sequence[LegQuery], seconds: float) -> list[Found]:
+    """Return the legs for some queries, and whose they are."""
+    deadline = Deadline.after(seconds)
     found: list[Found] = []
-    with _ONE_AT_A_TIME:
-        service = scope.service()
-        for query in queries:
-            ends = (query.start, query.goal)
-            if deadline.expired() or service.certificate(query.body, ends, query.obstacles):
-                found.append(None)
-                continue
-            leg = service.legs.find(query, deadline)
-            found.append(None if leg.leg is None else (leg.planner, leg.leg))
+    for query in queries:
+        ends = (query.start, query.goal)
+        if deadline.expired() or service.certificate(query.body, ends, query.obstacles):
+            found.append(None)
+            continue
+        leg = service.legs.find(query, deadline)
+        found.append(None if leg.leg is None else (leg.planner, leg.leg))
     return found
 
 
+def store_legs(service: MotionService, queries: Sequence[LegQuery], found: Sequence[Found]) -> int:
+    """Put legs that were found elsewhere into a service's cache; return how many there are."""
+    known = 0
+    for query, leg in zip(queries, found, strict=True):
+        if leg is not None:
+            service.remember(leg[0], query, leg[1])
+            known += 1
+    return known
+
+
 def coordinate_group(
-    scope: Scope, query: GroupQuery, method: str, seed: int, seconds: float
+    service: MotionService, query: GroupQuery, method: str, seed: int, seconds: float
 ) -> tuple[GroupReport, bool]:
-    """Return the report on a group, and whether its time was up (what a worker does)."""
-    deadline = Deadline.after(None if seconds == float("inf") else seconds)
-    with _ONE_AT_A_TIME:
-        report = scope.service().coordinate(query, deadline, method=method, seed=seed)
+    """Return the report on a group, and whether its time was up."""
+    deadline = Deadline.after(seconds)
+    report = service.coordinate(query, deadline, method=method, seed=seed)
     return report, deadline.expired()
+
+
+def work(scope: Scope, do: Callable[..., Answer], *given: object) -> Answer:
+    """Return what ``do`` returns for this process's own service (what a worker does)."""
+    with _ONE_AT_A_TIME:
+        return do(scope.service(), *given)
 
 
 @dataclass
@@ -128,13 +141,11 @@ class Crew:
         todo = _legs_of(queries)
         chunks = [todo[i : i + CHUNK] for i in range(0, len(todo), CHUNK)]
         answers = self._answers(find_legs, [(c,) for c in chunks], [deadline] * len(chunks))
-        known = 0
-        for chunk, found in zip(chunks, answers, strict=True):
-            for query, leg in zip(chunk, found or (), strict=False):
-                if leg is not None:
-                    self.service.remember(leg[0], query, leg[1])
-                    known += 1
-        return known
+        return sum(
+            store_legs(self.service, chunk, found)
+            for chunk, found in zip(chunks, answers, strict=True)
+            if found is not None
+        )
 
     def coordinate(
         self,
@@ -169,13 +180,16 @@ class Crew:
                 found.append(cast("Answer | None", back))
                 continue
             self.lost += 1
-            late = deadline.expired()
-            found.append(None if late else do(self.scope, *one, deadline.remaining()))
+            if deadline.expired():
+                found.append(None)
+                continue
+            with _ONE_AT_A_TIME:  # this process may have workers on threads
+                found.append(do(self.service, *one, deadline.remaining()))
         return found
 
     def _submit(self, do: Callable[..., Answer], *given: object) -> Future[Answer] | None:
         try:
-            return self.executor.submit(do, self.scope, *given)
+            return self.executor.submit(work, self.scope, do, *given)
         except Exception:  # a broken pool refuses tasks
             return None
 
