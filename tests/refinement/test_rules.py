@@ -4,7 +4,7 @@ import pytest
 
 from up_samp.model import CandidateSchedule, ScheduledMotion
 from up_samp.model.refinement import Layer, Strength
-from up_samp.refinement import holds, rules
+from up_samp.refinement import holds, rules, timed
 
 
 def motion(name, start, end, obj=None):
@@ -131,3 +131,29 @@ def test_the_papers_timing_cut():
     assert not holds(cut, schedule(a=(0, 5), b=(2, 6)), nowhere)
     assert holds(cut, schedule(a=(0, 5), b=(1, 6)), nowhere)
     assert holds(cut, schedule(a=(0, 5), b=(2, 8)), nowhere)
+
+
+def test_a_ride_clears_the_way_when_it_starts():
+    """A change of an obstacle clears it at its end, a ride at its start."""
+    made = motion("a", 5, 9)
+    cuts = {
+        rides: timed.blocked_as_timed(
+            made, {"box": "bring"}, {"box": {"bring": 5, "away": -1}}, "in the way", rides=rides
+        ).statement
+        for rides in (frozenset(), frozenset({"away"}))
+    }
+    for start in range(5, 12):
+        times = schedule(bring=(0, 5), a=(5, 9), away=(start, start + 3))
+        assert holds(cuts[frozenset({"away"})], times, nowhere) == (start < 9)
+        assert holds(cuts[frozenset()], times, nowhere) == (start + 3 < 9)
+
+
+def test_nothing_is_set_onto_what_rests_until_it_has_gone():
+    """Set elsewhere in that instant, it has gone; driving off then, it has not."""
+    moves, sets = {"drive": None}, {"lift": (0, 9)}
+    cut = timed.set_onto("shut", None, moves, sets, "on it")
+    assert cut.strength is Strength.PROVEN
+    assert not holds(cut.statement, schedule(shut=(0, 8), lift=(0, 9)), nowhere)
+    assert holds(cut.statement, schedule(shut=(0, 9), lift=(0, 9)), nowhere)
+    assert not holds(cut.statement, schedule(shut=(0, 9), drive=(9, 12)), nowhere)
+    assert holds(cut.statement, schedule(shut=(0, 9), drive=(8, 12)), nowhere)

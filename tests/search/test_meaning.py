@@ -53,6 +53,19 @@ def test_a_door_waits_for_whoever_stands_in_it(tmp_path, engine):
     assert span(result, "close")[1] > span(result, "go")[0]
 
 
+def test_a_door_shuts_when_who_stands_in_it_is_lifted_away(tmp_path):
+    """At the same instant, not a unit later: what is learned from a refusal allows that."""
+    hall = standing_in_the_gap(tmp_path)
+    hall.move("go", 0, "gap", "right0", optional=True, bounds=(100, 200))
+    lift = hall.problem.add_motion_activity("lift", 10)
+    lift.add_motion_effect(hall.robots[0], hall.poses["left0"])
+    result = solve(hall.problem, optimal=True)
+    assert result.status is Status.SOLVED_OPTIMALLY
+    assert span(result, "lift") == (0, 10)
+    assert span(result, "close")[1] == 10
+    assert result.metrics["refused"] == "1"
+
+
 def test_a_door_that_nobody_can_clear_never_shuts(tmp_path):
     hall = standing_in_the_gap(tmp_path)
     hall.move("come", 0, "right0", "gap", optional=True)

@@ -163,3 +163,62 @@ def test_who_lists_a_load_has_to_list_its_robot(tmp_path):
     hall.move("go", 1, "left1", "right1", dynamic_obstacles_at_start=[load])
     with pytest.raises(UnsupportedError, match=r"go.*'pallet' but not 'r0'"):
         read_problem(hall.problem)
+
+
+def robot(hall, name, place):
+    """Another robot like the first."""
+    like = hall.robots[0]
+    found = MovableObject(
+        name,
+        hall.robot,
+        footprint=like.footprint,
+        motion_model=like.motion_model,
+        motion_parameters=like.motion_parameters,
+    )
+    hall.robots.append(found)
+    hall.problem.add_object(found)
+    hall.problem.set_initial_configuration(found, hall.poses[place])
+    return found
+
+
+def test_what_one_robot_brings_another_takes_on_at_that_instant(tmp_path):
+    """Their bodies have the load in common: no gap between them is proven."""
+    hall = Hall(tmp_path, map_file=write_hall(tmp_path, wall_gap=(10, 90)))
+    hall.pose("from", 8.0, 3.0, math.pi)
+    hall.pose("to", 5.5, 3.0, math.pi)  # its motion takes half a second less than its activity
+    hall.pose("store", 7.0, 3.0, 0.0)
+    hall.pose("dock", 4.5, 3.0, 0.0)
+    hall.pose("start", 3.5, 3.0, 0.0)
+    hall.pose("up", 3.5, 8.0, 0.0)
+    hall.pose("shelf", 4.5, 8.0, 0.0)
+    hall.problem.initial_configuration.clear()
+    hall.problem.set_initial_configuration(hall.robots[0], hall.poses["start"])
+    robot(hall, "r1", "from")
+    crate = with_load(hall, "crate", "store", rectangle(0.9, 0.9))
+    bring = hall.move("bring", 1, "from", "to")
+    bring.add_motion_effect(crate, hall.poses["dock"])
+    hall.move("away", 1, "to", "from", dynamic_obstacles_at_start=[hall.robots[0]])
+    take = hall.move("take", 0, "start", "up")
+    take.add_motion_effect(crate, hall.poses["shelf"])
+    result = solve(hall.problem, optimal=True)
+    assert result.status is Status.SOLVED_OPTIMALLY
+    bring, take = (
+        next(a for a in result.plan.activities if a.name == n) for n in ("bring", "take")
+    )
+    assert str(result.plan.get(take.start)) == str(result.plan.get(bring.end))
+
+
+def test_a_robot_that_is_carried_away_leaves_its_place(tmp_path):
+    hall = Hall(tmp_path, map_file=write_hall(tmp_path, wall_gap=(10, 90)))
+    hall.pose("place", 8.0, 3.0, 0.0)
+    hall.pose("behind", 6.8, 3.0, 0.0)
+    hall.pose("far", 16.0, 8.0, 0.0)
+    hall.pose("behind_far", 14.8, 8.0, 0.0)
+    hall.pose("farther", 18.0, 8.0, 0.0)
+    robot(hall, "r1", "behind")
+    ridden = robot(hall, "r2", "place")
+    carry = hall.move("carry", 1, "behind", "behind_far")
+    carry.add_motion_effect(ridden, hall.poses["far"])
+    hall.move("own", 2, "far", "farther", optional=True)
+    hall.move("come", 0, "left0", "place")
+    assert solve(hall.problem).status in SOLVED

@@ -69,6 +69,11 @@ class MotionTask:
             return None
         return (self.static or frozenset()) | (self.dynamic or frozenset())
 
+    @property
+    def moved(self) -> frozenset[str]:
+        """The object and its loads."""
+        return frozenset((self.object, *(ride.load for ride in self.rides)))
+
 
 @dataclass(frozen=True)
 class ChangeTask:

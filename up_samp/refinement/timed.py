@@ -7,7 +7,7 @@ things. Times are in schedule units.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from up_samp.model import ScheduledMotion
 from up_samp.model.refinement import (
@@ -30,14 +30,16 @@ def blocked_as_timed(
     changes: Mapping[str, Mapping[str, int]],
     why: str,
     *,
+    rides: Collection[str] = (),
     strength: Strength = Strength.PROVEN,
 ) -> Refinement:
     """Return that a motion cannot be made while obstacles rest as they do in this schedule.
 
     ``set_by`` tells which change (activity) set each obstacle where it is (``None``: it is there
     from the first), ``changes`` at what time each obstacle's present and absent (-1) other
-    changes happen. The cut gives way only when one of them comes in between, so that it rejects
-    the schedule also where a change touches the motion's start or end. Where configurations hang
+    changes happen. Those of ``rides`` take an obstacle away at their start, all others at their
+    end. The cut gives way only when one of them comes in between, so that it rejects the schedule
+    also where a change touches the motion's start or end. Where configurations hang
     on decisions, it holds under these only (see ``rules.only_given``).
     """
     start, end = start_of(motion.activity), end_of(motion.activity)
@@ -51,7 +53,8 @@ def blocked_as_timed(
             if setter is not None and 0 <= time <= motion.start:
                 literals.append(Apart(end_of(setter), end_of(other), 1))
             else:
-                literals.append(Apart(end_of(other), end, 1))
+                away = start_of(other) if other in rides else end_of(other)
+                literals.append(Apart(away, end, 1))
     return Refinement(Clause(tuple(literals)), Layer.GEOMETRIC, strength, why)
 
 
@@ -124,25 +127,26 @@ def set_onto(
     ``setter`` is the activity that brought the other object there (``None``: it is there from the
     first), ``moves`` and ``sets`` are the times of all activities that drive it and that set it
     elsewhere (``None``: absent). The cut gives way when one of them takes the object away between
-    the setter's end and the change's.
+    the setter's end and the change's: what is set elsewhere in the same instant is gone by then,
+    what drives off then is not.
     """
     end = end_of(change)
     literals: list[Literal] = [Absent(change)]
     if setter is not None:
         literals += [Absent(setter), Apart(end, end_of(setter), 1)]
-    leaving = [(start_of(m), m, t and t[0]) for m, t in sorted(moves.items())]
-    leaving += [(end_of(s), s, t and t[1]) for s, t in sorted(sets.items())]
+    leaving = [(start_of(m), m, t and t[0], 1) for m, t in sorted(moves.items())]
+    leaving += [(end_of(s), s, t and t[1], 0) for s, t in sorted(sets.items())]
     since = None
     if setter is not None:
         times = {**sets, **moves}[setter]
         since = None if times is None else times[1]
-    for point, name, time in leaving:
+    for point, name, time, units in leaving:
         if name in (setter, change):
             continue
         if setter is not None and since is not None and time is not None and time < since:
             literals.append(Apart(end_of(setter), point, 0))
         else:
-            literals.append(Apart(point, end, 1))
+            literals.append(Apart(point, end, units))
     return Refinement(Clause(tuple(literals)), Layer.GEOMETRIC, Strength.PROVEN, why)
 
 

@@ -291,7 +291,10 @@ def _blocked_as_timed(facts: Facts, itinerary: Itinerary, alone: Alone) -> Refin
         for drive in itinerary.motions:
             if name in drive.moved and drive.activity == set_by[name]:
                 given |= dict(drive.given)
-    cut = timed.blocked_as_timed(motion, set_by, changes, alone.why, strength=alone.strength)
+    rides = {ride.activity for ride in facts.snapshot.rides if ride.load in set_by}
+    cut = timed.blocked_as_timed(
+        motion, set_by, changes, alone.why, rides=rides, strength=alone.strength
+    )
     return rules.only_given(cut, tuple(sorted(given.items())))
 
 

@@ -34,13 +34,15 @@ def pair_cuts(failure: Failure, late: str, *, tuning: CutsTuning) -> list[Refine
 
 
 def _partners(failure: Failure, late: str) -> list[str]:
-    """Return whom the late motion may have met: those that the planner names, if it does."""
+    """Return whom the late motion may have met: those that the planner names, if it does. Who takes
+    on what the other one brings is one body with it at that instant: no such pair is looked at.
+    """
     mine = failure.scheduled[late]
     named = failure.report.conflict
     overlapping = [
         n
         for n, m in sorted(failure.scheduled.items())
-        if m.object != mine.object and m.start <= mine.end and mine.start <= m.end
+        if not m.moved & mine.moved and m.start <= mine.end and mine.start <= m.end
     ]
     return [n for n in overlapping if n in named] or overlapping
 
@@ -150,7 +152,7 @@ def _same_pairs(
     for one in failure.alike(facts, a):
         for two in failure.alike(facts, b):
             x, y = one.task, two.task
-            if x.object == y.object or (one, two) == mine or _contradict(one.given, two.given):
+            if x.moved & y.moved or (one, two) == mine or _contradict(one.given, two.given):
                 continue
             if x.index == y.index == 0 and _heeds(x, y.object) and _heeds(y, x.object):
                 yield one, two

@@ -127,9 +127,13 @@ def _pairs(motions: Motions) -> Iterator[tuple[MotionCase, MotionCase]]:
 
 
 def are_apart(one: MotionCase, other: MotionCase) -> bool:
-    """Return whether two motions are of two objects that both heed each other."""
+    """Return whether two motions are of two objects that both heed each other.
+
+    What one of them brings the other one may take on at that instant: their bodies have the load in
+    common then, and tell nothing.
+    """
     a, b = one.task, other.task
-    if a.object == b.object or a.index or b.index:
+    if a.moved & b.moved or a.index or b.index:
         return False
     given = dict(one.given)
     if any(given.get(name, value) != value for name, value in other.given):

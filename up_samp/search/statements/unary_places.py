@@ -30,12 +30,13 @@ def _resting_nodes(facts: Facts) -> list[tuple[str, str]]:
     """Return (object, configuration) for objects whose whole motion is known and heeds all."""
     snapshot = facts.snapshot
     nodes: set[tuple[str, str]] = set()
+    # what comes and goes by other means than its own motions is not counted right
+    elsewise = {c.object for c in snapshot.changes} | {r.load for r in snapshot.rides}
     for name in sorted(facts.drivers):
         tasks = [t for t in snapshot.tasks if t.object == name]
         constant = all(t.kind is TermKind.CONSTANT for task in tasks for t in task.terms)
         heeds = all(t.avoid is None or t.avoid >= facts.drivers - {name} for t in tasks)
-        changed = any(c.object == name for c in snapshot.changes)
-        if constant and heeds and not changed:
+        if constant and heeds and name not in elsewise:
             nodes |= {(name, t.name) for task in tasks for t in (task.terms[0], task.terms[-1])}
             nodes.add((name, snapshot.initial[name]))
     return sorted(nodes)
