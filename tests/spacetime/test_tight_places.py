@@ -5,12 +5,15 @@ from independent import judge
 
 from up_samp.benchmarks import tight_places as tight
 from up_samp.model import Deadline, GroupReport, Outcome
-from up_samp.motion.fleet import coordinate
+from up_samp.motion.fleet import coordinate, coupled
 from up_samp.motion.fleet.knots import Knot, untied
 from up_samp.motion.fleet.lacam import Agent, Joint
-from up_samp.motion.fleet.roadmap import Roadmap
+from up_samp.motion.fleet.roadmap import Roadmap, cells_of
+from up_samp.motion.fleet.timed_path import run_of
+from up_samp.motion.fleet.timings import natural_timing
 from up_samp.motion.fleet.workspace import workspace_of
 from up_samp.motion.service import MotionService
+from up_samp.motion.tuning import CoupledTuning, FleetTuning, MotionTuning
 
 SLOW = {"square of ten", "full ring of six", "room of nine, seven"}
 SLOWER = {("differential", "square of six"), ("differential", "full ring of three")}
@@ -64,6 +67,25 @@ def test_where_nobody_can_go_first_all_go_at_once(tmp_path):
     [drives] = untied(knot, search.agents, (10_000,), together=True)
     assert {robot for robot, _ in drives} == {0, 1, 2, 3}
     found = {motions[robot].name: path.natural for robot, path in drives}
+    judge(traffic, GroupReport(Outcome.FOUND, found), tmp_path)
+
+
+def test_cars_of_a_full_ring_go_at_once(tmp_path, monkeypatch):
+    traffic = tight.CASES["full ring of three"].build(tight.car())
+    motions = traffic.query.motions
+    tuning = MotionTuning(fleet=FleetTuning(coupled=CoupledTuning(robots=0)))
+    service = MotionService(traffic.grid, tuning=tuning)
+    workspace, alone = workspace_of(service), {}
+    for m in motions:
+        path = workspace.path(m.body, m.poses, (), Deadline.never())
+        alone[m.name] = run_of(m, path, natural_timing(path, m.release), m.present_from)
+    search = joint(traffic, motions[0].body, cells_of(motions[0].body)[1], together=True)
+    knot = Knot(workspace, service.scene, motions, (), [None] * 3, Deadline.never())
+    drives = untied(knot, search.agents, (20_000,), together=True)
+    assert max(len(stage) for stage in drives) == 3
+    monkeypatch.setattr(coupled, "untie", lambda *given: drives)
+    runs = coupled.couple(workspace, motions, alone, [], Deadline.never())
+    found = {name: run.timing.trajectory for name, run in runs.items()}
     judge(traffic, GroupReport(Outcome.FOUND, found), tmp_path)
 
 

@@ -1,8 +1,8 @@
 """Distances and regions over the cells of a grid, as scipy's ``ndimage`` and ``csgraph`` give them.
 
-Importing those takes a quarter of a small problem's whole time, so there are kernels for it here;
-they give the same numbers, bit by bit. Only large graphs, where scipy's search is the better one,
-still go there.
+Importing those is a good part of a small problem's whole time, so there are kernels for it here;
+they give the same numbers, bit by bit (where several cells are nearest, any of them). Only large
+graphs, where scipy's search is the better one, still go there.
 """
 
 from __future__ import annotations
