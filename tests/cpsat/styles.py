@@ -1,15 +1,15 @@
 """One site of robots, places, doors and tasks, written as a scheduling problem in many styles.
 
-A :class:`Site` is what is meant; a :class:`Style` is how an author writes it. Sites say nothing of
-the unit that may pass between one thing and the next (``Style.units``); styles that agree on that
-have the same optimum.
+A :class:`~cpsat.sites.Site` is what is meant; a :class:`Style` is how an author writes it. Sites
+say nothing of the unit that may pass between one thing and the next (``Style.units``); styles that
+agree on that have the same optimum.
 """
 
 from __future__ import annotations
 
 import itertools
 import random
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 
 from unified_planning.model import (
     ClosedTimeInterval,
@@ -37,43 +37,7 @@ from unified_planning.shortcuts import (
     UserType,
 )
 
-
-@dataclass(frozen=True)
-class Task:
-    """Done once, by one robot, at one of ``places``; after the tasks in ``after``."""
-
-    places: tuple[int, ...]
-    length: int
-    machine: int | None = None
-    after: tuple[int, ...] = ()
-
-
-@dataclass(frozen=True)
-class Site:
-    """``roads[a, b]`` is how long a move takes; ``doors[place]`` is where its door is opened.
-
-    ``starts`` are places. ``home``: all have to be where they started in the end. ``private``:
-    nobody goes where another one starts. ``visits[robot]`` is where it has to arrive some time.
-    """
-
-    starts: tuple[int, ...]
-    roads: dict[tuple[int, int], int]
-    tasks: tuple[Task, ...]
-    doors: dict[int, int] = field(default_factory=dict)
-    home: bool = False
-    private: bool = False
-    visits: dict[int, int] = field(default_factory=dict)
-
-    def ways(self, robot: int) -> list[tuple[tuple[int, int], int]]:
-        """Return the roads of a robot."""
-        closed = set(self.starts) - {self.starts[robot]} if self.private else set()
-        return [(pair, length) for pair, length in self.roads.items() if not closed & {*pair}]
-
-    @property
-    def places(self) -> list[int]:
-        """All places."""
-        return sorted({*self.starts, *itertools.chain(*self.roads)})
-
+from cpsat.sites import Site
 
 _STRICT = ("strictly", "busy", "held")
 
@@ -417,6 +381,10 @@ class Writer:
         return [a for _, a, task in self.works if task == t]
 
     def _exactly_one(self, t):
+        if self.site.tasks[t].helped:
+            length = self.site.tasks[t].length
+            helper = self.problem.add_activity(self.name("help", t), length, optional=True)
+            self.works.append((len(self.robots), helper, t))
         ways, how = self._ways(t), self.style.one_of
         if how == "variables":
             chosen = [self.problem.add_variable(f"chosen_{a.name}", BoolType()) for a in ways]
@@ -451,65 +419,3 @@ class Writer:
                     self.problem.add_constraint(Implies(both, LE(a.end, b.start)))
                 else:
                     self.problem.add_constraint(LE(a.end, b.start), [a.present, b.present])
-
-
-# -- sites ---------------------------------------------------------------------------------------
-def shop(robots: int, jobs: int, machines: int, seed: int = 0) -> Site:
-    """Return a job shop like the published ones: every machine in a room with a door."""
-    rng = random.Random(seed)
-    spots = [(30 + 25 * m + rng.randint(-4, 4), 41) for m in range(machines)]
-    spots += [(30 + 25 * m, 29) for m in range(machines)]
-    starts = tuple(range(2 * machines, 2 * machines + robots))
-    spots += [(rng.randint(5, 25 * machines + 30), rng.choice([20, 25])) for _ in range(robots)]
-    tasks: list[Task] = []
-    for _ in range(jobs):
-        order = rng.sample(range(machines), machines)
-        for i, m in enumerate(order):
-            after = (len(tasks) - 1,) if i else ()
-            tasks.append(Task((m,), rng.randint(1, 10), m, after))
-    places = [*range(2 * machines), *starts]
-    roads = {pair: _length(spots, *pair) for pair in itertools.permutations(places, 2)}
-    return Site(starts, roads, tuple(tasks), {m: machines + m for m in range(machines)})
-
-
-def store(robots: int, items: int, seed: int = 0) -> Site:
-    """Return logistics like the published one: out to an item and home, items on two sides."""
-    rng = random.Random(seed)
-    spots = [(60 + 12 * (i % 4), 32 - 5 * (i // 4)) for i in range(items)]
-    spots += [(60 + 12 * (i % 4), 42 - 25 * (i // 4)) for i in range(items)]
-    spots += [(46, 30)]
-    spots += [(15 + 10 * r, 59) for r in range(robots)]
-    button, starts = 2 * items, tuple(range(2 * items + 1, 2 * items + 1 + robots))
-    roads = {}
-    for place in (*range(2 * items), button):
-        for home in starts:
-            roads[home, place] = roads[place, home] = _length(spots, home, place)
-        if place != button:
-            roads[button, place] = _length(spots, button, place)
-    tasks = tuple(Task((i, items + i), rng.randint(1, 2)) for i in range(items))
-    return Site(starts, roads, tasks, dict.fromkeys(range(items), button), True, True)
-
-
-def _length(spots, a, b):
-    (x, y), (u, v) = spots[a], spots[b]
-    return max(1, int(((x - u) ** 2 + (y - v) ** 2) ** 0.5 / 2))
-
-
-def small(seed: int) -> Site:
-    """Return a random site that is small enough to be solved constraint by constraint."""
-    rng = random.Random(seed)
-    places = range(rng.choice([2, 3, 3]))
-    starts = tuple(rng.choice(places) for _ in range(rng.choice([1, 1, 2])))
-    pairs = list(itertools.permutations(places, 2))
-    roads = {
-        p: rng.randint(1, 4) for p in rng.sample(pairs, rng.randint(len(pairs) // 2, len(pairs)))
-    }
-    tasks = []
-    for t in range(rng.choice([1, 2, 2, 3])):
-        spots = tuple(rng.sample(list(places), rng.choice([1, 1, 2])))
-        after = (rng.randrange(t),) if t and rng.random() < 0.4 else ()
-        tasks.append(Task(spots, rng.randint(1, 3), rng.choice([None, 0, 1]), after))
-    doors = {rng.choice(places): rng.choice(places)} if rng.random() < 0.4 else {}
-    home = rng.random() < 0.3
-    visits = {r: rng.choice(places) for r in range(len(starts)) if rng.random() < 0.4}
-    return Site(starts, roads, tuple(tasks), doors, home, visits=visits)

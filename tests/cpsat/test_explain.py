@@ -3,7 +3,8 @@
 from unified_planning.model import TimePointInterval, Timing
 from unified_planning.shortcuts import Equals, OneshotPlanner
 
-from cpsat.styles import Style, shop, store, write
+from cpsat.sites import shop, store
+from cpsat.styles import Style, write
 from up_samp.model import Deadline
 from up_samp.scheduling.cpsat import CpsatSession
 

@@ -2,7 +2,8 @@
 
 import pytest
 
-from cpsat.styles import LOOSE, SPOILED, TIGHT, Site, Style, shop, small, store, write
+from cpsat.sites import Site, shop, small, store
+from cpsat.styles import LOOSE, SPOILED, TIGHT, Style, write
 from cpsat.truth import answer, bound_without_search, collapsed_optimum, nothing_recognised
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
@@ -38,6 +39,12 @@ def disagreements(seed, styles):
 @pytest.mark.parametrize("seed", range(3))
 def test_every_style_of_a_small_site_has_the_same_optimum(seed):
     assert disagreements(seed, [*ALL, *SPOILED][seed % 3 :: 3]) == {}
+
+
+def test_small_sites_with_doors_are_solved_as_they_are_written():
+    sites = {seed: small(seed) for seed in range(40, 70)}
+    for seed in (seed for seed, site in sites.items() if site.doors):
+        assert disagreements(seed, [Style()]) == {}, seed
 
 
 @pytest.mark.long

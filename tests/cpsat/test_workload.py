@@ -3,8 +3,9 @@
 import pytest
 from unified_planning.shortcuts import IntType
 
-from cpsat.styles import Site, Style, Task, shop, store, write
-from cpsat.truth import bound_without_search
+from cpsat.sites import Site, Task, shop, store
+from cpsat.styles import Style, write
+from cpsat.truth import bound_without_search, collapsed_optimum
 from up_samp.model import Deadline
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
@@ -47,6 +48,12 @@ def test_doors_cost_what_it_takes_to_squeeze_them_in():
     behind = Site(site.starts, site.roads, site.tasks, {2: 1})
     problem = write(behind, Style())
     assert bound_without_search(problem) == 51 == optimum(problem)
+
+
+def test_doors_may_stay_shut_where_others_do_the_work():
+    site = Site((0,), line().roads, (Task((2,), 5, helped=True),), {2: 1})
+    problem = write(site, Style())
+    assert collapsed_optimum(problem) == 5 == optimum(problem)
 
 
 def test_coming_home_counts():

@@ -1,6 +1,6 @@
 """Small sites with floors: what is meant by a problem, before it is written in any style.
 
-A :class:`MotionSite` is a :class:`~tests.cpsat.styles.Site` whose places are poses on a floor and
+A :class:`MotionSite` is a :class:`~tests.cpsat.sites.Site` whose places are poses on a floor and
 whose doors are leaves on it. Lengths of roads are not said: the motions tell them.
 """
 
@@ -11,7 +11,7 @@ import math
 import random
 from dataclasses import dataclass, field
 
-from tests.cpsat.styles import Site, Task
+from tests.cpsat.sites import Site, Task
 from up_samp.benchmarks.maps import Rectangle, draw, write_map
 
 Pose = tuple[float, float, float]

@@ -51,7 +51,8 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> Work | None:
 
 
 def find_tasks(model: ScheduleModel, routes: list[Route]) -> list[Task]:
-    """Return what is to be done on ``routes``."""
+    """Return what may be done on ``routes``."""
+    sure = _sure(model, {name for route in routes for name, _ in route.stops})
     numbers: dict[int, int] = {}
     tasks: list[Task] = []
     owners: dict[int, int] = {}
@@ -61,8 +62,7 @@ def find_tasks(model: ScheduleModel, routes: list[Route]) -> list[Task]:
             start = activity.start.terms[0][0]
             if start not in numbers:
                 numbers[start] = len(tasks)
-                wanted = activity.present == TRUE or activity.present in model.exact
-                tasks.append(Task(activity.least, wanted))
+                tasks.append(Task(activity.least, name in sure))
             owners[activity.index] = numbers[start]
             tasks[numbers[start]].ways.append((number, name, places))
         for name, places in route.visits:
@@ -84,6 +84,19 @@ def find_tasks(model: ScheduleModel, routes: list[Route]) -> list[Task]:
             tasks[j].apart.append((i, least))
     _find_changes(model, owners, tasks)
     return with_openings(model, routes, tasks)
+
+
+def _sure(model: ScheduleModel, stops: set[str]) -> set[str]:
+    """Return the stops of which it is sure that they, or other stops in their place, happen. (What
+    may be done without any route is not, though one of the alternatives has to be there.)
+    """
+    always = {name for name in stops if model.world.activities[name].present == TRUE}
+    covered = (
+        {member.name for member in group} & stops
+        for group in model.disjunctions.groups
+        if all(m.name in stops or model.store.never(m.present) for m in group)
+    )
+    return always.union(*covered)
 
 
 def _differences(model: ScheduleModel) -> Iterator[tuple[int, int, int]]:

@@ -16,8 +16,9 @@ from up_samp.scheduling.cpsat.routing.route import Route
 
 @dataclass
 class Task:
-    """Done once, in one of ``ways``: (route, stop's name, places). ``after`` are (task, time from
-    its start), ``apart`` are (task, gap). ``changes`` are (state, value, time from the start).
+    """Done once at most, in one of ``ways``: (route, stop's name, places). One that is ``wanted``
+    is done in one of them in every schedule. ``after`` are (task, time from its start), ``apart``
+    are (task, gap). ``changes`` are (state, value, time from the start).
     A ``visit`` is done by nothing but arriving.
     """
 
