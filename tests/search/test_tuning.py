@@ -54,6 +54,7 @@ def test_a_file_changes_what_it_names(tmp_path):
         ("[cpsat.stages]\none_thread = 3", "list of numbers"),
         ("[cpsat.stages]\none_thread = []", "list of numbers"),
         ("[cpsat.stages]\none_thread = [1, 'x']", "finite number"),
+        ("[motion.fleet.plane]\nlabels = [1000]", "motion.fleet.plane.labels: .*2 numbers"),
         ("[cpsat", "tuning file"),
     ],
 )

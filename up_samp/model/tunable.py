@@ -32,7 +32,8 @@ def tunable(
 ) -> Any:
     """Return a dataclass field: its default, unit, meaning, source and the values that make sense.
 
-    A whole default takes whole numbers only; a tuple takes as many numbers as one likes.
+    A whole default takes whole numbers only; a tuple takes as many numbers as one likes
+    (but see :func:`one_each`).
     """
     told = {"unit": unit, "what": what, "source": source, "least": least, "most": most}
     return dataclasses.field(default=default, metadata=told)
@@ -41,6 +42,19 @@ def tunable(
 def share_of(default: float, what: str, *, source: str = TRIED) -> Any:
     """Return the field of a share, from 0 to 1."""
     return tunable(default, "share", what, source=source, least=0.0, most=1.0)
+
+
+def effort_of(default: Any, what: str) -> Any:
+    """Return the field of what CP-SAT may do at most: work that it counts, not seconds."""
+    return tunable(default, "CP-SAT's deterministic time", what, least=0)
+
+
+def one_each(default: tuple[Any, ...], unit: str, what: str, *, least: float) -> Any:
+    """Return the field of numbers of which there is one for each of several things: as many as the
+    default has.
+    """
+    told = tunable(default, unit, what, least=least).metadata
+    return dataclasses.field(default=default, metadata={**told, "count": len(default)})
 
 
 @dataclass(frozen=True)
@@ -52,11 +66,6 @@ class Tunables:
             value = getattr(self, field.name)
             if not isinstance(value, Tunables):
                 _check(field, value)
-
-    def of_length(self, name: str, count: int) -> None:
-        """Raise :class:`ProblemError` unless a list of numbers has so many."""
-        if len(getattr(self, name)) != count:
-            raise ProblemError(f"'{name}' needs {count} numbers")
 
     @classmethod
     def read(cls: type[T], table: Mapping[str, Any], where: str = "") -> T:
@@ -110,6 +119,8 @@ def _check(field: dataclasses.Field[Any], value: object) -> None:
     several = isinstance(default, tuple)
     if several and (not isinstance(value, tuple) or not value):
         raise ProblemError(f"'{field.name}' must be a list of numbers, not {short(value)}")
+    if several and told.get("count") not in (None, len(cast(tuple[object, ...], value))):
+        raise ProblemError(f"'{field.name}' needs {told['count']} numbers")
     first = default[0] if several else default
     for number in cast(tuple[object, ...], value) if several else (value,):
         whole = isinstance(first, int)

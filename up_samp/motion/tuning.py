@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from up_samp.model.tunable import Tunables, share_of, tunable
+from up_samp.model.tunable import Tunables, one_each, share_of, tunable
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class LegsTuning(Tunables):
 class LadderTuning(Tunables):
     """Who goes first, with more and more effort (``motion/fleet/priority_search.py``)."""
 
-    nodes: tuple[int, ...] = tunable(
+    nodes: tuple[int, ...] = one_each(
         (60, 8, 6, 12),
         "nodes",
         "of the priority search on each rung: speeds, detours, the plane, longer",
@@ -60,19 +60,15 @@ class LadderTuning(Tunables):
         4, "rounds", "of paths around, and lanes beside, what the last path met", least=0
     )
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.of_length("nodes", 4)
-
 
 @dataclass(frozen=True)
 class PlaneTuning(Tunables):
     """One robot among moving ones, in the plane and time (``motion/fleet/sipp.py``)."""
 
-    labels: tuple[int, ...] = tunable(
+    labels: tuple[int, ...] = one_each(
         (60_000, 200_000), "labels", "kept for each resolution, coarse and fine", least=1000
     )
-    expansions: tuple[int, ...] = tunable(
+    expansions: tuple[int, ...] = one_each(
         (6_000, 12_000), "expansions", "for each resolution", least=1
     )
     extra: int = tunable(600, "expansions", "after the first solution", least=0)
@@ -80,11 +76,6 @@ class PlaneTuning(Tunables):
     vertices: int = tunable(6_000, "vertices", "of each tree of ST-RRT*", least=2)
     batch: int = tunable(1_500, "samples", "of ST-RRT* for one range of arrivals", least=1)
     batches: int = tunable(6, "ranges", "of arrivals, each twice the one before", least=1)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.of_length("labels", 2)
-        self.of_length("expansions", 2)
 
 
 @dataclass(frozen=True)

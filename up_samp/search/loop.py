@@ -10,7 +10,7 @@ from collections.abc import Generator
 from dataclasses import replace
 
 from up_samp.model import CandidateSchedule, ScheduleReport, ScheduleStatus
-from up_samp.model.refinement import Refinement
+from up_samp.model.refinement import Refinement, Strength
 from up_samp.search.bounds import Incumbent
 from up_samp.search.check import Check
 from up_samp.search.conclusion import (
@@ -81,7 +81,7 @@ def begin_from(search: Search, start: CandidateSchedule) -> Incumbent | None:
             return None
         itinerary = read_itinerary(search.knowledge.relaxation, shaped(search, schedule))
         check = check_motions(search, itinerary)
-        learned = search.learn(check.refinements)
+        learned = search.learn(check.refinements) if search.components.learns else 0
         found = adopt_or_repair(search, itinerary, check)
         refused = learn_from_refusal(search, found)
         better = None if refused else keep_if_better(search, found)
@@ -99,7 +99,8 @@ def state_durations_of(search: Search, start: CandidateSchedule) -> None:
         for motion in motions_of(search.knowledge.relaxation, start):
             if search.budget.deadline.expired():
                 return
-            search.learn(cuts.unobstructed(motions, search.knowledge, motion))
+            told = cuts.unobstructed(motions, search.knowledge, motion)
+            search.learn(r for r in told if r.strength is not Strength.HEURISTIC)
 
 
 def state_what_is_known(search: Search) -> None:

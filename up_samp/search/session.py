@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -12,12 +12,8 @@ from unified_planning.plans import Plan, Schedule
 
 from up_samp.geometry import OccupancyGrid, lay_out
 from up_samp.model import (
-    Body,
     CandidateSchedule,
-    Configuration,
     Deadline,
-    PathReport,
-    Placed,
     ProblemError,
     Refusal,
     Trajectory,
@@ -37,7 +33,7 @@ from up_samp.search.knowledge import Knowledge
 from up_samp.search.loop import solve
 from up_samp.search.motions import Motions
 from up_samp.search.params import GROUP_PLANNERS, Parameters
-from up_samp.search.presets import components_of
+from up_samp.search.presets import components_of, motion_service_of
 from up_samp.search.progress import ProgressObserver
 from up_samp.search.proof import Prover
 from up_samp.search.restarts import Restarts
@@ -186,24 +182,13 @@ def state_of(history: History, bounds: Bounds, deadline: Deadline) -> State:
     )
 
 
-class WithoutProofs(MotionService):
-    """A motion service that tells nothing impossible before it has searched for it."""
-
-    def certificate(
-        self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]
-    ) -> PathReport | None:
-        """Return None: there is no proof."""
-        return None
-
-
 def open_service(
     snapshot: Snapshot, grid: OccupancyGrid | None, params: Parameters
 ) -> MotionService:
     """Return the motion service for a problem's map."""
     if grid is None and snapshot.tasks:
         raise ProblemError(f"problem '{snapshot.name}' has motions but no occupancy map")
-    kind = MotionService if params.certificates else WithoutProofs
-    return kind(
+    return motion_service_of(params)(
         grid,
         planner=params.path_planner,
         margin=params.margin,

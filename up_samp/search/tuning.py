@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from up_samp.model.tunable import Tunables, share_of, tunable
-
-EFFORT = "CP-SAT's deterministic time"
+from up_samp.model.tunable import Tunables, effort_of, share_of, tunable
 
 
 @dataclass(frozen=True)
@@ -124,7 +122,7 @@ class RepairTuning(Tunables):
     enough: int = tunable(
         10, "units", "a place that was left longer before is not what makes a motion late", least=0
     )
-    effort: float = tunable(0.4, EFFORT, "for one step: a few seconds at most", least=0)
+    effort: float = effort_of(0.4, "for one step: a few seconds at most")
 
 
 @dataclass(frozen=True)
@@ -132,7 +130,7 @@ class TurnsTuning(Tunables):
     """Motions one after another where there is no plan yet (``search/in_turn.py``)."""
 
     steps: int = tunable(12, "steps", "of scheduling anew and driving", least=0)
-    effort: float = tunable(0.3, EFFORT, "for one step: a few seconds at most", least=0)
+    effort: float = effort_of(0.3, "for one step: a few seconds at most")
     share: float = share_of(0.25, "of the remaining time, for one candidate")
 
 
@@ -146,7 +144,7 @@ class SlackTuning(Tunables):
         "more than scheduled that are worth having; each counts once for each motion",
         least=1,
     )
-    effort: float = tunable(0.06, EFFORT, "well below a second", least=0)
+    effort: float = effort_of(0.06, "well below a second")
 
 
 @dataclass(frozen=True)
@@ -154,12 +152,9 @@ class TidyTuning(Tunables):
     """Needless motions left out in the end (``search/tidy.py``)."""
 
     steps: int = tunable(8, "steps", "of leaving out and driving", least=0)
-    effort: float = tunable(0.2, EFFORT, "for one step: a few seconds at most", least=0)
-    lean: float = tunable(
-        2.0,
-        EFFORT,
-        "for another engine's candidate: some seconds; checking it takes longer",
-        least=0,
+    effort: float = effort_of(0.2, "for one step: a few seconds at most")
+    lean: float = effort_of(
+        2.0, "for another engine's candidate: some seconds; checking it takes longer"
     )
 
 
@@ -167,7 +162,7 @@ class TidyTuning(Tunables):
 class StartTuning(Tunables):
     """A search that begins from a plan (``search/start.py``)."""
 
-    effort: float = tunable(0.1, EFFORT, "for one schedule: about a second at most", least=0)
+    effort: float = effort_of(0.1, "for one schedule: about a second at most")
     rounds: int = tunable(
         5, "schedules", "that are tried, each with what was learned from those before", least=0
     )

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from up_samp.model.tunable import Tunables, share_of, tunable
-
-EFFORT = "CP-SAT's deterministic time"
+from up_samp.model.tunable import Tunables, effort_of, share_of, tunable
 
 
 @dataclass(frozen=True)
@@ -23,44 +21,33 @@ class StagesTuning(Tunables):
         "not cost large models their time",
         least=0,
     )
-    without_presolve: float = tunable(
-        0.005, EFFORT, "for a tiny problem: presolve costs more than the search", least=0
+    without_presolve: float = effort_of(
+        0.005, "for a tiny problem: presolve costs more than the search"
     )
-    without_inprocessing: float = tunable(
+    without_inprocessing: float = effort_of(
         0.02,
-        EFFORT,
         "for a tiny problem with a schedule near the bound in hand: half of so short a proof is "
         "inprocessing",
-        least=0,
     )
-    one_presolve_pass: float = tunable(
-        0.3, EFFORT, "for a proof from a schedule near the bound in hand", least=0
+    one_presolve_pass: float = effort_of(0.3, "for a proof from a schedule near the bound in hand")
+    two_searches: float = effort_of(4.0, "for two full searches of a small problem")
+    one_thread: tuple[float, ...] = effort_of(
+        (0.1, 0.4, 2.0), "the same with one thread, one attempt after the other"
     )
-    two_searches: float = tunable(4.0, EFFORT, "for two full searches of a small problem", least=0)
-    one_thread: tuple[float, ...] = tunable(
-        (0.1, 0.4, 2.0), EFFORT, "the same with one thread, one attempt after the other", least=0
+    relaxed_proof: float = effort_of(
+        20.0, "for the routing relaxation, where the optimum is asked for"
     )
-    relaxed_proof: float = tunable(
-        20.0, EFFORT, "for the routing relaxation, where the optimum is asked for", least=0
-    )
-    relaxed_content: float = tunable(
-        0.4, EFFORT, "for the routing relaxation, where it is not", least=0
-    )
-    content: float = tunable(
-        1.0, EFFORT, "for the whole problem, where no optimum is asked for", least=0
-    )
-    first_dive: float = tunable(0.5, EFFORT, "for the first dive under a loose cap", least=0)
-    first: float = tunable(
-        1.0,
-        EFFORT,
-        "for a first schedule under the tightest cap; more under each looser one",
-        least=0,
+    relaxed_content: float = effort_of(0.4, "for the routing relaxation, where it is not")
+    content: float = effort_of(1.0, "for the whole problem, where no optimum is asked for")
+    first_dive: float = effort_of(0.5, "for the first dive under a loose cap")
+    first: float = effort_of(
+        1.0, "for a first schedule under the tightest cap; more under each looser one"
     )
     first_growth: float = tunable(
         1.6, "factor", "how the effort for a first schedule grows with each looser cap", least=1
     )
-    realize: float = tunable(
-        1.0, EFFORT, "for a schedule of the whole from one of its relaxation, at each cap", least=0
+    realize: float = effort_of(
+        1.0, "for a schedule of the whole from one of its relaxation, at each cap"
     )
     realize_caps: tuple[float, ...] = tunable(
         (1.0, 1.1, 1.3, 1.7),
