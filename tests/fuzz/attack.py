@@ -8,7 +8,8 @@ import os
 import tempfile
 import time
 from collections import Counter
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from unittest import mock
 
@@ -18,7 +19,8 @@ from unified_planning.engines.mixins.oneshot_planner import OptimalityGuarantee
 from unified_planning.shortcuts import OneshotPlanner, get_environment
 
 from tests.faults.watch import Watch
-from tests.fuzz.problems import SECONDS, Case, build, limited
+from tests.fuzz.cases import Case, Style, limited
+from tests.fuzz.problems import SECONDS, build
 from up_samp.cli import commands, main
 from up_samp.io import result_to_dict, write_plan
 from up_samp.model import SampError
@@ -28,6 +30,23 @@ get_environment().credits_stream = None
 PROVEN = (Status.SOLVED_OPTIMALLY, Status.UNSOLVABLE_PROVEN)
 SLACK = 2.0
 """Seconds that a run may take beyond its limit, waiting for a processor not counted."""
+
+
+@dataclass(frozen=True)
+class Attacker:
+    """Who is asked for a plan that a proof rules out: an engine with parameters, a ``style`` that
+    says the same otherwise (None: the case's own), and seconds (None: as many as the proof had).
+    """
+
+    engine: str
+    params: Mapping[str, object]
+    style: Style | None = None
+    timeout: float | None = None
+
+    def told(self) -> str:
+        """Its name in tables."""
+        said = ", ".join(f"{k}={v}" for k, v in self.params.items())
+        return f"{self.engine}({said})" + ", another style" * (self.style is not None)
 
 
 @dataclass
@@ -56,7 +75,7 @@ class Findings:
 def attack(
     case: Case, folder: Path, *, engine="cpsat", timeout=10.0, attackers=None, preset="default"
 ) -> Findings:
-    """Solve ``case`` and attack the answer with each of the ``attackers`` (engine, parameters)."""
+    """Solve ``case`` and attack the answer with each of the ``attackers``."""
     found = Findings(case.seed, engine, preset=preset)
     before = _state()
     result = _solve(case, folder, engine, timeout, found, optimal=True, preset=preset)
@@ -73,10 +92,10 @@ def attack(
 
 
 ATTACKERS = (
-    ("cpsat", {"query_seconds": 4.0}),
-    ("cpsat", {"bounds_first": False, "certificates": False}),
-    ("aries", {}),
-    ("cpsat", {"seed": 7, "query_seconds": 4.0}),
+    Attacker("cpsat", {"query_seconds": 4.0}),
+    Attacker("cpsat", {"bounds_first": False, "certificates": False}),
+    Attacker("aries", {}),
+    Attacker("cpsat", {"seed": 7, "query_seconds": 4.0}),
 )
 """Other engines, knowledge and seeds, each asked for any plan at all that the proof rules out.
 
@@ -151,15 +170,17 @@ def _refute(case, folder, result, found, timeout, attackers) -> None:
     harder = case
     if result.status is Status.SOLVED_OPTIMALLY:
         harder = limited(case, found.makespan - 1)
-    for engine, params in attackers:
+    for one in attackers:
         found.attacks += 1
-        other = _solve(harder, folder, engine, timeout, found, optimal=False, **params)
+        said = replace(harder, style=one.style) if one.style else harder
+        limit = one.timeout or timeout
+        other = _solve(said, folder, one.engine, limit, found, optimal=False, **one.params)
         if other is None or other.plan is None:
             continue
-        if _is_valid(harder, folder, other, found):
+        if _is_valid(said, folder, other, found):
             claim = f"{result.status.name} {found.makespan} ({found.kind})"
-            beaten = f"{claim}: {engine} {params} has {other.metrics['makespan']}"
-            relative = found.kind == "relative" and "seed" in params
+            beaten = f"{claim}: {one} has {other.metrics['makespan']}"
+            relative = found.kind == "relative" and "seed" in one.params
             (found.faster if relative else found.wrong).append(beaten)
 
 

@@ -2,14 +2,22 @@
 behind. ``benchmarks/reliability/fuzz.py`` runs thousands of them.
 """
 
+import random
+import sys
 import tempfile
+import time
 from dataclasses import replace
 
 import pytest
 
+from tests.fuzz import herd
 from tests.fuzz.attack import ATTACKERS, attack
-from tests.fuzz.problems import BODIES, SECONDS, build, random_case
+from tests.fuzz.bodies import BODIES
+from tests.fuzz.problems import SECONDS, build, random_case
+from tests.fuzz.rows import related
+from tests.fuzz.small import small_case
 from tests.fuzz.wide import MESHES, wide_case
+from up_samp.model.snapshot import MotionTask
 from up_samp.upio import read_problem
 
 WIDE = (1, 2, 3)
@@ -90,3 +98,50 @@ def test_ompl_refuses_bodies_that_turn_on_the_spot_by_name(tmp_path):
     found = attack(case, tmp_path, attackers=(), preset="paper")
     assert "'RRT' is OMPL's" in found.refused
     assert "turn on the spot" in found.refused
+
+
+def test_small_problems_have_loads_of_all_sorts(tmp_path):
+    cases = [small_case(seed) for seed in range(400)]
+    assert {len(c.robots) for c in cases} == {1, 2, 3}
+    loads = [(c, load) for c in cases for load in c.loads]
+    assert {load.side for _, load in loads} == {"ahead", "left", "on"}
+    assert any(len({name for name, _ in load.carried}) > 1 for _, load in loads)
+    assert any(load.turned for _, load in loads)
+    rides = set()
+    for case, load in loads[:40]:
+        tasks = read_problem(build(case, tmp_path), SECONDS).tasks
+        found = [t for t in tasks if isinstance(t, MotionTask) and t.rides]
+        assert bool(found) or load.turned, case.seed
+        rides.add(len(found))
+    assert max(rides) > 1
+
+
+def test_proofs_are_attacked_in_other_styles():
+    case = small_case(0)
+    styles = {related(random.Random(k), case) for k in range(40)}
+    assert len(styles) > 5
+    assert all(s.choice == case.style.choice for s in styles)
+
+
+CRASHES = """
+import json, os, sys, time
+for seed in map(int, sys.stdin.read().split()):
+    print(seed, flush=True)
+    if seed == 3:
+        os.abort()
+    if seed == 5:
+        time.sleep(60.0)
+    with open(sys.argv[1], "a") as stream:
+        stream.write(json.dumps({"seed": seed, "wrong": []}) + "\\n")
+"""
+
+
+def test_a_problem_that_kills_or_hangs_its_process_costs_itself_only(tmp_path, monkeypatch):
+    monkeypatch.setattr(herd, "PATIENCE", 4.0)
+    out = tmp_path / "rows.jsonl"
+    herd.watch([sys.executable, "-c", CRASHES, str(out)], range(8), out, time.monotonic() + 60)
+    rows = {r["seed"]: r["wrong"] for r in herd.read_rows(out)}
+    assert sorted(rows) == list(range(8))
+    assert "exit code -6" in rows[3][0]
+    assert "hung" in rows[5][0]
+    assert not any(rows[k] for k in (0, 1, 2, 4, 6, 7))

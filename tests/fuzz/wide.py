@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from tests.fuzz.cases import Case, Load, Robot, Style
 from tests.fuzz.floors import FLOORS, RESOLUTION, Floor, Pose, _places, block, walled
-from tests.fuzz.problems import Case, Robot, Style
 
 MESHES = all(importlib.util.find_spec(name) for name in ("coal", "trimesh"))
 """Whether there are packages for bodies that fly."""
@@ -131,7 +131,7 @@ def wide_case(seed: int, maps: tuple[str, ...] = ()) -> Case:
         door = rng.choice((None, "open", "once", "once", "once", "shut", "twice", "closing"))
     limit = rng.choice((None,) * 6 + (4, 8, 12, 25))
     loads = tuple(
-        r.name
+        Load(f"load_{r.name}", ((r.name, 0),), r.shape)
         for r in robots
         if not flying
         and style.obstacles != "dict"
