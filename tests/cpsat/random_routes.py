@@ -109,9 +109,13 @@ class RandomRoutes:
             self._openings(own)
         if own.random() < 0.4:
             self._from_anywhere(own)
+        self._more(seed)
         for t in self.travellers:
             self._one_at_a_time(self.busy[t])
         self.p.add_quality_metric(MinimizeMakespan())
+
+    def _more(self, seed):
+        """Add what other kinds of these problems have."""
 
     def chance(self, probability):
         return self.r.random() < probability

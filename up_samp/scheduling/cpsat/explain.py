@@ -46,7 +46,8 @@ def name_of(model: ScheduleModel, key: Key) -> str:
 
 def _route(model: ScheduleModel, route: Route) -> str:
     doors = len({e.state for entries in route.entries.values() for e in entries})
-    parts = [f"{len(route.moves)} moves", f"{len(route.stops)} stops"]
+    names = {move.name for move in route.moves} - route.odd.keys()
+    parts = [f"{len(names)} moves", f"{len(route.stops)} stops"]
     if route.visits:
         parts.append(f"{len(route.visits)} places to come to")
     if doors:
@@ -104,11 +105,17 @@ def _left(model: ScheduleModel, routes: list[Route]) -> list[str]:
     whole = {route.key for route in routes}
     stops = {name for route in routes for name, _ in route.stops}
     moves = {name for route in routes for name in route.movers}
+    found += [
+        f"beside route {name_of(model, route.key)}: {name} {why}"
+        for route in routes
+        for name, why in sorted(route.odd.items())
+    ]
+    odd = {name for route in routes for name in route.odd}
     if whole:
         others = [
             name
             for name, activity in model.world.activities.items()
-            if name not in stops | moves and not model.store.never(activity.present)
+            if name not in stops | moves | odd and not model.store.never(activity.present)
         ]
         if others:
             found.append(f"{len(others)} activities are on no route ({others[0]} and others)")

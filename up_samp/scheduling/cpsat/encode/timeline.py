@@ -11,8 +11,10 @@ timeline planners (Bit-Monnot, ECAI 2023). Two encodings of the order of the wri
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from up_samp.scheduling.cpsat.encode.states import States
 from up_samp.scheduling.cpsat.encode.statevars import Read, StateVar, Write
@@ -52,6 +54,8 @@ class Timeline:
     until: list[Lin] = field(default_factory=list)
     arcs: dict[tuple[int, int], Literal] = field(default_factory=dict)
     linked: dict[int, Link] = field(default_factory=dict)
+    chained: dict[int, int] = field(default_factory=dict)
+    """Write -> the one of the same activity right before it."""
     _separate: bool | None = None
 
     @property
@@ -69,6 +73,7 @@ class Timeline:
             self._circuit()
         else:
             self.linked = {}
+            self.chained = {}
             self._reigns()
         links = {link.read.owner: link for link in self.linked.values()}
         for read in self.state.reads:
@@ -102,23 +107,46 @@ class Timeline:
 
     def _find_links(self) -> None:
         """Find the writes whose activity reads the variable right before, so that the supporter
-        of that read is the previous write.
+        of that read is the previous write; and those that follow another one of their own
+        activity, so that nothing of others comes between.
         """
-        counts: dict[int | None, int] = {}
-        for write in self.state.writes:
-            counts[write.owner] = counts.get(write.owner, 0) + 1
+        by_owner: dict[int, list[int]] = {}
+        for i, write in enumerate(self.state.writes):
+            if write.owner is not None:
+                by_owner.setdefault(write.owner, []).append(i)
         reads: dict[int, list[Read]] = {}
         for read in self.state.reads:
             if read.owner is not None and read.allowed is not None:
                 reads.setdefault(read.owner, []).append(read)
-        for i, write in enumerate(self.state.writes):
-            if write.owner is None or counts[write.owner] > 1:
+        for owner, numbers in by_owner.items():
+            order = self._one_by_one(numbers)
+            if order is None:
                 continue
-            for read in reads.get(write.owner, ()):
+            self.chained.update((then, first) for first, then in itertools.pairwise(order))
+            i, write = order[0], self.state.writes[order[0]]
+            for read in reads.get(owner, ()):
                 if read.active == write.active and self._adjacent(write, read):
                     old = self.linked.get(i)
                     if old is None or self._earlier(read, old.read):
                         self.linked[i] = Link(write, read)
+
+    def _one_by_one(self, numbers: list[int]) -> list[int] | None:
+        """Return the order of an activity's writes, if nothing of others comes between them."""
+        if len(numbers) == 1:
+            return numbers
+        writes = self.state.writes
+        if len({writes[i].active for i in numbers}) > 1 or not self._never_overlap():
+            return None
+        order = sorted(
+            numbers,
+            key=lambda i: sum(
+                self.states.difference(writes[i].time, writes[j].time)[0] > 0 for j in numbers
+            ),
+        )
+        times = [writes[i].time for i in order]
+        if any(self.states.difference(b, a)[0] < 1 for a, b in itertools.pairwise(times)):
+            return None
+        return order
 
     def _adjacent(self, write: Write, read: Read) -> bool:
         """Return whether no other write can lie between ``read`` and its own ``write``."""
@@ -134,6 +162,8 @@ class Timeline:
 
     def _implied(self, read: Read, link: Link) -> bool:
         """Return whether ``read`` asks no more than the read of ``link`` does."""
+        if read is link.read:
+            return True  # the arcs say it
         return (
             read.value is None
             and read.allowed is not None
@@ -148,6 +178,9 @@ class Timeline:
         owner = write.owner
         if owner is None or not self._within(owner, read.lo):
             return False
+        return self._never_overlap()
+
+    def _never_overlap(self) -> bool:
         if self._separate is None:
             self._separate = self._writers_never_overlap()
         return self._separate
@@ -169,21 +202,22 @@ class Timeline:
 
     def _possible(self, before: int, after: int) -> bool:
         """Return whether write ``after`` may directly follow ``before`` (-1: the initial value)."""
+        if after in self.chained or before in self._followed:
+            return self.chained.get(after, -1) == before >= 0
         allowed = self._allowed(after)
         if allowed is None:
             return True
         if before < 0:
             return self.state.initial is not None and self.state.initial in allowed
         value = self.state.writes[before].value
-        return bool(value.terms) or value.const in allowed
+        low, high = self.store.range(value)
+        return any(low <= v <= high for v in allowed) if value.terms else value.const in allowed
 
     def _wants_circuit(self) -> bool:
         writes = self.state.writes
-        if 3 * len(self.linked) < len(writes) or len(writes) < 2:
+        if 3 * len(self.linked) < len(writes) - len(self.chained) or len(writes) < 2:
             return False
         if any(w.owner is None for w in writes):
-            return False
-        if any(w.value.terms for w in writes):
             return False
         arcs = sum(
             self._possible(i, j)
@@ -212,6 +246,11 @@ class Timeline:
         store.model.add_circuit(arcs)
         self.last = last
 
+    @cached_property
+    def _followed(self) -> frozenset[int]:
+        """Writes that are followed by another one of the same activity."""
+        return frozenset(self.chained.values())
+
     def _orderable(self, i: int, j: int) -> bool:
         if i < 0:
             return True
@@ -219,12 +258,25 @@ class Timeline:
         return a.owner != b.owner or self.states.difference(b.time, a.time)[1] > 0
 
     def _follow(self, i: int, j: int, literal: Literal) -> None:
+        """State what follows when write ``j`` comes right after ``i`` (-1: the initial value)."""
         store, write = self.store, self.state.writes[j]
         store.enforce(self.until[i].le(write.time), (literal,))
         link = self.linked.get(j)
         earliest = write.time if link is None else link.read.lo
         if i >= 0:
             store.enforce(self.state.writes[i].time.shift(1).le(earliest), (literal,))
+        if link is not None:
+            value = constant(self.state.initial or 0) if i < 0 else self.state.writes[i].value
+            self._supports(value, link.read, literal)
+
+    def _supports(self, value: Lin, read: Read, literal: Literal) -> None:
+        """State that a read finds a ``value``, which may be among those that it allows."""
+        if read.value is not None:
+            self.store.enforce(compare(read.value.plus(value, -1), "=="), (literal,))
+        elif value.terms and read.allowed is not None:
+            var = self.states._plain(value)
+            some = [self.store.is_value(var, v) for v in sorted(read.allowed)]
+            self.store.clause([~literal, *some])
 
     # -- reads ---------------------------------------------------------------------------------
     def add_read(self, read: Read) -> None:
@@ -268,11 +320,7 @@ class Timeline:
         literal = store.boolean()
         store.clause([~literal, write.active])
         store.enforce(write.time.shift(1).le(read.lo), (literal,))
-        if read.value is not None:
-            store.enforce(compare(read.value.plus(write.value, -1), "=="), (literal,))
-        elif write.value.terms and read.allowed is not None:
-            var = self.states._plain(write.value)
-            store.clause([~literal, *(store.is_value(var, v) for v in sorted(read.allowed))])
+        self._supports(write.value, read, literal)
         return literal
 
     def _margin(self, read: Read) -> Lin:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from unified_planning.model import DurationInterval
 from unified_planning.model.scheduling import Activity
 
 from up_samp.model import UnsupportedError
@@ -39,6 +40,8 @@ class Variables:
         self.states = states
         self.horizon = horizon
         self.parameters: dict[str, tuple[int, Any, str | None]] = {}
+        self.told: dict[str, DurationInterval] = {}
+        """Durations that are no numbers, by activity."""
         self._presences = presences
         self._leaders = leaders
         self._decisions: dict[str, Literal] = {}
@@ -107,6 +110,7 @@ class Variables:
             total = made.start.plus(made.size).plus(made.end, -1)
             store.enforce(compare(total._replace(needs=()), "=="), (made.present,))
             if None in constant_bounds(activity.duration) and not vague:
+                self.told[activity.name] = activity.duration
                 self._duration_terms(activity, made)
         store.enforce(made.end.le(Lin(((self.world.makespan, 1),))))
 

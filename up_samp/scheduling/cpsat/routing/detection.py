@@ -4,14 +4,18 @@ need (work at places), all one at a time.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from up_samp.scheduling.cpsat.encode.statevars import Key, Read, StateVar
-from up_samp.scheduling.cpsat.encode.store import TRUE, Cmp, Form, Literal
+from up_samp.scheduling.cpsat.encode.store import TRUE
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
-from up_samp.scheduling.cpsat.encode.timeline import Link, Timeline
+from up_samp.scheduling.cpsat.encode.timeline import Timeline
+from up_samp.scheduling.cpsat.routing.changes import Change, changes_of
 from up_samp.scheduling.cpsat.routing.entrances import find_entries, find_still
-from up_samp.scheduling.cpsat.routing.route import Move, Route
+from up_samp.scheduling.cpsat.routing.lengths import Lengths
+from up_samp.scheduling.cpsat.routing.route import INFINITE, Move, Route
 
 if TYPE_CHECKING:
     from up_samp.scheduling.cpsat.model import ScheduleModel
@@ -19,21 +23,61 @@ if TYPE_CHECKING:
 
 def find_routes(model: ScheduleModel) -> list[Route]:
     """Return the routes of a model that can be collapsed together."""
-    routes = []
     cliques = model.disjunctions.sets()
-    for timeline in model.timelines.values():
-        if isinstance(timeline, Timeline) and refusal(model, timeline, cliques) is None:
-            routes.append(_route(model, timeline, cliques))
-    # what happens at a place on one route stays: it cannot be a move of another that is collapsed
-    stops = {name for route in routes for name, _ in route.stops}
-    routes = [r for r in routes if not any(move.name in stops for move in r.moves)]
+    places = [
+        place
+        for timeline in model.timelines.values()
+        if isinstance(timeline, Timeline)
+        and isinstance(place := _place(model, timeline, cliques), Place)
+    ]
+    lengths = Lengths(model, {v for p in places for c in p.changes for v in (c.origin, c.target)
+                              if v is not None})  # fmt: skip
+    routes = _together([_route(model, place, lengths) for place in places])
     for route in routes:
         route.measure()
     return routes
 
 
+def _together(routes: list[Route]) -> list[Route]:
+    """Return the routes that can be collapsed together, those with the most moves first.
+
+    What happens at a place on one route stays: it cannot be a move of another that is collapsed.
+    (A door's opening is a move of the door, and who goes through stops there.)
+    """
+    stops, movers, kept = set[str](), set[str](), set[Key]()
+    for route in sorted(routes, key=lambda r: -len(r.moves)):
+        mine = {name for name, _ in route.stops}
+        if not route.movers & stops and not mine & movers:
+            stops |= mine
+            movers |= route.movers
+            kept.add(route.key)
+    return [route for route in routes if route.key in kept]
+
+
 Cliques = list[tuple[int, set[int]]]
 """Sets of activities that are done one at a time, each with its gap."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """A state variable that tells where a traveller is: ``members`` (indices) are done one at a
+    time with ``gap`` between them, and so are most of ``changes``.
+    """
+
+    state: StateVar
+    gap: int
+    members: frozenset[int]
+    changes: list[Change]
+
+    @property
+    def free(self) -> frozenset[int]:
+        """Where something may put the traveller at any time."""
+        return frozenset[int]().union(*(c.targets for c in self.changes if c.free))
+
+    @property
+    def owners(self) -> frozenset[int]:
+        """Who changes it, of those that are there."""
+        return frozenset(c.activity.index for c in self.changes if c.activity is not None)
 
 
 def refusals(model: ScheduleModel, routes: list[Route]) -> dict[Key, str]:
@@ -46,33 +90,39 @@ def refusals(model: ScheduleModel, routes: list[Route]) -> dict[Key, str]:
         state = timeline.state
         owners = {w.owner for w in state.writes} - {None}
         if len(state.values or ()) > 2 and len(owners) > 2:
-            why = refusal(model, timeline, cliques)
-            found[key] = why or "what happens at its places moves somebody else"
+            place = _place(model, timeline, cliques)
+            what = "what happens at its places, or its moves, are moves or stops of another"
+            found[key] = place if isinstance(place, str) else what
     return found
 
 
-def refusal(model: ScheduleModel, timeline: Timeline, cliques: Cliques) -> str | None:
-    """Return why a state variable is no traveller's place (``None``: it is)."""
+def _place(model: ScheduleModel, timeline: Timeline, cliques: Cliques) -> Place | str:
+    """Return a state variable as a traveller's place, or why it is none."""
     state = timeline.state
     if state.initial is None:
         return "it has no initial value"
-    if not state.writes:
+    owners = {w.owner for w in state.writes if _happens(model, w.owner)}
+    if not owners:
         return "nothing changes it"
-    owners = {w.owner for w in state.writes}
-    readers = {r.owner for r in state.reads if r.allowed is not None}
-    for owner in sorted(owners - readers, key=str):
-        return f"{_name(model, owner)} changes it wherever it was"
-    clique = _clique(owners, cliques)
-    if clique is None:
+    gap, members = max(
+        cliques, key=lambda c: (len(owners & c[1]), len(c[1])), default=(0, set[int]())
+    )
+    if 2 * len(owners & members) < len(owners):
         return "nothing keeps all that changes it one at a time"
-    for i, write in enumerate(state.writes):
-        link = timeline.linked.get(i)
-        if link is None or not _plain(model, link):
-            name = _name(model, write.owner)
-            return f"{name} does not lead from a place at its start to one place in the end"
-    if not _stops(model, state, clique[1] - {o for o in owners if o is not None})[0]:
+    changes = changes_of(model, timeline, members)
+    place = Place(state, gap, frozenset(members), changes)
+    free = [c for c in changes if c.free]
+    if 2 * len(free) > len(changes) or all(c.odd and len(c.targets) > 1 for c in changes):
+        name = next(name_of(c) for c in changes if c.odd)
+        return f"{name} does not lead from a place at its start to one place in the end"
+    if not _stops(model, place)[0]:
         return "nothing that is kept apart from its moves happens at its places"
-    return None
+    return place
+
+
+def name_of(change: Change) -> str:
+    """Return who makes a change."""
+    return "the problem itself" if change.activity is None else change.activity.name
 
 
 def _name(model: ScheduleModel, owner: int | None) -> str:
@@ -84,124 +134,76 @@ def _happens(model: ScheduleModel, owner: int | None) -> bool:
     return owner is None or not model.store.never(model.states.activity(owner).present)
 
 
-def _clique(owners: set[int | None], cliques: Cliques) -> tuple[int, set[int]] | None:
-    fitting = (c for c in cliques if owners <= c[1])
-    return max(fitting, key=lambda c: len(c[1]), default=None)
-
-
-def _route(model: ScheduleModel, timeline: Timeline, cliques: Cliques) -> Route:
-    """Return the route of a state variable that :func:`refusal` has nothing against."""
-    state = timeline.state
-    links = list(timeline.linked.values())
-    owners = {w.owner for w in state.writes}
-    gap, members = _clique(owners, cliques) or (0, set())
-    lasting = _lasting(model)
-    possible = [link for link in links if _happens(model, link.write.owner)]
-    moves = [move for link in possible for move in _moves(model, link, lasting)]
-    never = frozenset(_name(model, o) for o in owners if not _happens(model, o))
-    stops, late = _stops(model, state, members - {o for o in owners if o is not None})
-    lag = 1 + min(_delay(model, link) for link in links)
-    final = _final(model, state)
+def _route(model: ScheduleModel, place: Place, lengths: Lengths) -> Route:
+    """Return the route of a traveller."""
+    state = place.state
+    bound = [c for c in place.changes if not c.free]
+    moves = [move for change in bound for move in _moves(change, lengths)]
+    never = frozenset(_name(model, w.owner) for w in state.writes if not _happens(model, w.owner))
+    stops, late = _stops(model, place)
     route = Route(
-        state.key, gap, state.initial or 0, final, moves, stops, late, never=never, lag=lag
+        state.key,
+        place.gap,
+        state.initial or 0,
+        _final(model, state),
+        moves,
+        stops,
+        late,
+        odd={name_of(c): c.odd for c in place.changes if c.odd},
+        free=place.free,
+        never=never,
+        lag=1 + min(c.delay for c in bound),
     )
     _find_returns(model, route)
     _find_visits(model, route)
-    find_entries(model, route, possible)
-    route.still = find_still(model, state, possible)
+    find_entries(model, route, bound)
+    route.still = {} if place.free else find_still(model, state, place.owners)
     return route
 
 
-Lasting = dict[tuple[Literal, int, int], int]
-"""(presence, variable, value) -> how long an activity lasts at least with that value."""
-
-
-def _lasting(model: ScheduleModel) -> Lasting:
-    """Return what is stated about durations for single values of variables: as a clause of "it is
-    absent", "it lasts so long" and "the variable has another value".
-    """
-    by_times = {
-        ((a.start.terms[0][0], 1), (a.end.terms[0][0], -1)): a
-        for a in model.world.activities.values()
-        if a.size.terms
-    }
-    found: Lasting = {}
-    for form in model.stated:
-        if form.__class__ is not tuple or form[0] != "|" or len(form) != 4:
-            continue
-        absent = [x for x in form[1:] if x.__class__ is int]
-        others = [x for x in form[1:] if x.__class__ is Cmp and x.op == "!="]
-        longer = [y for x in form[1:] for y in _times(x)]
-        if (len(absent), len(others), len(longer)) != (1, 1, 1):
-            continue
-        activity = by_times.get(tuple(sorted(longer[0].terms, key=lambda t: -t[1])))  # type: ignore[arg-type]
-        chosen = others[0].terms
-        if activity is None or activity.present != ~absent[0] or len(chosen) != 1:
-            continue
-        (variable, factor), shift = chosen[0], others[0].const
-        if factor == 1 and longer[0].const > 0:
-            key = (activity.present, variable, -shift)
-            found[key] = max(longer[0].const, found.get(key, 0))
-    return found
-
-
-def _times(form: Form) -> list[Cmp]:
-    """Return the comparison of times in a part of a clause, with the presence that it needs."""
-    parts = form[1:] if form.__class__ is tuple and form[0] == "&" else (form,)
-    return [p for p in parts if p.__class__ is Cmp and p.op == "<=" and len(p.terms) == 2]
-
-
-def _moves(model: ScheduleModel, link: Link, lasting: Lasting) -> list[Move]:
-    """Return a transition as a move, or as one for each origin where a variable tells it: they
+def _moves(change: Change, lengths: Lengths) -> Iterator[Move]:
+    """Yield a change as a move, or as one for each origin and goal where variables tell them: they
     have one name, and happen once together.
     """
-    activity = model.states.activity(link.write.owner or 0)
-    origins, to = link.read.allowed or frozenset(), link.write.value.const
-    if link.read.value is None:
-        return [Move(activity.name, origins, to, activity.least)]
-    terms = link.read.value.terms
-    variable = terms[0][0] if terms == ((terms[0][0], 1),) and not link.read.value.const else -1
-    return [
-        Move(
-            activity.name,
-            frozenset((origin,)),
-            to,
-            max(activity.least, lasting.get((activity.present, variable, origin), 0)),
-        )
-        for origin in sorted(origins)
-    ]
-
-
-def _plain(model: ScheduleModel, link: Link) -> bool:
-    """Return whether a transition needs its origin from its start and arrives in the end."""
-    activity = model.states.activity(link.write.owner or 0)
-    starts = model.states.difference(link.read.lo, activity.start) == (0, 0)
-    low, high = model.states.difference(link.write.time, activity.end)
-    ends = low == high <= 0
-    return starts and ends and link.write.active == activity.present and not link.write.value.terms
-
-
-def _delay(model: ScheduleModel, link: Link) -> int:
-    """Return the time of a transition's effect, counted from its end (0 or less)."""
-    activity = model.states.activity(link.write.owner or 0)
-    return model.states.difference(link.write.time, activity.end)[0]
+    activity = change.activity
+    assert activity is not None
+    if change.origin is None and change.target is None:
+        for to in sorted(change.targets):
+            yield Move(activity.name, change.origins, to, activity.least)
+        return
+    for to in sorted(change.targets):
+        told = {} if change.target is None else {change.target: to}
+        if change.origin is None:
+            some = [(change.origins, told)]
+        else:
+            some = [(frozenset((a,)), {**told, change.origin: a}) for a in sorted(change.origins)]
+        for origins, values in some:
+            least = lengths.least(activity, values)
+            if least < INFINITE and origins != {to}:
+                yield Move(activity.name, origins, to, least)
 
 
 def _stops(
-    model: ScheduleModel, state: StateVar, members: set[int]
+    model: ScheduleModel, place: Place
 ) -> tuple[list[tuple[str, frozenset[int]]], frozenset[str]]:
     """Return the stops with their places, and which of them need these only after their start."""
     places: dict[int, frozenset[int]] = {}
     early = set()
-    for read in state.reads:
-        if read.owner in members and read.allowed is not None and _happens(model, read.owner):
+    for read in place.state.reads:
+        if read.owner is None or read.allowed is None or read.owner in place.owners:
+            continue
+        if read.owner in place.members and _happens(model, read.owner):
             activity = model.states.activity(read.owner)
             if read.active == activity.present and _inside(model, activity, read):
-                places[read.owner] = places.get(read.owner, read.allowed) & read.allowed
+                known = places.get(read.owner, read.allowed)
+                # who may be put elsewhere meanwhile need not be at both
+                both = known | read.allowed if place.free else known & read.allowed
+                places[read.owner] = both
                 if model.states.difference(read.lo, activity.start) == (0, 0):
                     early.add(read.owner)
     late = frozenset(model.states.activity(i).name for i in places.keys() - early)
-    return [(model.states.activity(i).name, p) for i, p in sorted(places.items())], late
+    # what needs two places at once never happens
+    return [(model.states.activity(i).name, p) for i, p in sorted(places.items()) if p], late
 
 
 def _inside(model: ScheduleModel, activity: ActivityVars, read: Read) -> bool:
@@ -219,22 +221,25 @@ def _final(model: ScheduleModel, state: StateVar) -> frozenset[int] | None:
 
 def _find_returns(model: ScheduleModel, route: Route) -> None:
     """Find what has to be followed by a move: stops, or every move to any other place."""
-    to = {move.name: move.to for move in route.moves}
+    to: dict[str, frozenset[int]] = {}
+    for move in route.moves:
+        to[move.name] = to.get(move.name, frozenset()) | {move.to}
     stops = {name for name, _ in route.stops}
     left: dict[frozenset[int], set[str]] = {}
     for follow_up in model.follow_ups:
         helpers = follow_up.helpers - route.never
-        if not helpers <= to.keys():
+        if not helpers <= to.keys() - route.odd.keys():
             continue
-        places = frozenset(to[h] for h in helpers)
+        places = frozenset[int]().union(*(to[h] for h in helpers))
         if follow_up.activity in stops:
             known = route.returns.get(follow_up.activity)
             route.returns[follow_up.activity] = places if known is None else known & places
         elif follow_up.activity in to:
             left.setdefault(places, set()).add(follow_up.activity)
     for places, movers in left.items():
-        whoever = {name for name, place in to.items() if place not in places}
-        if whoever <= movers and route.initial in places and route.final is None:
+        whoever = {name for name, some in to.items() if not some <= places}
+        fixed = route.initial in places and route.final is None and not route.free
+        if whoever <= movers and fixed:
             route.final = places
 
 
@@ -245,7 +250,10 @@ def _find_visits(model: ScheduleModel, route: Route) -> None:
     """
     if route.gap > 0:
         return
-    leading = {model.world.activities[m.name].present: m.to for m in route.moves}
+    leading: dict[int, set[int]] = {}
+    for move in route.moves:
+        if move.name not in route.odd:
+            leading.setdefault(model.world.activities[move.name].present, set()).add(move.to)
     clauses = [form[1:] if form.__class__ is tuple and form[0] == "|" else (form,)
                for form in model.stated]  # fmt: skip
     clauses += [*model.exact.values(), *((p,) for p in leading if p == TRUE)]
@@ -253,7 +261,7 @@ def _find_visits(model: ScheduleModel, route: Route) -> None:
     for every in clauses:
         clause = [x for x in every if x.__class__ is not int or not model.store.never(x)]
         if all(literal.__class__ is int and literal in leading for literal in clause):
-            places = {leading[literal] for literal in clause}
+            places = set().union(*(leading[literal] for literal in clause))
             visited |= places if len(places) == 1 else set()
     known = {next(iter(places)) for _, places in route.stops if len(places) == 1}
     for place in sorted(visited - known):

@@ -6,33 +6,38 @@ from typing import TYPE_CHECKING
 
 from up_samp.scheduling.cpsat.encode.statevars import Key, Read, StateVar
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
-from up_samp.scheduling.cpsat.encode.timeline import Link
+from up_samp.scheduling.cpsat.routing.changes import Change
 from up_samp.scheduling.cpsat.routing.route import Entry, Route, Still
 
 if TYPE_CHECKING:
     from up_samp.scheduling.cpsat.model import ScheduleModel
 
 
-def find_entries(model: ScheduleModel, route: Route, links: list[Link]) -> None:
-    """Find what every transition into a place needs of other state variables (open doors)."""
-    into: dict[int, list[ActivityVars]] = {}
-    for link in links:
-        activity = model.states.activity(link.write.owner or 0)
-        into.setdefault(link.write.value.const, []).append(activity)
-    movers = {link.write.owner for link in links}
+def find_entries(model: ScheduleModel, route: Route, changes: list[Change]) -> None:
+    """Find what every change into a place needs of other state variables (open doors).
+
+    :param changes: all that the traveller makes one at a time.
+    """
+    index = {name: activity.index for name, activity in model.world.activities.items()}
+    into: dict[int, dict[int, ActivityVars]] = {}
+    for move in route.moves:
+        into.setdefault(move.to, {})[index[move.name]] = model.world.activities[move.name]
+    movers = {change.activity.index for change in changes if change.activity is not None}
     needs: Needs = {}
     for other in model.states.vars.values():
         if any(write.owner in movers for write in other.writes):
             continue  # a move may provide what it needs itself
         for read in other.reads:
-            if read.owner is not None and read.allowed is not None and not read.guard_only:
-                activity = model.states.activity(read.owner)
+            if read.owner in movers and read.allowed is not None and not read.guard_only:
+                activity = model.states.activity(read.owner or 0)
                 before = model.states.difference(activity.end, read.lo)[0]
                 if read.active == activity.present and before >= 0:
                     lead = before + 1 + route.step
-                    needs.setdefault(read.owner, {})[other.key, read.allowed] = lead
-    for place, activities in into.items():
-        common = None
+                    needs.setdefault(activity.index, {})[other.key, read.allowed] = lead
+    for place, some in into.items():
+        if place in route.free:
+            continue
+        activities, common = list(some.values()), None
         for activity in activities:
             mine = set(needs.get(activity.index, {}))
             common = mine if common is None else common & mine
@@ -58,7 +63,7 @@ def _find_closed_off(model: ScheduleModel, route: Route, needs: Needs) -> None:
             continue
         free = [m for m in route.moves if (key, allowed) not in needs.get(index[m.name], {})]
         leads = [some[key, allowed] for some in needs.values() if (key, allowed) in some]
-        reached, size = {route.initial}, 0
+        reached, size = {route.initial, *route.free}, 0
         while size < len(reached):
             size = len(reached)
             reached |= {m.to for m in free if m.origins & reached}
@@ -68,9 +73,10 @@ def _find_closed_off(model: ScheduleModel, route: Route, needs: Needs) -> None:
                 known.append(Entry(key, allowed, max(0, min(leads))))
 
 
-def find_still(model: ScheduleModel, place: StateVar, links: list[Link]) -> Still:
-    """Return what every transition keeps as it is between its start and its end."""
-    owners = {link.write.owner for link in links}
+def find_still(model: ScheduleModel, place: StateVar, owners: frozenset[int]) -> Still:
+    """Return what all ``owners`` of changes of a place keep as it is from their start to their
+    end.
+    """
     found: Still = {}
     for state in model.states.vars.values():
         if state is place or not state.writes or state.numeric:

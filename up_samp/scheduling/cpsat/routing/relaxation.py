@@ -124,7 +124,7 @@ class RoutingRelaxation:
             for distance, last, hop in self._ways(route, origins, places):
                 literal = self.model.store.boolean()
                 around = route.around(*hop) if hop is not None and route.still else None
-                stays = distance == 0 and len(origins) == len(places) == 1
+                stays = distance == 0 and origins == places and len(places) == 1
                 arcs.append(Arc(i, literal, since, lead, distance, last, rest, hop, around, stays))
         return arcs
 
@@ -152,7 +152,7 @@ class RoutingRelaxation:
             loop = route.loop(a)
             wanted = loop < INFINITE and any(b in u.places_of(route.key) for u in self.units)
             return [(0, 0, None), (loop, last, None)] if wanted else [(0, 0, None)]
-        if not route.is_direct(a, b):
+        if route.free or not route.is_direct(a, b):
             return [(best, last, None)]
         ways: list[tuple[int, int, tuple[int, int] | None]] = [(best, route.least(a, b), (a, b))]
         arrivals = sum(p == places for _, p in route.stops)
@@ -169,7 +169,7 @@ class RoutingRelaxation:
         if final is None or places & final:
             return 0
         distance = route.between(places, final)
-        return 0 if distance >= INFINITE else route.gap + distance - route.step
+        return 0 if distance >= INFINITE else max(0, route.gap + distance - route.step)
 
     # -- what moves need -----------------------------------------------------------------------
     def _enter(

@@ -58,6 +58,10 @@ class Route:
     visits: list[tuple[str, frozenset[int]]] = field(default_factory=list)
     """Places where the traveller has to arrive some time, with a name for each: nothing happens
     there. As stops they last no time, and begin when a move ends (see :meth:`with_visits`)."""
+    odd: dict[str, str] = field(default_factory=dict)
+    """What changes the place and is no plain move -> why: they are not taken out."""
+    free: frozenset[int] = frozenset()
+    """Places to which something else may put the traveller at any time, in no time."""
     never: frozenset[str] = frozenset()
     """Moves that are stated to be absent: they are not among ``moves``."""
     lag: int = 1
@@ -78,8 +82,8 @@ class Route:
 
     @property
     def movers(self) -> frozenset[str]:
-        """All that is stated to change the place, be it that it never happens."""
-        return self.never | {move.name for move in self.moves}
+        """All plain moves, be it that they are stated never to happen."""
+        return self.never | {move.name for move in self.moves} - self.odd.keys()
 
     def with_visits(self) -> Route:
         """Return the same route with its visits among its stops."""
@@ -99,7 +103,7 @@ class Route:
 
     def measure(self) -> None:
         """Compute the shortest travel times between places (Floyd and Warshall)."""
-        places = {self.initial, *(m.to for m in self.moves)}
+        places = {self.initial, *(m.to for m in self.moves), *self.free}
         for move in self.moves:
             places |= move.origins
             for origin in move.origins:
@@ -112,6 +116,9 @@ class Route:
             self.travel[a, b] = min(m.least for m in moves) + self.step
             choices = sorted(moves, key=lambda m: (m.least, m.name))
             self._leaving.setdefault(a, []).append((b, choices))
+        for a in order:
+            for b in self.free - {a}:
+                self.travel[a, b], self._via[a, b] = 0, b
         for via in order:
             for a in order:
                 first = self.travel.get((a, via), INFINITE)
@@ -139,6 +146,8 @@ class Route:
 
     def last_least(self, places: frozenset[int]) -> int:
         """Return the least duration of a move into one of ``places``."""
+        if places & self.free:
+            return 0
         return min((m.least for m in self.moves if m.to in places), default=0)
 
     def around(self, a: int, b: int) -> tuple[int, int] | None:
@@ -195,7 +204,7 @@ class Route:
         while heap:
             distance, place, _, moves = heapq.heappop(heap)
             if place in targets:
-                return distance, moves
+                return distance, self._distinct(here, moves, banned)
             if place in done:
                 continue
             done.add(place)
@@ -206,3 +215,15 @@ class Route:
                         cost = distance + move.least + step
                         heapq.heappush(heap, (cost, to, next(ties), [*moves, move]))
         return None
+
+    def _distinct(self, here: int, moves: list[Move], banned: Collection[str]) -> list[Move]:
+        """Return a way without a move that it makes twice, where there are others for it."""
+        if len({m.name for m in moves}) == len(moves):
+            return moves
+        found: list[Move] = []
+        for move in moves:
+            used = {m.name for m in found}.union(banned)
+            same = (m for m in self.hops[here, move.to] if m.name not in used)
+            found.append(min(same, key=lambda m: m.least, default=move))
+            here = move.to
+        return found

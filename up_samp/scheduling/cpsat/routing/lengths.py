@@ -1,0 +1,119 @@
+"""How long a move lasts at least, if its parameters have certain values; or that they cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
+
+from unified_planning.model import FNode
+from unified_planning.model.operators import OperatorKind as Op
+
+from up_samp.scheduling.cpsat.encode.store import FALSE, Cmp, Form
+from up_samp.scheduling.cpsat.encode.terms import ActivityVars
+from up_samp.scheduling.cpsat.routing.route import INFINITE
+
+if TYPE_CHECKING:
+    from up_samp.scheduling.cpsat.model import ScheduleModel
+
+Values = Mapping[int, int]
+"""Variable (a parameter) -> value."""
+
+
+class Lengths:
+    """What is stated about the durations of activities and the values of parameters.
+
+    :param variables: the parameters that are asked for.
+    """
+
+    def __init__(self, model: ScheduleModel, variables: Iterable[int]) -> None:
+        self._model = model
+        self._names = {var: name for name, (var, _, _) in model.parameters.items()}
+        self._with: dict[tuple[int, int], list[Form]] = {}
+        self._others: dict[int, list[Form]] = {}
+        asked = frozenset(variables)
+        for form in model.stated if asked else ():
+            found = asked & _variables(form)
+            if not found:
+                continue
+            # what says nothing but of one value is looked at for that only
+            item = next((i for i in _unless(form) if i[0] in asked), None)
+            if item is not None:
+                self._with.setdefault(item, []).append(form)
+                continue
+            for var in found:
+                self._others.setdefault(var, []).append(form)
+
+    def least(self, activity: ActivityVars, values: Values) -> int:
+        """Return how long an activity lasts at least with ``values``; INFINITE if it cannot."""
+        least = max(activity.least, self._by_fluents(activity, values))
+        for item in values.items():
+            for form in (*self._with.get(item, ()), *self._others.get(item[0], ())):
+                least = max(least, _implied(form, activity, values))
+        return least
+
+    def _by_fluents(self, activity: ActivityVars, values: Values) -> int:
+        """Return the duration's lower bound where it is told by fluents that never change."""
+        duration = self._model.variables.told.get(activity.name)
+        if duration is None:
+            return 0
+        known = {self._names[var]: value for var, value in values.items() if var in self._names}
+        least = self._worth(duration.lower, known)
+        return 0 if least is None else least + duration.is_left_open()
+
+    def _worth(self, node: FNode, known: Mapping[str, int]) -> int | None:
+        """Return what an expression is worth; ``None`` if that is not known."""
+        kind, model = node.node_type, self._model
+        if kind is Op.INT_CONSTANT:
+            return int(node.constant_value())
+        if kind is Op.OBJECT_EXP:
+            return model.world.objects[node.object().name]
+        if kind is Op.PARAM_EXP:
+            return known.get(node.parameter().name)
+        parts = [self._worth(a, known) for a in node.args]
+        numbers = [p for p in parts if p is not None]
+        if len(numbers) < len(parts):
+            return None
+        if kind is Op.PLUS:
+            return sum(numbers)
+        if kind is Op.FLUENT_EXP and node.fluent().name not in model.states.dynamic:
+            return model.states.var(node.fluent(), tuple(numbers)).initial
+        return None
+
+
+def _variables(form: Form) -> frozenset[int]:
+    if form.__class__ is tuple:
+        return frozenset[int]().union(*map(_variables, form[1:]))
+    return frozenset(v for v, _ in form.terms) if form.__class__ is Cmp else frozenset()
+
+
+def _unless(form: Form) -> Iterable[tuple[int, int]]:
+    """Yield (variable, value) of which a clause says nothing if the variable is another one."""
+    parts = form[1:] if form.__class__ is tuple and form[0] == "|" else ()
+    for part in parts:
+        if part.__class__ is Cmp and part.op == "!=" and len(part.terms) == 1:
+            ((var, factor),) = part.terms
+            if abs(factor) == 1:
+                yield var, -part.const * factor
+
+
+def _implied(form: Form, activity: ActivityVars, values: Values) -> int:
+    """Return how long an activity that is there lasts at least for a form to hold."""
+    if form.__class__ is tuple:
+        parts = [_implied(p, activity, values) for p in form[1:]]
+        return min(parts, default=INFINITE) if form[0] == "|" else max(parts, default=0)
+    if form.__class__ is int:
+        return INFINITE if form in (FALSE, ~activity.present) else 0
+    if form.needs and any(need != activity.present for need in form.needs):
+        return 0
+    if all(var in values for var, _ in form.terms):
+        worth = form.const + sum(factor * values[var] for var, factor in form.terms)
+        holds = {"<=": worth <= 0, "==": worth == 0, "!=": worth != 0}[form.op]
+        return 0 if holds else INFINITE
+    terms = dict(form.terms)
+    start, end = activity.start.terms[0][0], activity.end.terms[0][0]
+    if len(terms) == 2 and terms.keys() == {start, end} and form.op in ("<=", "=="):
+        if terms[start] == 1 and terms[end] == -1:
+            return max(0, form.const)
+        if form.op == "==" and terms[start] == -1 and terms[end] == 1:
+            return max(0, -form.const)
+    return 0
