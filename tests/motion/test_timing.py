@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from oracle import CAR, RECTANGLE, car_faults, ends_exactly
+from oracle import CAR, RECTANGLE, box_map, car_faults, ends_exactly
 
 from up_samp.model import Body, Deadline, Kinematics, MotionModel, PathQuery
 from up_samp.motion import MotionService
@@ -129,3 +129,17 @@ def test_arcs_that_are_too_short_to_be_sampled_turn_all_the_same(hair):
     end = nodes_of(start, arcs)[-1]
     trajectory = trajectory_of((tuple(start), tuple(end)), (arcs,), CAR)
     assert judged(Body(RECTANGLE, CAR), trajectory) == []
+
+
+@pytest.mark.parametrize("radius", [1e-4, 1e-3, 0.01, 0.05])
+def test_cars_that_turn_round_on_a_coin_are_driven_round_a_wall(radius):
+    limits = Kinematics(MotionModel.REEDSSHEPP, turning_radius=radius, v_max=5.0, a_max=50.0)
+    body = Body(RECTANGLE, limits)
+    poses = ((3.0, 3.0, 0.0), (17.0, 3.0, 2.0))
+    service = MotionService(box_map(20, 10, [(9.9, 0, 10.1, 7)]))
+    report = service.plan(PathQuery(body, poses), Deadline.after(60))
+    assert report.trajectory is not None, report.reason
+    assert judged(body, report.trajectory) == []
+    # round the wall's end, as a point would go
+    way = 2 * math.hypot(7, 4)
+    assert way / 5 < report.trajectory.duration < way / 5 + 1

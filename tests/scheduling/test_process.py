@@ -7,14 +7,27 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import closing
 from types import SimpleNamespace
 
 import pytest
 from unified_planning.engines import PlanGenerationResultStatus
 
 from up_samp.engines.plain import schedule_plainly
-from up_samp.model import Deadline, ProblemError, ScheduleStatus, UnsupportedError
+from up_samp.model import (
+    Deadline,
+    OutOfTimeError,
+    ProblemError,
+    ScheduleStatus,
+    UnsupportedError,
+    in_force,
+)
 from up_samp.scheduling import is_compatible, open_scheduler
+from up_samp.scheduling.compilers.differences import compile_differences
+from up_samp.scheduling.compilers.pipeline import chain, compilers_for
+from up_samp.scheduling.compilers.read import read_problem
+from up_samp.scheduling.process import OverrunError, WorkerProcess
+from up_samp.scheduling.quirks import Quirks
 from up_samp.search import Parameters
 from up_samp.validation import validate_schedule
 
@@ -158,6 +171,27 @@ def test_a_message_that_aries_would_refuse_is_refused_by_its_size(monkeypatch):
         pytest.raises(UnsupportedError, match="at most 500 bytes"),
     ):
         scheduler.solve(Deadline.after(20.0))
+
+
+def test_a_task_that_the_worker_does_not_take_is_given_up_in_time():
+    with closing(WorkerProcess()) as worker:
+        os.kill(worker._process.pid, signal.SIGSTOP)
+        with pytest.raises(OverrunError):  # a pipe holds far less
+            worker.ask(bytes(10_000_000), Deadline.after(0.05))
+        assert not worker.alive
+
+
+def test_compilers_look_at_the_clock():
+    problem, passes = (
+        read_problem(fetch_and_return()),
+        compilers_for(Quirks(optional=False, assignments=False)),
+    )
+    with in_force(Deadline.after(0.0)):
+        with pytest.raises(OutOfTimeError):
+            compile_differences(problem)
+        with pytest.raises(OutOfTimeError):
+            chain(problem, passes)
+    chain(problem, passes)
 
 
 def test_an_expired_deadline_starts_nothing():

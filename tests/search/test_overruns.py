@@ -1,12 +1,17 @@
 """Problems that are dear to work on end in time, whatever stage they are dear in."""
 
 import time
+from contextlib import nullcontext
+from dataclasses import replace
 
 import pytest
 from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.shortcuts import OneshotPlanner
 
 from tests.search.expensive import KINDS, Floor
+from up_samp.model import Deadline, MotionModel, OutOfTimeError, in_force
+from up_samp.upio.plan import up_path
+from up_samp.validation import validate_plan
 
 LATE = 2.0
 """Seconds that a solve may end after its limit."""
@@ -52,6 +57,25 @@ def test_a_solve_ends_in_time(tmp_path, kind):
 def test_large_ones_end_in_time(tmp_path, kind, engine, limit):
     watch = solve(KINDS[kind](tmp_path, 1.0), engine, limit)
     assert watch.late(limit) < LATE
+
+
+def test_plans_are_written_and_judged_in_time_only(tmp_path):
+    problem = KINDS["long_chain"](tmp_path, 0.002)
+    with OneshotPlanner(name="samp-refine[cpsat]") as planner:
+        plan = planner.solve(problem, timeout=60).plan
+    model = MotionModel.REEDSSHEPP
+    for seconds, late in ((0.0, True), (60.0, False)):
+        # long after their limits: what was found may be written down a moment later
+        deadline = Deadline.after(seconds)
+        with in_force(replace(deadline, at=deadline.at - 5)):
+            for write in (
+                lambda: up_path(next(iter(plan.trajectories.values())), model),
+                lambda: validate_plan(problem, plan),
+            ):
+                with pytest.raises(OutOfTimeError) if late else nullcontext():
+                    write()
+    with in_force(Deadline.after(0.0)):
+        assert validate_plan(problem, plan).valid
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,13 @@ from unified_planning.engines.mixins.oneshot_planner import OptimalityGuarantee
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.plans import Plan, Schedule
 
-from up_samp.model import Deadline, ScheduleReport, ScheduleStatus
+from up_samp.model import (
+    Deadline,
+    OutOfTimeError,
+    ScheduleReport,
+    ScheduleStatus,
+    in_force,
+)
 from up_samp.scheduling import open_scheduler
 from up_samp.search.start import start_of
 from up_samp.upio import build_schedule, read_problem, relax
@@ -51,7 +57,10 @@ def schedule_plainly(
     try:
         hint = None if start is None else start_of(plain, start)
         wanted = optimal or bool(problem.quality_metrics)
-        report = scheduler.solve(deadline, optimal=wanted, hint=hint)
+        with in_force(deadline):
+            report = scheduler.solve(deadline, optimal=wanted, hint=hint)
+    except OutOfTimeError as error:
+        report = ScheduleReport(ScheduleStatus.OUT_OF_TIME, message=str(error))
     finally:
         scheduler.close()
     return _to_result(engine, problem, report)

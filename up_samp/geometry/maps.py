@@ -62,16 +62,20 @@ class OccupancyGrid:
                 f"{self._label()}: a map needs a two-dimensional array of cells, "
                 f"not one of shape {occupied.shape}"
             )
-        unknown = np.zeros_like(occupied) if self.unknown is None else self.unknown
-        unknown = np.ascontiguousarray(unknown, dtype=np.bool_)
+        blank = np.zeros_like(occupied) if self.unknown is None else self.unknown
+        unknown = np.ascontiguousarray(blank, dtype=np.bool_)
         if unknown.shape != occupied.shape:
             raise ProblemError(f"{self._label()}: 'unknown' and 'occupied' differ in shape")
         if not (math.isfinite(self.resolution) and self.resolution > 0):
             raise ProblemError(f"{self._label()}: the resolution must be > 0 m per cell")
         if len(self.origin) != 3 or not all(math.isfinite(v) for v in self.origin):
             raise ProblemError(f"{self._label()}: the origin must be three finite numbers")
-        for name, value in (("occupied", occupied), ("unknown", unknown)):
-            value = value.copy() if value.flags.writeable else value
+        for name, value, given in (
+            ("occupied", occupied, self.occupied),
+            ("unknown", unknown, self.unknown),
+        ):
+            if value.flags.writeable and given is not None and np.may_share_memory(value, given):
+                value = value.copy()
             value.setflags(write=False)
             object.__setattr__(self, name, value)
 
@@ -264,17 +268,28 @@ def _judge_pixels(image: Image.Image, judged: Judge) -> tuple[BoolArray, BoolArr
         return judged(grey * (255.0 / full), np.zeros(grey.shape, dtype=np.bool_))
     if image.mode in ("1", "L") and "transparency" not in image.info:
         levels = judged(np.arange(256, dtype=np.float64), np.zeros(256, dtype=np.bool_))
-        grey = np.asarray(image.convert("L"))
-        return levels[0][grey], levels[1][grey]
+        return _by_bands(image, "L", lambda grey: (levels[0][grey], levels[1][grey]))
+
+    def judged_colours(colours: npt.NDArray[np.uint8]) -> tuple[BoolArray, BoolArray]:
+        values = colours.astype(np.float64)
+        return judged(values[:, :, :3].mean(axis=2), values[:, :, 3] < 255)
+
+    return _by_bands(image, "RGBA", judged_colours)
+
+
+def _by_bands(
+    image: Image.Image,
+    mode: str,
+    judged: Callable[[npt.NDArray[np.uint8]], tuple[BoolArray, BoolArray]],
+) -> tuple[BoolArray, BoolArray]:
     width, height = image.size
     occupied, unknown = (np.empty((height, width), dtype=np.bool_) for _ in range(2))
     step = max(1, BAND // max(1, width))
     for first in range(0, height, step):
         check_time()
         rows = slice(first, min(height, first + step))
-        part = image.crop((0, rows.start, width, rows.stop)).convert("RGBA")
-        bands = np.asarray(part, dtype=np.float64)
-        occupied[rows], unknown[rows] = judged(bands[:, :, :3].mean(axis=2), bands[:, :, 3] < 255)
+        part = image.crop((0, rows.start, width, rows.stop)).convert(mode)
+        occupied[rows], unknown[rows] = judged(np.asarray(part))
     return occupied, unknown
 
 

@@ -127,9 +127,9 @@ class Deadline:
         if self.work is not None:
             self.work.spent += seconds
 
-    def over(self) -> bool:
-        """Return whether the clock says that all is over, which is no work."""
-        return clock() >= self.at if self.work is None else self.work.over()
+    def over(self, grace: float = 0.0) -> bool:
+        """Return whether the clock says that all was over ``grace`` s ago, which is no work."""
+        return clock() >= (self.at if self.work is None else self.work.until) + grace
 
     def within(self, seconds: float | None) -> Deadline:
         """Return the earlier of this deadline and ``seconds`` from now."""
@@ -157,8 +157,10 @@ def in_force(deadline: Deadline) -> Iterator[None]:
         _in_force.reset(token)
 
 
-def check_time() -> None:
-    """Raise :class:`~up_samp.model.OutOfTimeError` if the deadline in force is over."""
+def check_time(grace: float = 0.0) -> None:
+    """Raise :class:`~up_samp.model.OutOfTimeError` if the deadline in force was over ``grace`` s
+    ago: what only has to be written down and judged is worth a moment more.
+    """
     deadline = _in_force.get()
-    if deadline is not None and deadline.over():
+    if deadline is not None and deadline.over(grace):
         raise OutOfTimeError("no time is left")

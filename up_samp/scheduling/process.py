@@ -15,7 +15,7 @@ import weakref
 from typing import IO, Any
 
 from up_samp.model import Deadline, EngineError
-from up_samp.scheduling.worker import _LENGTH, WorkerAnswer, WorkerTask, send
+from up_samp.scheduling.worker import _LENGTH, WorkerAnswer, WorkerTask, packed
 from up_samp.system import child
 
 _GRACE = 0.5
@@ -61,9 +61,8 @@ class WorkerProcess:
             OverrunError: no answer in time; the process group has been killed.
             EngineError: the worker died.
         """
-        assert self._process.stdin is not None
         try:
-            send(self._process.stdin, task)
+            self._write(packed(task), deadline)
             header = self._read(_LENGTH.size, deadline)
             answer: Any = pickle.loads(self._read(_LENGTH.unpack(header)[0], deadline))
         except (BrokenPipeError, EOFError) as error:
@@ -76,21 +75,22 @@ class WorkerProcess:
         assert isinstance(answer, WorkerAnswer)
         return answer
 
+    def _write(self, data: bytes, deadline: Deadline) -> None:
+        """Write a task. A pipe holds little, and the worker may still be loading."""
+        assert self._process.stdin is not None
+        descriptor = self._process.stdin.fileno()
+        os.set_blocking(descriptor, False)
+        rest = memoryview(data)
+        while rest:
+            _wait(descriptor, select.POLLOUT | select.POLLHUP, deadline)
+            rest = rest[os.write(descriptor, rest) :]
+
     def _read(self, size: int, deadline: Deadline) -> bytes:
         assert self._process.stdout is not None
         descriptor = self._process.stdout.fileno()
         data = b""
         while len(data) < size:
-            left = deadline.remaining() + _GRACE if deadline.at != float("inf") else None
-            if deadline.expired():
-                left = max(0.0, deadline.moment + _GRACE - time.monotonic())
-            waiting = select.poll()
-            waiting.register(descriptor, select.POLLIN | select.POLLHUP)
-            once = None if left is None else min(left, _LONGEST_WAIT)
-            if not waiting.poll(None if once is None else 1000.0 * once):
-                if once != left:
-                    continue
-                raise OverrunError("no answer by the deadline")
+            _wait(descriptor, select.POLLIN | select.POLLHUP, deadline)
             chunk = os.read(descriptor, size - len(data))
             if not chunk:
                 raise EOFError
@@ -110,6 +110,25 @@ class WorkerProcess:
     def close(self) -> None:
         """Kill the process group and remove the temporary folder."""
         self._end()
+
+
+def _wait(descriptor: int, event: int, deadline: Deadline) -> None:
+    """Wait until a pipe is ready.
+
+    Raises:
+        OverrunError: it is not until shortly after the deadline.
+    """
+    waiting = select.poll()
+    waiting.register(descriptor, event)
+    while True:
+        left = deadline.remaining() + _GRACE if deadline.at != float("inf") else None
+        if deadline.expired():
+            left = max(0.0, deadline.moment + _GRACE - time.monotonic())
+        once = None if left is None else min(left, _LONGEST_WAIT)
+        if waiting.poll(None if once is None else 1000.0 * once):
+            return
+        if once == left:
+            raise OverrunError("no answer by the deadline")
 
 
 def _end(process: subprocess.Popen[bytes], folder: str, errors: IO[bytes]) -> None:

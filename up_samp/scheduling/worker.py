@@ -63,11 +63,15 @@ class WorkerAnswer:
     seconds: float = 0.0
 
 
+def packed(value: object) -> bytes:
+    """Return a value as it is sent: with its length in front."""
+    data = pickle.dumps(value, protocol=pickle.HIGHEST_PROTOCOL)
+    return _LENGTH.pack(len(data)) + data
+
+
 def send(stream: IO[bytes], value: object) -> None:
     """Write a value with its length in front."""
-    data = pickle.dumps(value, protocol=pickle.HIGHEST_PROTOCOL)
-    stream.write(_LENGTH.pack(len(data)))
-    stream.write(data)
+    stream.write(packed(value))
     stream.flush()
 
 

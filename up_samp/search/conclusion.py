@@ -121,7 +121,10 @@ def conclude(search: Search) -> SearchResult:
     bounds = search.bounds
     if bounds.incumbent is None:
         if search.budget.deadline.expired():
-            return SearchResult(Conclusion.OUT_OF_TIME, "no plan found in time")
+            why = "no plan found in time"
+            if search.history.refused:  # the plan and its judge do not agree: that is our fault
+                why += f"; the validator refused what was found: {search.history.refused[-1]}"
+            return SearchResult(Conclusion.OUT_OF_TIME, why)
         return SearchResult(
             Conclusion.EXHAUSTED,
             "the motions of the last candidate do not fit, and nothing more was learned from it",

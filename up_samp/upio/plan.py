@@ -18,8 +18,13 @@ from unified_planning.model.motion import (
 from unified_planning.model.scheduling import Activity
 from unified_planning.plans import MotionSchedule, Schedule
 
-from up_samp.model import CandidateSchedule, MotionModel, ProblemError, Trajectory
+from up_samp.model import CandidateSchedule, MotionModel, ProblemError, Trajectory, check_time
 from up_samp.model.snapshot import MotionTask, Snapshot
+
+PLAN_GRACE = 1.0
+"""Seconds after its limit that a search may go on writing a plan down: it is found already."""
+_CHUNK = 20_000
+"""Steps of a path between two looks at the clock."""
 
 
 class SampSchedule(MotionSchedule):  # type: ignore[misc]
@@ -124,8 +129,12 @@ def up_path(trajectory: Trajectory, model: MotionModel) -> SE2Path | SE3Path | S
     stretch[bent] = half[bent] / np.sin(half[bent])
     speeds = chord * stretch / steps
     turns = moves[:, 2] / steps
-    numbers = (a.tolist() for a in (poses[:-1], speeds, turns, steps))
-    path = [(SE2(*p), v, w, dt) for p, v, w, dt in zip(*numbers, strict=True)]
+    path: list[tuple[SE2, float, float, float]] = []
+    for first in range(0, len(steps), _CHUNK):
+        check_time(PLAN_GRACE)
+        part = slice(first, first + _CHUNK)
+        numbers = (a[part].tolist() for a in (poses[:-1], speeds, turns, steps))
+        path += [(SE2(*p), v, w, dt) for p, v, w, dt in zip(*numbers, strict=True)]
     path.append((SE2(*poses[-1].tolist()), 0.0, 0.0, 0.0))
     return SE2WithControlsPath(path)
 

@@ -15,9 +15,10 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from up_samp.model import ProblemError
+from up_samp.model import ProblemError, check_time
 from up_samp.validation.maps import BlockedMap
 from up_samp.validation.tracks import Track
+from up_samp.validation.verdict import JUDGING_GRACE
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -67,6 +68,7 @@ def first_contact(
     """
     a, b = np.array([low]), np.array([high])
     while len(a):
+        check_time(JUDGING_GRACE)
         middle = (a + b) / 2
         distance = gap(middle)
         if (distance <= 0).any():

@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 from unified_planning.model.motion import SE2WithControlsPath
 
-from up_samp.model import Trajectory
+from up_samp.model import Trajectory, check_time
 from up_samp.validation.kinematics import MAX_GAP
 from up_samp.validation.scene import JudgedMotion
 from up_samp.validation.tracks import Track, pieces_of
-from up_samp.validation.verdict import Violation
+from up_samp.validation.verdict import JUDGING_GRACE, Violation
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -23,6 +23,8 @@ AGREE = 1e-2
 JOINT = 1e-3
 """The end of one controlled piece of a path and the next pose may differ by this (m, rad)."""
 _STEP = 0.05
+_CHUNK = 20_000
+"""Pieces of a path between two looks at the clock."""
 
 
 def path_of(plan: Any, task: JudgedMotion) -> Any | None:
@@ -77,7 +79,7 @@ def integrate(
     if not path.path:
         found.append(Violation("trajectory", f"{what}: its path is empty"))
         return None
-    rows = np.array([(*p, v, w, d) for p, v, w, d in path.path], dtype=float)
+    rows = _rows(path.path)
     quick = _all_short(rows, start)
     if quick is not None:
         return quick
@@ -113,6 +115,16 @@ def integrate(
                 )
             )
     return np.array(times), np.array(poses)
+
+
+def _rows(pieces: Any) -> FloatArray:
+    """Return pieces as rows (x, y, theta, v, omega, duration)."""
+    parts = []
+    for first in range(0, len(pieces), _CHUNK):
+        check_time(JUDGING_GRACE)
+        part = pieces[first : first + _CHUNK]
+        parts.append(np.array([(p[0], p[1], p[2], v, w, d) for p, v, w, d in part], dtype=float))
+    return np.concatenate(parts)
 
 
 def _all_short(rows: FloatArray, start: float) -> tuple[FloatArray, FloatArray] | None:

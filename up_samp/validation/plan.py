@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from up_samp.model import ProblemError, Trajectory
+from up_samp.model import ProblemError, Trajectory, check_time
 from up_samp.validation.collisions import Shape, hits_body, hits_map
 from up_samp.validation.kinematics import motion_violations
 from up_samp.validation.lives import (
@@ -35,7 +35,7 @@ from up_samp.validation.se3 import (
     hits_map_from_space,
 )
 from up_samp.validation.tracks import Track
-from up_samp.validation.verdict import Verdict, Violation
+from up_samp.validation.verdict import JUDGING_GRACE, Verdict, Violation
 
 _LATE = 1e-6
 """A trajectory may leave its activity's window by this much (s)."""
@@ -105,6 +105,7 @@ def _motion_violations(
         found.append(Violation("trajectory", text))
     motions: dict[str, tuple[FloatArray, FloatArray]] = {}
     for task in scene.tasks:
+        check_time(JUDGING_GRACE)
         motion = read_trajectory(task, path_of(plan, task), given, task.start * seconds, found)
         if motion is None:
             continue
@@ -118,6 +119,7 @@ def _motion_violations(
         found.extend(motion_violations(task.what, scene.limits[task.object], *motion))
     lives = build_lives(scene, motions, seconds, found)
     for task in scene.tasks:
+        check_time(JUDGING_GRACE)
         found.extend(_obstacles(scene, task, lives, seconds))
     found.extend(_collisions(scene, motions, lives))
     found.extend(_jumps(scene, lives, seconds))

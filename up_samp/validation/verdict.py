@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+JUDGING_GRACE = 1.5
+"""Seconds after its limit that a solve may go on judging a plan that it has found."""
+
 
 @dataclass(frozen=True)
 class Violation:

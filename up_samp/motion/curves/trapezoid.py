@@ -21,6 +21,11 @@ SHORTEST = 1e-6
 them lies where they lead (1e-6 m of an arc are 0.1 mm after 100 m).
 """
 
+MOST_TURN = 1.0
+"""A car turns by so much (rad) at most between two samples: with a radius of millimetres it turns
+round in no time, and which way has to be told.
+"""
+
 
 def limits_of(kinematics: Kinematics) -> tuple[float, float, float]:
     """Return (turning radius m, v_max m/s, a_max m/s^2).
@@ -74,13 +79,15 @@ def _long_ones(arcs: FloatArray) -> list[npt.NDArray[np.intp]]:
 def _run_samples(arcs: FloatArray, v: float, a: float) -> tuple[FloatArray, FloatArray]:
     """Return sample times and driven distances of one run, without its start.
 
-    Every arc's end is a sample, and samples are at most ``Trajectory.MAX_STEP`` s apart.
+    Every arc's end is a sample, and samples are at most ``Trajectory.MAX_STEP`` s and
+    ``MOST_TURN`` rad apart.
     """
     ends = np.cumsum(np.abs(arcs[:, 1]))
     length = float(ends[-1])
     knots = np.concatenate([[0.0], time_of_distance(ends, length, v, a)])
     counts = np.ceil(np.diff(knots) / Trajectory.MAX_STEP - 1e-9).astype(np.int64)
-    counts = np.maximum(1, counts)
+    turns = np.ceil(np.abs(arcs[:, 0] * arcs[:, 1]) / MOST_TURN - 1e-9).astype(np.int64)
+    counts = np.maximum(1, np.maximum(counts, turns))
     last = np.cumsum(counts) - 1
     which = np.repeat(np.arange(len(ends)), counts)
     share = (np.arange(len(which)) - last[which] + counts[which]) / counts[which]

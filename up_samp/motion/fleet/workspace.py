@@ -25,6 +25,7 @@ from up_samp.model import (
     PathReport,
     Placed,
     Rest,
+    check_time,
 )
 from up_samp.motion.fleet.cell_times import (
     first_meeting,
@@ -224,6 +225,7 @@ class Workspace:
         p, q = a.box, b.box
         if p[0] > q[2] or q[0] > p[2] or p[1] > q[3] or q[1] > p[3]:
             return self._conflicts.put(key, NOTHING)
+        check_time()
         g, h = a.hull, b.hull
         rows = conflict_runs(
             a.table,

@@ -33,6 +33,12 @@ _STUCK = "no path at the finest resolution within fixed effort"
 _CUT = "out of time"
 
 
+LEAST_UNIT = 0.5
+"""Steps of a search are made for turns of so many inner radii of the body at least: the way that a
+car drives does not get finer with its turning radius.
+"""
+
+
 _NARROW = 300
 """A search that runs dry within so many expansions was trapped where it began."""
 
@@ -57,6 +63,20 @@ class CarSettings:
     patience: int = 200
     slice: int = 4000
     stuck: int = 6
+
+
+def _primitives(radius: float, unit: float, share: float) -> list[tuple[float, float]]:
+    """Return the arcs (curvature, signed length) that a search is made of.
+
+    Steps are ``share`` of ``unit``, turns are as tight as can be. Where a car turns tighter than it
+    is wide these lead to another heading and nowhere else: wider ones go with them.
+    """
+    step = share * unit
+    lengths = {0.0: step, 1 / radius: share * radius, -1 / radius: share * radius}
+    if unit > radius:
+        lengths |= {1 / unit: step, -1 / unit: step}
+    arcs = [(kappa, s) for kappa, length in lengths.items() for s in (length, -length)]
+    return [*arcs, (0.0, 4 * step), (0.0, -4 * step)]
 
 
 class CarPlanner:
@@ -146,17 +166,16 @@ class CarPlanner:
     ) -> tuple[FloatArray | None, int, bool]:
         """Run hybrid A* at one resolution; return arcs or None, expansions, whether it ran dry."""
         radius, v, a = limits_of(body.kinematics)
-        step = self.settings.levels[level] * radius
+        finest = self.settings.levels[level]
+        unit = max(radius, LEAST_UNIT * shape.inner[2])
+        step = finest * unit
         field = self.fields.toward(shape, goal, obstacles)
-        reach = 8 * radius + 2 * shape.circumscribed
-        bins = math.ceil(2 * math.pi / (self.settings.levels[level] / 1.5))
-        guide = (self.settings.extra, self.settings.near * radius, self.settings.weight)
+        reach = 8 * unit + 2 * shape.circumscribed
+        bins = math.ceil(2 * math.pi / (finest / 1.5))
+        guide = (self.settings.extra, self.settings.near * unit, self.settings.weight)
         space = pose_space(self.scene, (start, goal), obstacles, reach, step / 1.5, bins, guide)
         tree = self._tree(self.settings.nodes[level], space.keys)
-        steps = np.array(
-            [[kappa, s] for kappa in (0.0, 1 / radius, -1 / radius) for s in (step, -step)]
-            + [[0.0, 4 * step], [0.0, -4 * step]]
-        )
+        steps = np.array(_primitives(radius, unit, finest))
         limits = np.array([radius, v, a, 0.0, 0.0])
         target = np.array(goal[:3], dtype=np.float64)
         data, polys = self.scene.data, self.scene.polys(obstacles)

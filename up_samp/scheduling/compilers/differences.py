@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from up_samp.model import UnsupportedError
+from up_samp.model import UnsupportedError, check_time
 from up_samp.scheduling.compilers.plain import (
     FALSE,
     TRUE,
@@ -41,6 +41,7 @@ def compile_differences(problem: PlainProblem) -> Compiled:
     normal = NormalForm(problem)
     constraints: dict[Expr, None] = {}
     for constraint in problem.constraints:
+        check_time()
         constraints.update(dict.fromkeys(p for p in _parts(normal(constraint)) if p != TRUE))
     return Compiled(replace(problem, constraints=tuple(constraints)))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from up_samp.model import CandidateSchedule
+from up_samp.model import CandidateSchedule, check_time
 from up_samp.scheduling.compilers.differences import compile_differences
 from up_samp.scheduling.compilers.flat import compile_flat_types
 from up_samp.scheduling.compilers.ground import compile_ground
@@ -62,6 +62,7 @@ def chain(problem: PlainProblem, passes: Sequence[Compiler]) -> Compiled:
     backs: list[Callable[[CandidateSchedule], CandidateSchedule]] = []
     floor, exact = 0, True
     for compiler in passes:
+        check_time()
         compiled = compiler(problem)
         problem, floor = compiled.problem, max(floor, compiled.floor)
         exact = exact and compiled.exact

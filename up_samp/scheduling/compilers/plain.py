@@ -26,7 +26,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from up_samp.model import CandidateSchedule, UnsupportedError
+from up_samp.model import CandidateSchedule, UnsupportedError, check_time
 
 Expr = tuple[Any, ...]
 Type = tuple[Any, ...]
@@ -185,6 +185,7 @@ def disjunction(operands: Iterable[Expr]) -> Expr:
 
 
 def _nary(operator: str, operands: Iterable[Expr], neutral: Expr, absorbing: Expr) -> Expr:
+    check_time()  # most of what compilers make of large problems is made here
     flat: dict[Expr, None] = {}
     for operand in operands:
         if operand == absorbing:

@@ -24,6 +24,7 @@ from up_samp.model import (
     MotionModel,
     PathQuery,
     TimedMotion,
+    check_time,
 )
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.refinement import rules
@@ -118,6 +119,7 @@ def _pairs(motions: Motions) -> Iterator[tuple[MotionCase, MotionCase]]:
         coming.setdefault((body, poses[-1]), []).extend(cases)
     for here, going in leaving.items():
         for there, arriving in coming.items():
+            check_time()
             if not _planar(here[0], there[0]) or not motions.service.overlap(*here, *there):
                 continue
             for one in going:
