@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 from unified_planning.model.scheduling import SchedulingProblem
 
@@ -16,6 +17,7 @@ from up_samp.execution.meetings import MARGIN, Meeting, meetings_of
 from up_samp.execution.orders import orders_of, performers
 from up_samp.execution.reduce import MEETING
 from up_samp.execution.staircase import Step, steps_of, switched
+from up_samp.execution.travel import Travel, travels_of
 from up_samp.io.plan_dict import PlanDict, snapshot_of
 from up_samp.model import UnsupportedError
 from up_samp.model.snapshot import Snapshot
@@ -34,6 +36,11 @@ class Dependencies:
     meetings: tuple[Meeting, ...]
     choices: tuple[Choice, ...] = ()
     """Orders of activities that could be the other way round, too."""
+
+    @cached_property
+    def travels(self) -> dict[tuple[str, str], Travel]:
+        """The fastest drives of all motions, by activity and object."""
+        return travels_of(self.lives)
 
 
 def dependencies_of(

@@ -20,7 +20,6 @@ from up_samp.execution.remaining import remaining_problem
 from up_samp.execution.sides import planned_sides
 from up_samp.execution.state import Phase, State, Way
 from up_samp.execution.surprise import Remaining, Surprise
-from up_samp.execution.travel import travels_of
 from up_samp.io.plan_dict import PlanDict, plan_to_dict
 from up_samp.model import ProblemError
 
@@ -59,8 +58,7 @@ class Executor:
         else:
             self.dependencies = dependencies_from_plan(plan)
         graph = self.dependencies.graph
-        travels = travels_of(self.dependencies.lives)
-        self.state = State(graph, travels, tolerance)
+        self.state = State(graph, self.dependencies.travels, tolerance)
         self.routes = routes_of(graph, self.state.ways)
         self.pace = Pace()
         self.sides: dict[tuple[str, str, int], bool] = {}

@@ -74,14 +74,14 @@ def routes_of(graph: Graph, ways: Mapping[tuple[str, str], Way]) -> Routes:
             task = graph.tasks[one.activity]
             if task.moves:
                 seconds = max(
-                    (float(w.travel.time[-1]) for k, w in ways.items() if k[0] == task.name),
+                    (w.travel.whole for k, w in ways.items() if k[0] == task.name),
                     default=0.0,
                 )
                 who = task.moves[0]
             else:
                 seconds = task.expected
         elif two.at is At.END:
-            whole = float(ways[one.activity, one.object].travel.time[-1])
+            whole = ways[one.activity, one.object].travel.whole
             seconds, who = whole - at_time[first], one.object
         elif one.at is not At.ORIGIN:
             seconds = at_time[then] - at_time.get(first, 0.0)
@@ -135,7 +135,7 @@ def _since_now(state: State, pace: Mapping[str, float]) -> dict[int, float]:
             left = max(0.0, way.travel.time_at(progress) - here)
             found[k] = state.now + left / speed
         end = state.end_number[way.activity]
-        left = float(way.travel.time[-1]) - here
+        left = way.travel.whole - here
         found[end] = max(found.get(end, state.now), state.now + left / speed)
     # an end waits for the events on the way, too: only the first of each is taken from here
     for way in state.ways.values():

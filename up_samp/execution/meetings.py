@@ -54,8 +54,8 @@ class Meeting:
     one_first: npt.NDArray[np.bool_]
     margin: float
     component: IntArray
-    memo: dict[tuple[int, bool], object] = field(default_factory=dict)
-    """Steps of components by their sides, once they were asked for."""
+    memo: dict[tuple[object, object], object] = field(default_factory=dict)
+    """Steps, once they were asked for: of components by their sides, and of what is left."""
 
     @cached_property
     def components(self) -> tuple[int, ...]:

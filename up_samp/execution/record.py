@@ -118,10 +118,7 @@ def _rows(drive: Drive, trace: list[tuple[float, float]], home: Frame) -> list[l
         order = np.argsort(times, kind="stable")
         times, s = times[order], s[order]
     poses = home.out(path.poses_at(s))
-    rows: list[list[float]] = []
-    for t, pose in zip(times, poses, strict=True):
-        row = [round(float(t), 6), *(round(float(v), 6) + 0.0 for v in pose)]
-        if rows and row[0] <= rows[-1][0]:
-            continue
-        rows.append(row)
-    return rows
+    rows = np.round(np.column_stack([times, poses]), 6) + 0.0
+    later = np.diff(rows[:, 0], prepend=-np.inf) > 0.0  # times do not go back: they are sorted
+    found: list[list[float]] = rows[later].tolist()
+    return found

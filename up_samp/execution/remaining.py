@@ -280,7 +280,7 @@ class _Builder:
             if upper.is_int_constant():
                 most = upper.int_constant_value() - math.floor(gone / self.unit)
             whole = max(1, most if most is not None else 1)
-            longest = max(float(w.travel.time[-1]) for w in self.state.ways_of[name])
+            longest = max(w.travel.whole for w in self.state.ways_of[name])
             copy.set_duration_bounds(1, max(whole, 2 * math.ceil(longest / self.unit) + 10))
         else:
             left = self.state.graph.tasks[name].expected - gone

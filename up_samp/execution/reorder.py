@@ -29,7 +29,9 @@ if TYPE_CHECKING:
     from up_samp.execution.executor import Executor
 
 WORTH = 0.5
-"""A new order has to save so many seconds of makespan (or four times that in all ends)."""
+"""A new order has to save so many seconds of makespan (or ``ENDS`` times that in all ends)."""
+
+ENDS = 4
 
 
 def reorder(
@@ -88,7 +90,7 @@ def _better(before: Forecast, after: Forecast) -> bool:
     if _missed(after) > _missed(before) + 1e-3:
         return False
     saved = before.makespan - after.makespan
-    return saved > WORTH or (saved > -1e-3 and _ends(before) - _ends(after) > 4 * WORTH)
+    return saved > WORTH or (saved > -1e-3 and _ends(before) - _ends(after) > ENDS * WORTH)
 
 
 def _ends(ahead: Forecast) -> float:
@@ -105,39 +107,54 @@ def _missed(ahead: Forecast) -> float:
 def _solve(
     executor: Executor, ahead: Forecast, decisions: list[Decision], seconds: float
 ) -> dict[Key | int, bool]:
-    """Return how each decision should be; empty where the solver found nothing in time."""
+    """Return how each decision should be; empty where nothing better was found."""
     state = executor.state
-    build = Times(executor, ahead)
-    for need in settled(executor, {d.key for d in decisions}):
-        build.after(need)
-    literals = {}
-    for decision in decisions:
-        literal = build.model.new_bool_var("")
-        literals[decision.key] = literal
-        for need in decision.needs[True]:
-            build.after(need, literal)
-        for need in decision.needs[False]:
-            build.after(need, literal.negated())
-        build.model.add_hint(literal, decision.now)
-    build.chain()
-    ends = [build.time(Event(At.END, n)) for n, p in state.phase.items() if p is not Phase.DONE]
-    makespan = build.model.new_int_var(0, build.latest, "")
-    build.model.add_max_equality(makespan, ends)
-    build.model.minimize(10 * len(ends) * makespan + sum(ends))
-    number = state.graph.number
-    for event, variable in build.times.items():
-        if event in number:
-            at = ahead.times[number[event]] - state.now
-            build.model.add_hint(variable, max(0, round(at * SCALE)))
+    times = Times(executor)
+    times.all_after(settled(executor, {d.key for d in decisions}))
+    for k, decision in enumerate(decisions):
+        times.all_after(decision.needs[True], k + 1)
+        times.all_after(decision.needs[False], -k - 1)
+    times.chain()
+    left = [name for name, phase in state.phase.items() if phase is not Phase.DONE]
+    ends = [times.event(Event(At.END, name)) for name in left]
+    low = times.earliest()
+    makespan = _ticks(ahead.makespan - state.now)
+    sum_ = _ticks(sum(ahead.span(name)[1] - state.now for name in left))
+    worth = _ticks(WORTH)
+    if (
+        makespan - max(low[k] for k in ends) < worth
+        and sum_ - sum(low[k] for k in ends) < ENDS * worth
+    ):
+        return {}  # not even without all that is open
+    model = cp_model.CpModel()
+    literals = [model.new_bool_var("") for _ in decisions]
+    found = times.variables(model, low, makespan, literals)
+    last = model.new_int_var(0, makespan, "")
+    for k in ends:
+        model.add(last >= found[k])
+    total = sum(found[k] for k in ends)
+    sooner = model.new_bool_var("")
+    model.add(last <= makespan - worth).only_enforce_if(sooner)
+    model.add(total <= sum_ - ENDS * worth).only_enforce_if(sooner.negated())
+    model.minimize(10 * len(ends) * last + total)
+    for literal, decision in zip(literals, decisions, strict=True):
+        model.add_hint(literal, decision.now)
     solver = cp_model.CpSolver()
     solver.parameters.num_workers = 1
     solver.parameters.random_seed = 0
+    solver.parameters.cp_model_probing_level = 0
+    solver.parameters.linearization_level = 0
     solver.parameters.max_deterministic_time = seconds
-    solver.parameters.max_time_in_seconds = 5 * seconds
-    status = solver.solve(build.model)
+    status = solver.solve(model)
     if status not in (cp_model.OPTIMAL, cp_model.FEASIBLE):
         return {}
-    return {key: bool(solver.boolean_value(literal)) for key, literal in literals.items()}
+    return {
+        d.key: bool(solver.boolean_value(x)) for d, x in zip(decisions, literals, strict=True)
+    }
+
+
+def _ticks(seconds: float) -> int:
+    return math.ceil(seconds * SCALE)
 
 
 class Reorderer:

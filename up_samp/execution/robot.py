@@ -6,8 +6,6 @@ import math
 from collections import deque
 from collections.abc import Sequence
 
-import numpy as np
-
 from up_samp.execution.travel import Travel
 
 NEAR = 1e-3
@@ -40,7 +38,7 @@ class Robot:
         """Take up a motion, at rest."""
         self.motion, self.travel = motion, travel
         self.s = self.v = self.until = 0.0
-        self.length = float(travel.progress[-1])
+        self.length = travel.length
         self.next_stop = 0
         self.trace = [(now, 0.0)]
 
@@ -63,7 +61,7 @@ class Robot:
             self._note(now + dt)
             return
         else:
-            wish = self.pace * self._cap()
+            wish = self.pace * self.travel.cap_at(self.s)
             wish = min(wish, 2 * (ceiling - self.s) / dt - self.v)
         # the largest speed at the step's end from which it stops before the goal:
         # (v + w) dt / 2 + w^2 / (2 a) = left
@@ -80,9 +78,6 @@ class Robot:
         self.s = min(self.s + max(0.0, went), max(goal, self.s))
         self.v = w
         self._note(now + dt)
-
-    def _cap(self) -> float:
-        return float(np.interp(self.s, self.travel.progress, self.travel.cap))
 
     def _disturb(self, now: float) -> None:
         while self.stops and self.driven >= self.stops[0][0]:

@@ -15,7 +15,6 @@ from up_samp.execution.record import Drivings, record_of
 from up_samp.execution.reorder import Reorderer
 from up_samp.execution.robot import Robot
 from up_samp.execution.timetable import Timetable
-from up_samp.execution.travel import travels_of
 from up_samp.io.plan_dict import PlanDict
 
 TICK = 0.1
@@ -77,7 +76,7 @@ class Floor:
     idle: float = 0.0
 
     def __post_init__(self) -> None:
-        self.travels = travels_of(self.dependencies.lives)
+        self.travels = self.dependencies.travels
         self.robots: dict[str, Robot] = {}
         for life in self.dependencies.lives.values():
             if life.drives:

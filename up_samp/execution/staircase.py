@@ -42,9 +42,14 @@ def steps_of(
     the plan allows: the later exit is waited for at the earlier entry. Components ``without`` are
     left out.
     """
-    wanted = np.array([int(c) not in without for c in meeting.component], dtype=np.bool_)
-    found = list(_side(meeting, meeting.one_first & wanted, True, stride))
-    return found + list(_side(meeting, ~meeting.one_first & wanted, False, stride))
+    left_out = tuple(c for c in meeting.components if c in without)
+    key = (stride, left_out)
+    if key not in meeting.memo:
+        wanted = ~np.isin(meeting.component, left_out)
+        found = list(_side(meeting, meeting.one_first & wanted, True, stride))
+        found += _side(meeting, ~meeting.one_first & wanted, False, stride)
+        meeting.memo[key] = found
+    return list(cast("list[Step]", meeting.memo[key]))
 
 
 def switched(meeting: Meeting, component: int, one_first: bool) -> list[Step]:
@@ -53,7 +58,7 @@ def switched(meeting: Meeting, component: int, one_first: bool) -> list[Step]:
     if key not in meeting.memo:
         chosen = meeting.component == component
         meeting.memo[key] = list(_side(meeting, chosen, one_first, None, planned=False))
-    return cast("list[Step]", meeting.memo[key])
+    return list(cast("list[Step]", meeting.memo[key]))
 
 
 def _side(

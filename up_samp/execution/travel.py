@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import bisect
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -33,11 +35,43 @@ class Travel:
 
     def time_at(self, progress: float) -> float:
         """Return when it comes there (s from its start)."""
-        return float(np.interp(progress, self.progress, self.time))
+        return _between(self._plain[0], self._plain[1], progress)
 
     def speed_at(self, progress: float) -> float:
         """Return how fast it is there (m/s)."""
-        return float(np.interp(progress, self.progress, self.speed))
+        return _between(self._plain[0], self._plain[2], progress)
+
+    def cap_at(self, progress: float) -> float:
+        """Return how fast it may be there (m/s)."""
+        return _between(self._plain[0], self._plain[3], progress)
+
+    @cached_property
+    def length(self) -> float:
+        """The path's length (m)."""
+        return float(self.progress[-1])
+
+    @cached_property
+    def whole(self) -> float:
+        """How long the whole drive takes (s)."""
+        return float(self.time[-1])
+
+    @cached_property
+    def _plain(self) -> tuple[list[float], ...]:
+        """Progress, times, speeds, bounds as lists: one value of them is found sooner than by
+        numpy.
+        """
+        return tuple(a.tolist() for a in (self.progress, self.time, self.speed, self.cap))
+
+
+def _between(xs: list[float], ys: list[float], x: float) -> float:
+    """Return the value at ``x`` of what is linear between points, constant outside."""
+    k = bisect.bisect_right(xs, x)
+    if k == 0:
+        return ys[0]
+    if k == len(xs):
+        return ys[-1]
+    low = xs[k - 1]
+    return ys[k - 1] + (x - low) / (xs[k] - low) * (ys[k] - ys[k - 1])
 
 
 def travel_of(path: Path) -> Travel:
