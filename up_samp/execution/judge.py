@@ -8,6 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,17 @@ class _Piece:
     activity: str
     avoid: frozenset[str] | None
 
+    @cached_property
+    def box(self) -> tuple[float, float, float, float]:
+        """Box (x low, y low, x high, y high; m) around all that the body sweeps: between two
+        samples nothing is farther from one of them than the way between them.
+        """
+        poses = self.track.poses
+        step = float(self.track.travel(self.track.times[:-1], self.track.times[1:]).max(initial=0))
+        reach = self.track.radius + step + 1e-6
+        (x, y), (u, v) = poses[:, :2].min(axis=0) - reach, poses[:, :2].max(axis=0) + reach
+        return float(x), float(y), float(u), float(v)
+
 
 def contacts_of(record: dict[str, Any]) -> list[Contact]:
     """Return all contacts in a record: pairs of pieces of two lives of which one drives."""
@@ -50,13 +62,17 @@ def contacts_of(record: dict[str, Any]) -> list[Contact]:
         for a, b in itertools.product(lives[one], lives[other]):
             low, high = max(a.since, b.since), min(a.until, b.until)
             heeded = (a.activity and _heeds(a, other)) or (b.activity and _heeds(b, one))
-            if not heeded or low > high:
+            if not heeded or low > high or _far(a.box, b.box):
                 continue
             low, high = max(low, -1.0), min(high, max(a.track.times[-1], b.track.times[-1]))
             time = hits_body(shapes[one], a.track, shapes[other], b.track, low, max(low, high))
             if time is not None:
                 found.append(Contact(time, one, other, a.activity, b.activity))
     return sorted(found, key=lambda c: c.time)
+
+
+def _far(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
+    return a[2] < b[0] or b[2] < a[0] or a[3] < b[1] or b[3] < a[1]
 
 
 def _heeds(piece: _Piece, name: str) -> bool:

@@ -29,9 +29,7 @@ if TYPE_CHECKING:
     from up_samp.execution.executor import Executor
 
 WORTH = 0.5
-"""A new order has to save so many seconds of makespan (or ``ENDS`` times that in all ends)."""
-
-ENDS = 4
+"""A new order has to save so many seconds of makespan."""
 
 
 def reorder(
@@ -86,15 +84,9 @@ def _load(executor: Executor, graph: Graph) -> None:
 
 
 def _better(before: Forecast, after: Forecast) -> bool:
-    """Return whether everything ends sooner, and no deadline is missed by more."""
-    if _missed(after) > _missed(before) + 1e-3:
-        return False
-    saved = before.makespan - after.makespan
-    return saved > WORTH or (saved > -1e-3 and _ends(before) - _ends(after) > ENDS * WORTH)
-
-
-def _ends(ahead: Forecast) -> float:
-    return sum(ahead.span(name)[1] for name in ahead.graph.tasks)
+    """Return whether all is over sooner, and no deadline is missed by more."""
+    sooner = before.makespan - after.makespan > WORTH
+    return sooner and _missed(after) <= _missed(before) + 1e-3
 
 
 def _missed(ahead: Forecast) -> float:
@@ -118,25 +110,16 @@ def _solve(
     left = [name for name, phase in state.phase.items() if phase is not Phase.DONE]
     ends = [times.event(Event(At.END, name)) for name in left]
     low = times.earliest()
-    makespan = _ticks(ahead.makespan - state.now)
-    sum_ = _ticks(sum(ahead.span(name)[1] - state.now for name in left))
-    worth = _ticks(WORTH)
-    if (
-        makespan - max(low[k] for k in ends) < worth
-        and sum_ - sum(low[k] for k in ends) < ENDS * worth
-    ):
+    latest = math.ceil((ahead.makespan - WORTH - state.now) * SCALE)
+    if max((low[k] for k in ends), default=0) > latest:
         return {}  # not even without all that is open
     model = cp_model.CpModel()
     literals = [model.new_bool_var("") for _ in decisions]
-    found = times.variables(model, low, makespan, literals)
-    last = model.new_int_var(0, makespan, "")
+    found = times.variables(model, low, latest, literals)
+    last = model.new_int_var(0, latest, "")
     for k in ends:
         model.add(last >= found[k])
-    total = sum(found[k] for k in ends)
-    sooner = model.new_bool_var("")
-    model.add(last <= makespan - worth).only_enforce_if(sooner)
-    model.add(total <= sum_ - ENDS * worth).only_enforce_if(sooner.negated())
-    model.minimize(10 * len(ends) * last + total)
+    model.minimize(10 * len(ends) * last + sum(found[k] for k in ends))
     for literal, decision in zip(literals, decisions, strict=True):
         model.add_hint(literal, decision.now)
     solver = cp_model.CpSolver()
@@ -148,13 +131,7 @@ def _solve(
     status = solver.solve(model)
     if status not in (cp_model.OPTIMAL, cp_model.FEASIBLE):
         return {}
-    return {
-        d.key: bool(solver.boolean_value(x)) for d, x in zip(decisions, literals, strict=True)
-    }
-
-
-def _ticks(seconds: float) -> int:
-    return math.ceil(seconds * SCALE)
+    return {d.key: bool(solver.boolean_value(x)) for d, x in zip(decisions, literals, strict=True)}
 
 
 class Reorderer:

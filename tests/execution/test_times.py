@@ -1,0 +1,101 @@
+"""The times that re-ordering decides by: CP-SAT against every combination of decisions."""
+
+import itertools
+
+import floors
+import pytest
+from ortools.sat.python import cp_model
+
+from up_samp.execution.build import dependencies_of
+from up_samp.execution.decisions import open_decisions, settled
+from up_samp.execution.delays import Delays
+from up_samp.execution.graph import At, Event, topological
+from up_samp.execution.reorder import WORTH, _solve
+from up_samp.execution.simulate import simulate
+from up_samp.execution.state import Phase
+from up_samp.execution.times import NOW, SCALE, Times
+
+
+@pytest.fixture(scope="module")
+def yaml(tmp_path_factory):
+    return floors.hall(tmp_path_factory.mktemp("hall"))
+
+
+def tied(executor, decisions):
+    """The times with all their ties, and the numbers of the ends that are to come."""
+    times = Times(executor)
+    times.all_after(settled(executor, {d.key for d in decisions}))
+    for k, decision in enumerate(decisions):
+        times.all_after(decision.needs[True], k + 1)
+        times.all_after(decision.needs[False], -k - 1)
+    times.chain()
+    state = executor.state
+    names = [name for name, phase in state.phase.items() if phase is not Phase.DONE]
+    return times, [times.event(Event(At.END, name)) for name in names]
+
+
+def last_end(times, ends, chosen):
+    """When all is over with these decisions (``None``: they make a cycle); the plain way."""
+    kept = [
+        t for t in times.ties if t.only_if == 0 or chosen[abs(t.only_if) - 1] == (t.only_if > 0)
+    ]
+    pairs = [(t.first, t.then) for t in kept if t.first != NOW]
+    at = [0] * len(times.number)
+    order = topological(len(at), pairs, at)
+    if order is None:
+        return None
+    into = {}
+    for tie in kept:
+        into.setdefault(tie.then, []).append(tie)
+    for k in order:
+        for tie in into.get(k, ()):
+            at[k] = max(at[k], tie.ticks + (0 if tie.first == NOW else at[tie.first]))
+    return max(at[k] for k in ends)
+
+
+def test_no_combination_of_decisions_is_sooner(yaml):
+    looked, better = 0, 0
+
+    def watch(executor):
+        nonlocal looked, better
+        ahead = executor.retime()
+        decisions = open_decisions(executor, ahead, 1000.0, 5)
+        if not decisions or executor.now % 4.0 > 1.0:
+            return 0
+        looked += 1
+        times, ends = tied(executor, decisions)
+        found = {
+            chosen: last_end(times, ends, chosen)
+            for chosen in itertools.product((True, False), repeat=len(decisions))
+        }
+        least = min(v for v in found.values() if v is not None)
+        low = times.earliest()
+        assert max(low[k] for k in ends) <= least
+        # the same times with variables left out
+        model = cp_model.CpModel()
+        literals = [model.new_bool_var("") for _ in decisions]
+        at = times.variables(model, low, 10**6, literals)
+        last = model.new_int_var(0, 10**6, "")
+        for k in ends:
+            model.add(last >= at[k])
+        model.minimize(last)
+        solver = cp_model.CpSolver()
+        solver.parameters.num_workers = 1
+        assert solver.solve(model) == cp_model.OPTIMAL
+        assert round(solver.objective_value) == least
+        chosen = _solve(executor, ahead, decisions, 1.0)
+        worth = least <= (ahead.makespan - WORTH - executor.now) * SCALE
+        assert bool(chosen) == worth
+        if chosen:
+            better += 1
+            assert found[tuple(chosen[d.key] for d in decisions)] == least
+        return 0
+
+    for seed in range(40, 46):
+        problem, plan = floors.random_floor(seed, yaml)
+        found = dependencies_of(problem, plan)
+        late = Delays(slow=0.6, long_stop=25.0)
+        run = simulate(found, plan, late, seed, policy="reorder", watch=watch, judged=False)
+        assert run.finished
+    assert looked >= 12
+    assert better >= 2
