@@ -363,9 +363,36 @@ def present(*activities):
     return [a.present for a in activities if a.optional]
 
 
-def random_routes(seed: int) -> SchedulingProblem:
-    """Return the problem of a seed."""
-    return RandomRoutes(seed).p
+def random_routes(seed: int, *, batteries: bool = False) -> SchedulingProblem:
+    """Return the problem of a seed, with levels that moves take from if ``batteries``."""
+    drawn = RandomRoutes(seed)
+    for t in drawn.travellers if batteries else ():
+        add_battery(drawn, t, random.Random(seed + (3 + t) * 10**6))
+    return drawn.p
+
+
+def add_battery(drawn: RandomRoutes, t: int, r: random.Random) -> None:
+    """Let a traveller's moves take from a level to which stops add (seldom also others do)."""
+    capacity = r.choice([3, 5, 8])
+    first = r.randint(1, capacity)
+    level = drawn.p.add_fluent(f"battery{t}", IntType(0, capacity), default_initial_value=first)
+    for who, m, _, _ in drawn.moves:
+        if who == t and r.random() < 0.9:
+            m.add_decrease_effect(r.choice([m.start, m.start, m.end]), level(), r.choice([1, 1, 2]))
+    for n in range(r.choice([0, 1, 2])):
+        place = [r.choice(drawn.spots)]
+        a = drawn._stop(f"charge{n}_{t}", t, r.choice([0, 1, 2, 3]), place, r.choice(SPANS), True)
+        a.add_increase_effect(r.choice([a.end, a.end, a.start]), level(), r.choice([1, 2, 3]))
+        for b in drawn.busy[t][:-1]:
+            apart = Or(LE(a.end, b.start), LE(b.end, a.start))
+            drawn.p.add_constraint(apart, present(a, b))
+    kind = r.random()
+    if kind < 0.1 and drawn.stops:
+        a = r.choice(drawn.stops)
+        a.add_decrease_effect(a.end, level(), 1)
+    elif kind < 0.2:
+        a = drawn.p.add_activity(f"swap{t}", 1, optional=True)
+        a.add_increase_effect(a.end, level(), 1)
 
 
 def state_some_absent(problem: SchedulingProblem, seed: int) -> None:

@@ -13,9 +13,9 @@ FEW = 30
 MANY = 1500
 
 
-def disagreement(seed, *, absent=False):
+def disagreement(seed, *, absent=False, batteries=False):
     """Return (what differs on the problem of ``seed``, whether it has routes)."""
-    problem = random_routes(seed)
+    problem = random_routes(seed, batteries=batteries)
     if absent:
         state_some_absent(problem, seed)
     with nothing_recognised():
@@ -47,6 +47,10 @@ def test_routes_without_what_never_happens():
     check(range(20_000, 20_000 + FEW // 2), absent=True)
 
 
+def test_routes_with_batteries():
+    check(range(30_000, 30_000 + FEW // 2), batteries=True)
+
+
 def test_tasks_that_are_apart_by_other_gaps_for_other_travellers():
     assert disagreement(10_170) == (None, True)
 
@@ -62,3 +66,9 @@ def test_many_routes_with_side_constraints(block):
 @pytest.mark.parametrize("block", range(4))
 def test_many_routes_without_what_never_happens(block):
     check(range(21_000 + block * 100, 21_100 + block * 100), absent=True)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("block", range(6))
+def test_many_routes_with_batteries(block):
+    check(range(31_000 + block * 100, 31_100 + block * 100), batteries=True)

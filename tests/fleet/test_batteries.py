@@ -30,7 +30,7 @@ def floor(capacity, *, charger=True, **battery):
 
 def test_a_robot_charges_where_it_has_to():
     fleet = floor(60)
-    result = fleet.solve()
+    result = fleet.solve(timeout=300)
     assert result.plan is not None, result.explain()
     assert validate_plan(fleet.problem, result.plan).valid
     charges = [a["name"] for a in result.data["activities"] if a["name"].startswith("charge_r")]
@@ -70,3 +70,37 @@ def test_levels_that_make_no_sense_are_refused():
         floor(60, reserve=61)
     with pytest.raises(FleetError, match=r"battery.volts: there is no such key"):
         floor(60, volts=48)
+
+
+def test_large_reserves_and_small_steps_are_taken():
+    """Drives that take less than the reserve are stated; what takes too much is left out."""
+    fleet = floor(60, reserve=40, level=60)
+    names = {a.name for a in fleet.problem.activities}
+    assert "move_r_home_to_a" in names
+    assert "move_r_home_to_c" not in names  # 23 m: more than the 20 that may be taken
+    with pytest.raises(FleetError, match=r"places.plug.charger: a step gives 20; .* takes 10 from"):
+        floor(60, reserve=50)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("robots", "orders"), [(2, 3), (3, 3)])
+def test_several_robots_that_have_to_charge(robots, orders):
+    fleet = Fleet(MAPS / "two_rooms.yaml")
+    battery = {"capacity": 100, "level": 40, "per_metre": 1.0, "reserve": 5}
+    fleet.add_robot_type(
+        "agv", (1.2, 0.8), model="diff", v_max=2.0, a_max=1.0, omega_max=2.0, battery=battery
+    )
+    fleet.add_place("plug", 5, 14, charger={"per_second": 2.0, "step": 10})
+    for name, x, y in (("dock", 12, 12), ("shelf", 7, 3), ("store", 25, 4), ("rack", 25, 12)):
+        fleet.add_place(name, x, y)
+    for i in range(robots):
+        fleet.add_place(f"home{i}", 2, 3 + 2.5 * i)
+        fleet.add_robot(f"r{i}", "agv", f"home{i}", end=f"home{i}")
+    ways = [("shelf", "dock"), ("store", "dock"), ("rack", "shelf")]
+    for i, (pickup, delivery) in enumerate(ways[:orders]):
+        fleet.add_order(f"o{i}", pickup, delivery)
+    result = fleet.solve(timeout=240)
+    assert result.plan is not None, result.explain()
+    assert validate_plan(fleet.problem, result.plan).valid
+    charged = {a["name"].split("_")[1] for a in result.data["activities"] if "charge" in a["name"]}
+    assert len(charged) >= 2

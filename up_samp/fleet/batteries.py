@@ -1,7 +1,8 @@
 """Batteries as numeric fluents: what drives take, and what chargers give, step by step.
 
 What a drive takes is known before any schedule: that of the way which the robot takes when nobody
-is in it. Levels are whole numbers: what is taken is rounded up, what is given down.
+is in it. Levels are whole numbers above the reserve: what is taken is rounded up, what is
+given down.
 """
 
 from __future__ import annotations
@@ -49,6 +50,11 @@ class Meter:
             self._known[key] = 0.0 if way is None else taken(battery, way)
         return math.ceil(grains(battery, self._known[key]) - 1e-9)
 
+    def too_far(self, robot: str, origin: str, to: str) -> bool:
+        """Return whether a drive takes more than a full battery has above its reserve."""
+        battery = self._records.robot_types[self._records.robots[robot].type].battery
+        return battery is not None and self.drive(robot, origin, to) > usable(battery)
+
     def _way(self, kind: str, origin: str, to: str) -> Trajectory | None:
         """Return how a robot drives when nobody is in its way."""
         records = self._records
@@ -81,13 +87,17 @@ def grains(battery: Battery, amount: float) -> float:
 
 
 def first_level(battery: Battery) -> int:
-    """Return the level at first, in grains."""
+    """Return the level at first, in grains above the reserve."""
     level = battery.capacity if battery.level is None else battery.level
-    return math.floor(grains(battery, level) + 1e-9)
+    return max(0, math.floor(grains(battery, level) + 1e-9) - _reserve(battery))
 
 
-def lowest(battery: Battery) -> int:
-    """Return the level that is kept, in grains."""
+def usable(battery: Battery) -> int:
+    """Return the grains that a full battery has above its reserve."""
+    return GRAINS - _reserve(battery)
+
+
+def _reserve(battery: Battery) -> int:
     return math.ceil(grains(battery, battery.reserve) - 1e-9)
 
 
@@ -98,7 +108,7 @@ def step_of(battery: Battery, charger: Charger) -> int:
 
 def steps_of(battery: Battery, charger: Charger) -> int:
     """Return how many steps one visit may have: until an empty battery is full."""
-    return min(MOST_STEPS, max(1, (GRAINS - lowest(battery)) // step_of(battery, charger)))
+    return min(MOST_STEPS, max(1, usable(battery) // step_of(battery, charger)))
 
 
 def levels(records: FleetRecords, plan: Mapping[str, Any]) -> dict[str, list[tuple[float, float]]]:

@@ -31,6 +31,8 @@ class Drives:
         needed = moves_needed(self._work.visits[robot], Successions(records, kind))
         longest = self._longest(kind)
         for (origin, to), copies in needed.items():
+            if self._meter.too_far(robot, origin, to):
+                continue
             order = ridden(records, origin, to)
             verb = f"move_{robot}_{origin}_to_{to}"
             if order is not None:

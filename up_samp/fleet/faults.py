@@ -114,6 +114,19 @@ def _batteries(records: FleetRecords) -> Iterator[Fault]:
             yield Fault((*path, "reserve"), f"is more than the {first:g} that are there at first")
 
 
+def _chargers(records: FleetRecords) -> Iterator[Fault]:
+    batteries = [(n, kind.battery) for n, kind in records.robot_types.items() if kind.battery]
+    for name, place in records.places.items():
+        charger = place.charger
+        for kind, battery in batteries if charger is not None else ():
+            assert charger is not None
+            given, room = charger.per_second * charger.step, battery.capacity - battery.reserve
+            if given > room:
+                text = f"a step gives {given:g}; the battery of '{kind}' takes {room:g} from its "
+                text += "reserve on: say step, in s"
+                yield Fault(("places", name, "charger"), text)
+
+
 def _doors(records: FleetRecords) -> Iterator[Fault]:
     for name, door in records.doors.items():
         path: Path = ("doors", name, "opened_from")
@@ -269,6 +282,7 @@ CHECKS: tuple[Callable[[FleetRecords], Iterator[Fault]], ...] = (
     _same_names,
     _robots,
     _batteries,
+    _chargers,
     _doors,
     _zones,
     _orders,

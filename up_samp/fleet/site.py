@@ -17,7 +17,7 @@ from unified_planning.model.motion import (
 )
 from unified_planning.shortcuts import ConfigurationType, Equals, IntType, MovableType
 
-from up_samp.fleet.batteries import GRAINS, first_level, lowest
+from up_samp.fleet.batteries import first_level, usable
 from up_samp.fleet.crowds import Crowd
 from up_samp.fleet.faults import Fault, FleetError
 from up_samp.fleet.loads import MARK, attached_of, ends_of, load_pose, place_of, poses_of
@@ -91,7 +91,7 @@ class Site:
             self.problem.set_initial_configuration(self.robots[name], self.places[robot.start])
             self._at_first(name, self.places[robot.start])
             if kind.battery is not None:
-                level = Fluent(f"{name}_battery", IntType(lowest(kind.battery), GRAINS))
+                level = Fluent(f"{name}_battery", IntType(0, usable(kind.battery)))
                 self.problem.add_fluent(level, default_initial_value=first_level(kind.battery))
                 self.batteries[name] = level()
             if robot.end is not None:

@@ -3,7 +3,8 @@
 Moves are replaced by the time that they take at least between what happens at places, in a circuit
 per traveller. A move happens once at most, so only one leg can use it, and others pay for a detour.
 What moves keep as it is (doors) changes between the legs only, a door is opened once
-(:mod:`.once`), and a unary place is used by one after the other. Other constraints, conditions
+(:mod:`.once`), a unary place is used by one after the other, and what moves take from
+(:mod:`.levels`) lasts. Other constraints, conditions
 and effects that speak of moves are dropped, so every schedule of the problem is one of the
 collapsed problem: its optimum is a lower bound, and if it has no schedule, the problem has none. A
 relaxed schedule, with shortest paths of moves put back in, is a hint for the full model; the full
@@ -34,6 +35,7 @@ from up_samp.scheduling.cpsat.problem import Additions
 from up_samp.scheduling.cpsat.routing.dispatch import find_tasks
 from up_samp.scheduling.cpsat.routing.expand import Changes, expand
 from up_samp.scheduling.cpsat.routing.legs import Arc, Legs, Travel, entry_form
+from up_samp.scheduling.cpsat.routing.levels import Course, find_levels
 from up_samp.scheduling.cpsat.routing.once import opened_once
 from up_samp.scheduling.cpsat.routing.order import Order
 from up_samp.scheduling.cpsat.routing.reduce import without
@@ -80,6 +82,7 @@ class RoutingRelaxation:
         circuit: list[tuple[int, int, Any]] = [(0, 0, store.raw(store.boolean()))]
         load: list[tuple[Literal, int]] = []
         hops: dict[tuple[int, int], list[Literal]] = {}
+        courses = [Course(store, level, stops) for level in find_levels(self.full, route)]
         for j, (stop, places) in enumerate(stops, 1):
             circuit.append((j, j, store.raw(~stop.present)))
             load.append((stop.present, stop.least))
@@ -97,6 +100,9 @@ class RoutingRelaxation:
             circuit.append((j, 0, store.raw(literal)))
             load.append((literal, back))
             self._legs.when(stop.end.shift(back).le(makespan), literal)
+            for course in courses:
+                course.come(j, arcs)
+                course.leave(j, literal, route.returns.get(stop.name, route.final))
             leg = self._legs.add(route, stop, arcs)
             self._legs.stay(route, stop, places, arcs)
             self._enter(route, stop, places, leg, arcs)
