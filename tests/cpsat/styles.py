@@ -54,6 +54,8 @@ class Style:
     one_of: str = "pairs"  # pairs | nested | inside | variables
     order: str = "scope"  # scope | implies | inside
     fluents: str = "own"  # own | parameter | precedences
+    moves: str = "each"  # each | leave | go: one a road, or goals (and origins) are parameters
+    way: str = ""  # "" | road: while it drives, a robot is on the road
     shuffled: int = 0
     spoiled: int = 0
     """A seed: by it some of what a pattern consists of is left out, so that it is none."""
@@ -62,11 +64,12 @@ class Style:
     def units(self) -> tuple[int, ...]:
         """The units of time that pass after a move's end until its effect is seen, between what
         one robot does, between what one machine does, and until a door's opening is seen
-        (and what spoils the style).
+        (and what spoils the style; and whether every move keeps every door still, because it asks
+        for those that it does not go through under a condition).
         """
         late = self.fluents != "precedences" and self.arrive == "end"
         alone, machine = (int(how in _STRICT) for how in (self.alone, self.machine))
-        last = (int(self.arrive == "end"), self.spoiled)
+        last = (int(self.arrive == "end"), self.spoiled, int(self.moves != "each"))
         return max(int(late), alone), alone, machine, *last
 
     def __str__(self) -> str:
@@ -91,6 +94,10 @@ TIGHT = [
     Style(fluents="precedences", alone="uses", one_of="nested", order="inside", machine="uses"),
     Style(shuffled=1),
     Style(fluents="precedences", shuffled=2, lasts="bounds"),
+    Style(moves="leave"),
+    Style(moves="go", alone="uses", one_of="nested", shuffled=6),
+    Style(moves="leave", fluents="parameter", lasts="bounds", way="road"),
+    Style(way="road", alone="implies", origin="until end"),
 ]
 LOOSE = [
     Style(arrive="end", alone="strictly", machine="strictly", origin="whole"),
@@ -101,6 +108,8 @@ LOOSE = [
     Style(alone="held", machine="busy", fluents="parameter"),
     Style(alone="held", machine="held", one_of="variables"),
     Style(alone="busy", machine="held", fluents="precedences"),
+    Style(moves="leave", alone="busy", machine="busy"),
+    Style(way="road", alone="held", machine="held"),
 ]
 SPOILED = [
     Style(fluents="precedences", spoiled=1),
@@ -131,6 +140,7 @@ class Writer:
         self.open = self._doors()
         self.holds = 0
         self.moves, self.works, self.openings = [], [], []
+        self.ends = {}
         for make in self.shuffle([self._all_moves, self._all_tasks, self._all_openings]):
             make()
         self._where()
@@ -145,8 +155,7 @@ class Writer:
             for before in site.tasks[t].after:
                 self._in_order(before, t)
         for r, p in site.visits.items():
-            arriving = [m.present for q, m, _, b in self.moves if (q, b) == (r, p)]
-            self.problem.add_constraint(Or(arriving))
+            self.problem.add_constraint(Or(self._arriving(r, p)))
         self._finish()
         self.problem.add_quality_metric(MinimizeMakespan())
 
@@ -158,6 +167,8 @@ class Writer:
         places = self.shuffle(self.site.places)
         self.spots = {p: problem.add_object(self.name("p", p), self.spot) for p in places}
         self.bodies = [problem.add_object(self.name("r", r), self.robot) for r in self.robots]
+        if self.style.way == "road":
+            self.roads = [problem.add_object(f"road{r}", self.spot) for r in self.robots]
         return problem
 
     def _doors(self):
@@ -234,8 +245,70 @@ class Writer:
 
     def _all_moves(self):
         for r in self.shuffle(self.robots):
-            for (a, b), length in self.shuffle(self.site.ways(r)):
-                self.moves.append((r, self._road(r, a, b, length), a, b))
+            roads = dict(self.shuffle(self.site.ways(r)))
+            if self.style.moves == "each":
+                for (a, b), length in roads.items():
+                    self.moves.append((r, self._road(r, a, b, length), a, b))
+            elif self.style.moves == "go":
+                self._guided(r, None, roads)
+            else:
+                for origin in dict.fromkeys(a for a, _ in roads):
+                    self._guided(r, origin, {w: n for w, n in roads.items() if w[0] == origin})
+
+    def _guided(self, r, origin, roads):
+        """Write as many moves as there are roads; parameters say which roads they take."""
+        some = []
+        for copy in range(len(roads)):
+            m = self._guide(r, origin, roads, copy)
+            m.add_constraint(Or([self._takes(m, a, b) for a, b in self.shuffle(roads)]))
+            for other in some:
+                same = [And(self._takes(m, *w), self._takes(other, *w)) for w in roads]
+                both = [m.present, other.present]
+                for way in same:
+                    self.problem.add_constraint(Not(way), both)
+            some.append(m)
+            self.moves.append((r, m, origin, None))
+
+    def _guide(self, r, origin, roads, copy):
+        """Return a move of a robot along one of some roads."""
+        name = "go" if origin is None else f"leave{origin}"
+        m = self.problem.add_activity(self.name(f"{name}copy{copy}by", r), 1, optional=True)
+        more = 7 if self.style.lasts == "bounds" else 0
+        m.set_duration_bounds(min(roads.values()), max(roads.values()) + more)
+        self._decide(m, origin)
+        for (a, b), length in roads.items():
+            lasts = And(GE(m.end, m.start + length), LE(m.end, m.start + (length + more)))
+            m.add_constraint(Or(Not(self._takes(m, a, b)), lasts))
+        for b in self.open:
+            if any(goal == b for _, goal in roads):
+                span = ClosedTimeInterval(Timing(1, m.start), Timing(0, m.end))
+                m.add_condition(span, Or(Not(Equals(self.goal(m), self.spots[b])), self.open[b]()))
+        return m
+
+    def _decide(self, m, origin):
+        """Give a move the parameters that say from where to where it goes."""
+        to = m.add_parameter("to", self.spot)
+        source = self.spots[origin] if origin is not None else m.add_parameter("source", self.spot)
+        self.ends[m.name] = (source, to)
+
+    def _takes(self, m, a, b):
+        """Return that a guided move takes a road."""
+        source, to = self.ends[m.name]
+        goal = Equals(to, self.spots[b])
+        return goal if source is self.spots[a] else And(Equals(source, self.spots[a]), goal)
+
+    def goal(self, m):
+        return self.ends[m.name][1]
+
+    def _arriving(self, r, p):
+        """Return the moves of a robot to a place."""
+        found = []
+        for q, m, _, b in self.moves:
+            if q == r and b is None:
+                found.append(And(m.present, Equals(self.goal(m), self.spots[p])))
+            elif (q, b) == (r, p):
+                found.append(m.present)
+        return found
 
     def _all_tasks(self):
         for t, task in self.shuffle(enumerate(self.site.tasks)):
@@ -253,7 +326,7 @@ class Writer:
     # -- where robots are ------------------------------------------------------------------------
     def _needs(self):
         """Return (robot, activity, places where it may start)."""
-        found = [(r, m, (a,)) for r, m, a, _ in self.moves]
+        found = [(r, m, (a,)) for r, m, a, _ in self.moves if a is not None]
         found += [(r, a, self.site.tasks[t].places) for r, a, t in self.works]
         return found + [(r, a, (self.site.doors[p],)) for r, a, p in self.openings]
 
@@ -265,8 +338,14 @@ class Writer:
                 if self.site.home:
                     self._come_home(r)
             return
-        for r, m, _, b in self.moves:
-            m.add_effect(self._arrival(r, m), self.at[r], self.spots[b])
+        for r, m, a, b in self.moves:
+            goal = self.goal(m) if b is None else self.spots[b]
+            m.add_effect(self._arrival(r, m), self.at[r], goal)
+            if a is None:
+                here = Equals(self.at[r], self.ends[m.name][0])
+                m.add_condition(self._span(m, True), here)
+            if self.style.way == "road":
+                m.add_effect(m.start, self.at[r], self.roads[r])
         for r, a, places in self._needs():
             options = [Equals(self.at[r], self.spots[p]) for p in self.shuffle(places)]
             moves = any(a is m for _, m, *_ in self.moves)
@@ -283,7 +362,8 @@ class Writer:
         return Timing(-1 if self.style.arrive == "end - 1" else 0, m.end)
 
     def _span(self, a, moves):
-        if self.style.origin == "start" or (moves and self.style.arrive != "end"):
+        changed = self.style.arrive != "end" or self.style.way == "road"
+        if self.style.origin == "start" or (moves and changed):
             return TimePointInterval(Timing(0, a.start))
         if self.style.origin == "whole":
             return ClosedTimeInterval(Timing(0, a.start), Timing(0, a.end))

@@ -55,3 +55,20 @@ def has_decisions(node: FNode) -> bool:
     """Return whether decision variables, times or presences occur."""
     kinds = (Op.PARAM_EXP, Op.TIMING_EXP, Op.PRESENT_EXP)
     return any(n.node_type in kinds for n in walk(node))
+
+
+def unless_decided(node: FNode) -> tuple[FNode | None, FNode]:
+    """Return a disjunction as (what parameters alone decide, what it says of fluents otherwise);
+    (``None``, ``node``) if it is not of that kind.
+    """
+    manager = node.environment.expression_manager
+    if node.node_type is Op.IMPLIES:
+        node = manager.Or(manager.Not(node.arg(0)), node.arg(1))
+    if node.node_type is not Op.OR:
+        return None, node
+    kinds = (Op.TIMING_EXP, Op.PRESENT_EXP)
+    decided = [a for a in node.args if not fluents_in(a)]
+    rest = [a for a in node.args if fluents_in(a)]
+    if not decided or not rest or any(n.node_type in kinds for a in decided for n in walk(a)):
+        return None, node
+    return manager.Or(decided), manager.Or(rest)

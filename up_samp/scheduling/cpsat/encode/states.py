@@ -23,11 +23,14 @@ from up_samp.scheduling.cpsat.encode.nodes import (
     equals_parameter,
     fluents_in,
     has_decisions,
+    unless_decided,
 )
 from up_samp.scheduling.cpsat.encode.statevars import Key, Read, StateVar, Write
 from up_samp.scheduling.cpsat.encode.store import (
     FALSE,
     TRUE,
+    Cmp,
+    Form,
     Lin,
     Literal,
     Store,
@@ -353,8 +356,27 @@ class States:
                 allowed = frozenset(v for v in state.values if low <= v <= high)
                 self._read(state, Read(number, active, lo, hi, allowed, value, loose=loose))
                 return
+        decided, rest = unless_decided(node)
+        if decided is not None and not loose:
+            # whatever is decided, nobody may change meanwhile what is read
+            for _, state in self._all_grounds(rest, owner):
+                self._read(state, Read(number, active, lo, hi, guard_only=True))
+            said = Terms(self.world, _no_fluents, owner)
+            other = self._literals(said.form(decided, False), said.form(decided))
+            self._hold(rest, owner, self.store.all_of([active, *other]), lo, hi)
+            return
         terms = Terms(self.world, self.reader(owner, active, lo, hi, loose), owner)
         self.store.enforce(terms.form(node), (active,))
+
+    def _literals(self, form: Form, opposite: Form) -> list[Literal]:
+        """Return literals that together are true exactly if a form of parameters holds."""
+        found = []
+        for part in form[1:] if form.__class__ is tuple and form[0] == "&" else (form,):
+            one = part.terms[0] if part.__class__ is Cmp and len(part.terms) == 1 else (0, 0)
+            if abs(one[1]) != 1 or part.op != "==":
+                return [self.store.equivalent(form, opposite)]
+            found.append(self.store.is_value(one[0], -part.const * one[1]))
+        return found
 
     def _values(self, node: FNode, state: StateVar) -> frozenset[int]:
         """Return the values of ``state`` with which ``node`` holds."""

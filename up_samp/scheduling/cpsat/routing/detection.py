@@ -180,7 +180,7 @@ def _moves(change: Change, lengths: Lengths) -> Iterator[Move]:
         for origins, values in some:
             least = lengths.least(activity, values)
             if least < INFINITE and origins != {to}:
-                yield Move(activity.name, origins, to, least)
+                yield Move(activity.name, origins, to, least, tuple(values.items()))
 
 
 def _stops(

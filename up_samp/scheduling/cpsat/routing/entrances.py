@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING
 
 from up_samp.scheduling.cpsat.encode.statevars import Key, Read, StateVar
+from up_samp.scheduling.cpsat.encode.store import Literal
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.routing.changes import Change
-from up_samp.scheduling.cpsat.routing.route import Entry, Route, Still
+from up_samp.scheduling.cpsat.routing.route import Entry, Move, Route, Still
 
 if TYPE_CHECKING:
     from up_samp.scheduling.cpsat.model import ScheduleModel
@@ -18,12 +20,29 @@ def find_entries(model: ScheduleModel, route: Route, changes: list[Change]) -> N
 
     :param changes: all that the traveller makes one at a time.
     """
-    index = {name: activity.index for name, activity in model.world.activities.items()}
-    into: dict[int, dict[int, ActivityVars]] = {}
+    into: dict[int, list[Move]] = {}
     for move in route.moves:
-        into.setdefault(move.to, {})[index[move.name]] = model.world.activities[move.name]
+        into.setdefault(move.to, []).append(move)
     movers = {change.activity.index for change in changes if change.activity is not None}
-    needs: Needs = {}
+    needs = _needs(model, route, movers)
+    for place, moves in into.items():
+        if place in route.free:
+            continue
+        common = set.intersection(*(set(needs[move]) for move in moves))
+        for key, allowed in sorted(common, key=str):
+            if model.states.vars[key].initial in allowed:
+                continue
+            lead = min(needs[move][key, allowed] for move in moves)
+            route.entries.setdefault(place, []).append(Entry(key, allowed, max(0, lead)))
+    _find_closed_off(model, route, needs)
+
+
+Needs = dict[Move, dict[tuple[Key, frozenset[int]], int]]
+"""What each move needs of other state variables -> how long before what is done where it leads."""
+
+
+def _needs(model: ScheduleModel, route: Route, movers: set[int]) -> Needs:
+    asked: dict[int, list[tuple[Literal, tuple[Key, frozenset[int]], int]]] = {}
     for other in model.states.vars.values():
         if any(write.owner in movers for write in other.writes):
             continue  # a move may provide what it needs itself
@@ -31,37 +50,36 @@ def find_entries(model: ScheduleModel, route: Route, changes: list[Change]) -> N
             if read.owner in movers and read.allowed is not None and not read.guard_only:
                 activity = model.states.activity(read.owner or 0)
                 before = model.states.difference(activity.end, read.lo)[0]
-                if read.active == activity.present and before >= 0:
-                    lead = before + 1 + route.step
-                    needs.setdefault(activity.index, {})[other.key, read.allowed] = lead
-    for place, some in into.items():
-        if place in route.free:
-            continue
-        activities, common = list(some.values()), None
-        for activity in activities:
-            mine = set(needs.get(activity.index, {}))
-            common = mine if common is None else common & mine
-        for key, allowed in sorted(common or (), key=str):
-            if model.states.vars[key].initial in allowed:
-                continue
-            lead = min(needs[a.index][key, allowed] for a in activities)
-            route.entries.setdefault(place, []).append(Entry(key, allowed, max(0, lead)))
-    _find_closed_off(model, route, needs)
+                if before >= 0:
+                    need = (read.active, (other.key, read.allowed), before + 1 + route.step)
+                    asked.setdefault(activity.index, []).append(need)
+    found: Needs = {}
+    for move in route.moves:
+        activity = model.world.activities[move.name]
+        some = asked.get(activity.index, ())
+        true = _true(model, activity, move) if some else set()
+        found[move] = {need: lead for active, need, lead in some if active in true}
+    return found
 
 
-Needs = dict[int, dict[tuple[Key, frozenset[int]], int]]
-"""What each move needs of other state variables -> how long before what is done where it leads."""
+def _true(model: ScheduleModel, activity: ActivityVars, move: Move) -> set[Literal]:
+    """Return what is true of a move that is made: it is present, with its parameters' values."""
+    chosen = [model.store.is_value(var, value) for var, value in move.values]
+    return {
+        model.store.all_of([activity.present, *some])
+        for size in range(len(chosen) + 1)
+        for some in itertools.combinations(chosen, size)
+    }
 
 
 def _find_closed_off(model: ScheduleModel, route: Route, needs: Needs) -> None:
     """Find the places to which there is no way but by moves that all need the same (rooms behind
     a door): to come there, one of these has been made before.
     """
-    index = {move.name: model.world.activities[move.name].index for move in route.moves}
     for key, allowed in sorted({need for some in needs.values() for need in some}, key=str):
         if model.states.vars[key].initial in allowed:
             continue
-        free = [m for m in route.moves if (key, allowed) not in needs.get(index[m.name], {})]
+        free = [m for m in route.moves if (key, allowed) not in needs[m]]
         leads = [some[key, allowed] for some in needs.values() if (key, allowed) in some]
         reached, size = {route.initial, *route.free}, 0
         while size < len(reached):

@@ -14,12 +14,15 @@ INFINITE = 10**12
 
 @dataclass(frozen=True, order=True)
 class Move:
-    """A transition: from one of ``origins`` to ``to``, lasting at least ``least``."""
+    """A transition: from one of ``origins`` to ``to``, lasting at least ``least``, if the variables
+    in ``values`` (parameters) have these values.
+    """
 
     name: str
     origins: frozenset[int]
     to: int
     least: int
+    values: tuple[tuple[int, int], ...] = ()
 
 
 @dataclass(frozen=True)
