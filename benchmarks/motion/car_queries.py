@@ -134,10 +134,10 @@ def by_shapely(depots: int, seconds: float, limit: int) -> list[dict[str, Any]]:
 
 
 @kernel
-def _checks(grid: Any, polys: Any, shape: Any, poses: Any) -> int:
+def _checks(world: Any, poses: Any) -> int:
     count = 0
     for i in range(poses.shape[0]):
-        count += k.pose_free(grid, polys, shape, poses[i, 0], poses[i, 1], poses[i, 2])
+        count += k.pose_free(world, poses[i, 0], poses[i, 1], poses[i, 2])
     return count
 
 
@@ -146,7 +146,7 @@ def footprint_check() -> dict[str, float]:
     from up_samp.geometry import Scene
 
     scene, rng, n = Scene(logistics_map()), np.random.default_rng(0), 50_000
-    shape, polys = shape_of(ROBOT, 0.01).data, scene.polys((CLOSED,))
+    world = scene.world(shape_of(ROBOT, 0.01), (CLOSED,))
     anywhere = np.column_stack(
         [rng.uniform(0, 100, n), rng.uniform(0, 65, n), rng.uniform(-3, 3, n)]
     )
@@ -154,10 +154,8 @@ def footprint_check() -> dict[str, float]:
     tight[:, 0], tight[:, 1] = rng.uniform(53, 97, n), rng.uniform(34, 34.6, n)
     out = {}
     for name, poses in (("anywhere", anywhere), ("beside a wall", tight)):
-        _checks(scene.data, polys, shape, poses[:1])
-        out[name] = min(
-            timed(lambda p=poses: _checks(scene.data, polys, shape, p))[0] for _ in range(5)
-        )
+        _checks(world, poses[:1])
+        out[name] = min(timed(lambda p=poses: _checks(world, p))[0] for _ in range(5))
     return {name: seconds / n * 1e6 for name, seconds in out.items()}
 
 

@@ -86,6 +86,18 @@ def test_kernels_are_found_again_and_changed_ones_are_not(ask, tmp_path):
     assert not list((tmp_path / "cache" / "kernels").glob("*.lock"))
 
 
+def test_a_kernel_heeds_the_order_of_a_record_s_fields(tmp_path):
+    """It takes them by their places, and the types of two may be the same."""
+    records = tmp_path / "records.py"
+    records.write_text("class Limits(NamedTuple):\n    v: float\n    a: float\n")
+    assert kernel_cache.kernels_need(records)
+    records.write_text("@dataclass\nclass Limits:\n    v: float\n")
+    kernel_cache.kernels_need.cache_clear()
+    assert not kernel_cache.kernels_need(records)
+    uses = Path(up_samp.motion.__file__).parent / "planners" / "hybrid_astar.py"
+    assert uses.parents[1] / "guides" / "search_space.py" in closure(uses)
+
+
 def test_a_kernel_in_the_place_of_another_is_not_run(ask, tmp_path):
     """Both take the same arguments: only their names tell them apart."""
     assert ask()[0] == 3.0
@@ -116,7 +128,7 @@ def modules():
     for package in (up_samp.geometry, up_samp.motion):
         for found in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
             module = importlib.import_module(found.name)
-            if kernel_cache.uses_kernels(Path(module.__file__)):
+            if kernel_cache.kernels_need(Path(module.__file__)):
                 yield module
 
 
@@ -162,6 +174,8 @@ def names_of(code):
 
 def is_plain(value):
     dispatcher = numba.core.dispatcher.Dispatcher
+    if isinstance(value, type):  # a record of the kernel's own module
+        return issubclass(value, tuple) and hasattr(value, "_fields")
     return isinstance(value, int | float | str | tuple | np.ndarray | np.generic | dispatcher)
 
 

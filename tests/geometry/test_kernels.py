@@ -70,23 +70,23 @@ def test_poses_against_the_map(name, origin):
     footprint = FOOTPRINTS[name]
     bare = shape_of(body(name)).data
     margined = shape_of(body(name), 0.1).data
-    no_polys = scene.polys()
+    bare, margined = (k.WorldData(scene.data, scene.polys(), s) for s in (bare, margined))
     free_count = 0
     for x, y, th in random_poses(rng, grid, 1000):
         shape = placed(footprint, (x, y, th))
-        free = k.pose_free(scene.data, no_polys, bare, x, y, th)
+        free = k.pose_free(bare, x, y, th)
         deep = area.intersection(shape).area > 1e-5
         assert not (free and deep)
         if not free:
             assert area.intersects(shape)
         free_count += free
         distance = area.distance(shape)
-        if k.pose_free(scene.data, no_polys, margined, x, y, th):
+        if k.pose_free(margined, x, y, th):
             assert distance >= 0.1 - TOLERANCE
         else:  # mitred corners exceed the margin by at most 8.3 %
             assert distance <= 0.1 * 1.083 + TOLERANCE
         # the bound on the clearance is a bound
-        clearance = k.clearance(scene.data, no_polys, margined, x, y, th)
+        clearance = k.clearance(margined, x, y, th)
         if clearance >= 0:
             assert distance >= 0.1 + clearance - TOLERANCE
     assert 50 < free_count < 950
@@ -100,12 +100,12 @@ def test_edges_against_the_map(name):
     area, scene = walls_of(grid), Scene(grid)
     footprint, margin = FOOTPRINTS[name], 0.02
     shape = shape_of(body(name), margin).data
-    no_polys = scene.polys()
+    world = k.WorldData(scene.data, scene.polys(), shape)
     seen = {True: 0, False: 0}
     for x, y, th in random_poses(rng, grid, 250):
         kappa = float(rng.choice([0.0, 1.0, -1.0, 0.3]))
         length = float(rng.uniform(-3, 3))
-        free = sweeps.arc_free(scene.data, no_polys, shape, x, y, th, kappa, length)
+        free = sweeps.arc_free(world, x, y, th, kappa, length)
         poses = [k.advance(x, y, th, kappa, length * i / 60) for i in range(61)]
         nearest = min(area.distance(placed(footprint, pose)) for pose in poses)
         seen[free] += 1
@@ -114,7 +114,7 @@ def test_edges_against_the_map(name):
         else:  # the least slack of 0.02, mitred, and the spacing of the oracle's own samples
             assert nearest <= (margin + shape.slack[2]) * 1.083 + 0.05
         arcs = np.array([[kappa, length / 2], [kappa, length / 2]])
-        whole = sweeps.path_free(scene.data, no_polys, shape, np.array([x, y, th]), arcs)
+        whole = sweeps.path_free(world, np.array([x, y, th]), arcs)
         assert (whole < 0) == free or nearest <= (margin + shape.slack[2]) * 1.083 + 0.05
     assert min(seen.values()) > 25
 
@@ -151,21 +151,21 @@ def test_resting_objects(name):
             for i, other in enumerate(("L", "car", "triangle"))
         )
         area = shapely.union_all([placed(p.body.footprint, p.pose) for p in others])
-        polys = scene.polys(others)
+        world = k.WorldData(scene.data, scene.polys(others), shape)
         for _ in range(20):
             x, y, th = rng.uniform(-6, 6, 3)
             me = placed(FOOTPRINTS[name], (x, y, th))
-            distance, owner = k.poly_distance(polys, shape, x, y, th, 100.0)
+            distance, owner = k.poly_distance(world.polys, shape, x, y, th, 100.0)
             if distance > 0:
                 assert distance == pytest.approx(area.distance(me), abs=1e-9)
                 nearest = placed(others[owner].body.footprint, others[owner].pose)
                 assert nearest.distance(me) == pytest.approx(distance, abs=1e-9)
-            free = k.pose_free(scene.data, polys, shape, x, y, th)
+            free = k.pose_free(world, x, y, th)
             assert free == (area.distance(me) >= 0.05) or abs(area.distance(me) - 0.05) < TOLERANCE
             kappa, length = float(rng.choice([0.0, 1.0])), float(rng.uniform(-3, 3))
             swept = [k.advance(x, y, th, kappa, length * i / 40) for i in range(41)]
             nearest = min(area.distance(placed(FOOTPRINTS[name], pose)) for pose in swept)
-            if sweeps.arc_free(scene.data, polys, shape, x, y, th, kappa, length):
+            if sweeps.arc_free(world, x, y, th, kappa, length):
                 assert nearest >= 0.05 - TOLERANCE
             else:
                 assert nearest <= 0.05 + 0.01 + 0.1
@@ -178,9 +178,9 @@ def test_samples_are_swept():
     dot = Body(((-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1)), KIN)
     across = np.array([[-1.0, 0, 0], [1.0, 0, 0]])
     beside = np.array([[-1.0, 2.2, 0], [1.0, 2.2, 0]])
-    shape, polys = shape_of(dot).data, scene.polys((wall,))
-    assert sweeps.samples_free(scene.data, polys, shape, across, 1e-4) == 0
-    assert sweeps.samples_free(scene.data, polys, shape, beside, 1e-4) == -1
+    world = scene.world(shape_of(dot), (wall,))
+    assert sweeps.samples_free(world, across, 1e-4) == 0
+    assert sweeps.samples_free(world, beside, 1e-4) == -1
 
 
 def test_clearance_field_is_a_bound_for_whole_cells():
@@ -257,10 +257,10 @@ def test_many_edges_against_the_map(name):
     for turn in range(4):
         grid = cluttered(rng, (1.0, -2.0, 0.3 * turn), density=0.004)
         area, scene = walls_of(grid), Scene(grid)
-        no_polys = scene.polys()
+        world = k.WorldData(scene.data, scene.polys(), shape)
         for x, y, th in random_poses(rng, grid, 500):
             kappa, length = float(rng.uniform(-1, 1)), float(rng.uniform(-3, 3))
-            if sweeps.arc_free(scene.data, no_polys, shape, x, y, th, kappa, length):
+            if sweeps.arc_free(world, x, y, th, kappa, length):
                 free += 1
                 poses = [k.advance(x, y, th, kappa, length * i / 200) for i in range(201)]
                 nearest = min(area.distance(placed(footprint, pose)) for pose in poses)

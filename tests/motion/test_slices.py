@@ -65,4 +65,4 @@ def test_what_can_be_driven_is_never_refuted():
                 found += 1
                 nearest = service.certifier.nearest
                 limit = Deadline.after(20)
-                assert not separated(service.scene, nearest, SLIDER, *ends, (), limit)
+                assert not separated(service.scene, nearest, SLIDER, tuple(ends), (), limit)

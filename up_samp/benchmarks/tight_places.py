@@ -219,7 +219,7 @@ def errands(grid: OccupancyGrid, body: Body, robots: int, seed: int) -> Traffic:
             heading = rng.choice((UP, -UP))  # along the aisles
             pose = (rng.uniform(0.0, width), rng.uniform(0.0, height), heading)
             apart = 2.2 * shape.circumscribed
-            if scene.clearance(shape, scene.polys(()), pose) > 0.02 and all(
+            if scene.clearance(shape, (), pose) > 0.02 and all(
                 math.dist(pose[:2], other[:2]) > apart for other in found
             ):
                 found.append(pose)

@@ -47,7 +47,7 @@ _LONGEST_WAIT = 60.0
 _PACKAGE = Path(__file__).parents[1]
 _CHECKSUM = hashlib.sha256().digest_size
 _IMPORT = re.compile(r"^from (up_samp[.\w]*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
-_USES_KERNELS = re.compile(r"^\s*@(kernel|inner)\b", re.MULTILINE)
+_COMPILED = re.compile(r"^\s*@(kernel|inner)\b|^class \w+\(NamedTuple\)", re.MULTILINE)
 _CONSTANT = re.compile(r"\b_?[A-Z][A-Z0-9_]*\b")
 
 used: dict[str, int] = {}
@@ -105,15 +105,15 @@ def _compiled_in(source: str) -> list[Path]:
     for module, names in _IMPORT.findall(source):
         for file in _files(module, names):
             passes_on = file.name == "__init__.py" or _CONSTANT.search(names) is not None
-            if passes_on or uses_kernels(file):
+            if passes_on or kernels_need(file):
                 found.append(file)
     return found
 
 
 @functools.cache
-def uses_kernels(file: Path) -> bool:
-    """Return whether a source file defines kernels."""
-    return _USES_KERNELS.search(file.read_text(encoding="utf-8")) is not None
+def kernels_need(file: Path) -> bool:
+    """Return whether a source file defines kernels or records (whose fields they take by place)."""
+    return _COMPILED.search(file.read_text(encoding="utf-8")) is not None
 
 
 def _files(module: str, names: str) -> list[Path]:

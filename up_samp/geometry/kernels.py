@@ -10,15 +10,50 @@ so nothing slips through between two checks.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry.compiled import inner, kernel
 
+Pose = tuple[float, float, float]
+Coordinate = TypeVar("Coordinate", float, npt.NDArray[np.float64])
+
 FAR = 1e9
 """Clearance (m) where there is nothing to collide with."""
+
+
+class Frame(NamedTuple):
+    """Where a grid lies: its corner ``x``, ``y`` (m); ``cos``, ``sin`` and ``yaw`` (rad) of its
+    columns' axis; the ``size`` (m) of a cell.
+    """
+
+    x: float
+    y: float
+    cos: float
+    sin: float
+    yaw: float
+    size: float
+
+
+def along(frame: Frame, x: Coordinate, y: Coordinate) -> tuple[Coordinate, Coordinate]:
+    """Return how far (m) a point lies from the grid's corner along its columns and its rows."""
+    dx, dy = x - frame.x, y - frame.y
+    return frame.cos * dx + frame.sin * dy, frame.cos * dy - frame.sin * dx
+
+
+grid_along = inner(along)
+"""The same within kernels."""
+
+
+@inner
+def grid_point(frame: Frame, gx: float, gy: float) -> tuple[float, float]:
+    """Return the point so far (m) along a grid's columns and rows from its corner."""
+    return (
+        frame.x + frame.cos * gx - frame.sin * gy,
+        frame.y + frame.sin * gx + frame.cos * gy,
+    )
 
 
 class GridData(NamedTuple):
@@ -26,13 +61,12 @@ class GridData(NamedTuple):
 
     ``sums``: int32 (rows + 1, cols + 1), summed-area table of the blocked cells. ``clearance``:
     float32 (rows, cols), the smallest distance (m) between any point of the cell and any blocked
-    cell or the outside of the map. ``frame``: (x, y, cos, sin, yaw, resolution). Without a map
-    both arrays have no rows.
+    cell or the outside of the map. Without a map both arrays have no rows.
     """
 
     sums: npt.NDArray[np.int32]
     clearance: npt.NDArray[np.float32]
-    frame: npt.NDArray[np.float64]
+    frame: Frame
 
 
 class ShapeData(NamedTuple):
@@ -40,15 +74,16 @@ class ShapeData(NamedTuple):
 
     ``verts``: (levels, parts, corners, 2) convex parts, counter-clockwise, in the body frame; level
     0 bare, level 1 inflated by the margin, level k by the margin and ``slack[k]`` (ascending).
-    ``counts``: (levels, parts). ``discs``: (k, 3) x, y, r that cover it. ``numbers``:
-    (circumscribed radius, margin, radius of the largest disc inside).
+    ``counts``: (levels, parts). ``discs``: (k, 3) x, y, r that cover it.
+    ``radius``: of the circumscribed disc about the reference point; ``margin``; both in m.
     """
 
     verts: npt.NDArray[np.float64]
     counts: npt.NDArray[np.int64]
     slack: npt.NDArray[np.float64]
     discs: npt.NDArray[np.float64]
-    numbers: npt.NDArray[np.float64]
+    radius: float
+    margin: float
 
 
 class PolyData(NamedTuple):
@@ -62,10 +97,21 @@ class PolyData(NamedTuple):
     owner: npt.NDArray[np.int64]
 
 
+class WorldData(NamedTuple):
+    """A footprint and all that it can collide with: the map and the resting objects."""
+
+    grid: GridData
+    polys: PolyData
+    shape: ShapeData
+
+
+NO_FRAME = Frame(0.0, 0.0, 1.0, 0.0, 0.0, 1.0)
+"""The frame of a grid that is not there."""
+
+
 def open_plane() -> GridData:
     """Return the map without walls."""
-    frame = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 1.0])
-    return GridData(np.zeros((1, 1), np.int32), np.zeros((0, 0), np.float32), frame)
+    return GridData(np.zeros((1, 1), np.int32), np.zeros((0, 0), np.float32), NO_FRAME)
 
 
 @kernel
@@ -89,10 +135,8 @@ def point_clearance(grid: GridData, x: float, y: float) -> float:
     rows, cols = grid.clearance.shape
     if rows == 0:
         return FAR
-    f = grid.frame
-    dx, dy = x - f[0], y - f[1]
-    col = math.floor((f[2] * dx + f[3] * dy) / f[5])
-    row = math.floor((f[2] * dy - f[3] * dx) / f[5])
+    gx, gy = grid_along(grid.frame, x, y)
+    col, row = math.floor(gx / grid.frame.size), math.floor(gy / grid.frame.size)
     if row < 0 or col < 0 or row >= rows or col >= cols:
         return 0.0
     return float(grid.clearance[row, col])
@@ -101,8 +145,8 @@ def point_clearance(grid: GridData, x: float, y: float) -> float:
 @inner
 def _disc_bound(grid: GridData, shape: ShapeData, x: float, y: float, c: float, s: float) -> float:
     """Return a lower bound on the bare footprint's clearance from the map (may be negative)."""
-    bound = point_clearance(grid, x, y) - shape.numbers[0]
-    if bound >= 0.5 * shape.numbers[0]:
+    bound = point_clearance(grid, x, y) - shape.radius
+    if bound >= 0.5 * shape.radius:
         return bound
     low = FAR
     for i in range(shape.discs.shape[0]):
@@ -117,11 +161,11 @@ def _part_free(
     grid: GridData, verts: npt.NDArray[np.float64], n: int, x: float, y: float, th: float
 ) -> bool:
     """Return whether a convex polygon placed at a pose covers no blocked cell (exact)."""
-    f = grid.frame
-    inv = 1.0 / f[5]
-    dx, dy = x - f[0], y - f[1]
-    px, py = (f[2] * dx + f[3] * dy) * inv, (f[2] * dy - f[3] * dx) * inv
-    c, s = math.cos(th - f[4]) * inv, math.sin(th - f[4]) * inv
+    inv = 1.0 / grid.frame.size
+    gx, gy = grid_along(grid.frame, x, y)
+    px, py = gx * inv, gy * inv
+    turn = th - grid.frame.yaw
+    c, s = math.cos(turn) * inv, math.sin(turn) * inv
     p = np.empty((n, 2))
     low_x = low_y = 1e300
     high_x = high_y = -1e300
@@ -177,7 +221,7 @@ def map_clearance(grid: GridData, shape: ShapeData, x: float, y: float, th: floa
     """
     if grid.clearance.shape[0] == 0:
         return FAR
-    bound = _disc_bound(grid, shape, x, y, math.cos(th), math.sin(th)) - shape.numbers[1]
+    bound = _disc_bound(grid, shape, x, y, math.cos(th), math.sin(th)) - shape.margin
     for level in range(shape.slack.shape[0] - 1, 0, -1):
         if bound >= shape.slack[level]:
             return bound
@@ -264,7 +308,7 @@ def poly_distance(
     placed = np.empty((shape.verts.shape[2], 2))
     for k in range(polys.counts.shape[0]):
         dx, dy = x - polys.centres[k, 0], y - polys.centres[k, 1]
-        far = math.sqrt(dx * dx + dy * dy) - polys.centres[k, 2] - shape.numbers[0]
+        far = math.sqrt(dx * dx + dy * dy) - polys.centres[k, 2] - shape.radius
         if far >= best:
             continue
         if far >= enough:
@@ -280,14 +324,13 @@ def poly_distance(
 
 
 @kernel
-def clearance(
-    grid: GridData, polys: PolyData, shape: ShapeData, x: float, y: float, th: float
-) -> float:
+def clearance(world: WorldData, x: float, y: float, th: float) -> float:
     """Return a lower bound (m) on the clearance beyond the margin from map and obstacles, or -1."""
-    c = map_clearance(grid, shape, x, y, th)
+    polys, shape = world.polys, world.shape
+    c = map_clearance(world.grid, shape, x, y, th)
     if c >= 0.0 and polys.counts.shape[0] > 0:
-        d, _ = poly_distance(polys, shape, x, y, th, c + shape.numbers[1])
-        d -= shape.numbers[1]
+        d, _ = poly_distance(polys, shape, x, y, th, c + shape.margin)
+        d -= shape.margin
         if d < 0.0:
             return -1.0
         c = min(c, d)
@@ -295,39 +338,29 @@ def clearance(
 
 
 @kernel
-def pose_free(
-    grid: GridData, polys: PolyData, shape: ShapeData, x: float, y: float, th: float
-) -> bool:
+def pose_free(world: WorldData, x: float, y: float, th: float) -> bool:
     """Return whether the footprint at a pose keeps the margin from map and obstacles."""
+    grid, polys, shape = world.grid, world.polys, world.shape
     if grid.clearance.shape[0] > 0:
         bound = _disc_bound(grid, shape, x, y, math.cos(th), math.sin(th))
-        if bound < shape.numbers[1] and not level_free(grid, shape, x, y, th, 1):
+        if bound < shape.margin and not level_free(grid, shape, x, y, th, 1):
             return False
     if polys.counts.shape[0] > 0:
-        d, _ = poly_distance(polys, shape, x, y, th, shape.numbers[1])
-        return d >= shape.numbers[1]
+        d, _ = poly_distance(polys, shape, x, y, th, shape.margin)
+        return d >= shape.margin
     return True
 
 
 @kernel
-def pair_distance(
-    a: ShapeData,
-    ax: float,
-    ay: float,
-    ath: float,
-    b: ShapeData,
-    bx: float,
-    by: float,
-    bth: float,
-) -> float:
+def pair_distance(a: ShapeData, pose_a: Pose, b: ShapeData, pose_b: Pose) -> float:
     """Return the distance (m) of two placed bare footprints (exact if apart, else <= 0)."""
     best = FAR
     pa, pb = np.empty((a.verts.shape[2], 2)), np.empty((b.verts.shape[2], 2))
     for i in range(a.verts.shape[1]):
         n = a.counts[0, i]
-        _place(a.verts[0, i], n, ax, ay, ath, pa)
+        _place(a.verts[0, i], n, *pose_a, pa)
         for j in range(b.verts.shape[1]):
             m = b.counts[0, j]
-            _place(b.verts[0, j], m, bx, by, bth, pb)
+            _place(b.verts[0, j], m, *pose_b, pb)
             best = min(best, convex_distance(pa, n, pb, m))
     return best

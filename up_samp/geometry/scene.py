@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from up_samp.geometry import kernels
 from up_samp.geometry.cells import distances_to, grown
-from up_samp.geometry.kernels import GridData, PolyData
+from up_samp.geometry.kernels import Frame, GridData, PolyData, WorldData
 from up_samp.geometry.maps import OccupancyGrid
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.shapes import Shape, shape_of
@@ -42,7 +42,8 @@ def grid_data(grid: OccupancyGrid | None) -> GridData:
     check_time()
     np.cumsum(sums, axis=0, out=sums)
     x, y, yaw = grid.origin
-    frame = np.array([x, y, math.cos(yaw), math.sin(yaw), yaw, grid.resolution])
+    place = (x, y, math.cos(yaw), math.sin(yaw), yaw, grid.resolution)
+    frame = Frame(*map(float, place))
     return GridData(sums, clearance_field(blocked, grid.resolution), frame)
 
 
@@ -102,6 +103,10 @@ class Scene:
         key = tuple((p.body.footprint, tuple(p.pose)) for p in obstacles)
         return self._polys.get_or(key, lambda: poly_data(obstacles))
 
+    def world(self, shape: Shape, obstacles: Iterable[Placed] = ()) -> WorldData:
+        """Return a footprint among resting objects on the map, as the kernels take it."""
+        return WorldData(self.data, self.polys(obstacles), shape.data)
+
     def pose_free(
         self,
         body: Body,
@@ -110,9 +115,8 @@ class Scene:
         margin: float | None = None,
     ) -> bool:
         """Return whether ``body`` at ``pose`` keeps the margin from the map and the obstacles."""
-        shape = self.shape(body, margin).data
         x, y, th = map(float, pose[:3])
-        return bool(kernels.pose_free(self.data, self.polys(obstacles), shape, x, y, th))
+        return bool(kernels.pose_free(self.world(self.shape(body, margin), obstacles), x, y, th))
 
     def room(self, x: float, y: float) -> float:
         """Return a lower bound (m) on a point's distance to what the map blocks (inf without one,
@@ -125,10 +129,10 @@ class Scene:
         inside = 0 <= row < field.shape[0] and 0 <= col < field.shape[1]
         return float(field[row, col]) if inside else 0.0
 
-    def clearance(self, shape: Shape, polys: PolyData, pose: Configuration) -> float:
+    def clearance(self, shape: Shape, obstacles: Iterable[Placed], pose: Configuration) -> float:
         """Return a lower bound (m) on the clearance beyond the shape's margin, or -1."""
         x, y, th = map(float, pose[:3])
-        return float(kernels.clearance(self.data, polys, shape.data, x, y, th))
+        return float(kernels.clearance(self.world(shape, obstacles), x, y, th))
 
     def map_free(self, body: Body, pose: Configuration, margin: float = 0.0) -> bool:
         """Return whether ``body`` at ``pose`` touches no blocked cell (``margin`` m away)."""
@@ -145,6 +149,5 @@ class Scene:
     ) -> float:
         """Return the distance (m) of two placed bodies; <= 0 where they overlap."""
         a, b = shape_of(body_a).data, shape_of(body_b).data
-        ax, ay, ath = map(float, pose_a[:3])
-        bx, by, bth = map(float, pose_b[:3])
-        return float(kernels.pair_distance(a, ax, ay, ath, b, bx, by, bth))
+        (ax, ay, ath), (bx, by, bth) = (map(float, pose[:3]) for pose in (pose_a, pose_b))
+        return float(kernels.pair_distance(a, (ax, ay, ath), b, (bx, by, bth)))

@@ -75,8 +75,8 @@ class Shape:
                 verts[i, j, : len(polygon)] = polygon
                 verts[i, j, len(polygon) :] = polygon[-1]
                 counts[i, j] = len(polygon)
-        numbers = np.array([self.circumscribed, self.margin, self.inner[2]])
-        return ShapeData(verts, counts, slack, np.ascontiguousarray(self.discs), numbers)
+        discs, radius = np.ascontiguousarray(self.discs), float(self.circumscribed)
+        return ShapeData(verts, counts, slack, discs, radius, float(self.margin))
 
 
 def _slacks(margin: float, inner: float) -> list[float]:

@@ -11,14 +11,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.geometry.compiled import kernel
-from up_samp.geometry.kernels import (
-    GridData,
-    PolyData,
-    ShapeData,
-    advance,
-    clearance,
-)
+from up_samp.geometry.compiled import inner, kernel
+from up_samp.geometry.kernels import Pose, ShapeData, WorldData, advance, clearance
 
 
 @kernel
@@ -33,27 +27,18 @@ def travel_ratio(shape: ShapeData, kappa: float) -> float:
 
 
 @kernel
-def arc_free(
-    grid: GridData,
-    polys: PolyData,
-    shape: ShapeData,
-    x: float,
-    y: float,
-    th: float,
-    kappa: float,
-    s: float,
-) -> bool:
+def arc_free(world: WorldData, x: float, y: float, th: float, kappa: float, s: float) -> bool:
     """Return whether driving ``s`` m along curvature ``kappa`` keeps the margin *all the way*.
 
     Refuses motions that come closer than the margin plus the shape's smallest slack, too.
     """
-    ratio = travel_ratio(shape, kappa)
-    least = 0.1 * shape.slack[2]
+    ratio = travel_ratio(world.shape, kappa)
+    least = 0.1 * world.shape.slack[2]
     total, done = abs(s), 0.0
     sign = 1.0 if s >= 0.0 else -1.0
     while True:
         px, py, pth = advance(x, y, th, kappa, sign * done)
-        c = clearance(grid, polys, shape, px, py, pth)
+        c = clearance(world, px, py, pth)
         if c < least:
             return False
         done += c / ratio
@@ -63,18 +48,22 @@ def arc_free(
 
 @kernel
 def path_free(
-    grid: GridData,
-    polys: PolyData,
-    shape: ShapeData,
-    start: npt.NDArray[np.float64],
-    arcs: npt.NDArray[np.float64],
+    world: WorldData, start: npt.NDArray[np.float64], arcs: npt.NDArray[np.float64]
 ) -> int:
     """Return the index of the first of the ``arcs`` (n, 2: curvature, signed length), driven one
     after the other from ``start``, that does not keep the margin; -1 if all do.
     """
-    x, y, th = start[0], start[1], start[2]
-    for i in range(arcs.shape[0]):
-        if not arc_free(grid, polys, shape, x, y, th, arcs[i, 0], arcs[i, 1]):
+    return first_blocked(world, (start[0], start[1], start[2]), arcs, arcs.shape[0])
+
+
+@inner
+def first_blocked(world: WorldData, start: Pose, arcs: npt.NDArray[np.float64], n: int) -> int:
+    """Return the index of the first of ``n`` arcs, driven from ``start``, that does not keep the
+    margin; -1 if all do.
+    """
+    x, y, th = start
+    for i in range(n):
+        if not arc_free(world, x, y, th, arcs[i, 0], arcs[i, 1]):
             return i
         x, y, th = advance(x, y, th, arcs[i, 0], arcs[i, 1])
     return -1
@@ -106,13 +95,7 @@ def sweep_travel(poses: npt.NDArray[np.float64], i: int, radius: float) -> float
 
 
 @kernel
-def samples_free(
-    grid: GridData,
-    polys: PolyData,
-    shape: ShapeData,
-    poses: npt.NDArray[np.float64],
-    least: float,
-) -> int:
+def samples_free(world: WorldData, poses: npt.NDArray[np.float64], least: float) -> int:
     """Return the index of the first sample after which the swept motion through ``poses`` (n, 3),
     with a constant twist between samples, does not keep the margin; -1 if it keeps it all the way.
 
@@ -121,17 +104,17 @@ def samples_free(
     credit = 0.0  # how far the fastest point may still travel unseen
     n = poses.shape[0]
     if n == 1:
-        c = clearance(grid, polys, shape, poses[0, 0], poses[0, 1], poses[0, 2])
+        c = clearance(world, poses[0, 0], poses[0, 1], poses[0, 2])
         return -1 if c >= 0.0 else 0
     for i in range(n - 1):
-        travel = sweep_travel(poses, i, shape.numbers[0])
+        travel = sweep_travel(poses, i, world.shape.radius)
         if travel <= credit:
             credit -= travel
             continue
         share = 0.0 if travel <= 0.0 else credit / travel
         while True:
             x, y, th = between(poses, i, share)
-            credit = clearance(grid, polys, shape, x, y, th)
+            credit = clearance(world, x, y, th)
             if credit < least:
                 return i
             rest = (1.0 - share) * travel

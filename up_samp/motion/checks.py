@@ -46,12 +46,12 @@ def _is_clear(scene: Scene, query: LegQuery, trajectory: Trajectory) -> bool:
     if query.body.kinematics.model is MotionModel.SE3:
         from up_samp.motion.planners.flyer import FlyerWorld
 
-        world = FlyerWorld(scene, query.body, (query.start, query.goal), query.obstacles)
-        if not world.fit_margin() or any(world.swallowed(p) for p in (query.start, query.goal)):
+        air = FlyerWorld(scene, query.body, (query.start, query.goal), query.obstacles)
+        if not air.fit_margin() or any(air.swallowed(p) for p in (query.start, query.goal)):
             return False
-        return all(world.edge_free(a, b) for a, b in itertools.pairwise(poses))
-    shape, polys = shape_of(query.body, 0.0).data, scene.polys(query.obstacles)
-    return bool(sweeps.samples_free(scene.data, polys, shape, poses, NOISE) < 0)
+        return all(air.edge_free(a, b) for a, b in itertools.pairwise(poses))
+    world = scene.world(shape_of(query.body, 0.0), query.obstacles)
+    return bool(sweeps.samples_free(world, poses, NOISE) < 0)
 
 
 def keeps_limits(trajectory: Trajectory, kinematics: Kinematics) -> bool:

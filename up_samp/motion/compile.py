@@ -133,7 +133,7 @@ def _state_of_code() -> str:
     """
     package = Path(__file__).parents[1]
     files = sorted([*(package / "geometry").rglob("*.py"), *(package / "motion").rglob("*.py")])
-    lines = [kernel_cache.module_key(f) for f in files if kernel_cache.uses_kernels(f)]
+    lines = [kernel_cache.module_key(f) for f in files if kernel_cache.kernels_need(f)]
     # an image with machine code for any processor is run on others than it was built on
     processor = os.environ.get("NUMBA_CPU_NAME") or llvmlite.binding.get_host_cpu_name()
     lines += [kernel_cache.platform_key(), processor]

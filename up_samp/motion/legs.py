@@ -263,7 +263,6 @@ def parking_clears(
 ) -> bool:
     """Return whether a motion keeps ``clearance`` (m) from a resting object, all the way."""
     shape = shape_of(body, clearance).data
-    polys = scene.polys((placed,))
-    nothing = k.open_plane()
+    world = k.WorldData(k.open_plane(), scene.polys((placed,)), shape)
     poses = trajectory.poses.copy()  # numba compiles anew for arrays that cannot be written
-    return bool(sweeps.samples_free(nothing, polys, shape, poses, 1e-4) < 0)
+    return bool(sweeps.samples_free(world, poses, 1e-4) < 0)

@@ -9,6 +9,7 @@ taken with arcs up to a full turn, too (Dubins 1957): a detour can beat a stop.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,18 @@ import numpy.typing as npt
 from up_samp.geometry.compiled import inner, kernel
 
 FloatArray = npt.NDArray[np.float64]
+Pose = tuple[float, float, float]
+
+
+class CarLimits(NamedTuple):
+    """What a car can do: turning ``radius`` (m), top speed ``v`` (m/s), acceleration ``a``
+    (m/s^2).
+    """
+
+    radius: float
+    v: float
+    a: float
+
 
 MAX_ARCS = 5
 MAX_WORDS = 12
@@ -154,46 +167,39 @@ def _reversible(x: float, y: float, phi: float, words: FloatArray, n: int) -> in
 
 
 @inner
-def _time_of(words: FloatArray, i: int, flip: float, limits: FloatArray) -> float:
+def _time_of(
+    words: FloatArray, i: int, flip: float, car: CarLimits, runs: tuple[float, float]
+) -> float:
     """Return the time (s) of a word between the runs before and after it."""
-    v, a = limits[1], limits[2]
-    scale = flip * limits[0]
-    time, run = 0.0, limits[3]
+    scale = flip * car.radius
+    time, run = 0.0, runs[0]
     for k in range(MAX_ARCS + 1):
-        s = limits[4] if k == MAX_ARCS else words[i, 5 + k] * scale
+        s = runs[1] if k == MAX_ARCS else words[i, 5 + k] * scale
         if abs(s) <= TINY:
             continue
         if run * s < 0.0:
-            time += run_time(abs(run), v, a)
+            time += run_time(abs(run), car.v, car.a)
             run = s
         else:
             run += s
-    return time + run_time(abs(run), v, a)
+    return time + run_time(abs(run), car.v, car.a)
 
 
 @kernel
 def connect(
-    x0: float,
-    y0: float,
-    th0: float,
-    x1: float,
-    y1: float,
-    th1: float,
-    limits: FloatArray,
-    out: FloatArray,
+    start: Pose, goal: Pose, car: CarLimits, runs: tuple[float, float], out: FloatArray
 ) -> tuple[float, int]:
     """Find the fastest Reeds-Shepp curve between two poses.
 
-    ``limits`` = (turning radius m, v m/s, a m/s^2, before, after): ``before`` and ``after`` are the
-    signed lengths (m) of the driving runs that the curve continues without a stop if it keeps
-    their direction (0: rest). ``out`` (5, 2) receives curvature (1/m) and signed length (m) of the
-    arcs. Returns the time (s) including those runs, and the number of arcs. With v = 1 and
-    a = inf the time is the length.
+    ``runs``: the signed lengths (m) of the driving runs before and after the curve, which it
+    continues without a stop if it keeps their direction (0: rest). ``out`` (5, 2) receives
+    curvature (1/m) and signed length (m) of the arcs. Returns the time (s) including those runs,
+    and the number of arcs. With v = 1 and a = inf the time is the length.
     """
-    radius = limits[0]
-    dx, dy = (x1 - x0) / radius, (y1 - y0) / radius
-    c, s = math.cos(th0), math.sin(th0)
-    x, y, phi = c * dx + s * dy, c * dy - s * dx, _wrap(th1 - th0)
+    radius = car.radius
+    dx, dy = (goal[0] - start[0]) / radius, (goal[1] - start[1]) / radius
+    c, s = math.cos(start[2]), math.sin(start[2])
+    x, y, phi = c * dx + s * dy, c * dy - s * dx, _wrap(goal[2] - start[2])
     words = np.zeros((4 * MAX_WORDS, 2 * MAX_ARCS))
     best, chosen, best_flip, best_mirror = 1e300, 0, 1.0, 1.0
     n = 0
@@ -203,7 +209,7 @@ def connect(
         first = n
         n = _words(flip * x, mirror * y, flip * mirror * phi, words, n)
         for k in range(first, n):
-            time = _time_of(words, k, flip, limits)
+            time = _time_of(words, k, flip, car, runs)
             if time < best - 1e-12:
                 best, chosen, best_flip, best_mirror = time, k, flip, mirror
     count = 0
@@ -216,26 +222,19 @@ def connect(
     return best, count
 
 
-def _curve(
-    start: tuple[float, ...], goal: tuple[float, ...], radius: float, v: float, a: float
-) -> tuple[float, FloatArray]:
-    out = np.empty((MAX_ARCS, 2))
-    limits = np.array([radius, v, a, 0.0, 0.0])
-    x0, y0, th0 = map(float, start[:3])
-    x1, y1, th1 = map(float, goal[:3])
-    cost, n = connect(x0, y0, th0, x1, y1, th1, limits, out)
-    return float(cost), out[:n].copy()
-
-
 def shortest(
     start: tuple[float, ...], goal: tuple[float, ...], radius: float
 ) -> tuple[float, FloatArray]:
     """Return length (m) and arcs (n, 2: curvature 1/m, signed length m) of the shortest curve."""
-    return _curve(start, goal, radius, 1.0, math.inf)
+    return fastest(start, goal, radius, 1.0, math.inf)
 
 
 def fastest(
     start: tuple[float, ...], goal: tuple[float, ...], radius: float, v: float, a: float
 ) -> tuple[float, FloatArray]:
     """Return time (s) and arcs (n, 2) of the fastest curve from rest to rest (rest at cusps)."""
-    return _curve(start, goal, radius, v, a)
+    out = np.empty((MAX_ARCS, 2))
+    car = CarLimits(float(radius), float(v), float(a))
+    (x0, y0, th0), (x1, y1, th1) = (map(float, pose[:3]) for pose in (start, goal))
+    cost, n = connect((x0, y0, th0), (x1, y1, th1), car, (0.0, 0.0), out)
+    return float(cost), out[:n].copy()

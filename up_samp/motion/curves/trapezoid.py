@@ -12,7 +12,7 @@ from up_samp.geometry.compiled import kernel
 from up_samp.geometry.kernels import advance
 from up_samp.model import Configuration, Kinematics, Trajectory
 from up_samp.motion.curves.arcs import nodes_of
-from up_samp.motion.curves.reeds_shepp import run_time
+from up_samp.motion.curves.reeds_shepp import CarLimits, run_time
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -27,13 +27,15 @@ round in no time, and which way has to be told.
 """
 
 
-def limits_of(kinematics: Kinematics) -> tuple[float, float, float]:
-    """Return (turning radius m, v_max m/s, a_max m/s^2).
+def limits_of(kinematics: Kinematics) -> CarLimits:
+    """Return the limits of a car.
 
     Nothing is kept in hand: a motion that takes 17 s takes 17 s, not a hair more. Rounding (1e-12)
     stays far within what any judge of limits has to allow.
     """
-    return kinematics.turning_radius, kinematics.v_max, kinematics.a_max
+    return CarLimits(
+        float(kinematics.turning_radius), float(kinematics.v_max), float(kinematics.a_max)
+    )
 
 
 def time_of_distance(s: FloatArray, length: float, v: float, a: float) -> FloatArray:

@@ -156,20 +156,19 @@ def _aside(
     robot's own start first, no two of them close together.
     """
     body, start = motion.body, motion.poses[0]
-    shape = scene.shape(body).data
-    polys = scene.polys(parked_all_the_time(motion, coupling.world))
+    world = scene.world(scene.shape(body), parked_all_the_time(motion, coupling.world))
     points = np.concatenate([path.poses[:, :2] for path in others])
-    reach = 4 * body.kinematics.turning_radius + 2 * shape.numbers[0]
+    reach = 4 * body.kinematics.turning_radius + 2 * world.shape.radius
     found = []
     for _ in range(coupling.tuning.samples):
         # where it can matter: near a path that somebody has to be let pass on
         x, y = (float(v) + rng.uniform(-reach, reach) for v in points[rng.randrange(len(points))])
         th = rng.uniform(-math.pi, math.pi)
-        if k.pose_free(scene.data, polys, shape, x, y, th):
+        if k.pose_free(world, x, y, th):
             found.append((math.dist((x, y), start[:2]), (x, y, th)))
     found.sort()
     chosen: list[tuple[int, float, Configuration]] = []
-    apart = 2 * float(shape.numbers[0])
+    apart = 2 * world.shape.radius
     for away, pose in found:
         blocked = _blocked(coupling.workspace, body, pose, others)
         near = [c for c in chosen if math.dist(c[2][:2], pose[:2]) < apart and c[0] <= blocked]

@@ -107,8 +107,7 @@ def _swerved(scene: Scene, path: Path, first: float, last: float, offset: float)
     arcs.append(arcs_between(path, end, path.length))
     whole = merged(np.concatenate(arcs))
     start, goal = path.poses[0], path.poses[-1]
-    shape = scene.shape(path.body).data
-    if sweeps.path_free(scene.data, scene.polys(()), shape, start, whole) >= 0:
+    if sweeps.path_free(scene.world(scene.shape(path.body)), start, whole) >= 0:
         return None
     if settle(start, goal, whole) > 1e-7:
         return None

@@ -126,7 +126,7 @@ class Roadmap:
         self.usable = shape is not None
         self._pivots = abilities_of(body).pivots
         self.shape: Shape = shape if shape is not None else scene.shape(body)
-        self.polys = scene.polys(static)
+        self._world = scene.world(self.shape, static)
         self.poses: list[Configuration] = []
         self.edges: list[Edge] = []
         self._keys: dict[int, Key] = {}
@@ -262,9 +262,8 @@ class Roadmap:
         return self._free[key]
 
     def _sweeps_free(self, rows: FloatArray) -> bool:
-        data = self.shape.data
-        least = 1e-3 * float(data.slack[2])
-        return bool(sweeps.samples_free(self.scene.data, self.polys, data, rows, least) < 0)
+        least = 1e-3 * float(self.shape.data.slack[2])
+        return bool(sweeps.samples_free(self._world, rows, least) < 0)
 
     def _new(self, pose: Configuration) -> int:
         self.poses.append(pose)

@@ -21,7 +21,7 @@ from up_samp.motion.fleet.movers import Me, Movers
 from up_samp.motion.fleet.paths import Path, hull_of, path_of
 from up_samp.motion.fleet.timed_path import TimedPath, pair_flags
 from up_samp.motion.guides.cost_to_go import Fields
-from up_samp.motion.planners.car_shortcuts import improve, settle
+from up_samp.motion.planners.car_shortcuts import Effort, improve, settle
 from up_samp.motion.tuning import PlaneTuning
 
 FloatArray = npt.NDArray[np.float64]
@@ -81,8 +81,7 @@ class SafeIntervalPlanner:
         body = motion.body
         if body.kinematics.model is not MotionModel.REEDSSHEPP or len(motion.poses) != 2:
             return []
-        shape = self.scene.shape(body).data
-        grid, polys = self.scene.data, self.scene.polys(static)
+        world = self.scene.world(self.scene.shape(body), static)
         me = self._me(motion, others, release, goal_free)
         movers = movers_of(motion, others, release)
         start, goal = (np.array(p[:3], dtype=np.float64) for p in motion.poses)
@@ -95,7 +94,7 @@ class SafeIntervalPlanner:
         for batch in range(self.tuning.batches):
             latest = earliest + max(10.0, fastest_time) * 2.0**batch
             strrt.grow(
-                forest, grid, polys, shape, me, movers, goal, box, earliest, latest,
+                forest, world, me, movers, goal, box, earliest, latest,
                 self.tuning.batch, 1000 * seed + batch,
             )  # fmt: skip
             if deadline.expired() or (
@@ -153,9 +152,8 @@ class SafeIntervalPlanner:
         whether there was nothing left to try.
         """
         body = motion.body
-        shape = self.scene.shape(body).data
-        grid, polys = self.scene.data, self.scene.polys(static)
-        radius = limits_of(body.kinematics)[0]
+        world = self.scene.world(self.scene.shape(body), static)
+        radius = limits_of(body.kinematics).radius
         me = self._me(motion, others, release, goal_free)
         movers = movers_of(motion, others, release)
         start, goal = (np.array(p[:3], dtype=np.float64) for p in motion.poses)
@@ -171,7 +169,7 @@ class SafeIntervalPlanner:
         most = tuning.expansions[level]
         while state == 0 and not deadline.expired() and labels.counters[2] < most:
             state = search.expand(
-                labels, grid, polys, shape, field, me, movers, steps, goal, grain,
+                labels, world, field, me, movers, steps, goal, grain,
                 tuning.slice, tuning.extra,
             )  # fmt: skip
         full = labels.counters[0] >= len(labels.heap)
@@ -195,16 +193,12 @@ class SafeIntervalPlanner:
         target = np.array(motion.poses[1][:3], dtype=np.float64)
         origin = np.array(start[:3], dtype=np.float64)
         found = []
-        shape = self.scene.shape(body).data
+        world, effort = self.scene.world(self.scene.shape(body), static), Effort(400, 100, 0)
         marks = [0, *(int(i) for i in np.flatnonzero(rows[:, 2]) if i > 0), len(rows)]
         pieces, here = [], origin
         for low, high in itertools.pairwise(marks):
             part = merged(np.ascontiguousarray(rows[low:high, :2]))
-            scratch = np.array([*limits, 0.0, 0.0])
-            shorter = improve(
-                self.scene.data, self.scene.polys(static), shape, here, part, scratch, 400, 100, 0
-            )
-            pieces.append(shorter)
+            pieces.append(improve(world, here, part, limits, effort))
             here = _end(here, part)
         for arcs in (merged(np.concatenate(pieces)), raw):
             if settle(origin, target, arcs) < 1e-7:

@@ -17,9 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry.compiled import inner, kernel
-from up_samp.geometry.kernels import GridData, PolyData, ShapeData, advance
+from up_samp.geometry.kernels import WorldData, advance
 from up_samp.geometry.sweeps import arc_free
-from up_samp.motion.curves.reeds_shepp import connect
+from up_samp.motion.curves.reeds_shepp import CarLimits, connect
 from up_samp.motion.fleet.drives import (
     PIECES,
     Drive,
@@ -31,8 +31,8 @@ from up_samp.motion.fleet.drives import (
     stop,
 )
 from up_samp.motion.fleet.movers import GUARD, VISITS, Me, Movers, visits
+from up_samp.motion.guides.cost_to_go import Field, field_value
 from up_samp.motion.guides.heap import pop, push
-from up_samp.motion.planners.hybrid_astar import Field, field_value
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -216,9 +216,7 @@ def _finish(
 @kernel
 def expand(
     labels: Labels,
-    grid: GridData,
-    polys: PolyData,
-    shape: ShapeData,
+    world: WorldData,
     field: Field,
     me: Me,
     movers: Movers,
@@ -239,9 +237,9 @@ def expand(
         np.empty((PIECES, VISITS, 2)),
         np.zeros(PIECES, dtype=np.int64),
     )
-    end, arcs, limits = np.empty(3), np.empty((5, 2)), np.zeros(5)
+    end, arcs = np.empty(3), np.empty((5, 2))
     radius, v, a = me.numbers[2], me.numbers[3], me.numbers[4]
-    limits[0], limits[1], limits[2] = radius, v, a
+    car, target = CarLimits(radius, v, a), (goal[0], goal[1], goal[2])
     for _ in range(rounds):
         solved = labels.counters[3] >= 0
         if labels.counters[1] == 0:
@@ -256,8 +254,8 @@ def expand(
         shoots = away < 8 * radius or labels.counters[2] % 8 == 0
         n = 0
         if guides or shoots:
-            limits[3] = state[4]
-            time, n = connect(state[0], state[1], state[2], goal[0], goal[1], goal[2], limits, arcs)
+            pose = state[0], state[1], state[2]
+            time, n = connect(pose, target, car, (state[4], 0.0), arcs)
             if guides:
                 # estimates that know the curve are made when a label's turn comes, not before
                 labels.arc[label, 3] = 1.0
@@ -275,7 +273,7 @@ def expand(
             x, y, th = state[0], state[1], state[2]
             free = True
             for i in range(n):
-                if not arc_free(grid, polys, shape, x, y, th, arcs[i, 0], arcs[i, 1]):
+                if not arc_free(world, x, y, th, arcs[i, 0], arcs[i, 1]):
                     free = False
                     break
                 x, y, th = advance(x, y, th, arcs[i, 0], arcs[i, 1])

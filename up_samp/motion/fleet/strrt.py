@@ -18,9 +18,9 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry.compiled import inner, kernel
-from up_samp.geometry.kernels import GridData, PolyData, ShapeData, advance
+from up_samp.geometry.kernels import WorldData, advance
 from up_samp.geometry.sweeps import arc_free
-from up_samp.motion.curves.reeds_shepp import connect
+from up_samp.motion.curves.reeds_shepp import CarLimits, connect
 from up_samp.motion.fleet.drives import PIECES, Drive, clash, sample
 from up_samp.motion.fleet.movers import GUARD, VISITS, Me, Movers, visits
 
@@ -63,9 +63,8 @@ def new_forest(cap: int) -> Forest:
 @inner
 def _duration(me: Me, p: FloatArray, q: FloatArray, arcs: FloatArray) -> tuple[float, int]:
     """Return the least time (s) from rest at ``p`` to rest at ``q`` and the number of ``arcs``."""
-    limits = np.zeros(5)
-    limits[0], limits[1], limits[2] = me.numbers[2], me.numbers[3], me.numbers[4]
-    time, n = connect(p[0], p[1], p[2], q[0], q[1], q[2], limits, arcs)
+    car = CarLimits(me.numbers[2], me.numbers[3], me.numbers[4])
+    time, n = connect((p[0], p[1], p[2]), (q[0], q[1], q[2]), car, (0.0, 0.0), arcs)
     return time, n
 
 
@@ -83,9 +82,7 @@ def _still(me: Me, movers: Movers, p: FloatArray, low: float, high: float) -> bo
 
 @inner
 def _edge(
-    grid: GridData,
-    polys: PolyData,
-    shape: ShapeData,
+    world: WorldData,
     me: Me,
     movers: Movers,
     p: FloatArray,
@@ -99,7 +96,7 @@ def _edge(
         return False
     x, y, th = p[0], p[1], p[2]
     for i in range(n):
-        if not arc_free(grid, polys, shape, x, y, th, arcs[i, 0], arcs[i, 1]):
+        if not arc_free(world, x, y, th, arcs[i, 0], arcs[i, 1]):
             return False
         x, y, th = advance(x, y, th, arcs[i, 0], arcs[i, 1])
     count = 0
@@ -217,9 +214,7 @@ def _rewirable(forest: Forest, me: Me, q: FloatArray, root: float, out: IntArray
 @kernel
 def grow(
     forest: Forest,
-    grid: GridData,
-    polys: PolyData,
-    shape: ShapeData,
+    world: WorldData,
     me: Me,
     movers: Movers,
     goal: FloatArray,
@@ -255,15 +250,13 @@ def grow(
             if _nearest(forest, tree, me, q, near) == 0:
                 continue
             _steer(me, tree, forest.state[tree, near[0]], q)
-        _stages(forest, grid, polys, shape, me, movers, tree, new, q, near, drive)
+        _stages(forest, world, me, movers, tree, new, q, near, drive)
 
 
 @inner
 def _stages(
     forest: Forest,
-    grid: GridData,
-    polys: PolyData,
-    shape: ShapeData,
+    world: WorldData,
     me: Me,
     movers: Movers,
     tree: int,
@@ -295,7 +288,7 @@ def _stages(
             p = forest.state[side, i]
             earlier = stage == REWIRE or (stage == EXTEND) == (tree == 0)
             a, b = (p, q) if earlier else (q, p)
-            if not _edge(grid, polys, shape, me, movers, a, b, drive):
+            if not _edge(world, me, movers, a, b, drive):
                 continue
             if stage == EXTEND:
                 parent, root = i, forest.root[tree, i]

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry import Scene, Shape
 from up_samp.geometry.compiled import inner, kernel
-from up_samp.geometry.kernels import PolyData
+from up_samp.geometry.kernels import NO_FRAME, Frame, PolyData, along, grid_along, grid_point
 from up_samp.geometry.memory import Memory
 from up_samp.model import Placed
 from up_samp.motion.guides.visibility import sees
-from up_samp.motion.planners.hybrid_astar import Field
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -22,15 +22,33 @@ BoolArray = npt.NDArray[np.bool_]
 MAX_CELLS = 60_000
 
 
+class Field(NamedTuple):
+    """Distances to a goal: ``values`` float32 (rows, cols) in m (inf: cannot be reached), and where
+    its cells lie. No rows: no field.
+    """
+
+    values: npt.NDArray[np.float32]
+    frame: Frame
+
+
+@kernel
+def field_value(field: Field, x: float, y: float) -> float:
+    """Return the distance (m) of a point to the field's goal; inf outside."""
+    rows, cols = field.values.shape
+    gx, gy = grid_along(field.frame, x, y)
+    col, row = math.floor(gx / field.frame.size), math.floor(gy / field.frame.size)
+    if row < 0 or col < 0 or row >= rows or col >= cols:
+        return math.inf
+    return float(field.values[row, col])
+
+
 def least_value(field: Field, points: FloatArray) -> float:
     """Return the least distance (m) of ``points`` (n, 2) to the field's goal; inf without points
     that the field knows.
     """
     rows, cols = field.values.shape
-    f = field.frame
-    d = points - f[:2]
-    col = np.floor((f[2] * d[:, 0] + f[3] * d[:, 1]) / f[5]).astype(np.int64)
-    row = np.floor((f[2] * d[:, 1] - f[3] * d[:, 0]) / f[5]).astype(np.int64)
+    reach = np.stack(along(field.frame, points[:, 0], points[:, 1]))  # (2, n)
+    col, row = np.floor(reach / field.frame.size).astype(np.int64)
     known = (row >= 0) & (col >= 0) & (row < rows) & (col < cols)
     return float(np.min(field.values[row[known], col[known]], initial=np.inf))
 
@@ -57,28 +75,25 @@ def point_to_convex(x: float, y: float, verts: npt.NDArray[np.float64], n: int) 
 @kernel
 def mark_near(
     cells: npt.NDArray[np.bool_],
-    frame: npt.NDArray[np.float64],
+    frame: Frame,
     polys: PolyData,
     reach: float,
     only: int,
 ) -> None:
     """Set the cells whose centre is closer than ``reach`` (m) to an obstacle (of owner ``only``,
-    or of any if negative). ``frame``: x, y, cos, sin, yaw, cell size.
+    or of any if negative).
     """
     rows, cols = cells.shape
-    size = frame[5]
+    size = frame.size
     for k in range(polys.counts.shape[0]):
         if only >= 0 and polys.owner[k] != only:
             continue
-        dx, dy = polys.centres[k, 0] - frame[0], polys.centres[k, 1] - frame[1]
-        cx = (frame[2] * dx + frame[3] * dy) / size
-        cy = (frame[2] * dy - frame[3] * dx) / size
+        gx, gy = grid_along(frame, polys.centres[k, 0], polys.centres[k, 1])
+        cx, cy = gx / size, gy / size
         span = (polys.centres[k, 2] + reach) / size + 1.0
         for row in range(max(0, math.floor(cy - span)), min(rows, math.ceil(cy + span))):
             for col in range(max(0, math.floor(cx - span)), min(cols, math.ceil(cx + span))):
-                gx, gy = (col + 0.5) * size, (row + 0.5) * size
-                x = frame[0] + frame[2] * gx - frame[3] * gy
-                y = frame[1] + frame[3] * gx + frame[2] * gy
+                x, y = grid_point(frame, (col + 0.5) * size, (row + 0.5) * size)
                 if point_to_convex(x, y, polys.verts[k], polys.counts[k]) < reach:
                     cells[row, col] = True
 
@@ -174,7 +189,7 @@ def distances(
 
 def empty_field() -> Field:
     """Return a field that says nothing."""
-    return Field(np.zeros((0, 0), np.float32), np.array([0.0, 0.0, 1.0, 0.0, 0.0, 1.0]))
+    return Field(np.zeros((0, 0), np.float32), NO_FRAME)
 
 
 class Fields:
@@ -203,24 +218,22 @@ class Fields:
         rows, cols = grid.shape
         factor = max(1, int(0.8 * shape.inscribed / grid.resolution))
         factor = max(factor, math.ceil(math.sqrt(rows * cols / MAX_CELLS)))
-        frame = self.scene.data.frame.copy()
-        frame[5] *= factor
+        frame = self.scene.data.frame
+        frame = frame._replace(size=frame.size * factor)
         clear = self._coarse.get_or(factor, lambda: self._coarsened(factor))
         # a fine cell's value is for its worst point; its best may be a diagonal better
         blocked = clear + grid.resolution * math.sqrt(2.0) < shape.inscribed
-        reach = max(shape.inscribed - frame[5] * math.sqrt(0.5), 0.02)
+        reach = max(shape.inscribed - frame.size * math.sqrt(0.5), 0.02)
         if obstacles:
             mark_near(blocked, frame, self.scene.polys(obstacles), reach, -1)
-        dx, dy = goal[0] - frame[0], goal[1] - frame[1]
-        col = math.floor((frame[2] * dx + frame[3] * dy) / frame[5])
-        row = math.floor((frame[2] * dy - frame[3] * dx) / frame[5])
+        col, row = (math.floor(g / frame.size) for g in along(frame, goal[0], goal[1]))
         if not (0 <= row < blocked.shape[0] and 0 <= col < blocked.shape[1]):
             return Field(np.full(blocked.shape, np.inf, np.float32), frame)
         sums = np.zeros((blocked.shape[0], blocked.shape[1] + 1), dtype=np.int32)
         np.cumsum(blocked, axis=1, out=sums[:, 1:])
         # a point may lie at the near side of its cell, and so may the goal
         cells = np.maximum(distances(blocked, sums, row, col) - np.float32(0.7), 0.0)
-        return Field(np.ascontiguousarray(cells * np.float32(frame[5])), frame)
+        return Field(np.ascontiguousarray(cells * np.float32(frame.size)), frame)
 
     def _coarsened(self, factor: int) -> FloatArray:
         """Return the largest clearance (m) within each block of ``factor`` x ``factor`` cells."""

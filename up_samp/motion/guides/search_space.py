@@ -45,6 +45,21 @@ class Space(NamedTuple):
         return 2 * self.cols * self.rows * self.bins
 
 
+class Grain(NamedTuple):
+    """A resolution: ``cell`` (m), ``bins`` of headings."""
+
+    cell: float
+    bins: int
+
+
+class Guide(NamedTuple):
+    """What guides a search: see :class:`Space`."""
+
+    extra: int
+    near: float
+    weight: float
+
+
 BEAT = 0.995
 """Share of the best time that an estimate must beat."""
 
@@ -55,11 +70,10 @@ def widest_shape(
     """Return the footprint with the largest margin that all ``poses`` can keep (None: they
     touch).
     """
-    polys = scene.polys(obstacles)
     for share in MARGIN_SHARES:
         shape = scene.shape(body, scene.margin * share)
         least = 0.1 * shape.data.slack[2]
-        if all(scene.clearance(shape, polys, pose) >= least for pose in poses):
+        if all(scene.clearance(shape, obstacles, pose) >= least for pose in poses):
             return shape
     return None
 
@@ -86,20 +100,16 @@ def pose_space(
     poses: Sequence[Configuration],
     obstacles: tuple[Placed, ...],
     reach: float,
-    cell: float,
-    bins: int,
-    guide: tuple[int, float, float],
+    grain: Grain,
+    guide: Guide,
 ) -> Space:
-    """Return the box and the resolution of a search.
-
-    ``guide``: expansions after the first solution, range (m) of Reeds-Shepp times, weight of the
-    distance to go.
-    """
+    """Return the box and the resolution of a search (the ``grain``, or coarser on large maps)."""
     low, high = search_box(scene, poses, obstacles, reach)
+    cell, bins = grain
     while True:
         cols, rows = np.ceil((high - low) / cell).astype(int) + 1
         if cols * rows * bins * 2 <= MOST_KEYS:
             break
         cell *= 1.3
     corner = float(low[0]), float(low[1]), float(cell)
-    return Space(*corner, int(cols), int(rows), bins, guide[0], guide[1], BEAT, guide[2])
+    return Space(*corner, int(cols), int(rows), bins, guide.extra, guide.near, BEAT, guide.weight)

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry import Scene, Shape, sweeps
+from up_samp.geometry.kernels import WorldData
 from up_samp.geometry.memory import Memory
-from up_samp.model import Body, Configuration, Deadline, Placed
+from up_samp.model import Deadline
 from up_samp.motion.budget import Budget
 from up_samp.motion.curves.arcs import merged, path_time, reversed_arcs
-from up_samp.motion.curves.reeds_shepp import fastest
+from up_samp.motion.curves.reeds_shepp import CarLimits, fastest
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.guides.cost_to_go import Fields, least_value
-from up_samp.motion.guides.search_space import pose_space, widest_shape
+from up_samp.motion.guides.search_space import Grain, Guide, pose_space, widest_shape
 from up_samp.motion.planners import hybrid_astar as hybrid
-from up_samp.motion.planners.car_shortcuts import improve, settle
+from up_samp.motion.planners.car_shortcuts import Effort, improve, settle
 from up_samp.motion.protocol import Leg, LegQuery
 
 FloatArray = npt.NDArray[np.float64]
@@ -112,8 +113,9 @@ class CarPlanner:
         shape = widest_shape(self.scene, body, (start, goal), obstacles)
         if shape is None:
             return None, "the start or the goal touches the map or an obstacle"
-        radius, v, a = limits_of(body.kinematics)
-        direct = self._direct(shape, start, goal, obstacles, (radius, v, a))
+        car = limits_of(body.kinematics)
+        world = self.scene.world(shape, obstacles)
+        direct = _direct(world, query, car)
         if direct is not None:
             return direct, ""
         best: FloatArray | None = None
@@ -123,12 +125,14 @@ class CarPlanner:
             for turned in tuple(sides):
                 if budget.spent():
                     break
-                ends = (goal, start) if turned else (start, goal)
-                arcs, count, dry = self._search(body, shape, *ends, obstacles, level, budget)
+                asked = replace(query, start=goal, goal=start) if turned else query
+                arcs, count, dry = self._search(asked, shape, level, budget)
                 if arcs is not None:
-                    arcs = self._smooth(shape, *ends, arcs, obstacles, (radius, v, a))
+                    arcs = self._smooth(world, asked, arcs, car)
                     arcs = reversed_arcs(arcs) if turned else arcs
-                    if best is None or path_time(arcs, v, a) < path_time(best, v, a):
+                    if best is None or path_time(arcs, car.v, car.a) < path_time(
+                        best, car.v, car.a
+                    ):
                         best = arcs
                 elif dry:  # trapped, at this resolution; begin at the narrower end next time
                     sides = [turned, not turned] if count < _NARROW else [not turned, turned]
@@ -139,63 +143,27 @@ class CarPlanner:
             return None, _CUT if budget.cut else _DRY if dry else _STUCK
         return best, ""
 
-    def _direct(
-        self,
-        shape: Shape,
-        start: Configuration,
-        goal: Configuration,
-        obstacles: tuple[Placed, ...],
-        limits: tuple[float, float, float],
-    ) -> FloatArray | None:
-        """Return the fastest unobstructed curve if it happens to be free."""
-        _, arcs = fastest(start, goal, *limits)
-        polys = self.scene.polys(obstacles)
-        origin = np.array(start[:3], dtype=np.float64)
-        free = sweeps.path_free(self.scene.data, polys, shape.data, origin, arcs) < 0
-        return arcs if free else None
-
     def _search(
-        self,
-        body: Body,
-        shape: Shape,
-        start: Configuration,
-        goal: Configuration,
-        obstacles: tuple[Placed, ...],
-        level: int,
-        budget: Budget,
+        self, query: LegQuery, shape: Shape, level: int, budget: Budget
     ) -> tuple[FloatArray | None, int, bool]:
         """Run hybrid A* at one resolution; return arcs or None, expansions, whether it ran dry."""
-        radius, v, a = limits_of(body.kinematics)
-        finest = self.settings.levels[level]
-        unit = max(radius, LEAST_UNIT * shape.inner[2])
-        step = finest * unit
-        field = self.fields.toward(shape, goal, obstacles)
-        reach = 8 * unit + 2 * shape.circumscribed
-        bins = math.ceil(2 * math.pi / (finest / 1.5))
-        guide = (self.settings.extra, self.settings.near * unit, self.settings.weight)
-        space = pose_space(self.scene, (start, goal), obstacles, reach, step / 1.5, bins, guide)
-        tree = self._tree(self.settings.nodes[level], space.keys)
-        steps = np.array(_primitives(radius, unit, finest))
-        limits = np.array([radius, v, a, 0.0, 0.0])
-        target = np.array(goal[:3], dtype=np.float64)
-        data, polys = self.scene.data, self.scene.polys(obstacles)
-        hybrid.plant(tree, np.array(start[:3], dtype=np.float64))
+        problem = self._problem(query, shape, level)
+        tree = self._tree(self.settings.nodes[level], problem.space.keys)
+        target = np.array(problem.goal)
+        hybrid.plant(tree, np.array(query.start[:3], dtype=np.float64))
         state, looked, nearest, idle = 0, 0, math.inf, 0
         while state == 0 and idle < self.settings.stuck and not budget.spent():
             # does the search still come nearer to the goal?
             new = tree.nodes[looked : tree.counters[0], :2]
             reached = (
-                least_value(field, new)
-                if len(field.values)
+                least_value(problem.field, new)
+                if len(problem.field.values)
                 else float(np.min(np.hypot(*(new - target[:2]).T), initial=math.inf))
             )
             idle = 0 if reached < nearest or tree.counters[3] >= 0 else idle + 1
             looked, nearest = int(tree.counters[0]), min(nearest, reached)
             before = int(tree.counters[2])
-            state = hybrid.expand(
-                tree, data, polys, shape.data, field, space, steps, target, limits,
-                self.settings.slice,
-            )  # fmt: skip
+            state = hybrid.expand(tree, problem, self.settings.slice)
             budget.used += int(tree.counters[2]) - before
         found = tree.counters[3] >= 0
         arcs = merged(hybrid.solution(tree)) if found else None
@@ -203,24 +171,39 @@ class CarPlanner:
         hybrid.clear(tree)
         return arcs, count, state == 2
 
+    def _problem(self, query: LegQuery, shape: Shape, level: int) -> hybrid.CarProblem:
+        """Return what one search is about, at one resolution."""
+        settings, car = self.settings, limits_of(query.body.kinematics)
+        finest = settings.levels[level]
+        unit = max(car.radius, LEAST_UNIT * shape.inner[2])
+        step = finest * unit
+        ends, obstacles = (query.start, query.goal), query.obstacles
+        reach = 8 * unit + 2 * shape.circumscribed
+        bins = math.ceil(2 * math.pi / (finest / 1.5))
+        guide = Guide(settings.extra, settings.near * unit, settings.weight)
+        space = pose_space(self.scene, ends, obstacles, reach, Grain(step / 1.5, bins), guide)
+        steps = np.array(_primitives(car.radius, unit, finest))
+        x, y, th = map(float, query.goal[:3])
+        field = self.fields.toward(shape, query.goal, obstacles)
+        world = self.scene.world(shape, obstacles)
+        return hybrid.CarProblem(world, car, (x, y, th), field, space, steps)
+
     def _tree(self, nodes: int, keys: int) -> hybrid.Tree:
         return self._trees.get_or((nodes, keys), lambda: hybrid.new_tree(nodes, keys))
 
     def _smooth(
-        self,
-        shape: Shape,
-        start: Configuration,
-        goal: Configuration,
-        arcs: FloatArray,
-        obstacles: tuple[Placed, ...],
-        limits: tuple[float, float, float],
+        self, world: WorldData, query: LegQuery, arcs: FloatArray, car: CarLimits
     ) -> FloatArray:
         """Return a shortened path, or the path itself where that is no slower."""
-        origin = np.array(start[:3], dtype=np.float64)
-        target = np.array(goal[:3], dtype=np.float64)
-        data, polys = self.scene.data, self.scene.polys(obstacles)
-        rounds, patience = self.settings.rounds, self.settings.patience
-        scratch = np.array([*limits, 0.0, 0.0])
-        found = improve(data, polys, shape.data, origin, arcs, scratch, rounds, patience, self.seed)
-        better = path_time(found, *limits[1:]) < path_time(arcs, *limits[1:])
+        origin, target = (np.array(p[:3], dtype=np.float64) for p in (query.start, query.goal))
+        effort = Effort(self.settings.rounds, self.settings.patience, self.seed)
+        found = improve(world, origin, arcs, car, effort)
+        better = path_time(found, car.v, car.a) < path_time(arcs, car.v, car.a)
         return found if better and settle(origin, target, found) < 1e-7 else arcs
+
+
+def _direct(world: WorldData, query: LegQuery, car: CarLimits) -> FloatArray | None:
+    """Return the fastest unobstructed curve if it happens to be free."""
+    _, arcs = fastest(query.start, query.goal, *car)
+    origin = np.array(query.start[:3], dtype=np.float64)
+    return arcs if sweeps.path_free(world, origin, arcs) < 0 else None

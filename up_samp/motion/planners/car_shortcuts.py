@@ -3,18 +3,29 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry.compiled import inner, kernel
-from up_samp.geometry.kernels import GridData, PolyData, ShapeData, advance
-from up_samp.geometry.sweeps import arc_free
+from up_samp.geometry.kernels import WorldData, advance
+from up_samp.geometry.sweeps import first_blocked
 from up_samp.motion.curves.arcs import ends_of, merged, nodes_of, path_time
-from up_samp.motion.curves.reeds_shepp import TINY, connect, run_time
+from up_samp.motion.curves.reeds_shepp import TINY, CarLimits, Pose, connect, run_time
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+
+
+class Effort(NamedTuple):
+    """How hard a path is shortened: ``rounds`` of random replacements, or ``patience`` of them
+    without a gain; drawn by ``seed``.
+    """
+
+    rounds: int
+    patience: int
+    seed: int
 
 
 @inner
@@ -32,7 +43,7 @@ def _locate(ends: FloatArray, p: float) -> int:
 
 @inner
 def _side(
-    arcs: FloatArray, i: int, part: float, forward: bool, v: float, a: float
+    arcs: FloatArray, i: int, part: float, forward: bool, car: CarLimits
 ) -> tuple[float, float]:
     """Return (signed length of the run at a cut, time of the complete runs beyond it).
 
@@ -50,47 +61,28 @@ def _side(
             if in_first:
                 open_run, in_first = run, False
             else:
-                time += run_time(abs(run), v, a)
+                time += run_time(abs(run), car.v, car.a)
             run = s
         else:
             run += s
         k = k + 1 if forward else k - 1
     if in_first:
         return run if first or abs(run) > TINY else 0.0, 0.0
-    return open_run, time + run_time(abs(run), v, a)
+    return open_run, time + run_time(abs(run), car.v, car.a)
 
 
 @inner
 def _cut(
     arcs: FloatArray, nodes: FloatArray, ends: FloatArray, p: float
-) -> tuple[int, float, float, float, float]:
+) -> tuple[int, float, Pose]:
     """Return (arc, signed length into it, pose) at position ``p``."""
     i = _locate(ends, p)
     into = p - (ends[i] - abs(arcs[i, 1]))
     into = min(max(into, 0.0), abs(arcs[i, 1]))
     part = into if arcs[i, 1] >= 0.0 else -into
     if abs(part - arcs[i, 1]) < 1e-9:
-        return i, arcs[i, 1], nodes[i + 1, 0], nodes[i + 1, 1], nodes[i + 1, 2]
-    x, y, th = advance(nodes[i, 0], nodes[i, 1], nodes[i, 2], arcs[i, 0], part)
-    return i, part, x, y, th
-
-
-@inner
-def _free(
-    grid: GridData,
-    polys: PolyData,
-    shape: ShapeData,
-    x: float,
-    y: float,
-    th: float,
-    arcs: FloatArray,
-    n: int,
-) -> bool:
-    for k in range(n):
-        if not arc_free(grid, polys, shape, x, y, th, arcs[k, 0], arcs[k, 1]):
-            return False
-        x, y, th = advance(x, y, th, arcs[k, 0], arcs[k, 1])
-    return True
+        return i, arcs[i, 1], (nodes[i + 1, 0], nodes[i + 1, 1], nodes[i + 1, 2])
+    return i, part, advance(nodes[i, 0], nodes[i, 1], nodes[i, 2], arcs[i, 0], part)
 
 
 @inner
@@ -103,12 +95,12 @@ def _last_run(arcs: FloatArray, n: int, before: float) -> float:
 
 
 @inner
-def _closed_time(arcs: FloatArray, n: int, before: float, v: float, a: float) -> float:
+def _closed_time(arcs: FloatArray, n: int, before: float, car: CarLimits) -> float:
     """Return the time of all runs but the last one of ``before`` followed by the arcs."""
     run, time = before, 0.0
     for k in range(n):
         if run * arcs[k, 1] < 0.0:
-            time += run_time(abs(run), v, a)
+            time += run_time(abs(run), car.v, car.a)
             run = arcs[k, 1]
         else:
             run += arcs[k, 1]
@@ -121,23 +113,35 @@ def _copy(source: FloatArray, n: int, target: FloatArray, at: int) -> None:
         target[at + k, 0], target[at + k, 1] = source[k, 0], source[k, 1]
 
 
+class Cut(NamedTuple):
+    """Where a path is cut: ``part`` (signed, m) of ``arc`` lies before it; there the car is at
+    ``pose``. On the side that stays: the signed length of the ``run`` at the cut, the ``time`` (s)
+    of the complete runs beyond it.
+    """
+
+    arc: int
+    part: float
+    pose: Pose
+    run: float
+    time: float
+
+
 @inner
-def _spliced(
-    arcs: FloatArray, i: int, part_i: float, j: int, part_j: float, new: FloatArray, n: int
-) -> FloatArray:
+def _spliced(arcs: FloatArray, first: Cut, last: Cut, new: FloatArray, n: int) -> FloatArray:
     """Return the path with everything between two cuts replaced."""
+    i, j = first.arc, last.arc
     size = arcs.shape[0]
     out = np.empty((i + 1 + n + size - j, 2))
     _copy(arcs, i + 1, out, 0)
-    out[i, 1] = part_i
+    out[i, 1] = first.part
     _copy(new, n, out, i + 1)
     _copy(arcs[j:], size - j, out, i + 1 + n)
-    out[i + 1 + n, 1] = arcs[j, 1] - part_j
+    out[i + 1 + n, 1] = arcs[j, 1] - last.part
     return merged(out)
 
 
 @inner
-def _random(state: IntArray) -> float:
+def random_share(state: IntArray) -> float:
     """Return the next number in [0, 1) of a linear congruential generator (Knuth's MMIX)."""
     state[0] = state[0] * 6364136223846793005 + 1442695040888963407
     return ((state[0] >> 11) & ((1 << 52) - 1)) / 4503599627370496.0
@@ -146,81 +150,86 @@ def _random(state: IntArray) -> float:
 @inner
 def _spread(state: IntArray) -> float:
     """Return a number of mean 0 and standard deviation 1, about normal."""
-    return 2.0 * (_random(state) + _random(state) + _random(state) - 1.5)
+    return 2.0 * (random_share(state) + random_share(state) + random_share(state) - 1.5)
+
+
+@inner
+def _stretch(state: IntArray, r: int, total: float, radius: float) -> tuple[float, float]:
+    """Return the positions (m along the path) between which round ``r`` replaces the path."""
+    if r % 3 == 0:
+        p, q = random_share(state) * total, random_share(state) * total
+    else:  # local windows find what long ones cannot
+        p = random_share(state) * total
+        q = p + (0.5 + 8.0 * random_share(state)) * radius
+    p, q = min(p, q), min(max(p, q), total)
+    if r % 5 == 0:
+        p = 0.0
+    if r % 7 == 0:
+        q = total
+    return p, q
+
+
+@inner
+def _over(
+    state: IntArray, middle: Cut, first: Cut, last: Cut, car: CarLimits, new: FloatArray
+) -> tuple[float, int]:
+    """Join two cuts over a pose near one between them, at random; fill ``new`` and return the time
+    (s) with the runs at the cuts, and the number of arcs.
+    """
+    size = car.radius * 0.5 * 10.0 ** (-2.0 * random_share(state))
+    x, y, th = middle.pose
+    x += size * _spread(state)
+    y += size * _spread(state)
+    th += 0.3 * size / car.radius * _spread(state)
+    via = x, y, th
+    ahead = (1.0 if middle.run > 0.0 else -1.0) * 4.0 * car.radius
+    out = np.empty((5, 2))
+    _, n1 = connect(first.pose, via, car, (first.run, ahead), out)
+    _copy(out, n1, new, 0)
+    time = _closed_time(new, n1, first.run, car)
+    rest, n2 = connect(via, last.pose, car, (_last_run(new, n1, first.run), last.run), out)
+    _copy(out, n2, new, n1)
+    return time + rest, n1 + n2
 
 
 @kernel
 def improve(
-    grid: GridData,
-    polys: PolyData,
-    shape: ShapeData,
-    start: FloatArray,
-    arcs: FloatArray,
-    limits: FloatArray,
-    rounds: int,
-    patience: int,
-    seed: int,
+    world: WorldData, start: FloatArray, arcs: FloatArray, car: CarLimits, effort: Effort
 ) -> FloatArray:
-    """Return a path that is not slower, by up to ``rounds`` random replacements.
+    """Return a path that is not slower, by random replacements.
 
     Each round cuts the path at two places and joins them by the fastest curve, directly or over a
-    randomly displaced pose of the path between them; stops after ``patience`` rounds without a
-    gain. Deterministic for ``seed``. ``limits``: turning radius, v, a (then two entries of
-    scratch).
+    randomly displaced pose of the path between them. Deterministic for a seed.
     """
     state = np.empty(1, dtype=np.int64)
-    state[0] = seed
+    state[0] = effort.seed
     for _ in range(8):
-        _random(state)
-    radius, v, a = limits[0], limits[1], limits[2]
-    out, new = np.empty((5, 2)), np.empty((10, 2))
-    best = path_time(arcs, v, a)
+        random_share(state)
+    new = np.empty((10, 2))
+    best = path_time(arcs, car.v, car.a)
     nodes = nodes_of(start, arcs)
     ends = ends_of(arcs)
     idle = 0
-    for r in range(rounds):
-        if arcs.shape[0] < 2 or idle > patience:
+    for r in range(effort.rounds):
+        if arcs.shape[0] < 2 or idle > effort.patience:
             break
         idle += 1
-        total = ends[-1]
-        if r % 3 == 0:
-            p, q = _random(state) * total, _random(state) * total
-        else:  # local windows find what long ones cannot
-            p = _random(state) * total
-            q = p + (0.5 + 8.0 * _random(state)) * radius
-        p, q = min(p, q), min(max(p, q), total)
-        if r % 5 == 0:
-            p = 0.0
-        if r % 7 == 0:
-            q = total
+        p, q = _stretch(state, r, ends[-1], car.radius)
         if q - p < 1e-3:
             continue
-        i, part_i, x, y, th = _cut(arcs, nodes, ends, p)
-        j, part_j, gx, gy, gth = _cut(arcs, nodes, ends, q)
-        before, left = _side(arcs, i, part_i, False, v, a)
-        after, right = _side(arcs, j, arcs[j, 1] - part_j, True, v, a)
-        limits[3], limits[4] = before, after
+        i, part, pose = _cut(arcs, nodes, ends, p)
+        first = Cut(i, part, pose, *_side(arcs, i, part, False, car))
+        i, part, pose = _cut(arcs, nodes, ends, q)
+        last = Cut(i, part, pose, *_side(arcs, i, arcs[i, 1] - part, True, car))
         if r % 2 == 0:
-            time, n = connect(x, y, th, gx, gy, gth, limits, out)
-            _copy(out, n, new, 0)
+            time, n = connect(first.pose, last.pose, car, (first.run, last.run), new)
         else:
-            k, _, mx, my, mth = _cut(arcs, nodes, ends, p + _random(state) * (q - p))
-            size = radius * 0.5 * 10.0 ** (-2.0 * _random(state))
-            mx += size * _spread(state)
-            my += size * _spread(state)
-            mth += 0.3 * size / radius * _spread(state)
-            limits[4] = (1.0 if arcs[k, 1] > 0.0 else -1.0) * 4.0 * radius
-            _, n1 = connect(x, y, th, mx, my, mth, limits, out)
-            _copy(out, n1, new, 0)
-            time = _closed_time(new, n1, before, v, a)
-            limits[3], limits[4] = _last_run(new, n1, before), after
-            rest, n2 = connect(mx, my, mth, gx, gy, gth, limits, out)
-            _copy(out, n2, new, n1)
-            n = n1 + n2
-            time += rest
-        if left + time + right < best - 1e-4 and _free(grid, polys, shape, x, y, th, new, n):
-            arcs = _spliced(arcs, i, part_i, j, part_j, new, n)
-            best = path_time(arcs, v, a)
+            i, part, pose = _cut(arcs, nodes, ends, p + random_share(state) * (q - p))
+            time, n = _over(state, Cut(i, part, pose, arcs[i, 1], 0.0), first, last, car, new)
+        sooner = first.time + time + last.time < best - 1e-4
+        if sooner and first_blocked(world, first.pose, new, n) < 0:
+            arcs = _spliced(arcs, first, last, new, n)
+            best = path_time(arcs, car.v, car.a)
             nodes = nodes_of(start, arcs)
             ends = ends_of(arcs)
             idle = 0

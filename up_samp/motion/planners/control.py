@@ -75,8 +75,7 @@ class ControlWorld(PlanarWorld):
 
     def clear(self, poses: FloatArray) -> bool:
         """Return whether the swept motion through ``poses`` (n, 3) keeps the margin."""
-        data, polys = self.scene.data, self.polys
-        return bool(edges.sweep_edge(data, polys, self.shape.data, poses, self.hits))
+        return bool(edges.sweep_edge(self.data, poses, self.hits))
 
     def guesses(self, a: Configuration, b: Configuration, count: int) -> list[list[Piece]]:
         """Return random pieces of about the right total duration."""

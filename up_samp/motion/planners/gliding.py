@@ -41,7 +41,7 @@ class Glider:
         kinematics = self.body.kinematics
         straight = Chain.of(nodes, kinematics, pins)
         speeds = first_speeds(straight)
-        data, polys = self.scene.data, self.scene.polys(self.obstacles)
+        world = self.scene.world(self.shape, self.obstacles)
         least = 1e-3 * float(self.shape.data.slack[2])
         for _ in range(ROUNDS):
             chain = straight
@@ -58,7 +58,7 @@ class Glider:
             turns = round((nodes[-1, 2] - goal[2]) / (2 * math.pi))
             rows = motion.poses.copy()
             rows[-1] = (goal[0], goal[1], goal[2] + turns * 2 * math.pi)
-            hit = sweeps.samples_free(data, polys, self.shape.data, rows, least)
+            hit = sweeps.samples_free(world, rows, least)
             if hit < 0:
                 passed = all(speeds[i] > 0.0 for i in pins or ())
                 return Trajectory(motion.times.copy(), rows), passed

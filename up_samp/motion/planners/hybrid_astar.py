@@ -15,23 +15,15 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry.compiled import inner, kernel
-from up_samp.geometry.kernels import GridData, PolyData, ShapeData, advance
-from up_samp.geometry.sweeps import arc_free
-from up_samp.motion.curves.reeds_shepp import connect, run_time
+from up_samp.geometry.kernels import WorldData, advance
+from up_samp.geometry.sweeps import arc_free, first_blocked
+from up_samp.motion.curves.reeds_shepp import CarLimits, Pose, connect, run_time
+from up_samp.motion.guides.cost_to_go import Field, field_value
 from up_samp.motion.guides.heap import pop, push
 from up_samp.motion.guides.search_space import Space
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
-
-
-class Field(NamedTuple):
-    """Distances to a goal: ``values`` float32 (rows, cols) in m (inf: cannot be reached), and the
-    ``frame`` (x, y, cos, sin, yaw, cell size) of its cells. No rows: no field.
-    """
-
-    values: npt.NDArray[np.float32]
-    frame: FloatArray
 
 
 class Tree(NamedTuple):
@@ -54,21 +46,21 @@ class Tree(NamedTuple):
     tail: FloatArray
 
 
-@kernel
-def field_value(field: Field, x: float, y: float) -> float:
-    """Return the distance (m) of a point to the field's goal; inf outside."""
-    rows, cols = field.values.shape
-    f = field.frame
-    dx, dy = x - f[0], y - f[1]
-    col = math.floor((f[2] * dx + f[3] * dy) / f[5])
-    row = math.floor((f[2] * dy - f[3] * dx) / f[5])
-    if row < 0 or col < 0 or row >= rows or col >= cols:
-        return math.inf
-    return float(field.values[row, col])
+class CarProblem(NamedTuple):
+    """What one search is about: a car that drives to ``goal`` (x, y, theta) by primitive arcs
+    ``steps`` (n, 2: curvature, signed length).
+    """
+
+    world: WorldData
+    car: CarLimits
+    goal: Pose
+    field: Field
+    space: Space
+    steps: FloatArray
 
 
 @inner
-def _key(space: Space, x: float, y: float, th: float, backwards: bool) -> int:
+def key_of(space: Space, x: float, y: float, th: float, backwards: bool) -> int:
     """Return the table index of a state; -1 outside."""
     col = math.floor((x - space.x) / space.cell)
     row = math.floor((y - space.y) / space.cell)
@@ -81,30 +73,19 @@ def _key(space: Space, x: float, y: float, th: float, backwards: bool) -> int:
 
 
 @inner
-def _estimate(
-    field: Field,
-    goal: FloatArray,
-    limits: FloatArray,
-    space: Space,
-    x: float,
-    y: float,
-    th: float,
-    closed: float,
-    run: float,
-    out: FloatArray,
-) -> float:
+def _estimate(problem: CarProblem, pose: Pose, closed: float, run: float, out: FloatArray) -> float:
     """Return the estimated total time of a path through a node."""
-    dx, dy = goal[0] - x, goal[1] - y
+    goal, field, space, car = problem.goal, problem.field, problem.space, problem.car
+    dx, dy = goal[0] - pose[0], goal[1] - pose[1]
     away = math.sqrt(dx * dx + dy * dy)
     far = away
     if field.values.shape[0] > 0:
-        far = max(far, field_value(field, x, y))
+        far = max(far, field_value(field, pose[0], pose[1]))
         if far == math.inf:
             return math.inf
-    total = closed + run_time(abs(run) + space.weight * far, limits[1], limits[2])
+    total = closed + run_time(abs(run) + space.weight * far, car.v, car.a)
     if away < space.near:
-        limits[3] = run
-        time, _ = connect(x, y, th, goal[0], goal[1], goal[2], limits, out)
+        time, _ = connect(pose, goal, car, (run, 0.0), out)
         total = max(total, closed + time)
     return total
 
@@ -119,27 +100,13 @@ def plant(tree: Tree, start: FloatArray) -> None:
 
 
 @inner
-def _shoot(
-    tree: Tree,
-    node: int,
-    grid: GridData,
-    polys: PolyData,
-    shape: ShapeData,
-    goal: FloatArray,
-    limits: FloatArray,
-    out: FloatArray,
-) -> None:
+def _shoot(tree: Tree, problem: CarProblem, node: int, out: FloatArray) -> None:
     """Try to reach the goal from a node by one Reeds-Shepp curve."""
-    x, y, th = tree.nodes[node, 0], tree.nodes[node, 1], tree.nodes[node, 2]
-    limits[3] = tree.nodes[node, 4]
-    time, n = connect(x, y, th, goal[0], goal[1], goal[2], limits, out)
+    pose = tree.nodes[node, 0], tree.nodes[node, 1], tree.nodes[node, 2]
+    time, n = connect(pose, problem.goal, problem.car, (tree.nodes[node, 4], 0.0), out)
     total = tree.nodes[node, 3] + time
-    if total >= tree.best[0] - 1e-6:
+    if total >= tree.best[0] - 1e-6 or first_blocked(problem.world, pose, out, n) >= 0:
         return
-    for i in range(n):
-        if not arc_free(grid, polys, shape, x, y, th, out[i, 0], out[i, 1]):
-            return
-        x, y, th = advance(x, y, th, out[i, 0], out[i, 1])
     if tree.counters[3] < 0:
         tree.counters[4] = tree.counters[2]
     tree.best[0] = total
@@ -151,38 +118,27 @@ def _shoot(
 
 @inner
 def _grow(
-    tree: Tree,
-    node: int,
-    kappa: float,
-    s: float,
-    grid: GridData,
-    polys: PolyData,
-    shape: ShapeData,
-    field: Field,
-    space: Space,
-    goal: FloatArray,
-    limits: FloatArray,
-    out: FloatArray,
+    tree: Tree, problem: CarProblem, node: int, kappa: float, s: float, out: FloatArray
 ) -> None:
     """Add the child reached by one arc, if it is free and better than what is known there."""
     x0, y0, th0 = tree.nodes[node, 0], tree.nodes[node, 1], tree.nodes[node, 2]
     x, y, th = advance(x0, y0, th0, kappa, s)
-    key = _key(space, x, y, th, s < 0.0)
+    key = key_of(problem.space, x, y, th, s < 0.0)
     if key < 0:
         return
-    closed, run = tree.nodes[node, 3], tree.nodes[node, 4]
+    closed, run, car = tree.nodes[node, 3], tree.nodes[node, 4], problem.car
     if run * s < 0.0:
-        closed += run_time(abs(run), limits[1], limits[2])
+        closed += run_time(abs(run), car.v, car.a)
         run = s
     else:
         run += s
-    time = closed + run_time(abs(run), limits[1], limits[2])
+    time = closed + run_time(abs(run), car.v, car.a)
     if time >= tree.table[key] - 1e-4:
         return
-    estimate = _estimate(field, goal, limits, space, x, y, th, closed, run, out)
-    if estimate >= tree.best[0] * space.beat or estimate == math.inf:
+    estimate = _estimate(problem, (x, y, th), closed, run, out)
+    if estimate >= tree.best[0] * problem.space.beat or estimate == math.inf:
         return
-    if not arc_free(grid, polys, shape, x0, y0, th0, kappa, s):
+    if not arc_free(problem.world, x0, y0, th0, kappa, s):
         return
     tree.table[key] = time
     n = tree.counters[0]
@@ -195,24 +151,12 @@ def _grow(
 
 
 @kernel
-def expand(
-    tree: Tree,
-    grid: GridData,
-    polys: PolyData,
-    shape: ShapeData,
-    field: Field,
-    space: Space,
-    steps: FloatArray,
-    goal: FloatArray,
-    limits: FloatArray,
-    budget: int,
-) -> int:
+def expand(tree: Tree, problem: CarProblem, budget: int) -> int:
     """Expand up to ``budget`` nodes. Returns 0: more to do, 1: done (see ``tree.best``), 2: the
     open list ran empty, 3: the tree is full.
-
-    ``steps`` (n, 2): primitive arcs.
     """
     out = np.empty((5, 2))
+    space, steps, car = problem.space, problem.steps, problem.car
     for _ in range(budget):
         if tree.counters[1] == 0:
             return 1 if tree.counters[3] >= 0 else 2
@@ -224,27 +168,14 @@ def expand(
         if tree.nodes[node, 5] >= tree.best[0] * space.beat:
             return 1
         run = tree.nodes[node, 4]
-        time = tree.nodes[node, 3] + run_time(abs(run), limits[1], limits[2])
+        time = tree.nodes[node, 3] + run_time(abs(run), car.v, car.a)
         # the table is float32: 1e-6 would drop nodes of long drives
         if node > 0 and time > tree.table[tree.links[node, 1]] + 5e-5:
             continue  # a better way to the same cell was found meanwhile
         tree.counters[2] += 1
-        _shoot(tree, node, grid, polys, shape, goal, limits, out)
+        _shoot(tree, problem, node, out)
         for i in range(steps.shape[0]):
-            _grow(
-                tree,
-                node,
-                steps[i, 0],
-                steps[i, 1],
-                grid,
-                polys,
-                shape,
-                field,
-                space,
-                goal,
-                limits,
-                out,
-            )
+            _grow(tree, problem, node, steps[i, 0], steps[i, 1], out)
     return 0
 
 

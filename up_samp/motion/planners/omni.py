@@ -10,14 +10,20 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry import Scene, Shape
-from up_samp.model import Body, Configuration, Deadline, Placed, Trajectory
+from up_samp.model import Configuration, Deadline, Trajectory
 from up_samp.motion.budget import Budget
 from up_samp.motion.curves.blending import chain_time, moved_corner, pieces
 from up_samp.motion.guides.cost_to_go import Fields
-from up_samp.motion.guides.search_space import pose_space, widest_shape
+from up_samp.motion.guides.search_space import Grain, Guide, pose_space, widest_shape
 from up_samp.motion.planners import hybrid_astar as hybrid
 from up_samp.motion.planners.gliding import Glider
-from up_samp.motion.planners.omni_astar import expand_planar, shortened, straight_free
+from up_samp.motion.planners.omni_astar import (
+    PlanarProblem,
+    expand_planar,
+    planar_limits,
+    shortened,
+    straight_free,
+)
 from up_samp.motion.protocol import Leg, LegQuery
 
 FloatArray = npt.NDArray[np.float64]
@@ -84,7 +90,7 @@ class PlanarPlanner:
         if shape is None:
             reason = "the start or the goal touches the map or an obstacle"
             return Leg(None, reason, complete=True)
-        chain, shape, reason = self._chain(body, shape, start, goal, obstacles, budget)
+        chain, shape, reason = self._chain(query, shape, budget)
         if chain is None:
             return Leg(None, reason, budget.used, not budget.cut)
         glider = Glider(self.scene, body, shape, obstacles)
@@ -96,13 +102,7 @@ class PlanarPlanner:
         return Leg(motion, "", budget.used, not budget.cut, chain)
 
     def _chain(
-        self,
-        body: Body,
-        shape: Shape,
-        start: Configuration,
-        goal: Configuration,
-        obstacles: tuple[Placed, ...],
-        budget: Budget,
+        self, query: LegQuery, shape: Shape, budget: Budget
     ) -> tuple[FloatArray | None, Shape, str]:
         """Return nodes (n, 3) of straight pieces, theta continuous, or None, the shape that they
         are free for, and why there are none.
@@ -112,56 +112,31 @@ class PlanarPlanner:
             if k > 0 and budget.spent():
                 break
             shape = shape.finer if grain.tight else shape
-            nodes, dry = self._search(body, shape, start, goal, obstacles, grain, budget)
+            nodes, dry = self._search(query, shape, grain, budget)
             if nodes is not None:
-                kin = body.kinematics
-                limits = np.array([kin.v_max, kin.omega_max, kin.a_max])
-                data, polys = self.scene.data, self.scene.polys(obstacles)
-                nodes = shortened(
-                    data, polys, shape.data, nodes, limits, self.settings.rounds, self.seed
-                )
+                world = self.scene.world(shape, query.obstacles)
+                limits = planar_limits(query.body.kinematics)
+                nodes = shortened(world, nodes, limits, self.settings.rounds, self.seed)
                 return pieces(nodes), shape, ""
             reason = "no path at the finest resolution" + ("" if dry else " within fixed effort")
         return None, shape, "out of time" if budget.cut else reason
 
     def _search(
-        self,
-        body: Body,
-        shape: Shape,
-        start: Configuration,
-        goal: Configuration,
-        obstacles: tuple[Placed, ...],
-        grain: _Grain,
-        budget: Budget,
+        self, query: LegQuery, shape: Shape, grain: _Grain, budget: Budget
     ) -> tuple[FloatArray | None, bool]:
         """Run A* at one resolution; return the chain or None, and whether it ran dry."""
-        kin, bins = body.kinematics, grain.bins
-        origin, target = (np.array(p[:3], dtype=np.float64) for p in (start, goal))
-        data, polys = self.scene.data, self.scene.polys(obstacles)
+        origin, target = (np.array(p[:3], dtype=np.float64) for p in (query.start, query.goal))
         turn = math.remainder(target[2] - origin[2], 2 * math.pi)
-        way = target - origin
         x, y, th = map(float, origin)
-        dx, dy = float(way[0]), float(way[1])
-        if straight_free(data, polys, shape.data, x, y, th, dx, dy, turn):
+        way = float(target[0] - origin[0]), float(target[1] - origin[1]), turn
+        if straight_free(self.scene.world(shape, query.obstacles), (x, y, th), way):
             return np.array([origin, [target[0], target[1], origin[2] + turn]]), False
-        step = grain.step * shape.inner[2]
-        cell = min(step, CELL) if grain.tight else step
-        guide = (0, 0.0, self.settings.weight)
-        space = pose_space(
-            self.scene, (start, goal), obstacles, 16 * shape.circumscribed, cell, bins, guide
-        )
-        tree = hybrid.new_tree(grain.nodes, space.keys)
-        moves = [(i * step, j * step, 0.0) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
-        moves += [(0.0, 0.0, 2 * math.pi / bins), (0.0, 0.0, -2 * math.pi / bins)]
-        field = self.fields.toward(shape, goal, obstacles)
-        limits = np.array([kin.v_max, kin.omega_max])
+        problem = self._problem(query, shape, grain)
+        tree = hybrid.new_tree(grain.nodes, problem.space.keys)
         state = 0
         while state == 0 and not budget.spent():
             before = int(tree.counters[2])
-            state = expand_planar(
-                tree, data, polys, shape.data, field, space, np.array(moves), origin, target,
-                limits, grain.tight, self.settings.slice,
-            )  # fmt: skip
+            state = expand_planar(tree, problem, self.settings.slice)
             budget.used += int(tree.counters[2]) - before
         if state != 1:
             return None, state == 2
@@ -172,6 +147,28 @@ class PlanarPlanner:
         rows.reverse()
         rows[-1][2] = rows[-2][2] + math.remainder(target[2] - rows[-2][2], 2 * math.pi)
         return np.array(rows), False
+
+    def _problem(self, query: LegQuery, shape: Shape, grain: _Grain) -> PlanarProblem:
+        """Return what one search is about, at one resolution."""
+        ends, obstacles, bins = (query.start, query.goal), query.obstacles, grain.bins
+        step = grain.step * shape.inner[2]
+        cell = min(step, CELL) if grain.tight else step
+        guide = Guide(0, 0.0, self.settings.weight)
+        reach = 16 * shape.circumscribed
+        space = pose_space(self.scene, ends, obstacles, reach, Grain(cell, bins), guide)
+        moves = [(i * step, j * step, 0.0) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
+        moves += [(0.0, 0.0, 2 * math.pi / bins), (0.0, 0.0, -2 * math.pi / bins)]
+        (x, y, th), (gx, gy, gth) = (map(float, pose[:3]) for pose in ends)
+        return PlanarProblem(
+            world=self.scene.world(shape, obstacles),
+            limits=planar_limits(query.body.kinematics),
+            start=(x, y, th),
+            goal=(gx, gy, gth),
+            field=self.fields.toward(shape, query.goal, obstacles),
+            space=space,
+            steps=np.array(moves),
+            tight=grain.tight,
+        )
 
     def _rounded(
         self,
@@ -186,7 +183,7 @@ class PlanarPlanner:
         A shortest path hugs the inner side of every corner, where a blend has no room.
         """
         shape, body = glider.shape, glider.body
-        data, polys = self.scene.data, self.scene.polys(glider.obstacles)
+        world = self.scene.world(shape, glider.obstacles)
         for shift, cut in itertools.product(self.settings.shifts, (0.0, 1.0)):
             i = 1
             while i < len(nodes) - 1 and not budget.spent():
@@ -195,7 +192,7 @@ class PlanarPlanner:
                 if trial is None or chain_time(trial, body) > motion.duration - GAIN:
                     continue
                 if not all(
-                    straight_free(data, polys, shape.data, *map(float, a), *map(float, b - a))
+                    straight_free(world, _floats(a), _floats(b - a))
                     for a, b in itertools.pairwise(trial[i - 2 : i + 2])
                 ):
                     continue
@@ -204,3 +201,8 @@ class PlanarPlanner:
                     i += len(trial) - len(nodes)
                     nodes, motion = trial, faster[0]
         return motion, nodes
+
+
+def _floats(row: FloatArray) -> tuple[float, float, float]:
+    x, y, th = map(float, row)
+    return x, y, th

@@ -3,44 +3,73 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry.compiled import inner, kernel
-from up_samp.geometry.kernels import GridData, PolyData, ShapeData, clearance
-from up_samp.motion.curves.reeds_shepp import run_time
+from up_samp.geometry.kernels import WorldData, clearance
+from up_samp.model import Kinematics
+from up_samp.motion.curves.reeds_shepp import Pose, run_time
+from up_samp.motion.guides.cost_to_go import Field, field_value
 from up_samp.motion.guides.heap import pop, push
 from up_samp.motion.guides.search_space import Space
-from up_samp.motion.planners.car_shortcuts import _random
-from up_samp.motion.planners.hybrid_astar import Field, Tree, _key, field_value
+from up_samp.motion.planners.car_shortcuts import random_share
+from up_samp.motion.planners.hybrid_astar import Tree, key_of
 
 FloatArray = npt.NDArray[np.float64]
+Move = tuple[float, float, float]
+"""A straight move (dx m, dy m, turn rad): the body goes straight and turns evenly."""
 
 SLIDE = 0.02
 """Shares of a step that are too short for a slide."""
 
 
+class PlanarLimits(NamedTuple):
+    """What a body that moves in any direction can do: top speed ``v`` (m/s), turn rate ``omega``
+    (rad/s), acceleration ``a`` (m/s^2).
+    """
+
+    v: float
+    omega: float
+    a: float
+
+
+def planar_limits(kinematics: Kinematics) -> PlanarLimits:
+    """Return the limits of a body that moves in any direction."""
+    return PlanarLimits(*map(float, (kinematics.v_max, kinematics.omega_max, kinematics.a_max)))
+
+
+class PlanarProblem(NamedTuple):
+    """What one search is about: the way from ``start`` to ``goal`` by primitive moves ``steps``
+    (n, 3).
+
+    ``tight``: where a step does not go all the way, slide up to what is in the way, and half as
+    far: so the tree gets into gaps that are narrower than its steps. ``space.weight``: of the time
+    to go.
+    """
+
+    world: WorldData
+    limits: PlanarLimits
+    start: Pose
+    goal: Pose
+    field: Field
+    space: Space
+    steps: FloatArray
+    tight: bool
+
+
 @inner
-def _free_share(
-    grid: GridData,
-    polys: PolyData,
-    shape: ShapeData,
-    x: float,
-    y: float,
-    th: float,
-    dx: float,
-    dy: float,
-    turn: float,
-    least: float,
-) -> float:
+def _free_share(world: WorldData, pose: Pose, move: Move, least: float) -> float:
     """Return the share of a straight motion up to which it keeps the margin and ``least`` m (1: all
     the way). Conservative advancement.
     """
-    reach = math.sqrt(dx * dx + dy * dy) + abs(turn) * shape.numbers[0]
+    (x, y, th), (dx, dy, turn) = pose, move
+    reach = math.sqrt(dx * dx + dy * dy) + abs(turn) * world.shape.radius
     share = 0.0
     while share < 1.0:
-        c = clearance(grid, polys, shape, x + share * dx, y + share * dy, th + share * turn)
+        c = clearance(world, x + share * dx, y + share * dy, th + share * turn)
         if c < least:
             return share
         if reach <= 0.0:
@@ -50,23 +79,12 @@ def _free_share(
 
 
 @kernel
-def straight_free(
-    grid: GridData,
-    polys: PolyData,
-    shape: ShapeData,
-    x: float,
-    y: float,
-    th: float,
-    dx: float,
-    dy: float,
-    turn: float,
-) -> bool:
-    """Return whether moving straight by (dx, dy) while turning evenly keeps the margin all the way.
+def straight_free(world: WorldData, pose: Pose, move: Move) -> bool:
+    """Return whether a straight move from a pose keeps the margin all the way.
 
     Refuses what comes closer than a tenth of the shape's smallest slack, too.
     """
-    least = 0.1 * shape.slack[2]
-    return _free_share(grid, polys, shape, x, y, th, dx, dy, turn, least) >= 1.0
+    return _free_share(world, pose, move, 0.1 * world.shape.slack[2]) >= 1.0
 
 
 @inner
@@ -76,132 +94,115 @@ def _wrapped(angle: float) -> float:
 
 
 @inner
-def _cost(dx: float, dy: float, turn: float, limits: FloatArray) -> float:
-    """Return the time (s) of a straight piece at full speed; ``limits``: v, omega."""
-    return max(math.sqrt(dx * dx + dy * dy) / limits[0], abs(turn) / limits[1])
+def _cost(move: Move, limits: PlanarLimits) -> float:
+    """Return the time (s) of a straight move at full speed."""
+    dx, dy, turn = move
+    return max(math.sqrt(dx * dx + dy * dy) / limits.v, abs(turn) / limits.omega)
 
 
 @inner
-def _to_go(
-    field: Field, x: float, y: float, th: float, goal: FloatArray, limits: FloatArray
-) -> float:
+def _to_go(problem: PlanarProblem, x: float, y: float, th: float) -> float:
+    field, goal, limits = problem.field, problem.goal, problem.limits
     dx, dy = goal[0] - x, goal[1] - y
     far = math.sqrt(dx * dx + dy * dy)
     if field.values.shape[0] > 0:
         far = max(far, field_value(field, x, y))
-    return max(far / limits[0], abs(_wrapped(goal[2] - th)) / limits[1])
+    return max(far / limits.v, abs(_wrapped(goal[2] - th)) / limits.omega)
 
 
 @inner
-def _grown(
-    tree: Tree,
-    grid: GridData,
-    polys: PolyData,
-    shape: ShapeData,
-    field: Field,
-    space: Space,
-    node: int,
-    dx: float,
-    dy: float,
-    dth: float,
-    goal: FloatArray,
-    limits: FloatArray,
-) -> bool:
-    """Add the pose a straight step away from ``node`` to the tree, where it is free and the
-    soonest way there; return False where something is in the way of the step.
+def _grown(tree: Tree, problem: PlanarProblem, node: int, move: Move) -> bool:
+    """Add the pose a straight move away from ``node`` to the tree, where it is free and the
+    soonest way there; return False where something is in the way of the move.
     """
-    x, y, th = tree.nodes[node, 0], tree.nodes[node, 1], tree.nodes[node, 2]
-    key = _key(space, x + dx, y + dy, th + dth, False)
+    pose = tree.nodes[node, 0], tree.nodes[node, 1], tree.nodes[node, 2]
+    x, y, th = pose[0] + move[0], pose[1] + move[1], pose[2] + move[2]
+    key = key_of(problem.space, x, y, th, False)
     if key < 0:
         return True
-    time = tree.nodes[node, 3] + _cost(dx, dy, dth, limits)
+    time = tree.nodes[node, 3] + _cost(move, problem.limits)
     if time >= tree.table[key] - 1e-4:
         return True
-    rest = _to_go(field, x + dx, y + dy, th + dth, goal, limits)
-    if rest == math.inf or not straight_free(grid, polys, shape, x, y, th, dx, dy, dth):
+    rest = _to_go(problem, x, y, th)
+    if rest == math.inf or not straight_free(problem.world, pose, move):
         return False
     tree.table[key] = time
     n = tree.counters[0]
     tree.counters[0] += 1
-    tree.nodes[n, 0], tree.nodes[n, 1], tree.nodes[n, 2] = x + dx, y + dy, th + dth
-    tree.nodes[n, 3], tree.nodes[n, 5] = time, time + space.weight * rest
+    tree.nodes[n, 0], tree.nodes[n, 1], tree.nodes[n, 2] = x, y, th
+    tree.nodes[n, 3], tree.nodes[n, 5] = time, time + problem.space.weight * rest
     tree.links[n, 0], tree.links[n, 1] = node, key
     push(tree.heap, tree.nodes, tree.counters, n)
     return True
 
 
-@kernel
-def expand_planar(
-    tree: Tree,
-    grid: GridData,
-    polys: PolyData,
-    shape: ShapeData,
-    field: Field,
-    space: Space,
-    steps: FloatArray,
-    start: FloatArray,
-    goal: FloatArray,
-    limits: FloatArray,
-    tight: bool,
-    budget: int,
-) -> int:
-    """Expand up to ``budget`` nodes towards ``goal``; plants the tree if it is empty.
+@inner
+def _plant(tree: Tree, problem: PlanarProblem) -> None:
+    """Put the start into an empty tree."""
+    start = problem.start
+    for i in range(3):
+        tree.nodes[0, i] = start[i]
+    tree.nodes[0, 3] = tree.nodes[0, 5] = 0.0
+    tree.links[0, 0] = -1
+    tree.links[0, 1] = key_of(problem.space, start[0], start[1], start[2], False)
+    tree.counters[0] = 1
+    tree.counters[3] = -1
+    push(tree.heap, tree.nodes, tree.counters, 0)
 
-    ``steps`` (n, 3): primitive moves. ``space.weight``: of the time to
-    go. ``limits``: v (m/s), omega (rad/s). ``tight``:
-    where a step does not go all the way, slide up to what is in the way, and half as far: so the
-    tree gets into gaps that are narrower than its steps. Returns 0: more to do, 1: reached
-    by a straight piece from node ``counters[3]``, 2: the open list ran empty, 3: the tree is full.
+
+@kernel
+def expand_planar(tree: Tree, problem: PlanarProblem, budget: int) -> int:
+    """Expand up to ``budget`` nodes towards the goal; plants the tree if it is empty.
+
+    Returns 0: more to do, 1: reached by a straight move from node ``counters[3]``, 2: the open
+    list ran empty, 3: the tree is full.
     """
+    world, steps, goal = problem.world, problem.steps, problem.goal
     if tree.counters[0] == 0:
-        for i in range(3):
-            tree.nodes[0, i] = start[i]
-        tree.nodes[0, 3] = tree.nodes[0, 5] = 0.0
-        tree.links[0, 0] = -1
-        tree.links[0, 1] = _key(space, start[0], start[1], start[2], False)
-        tree.counters[0] = 1
-        tree.counters[3] = -1
-        push(tree.heap, tree.nodes, tree.counters, 0)
+        _plant(tree, problem)
     for _ in range(budget):
         if tree.counters[1] == 0:
             return 2
         if tree.counters[0] + 3 * steps.shape[0] > tree.nodes.shape[0]:
             return 3
         node = pop(tree.heap, tree.nodes, tree.counters)
-        x, y, th = tree.nodes[node, 0], tree.nodes[node, 1], tree.nodes[node, 2]
+        pose = tree.nodes[node, 0], tree.nodes[node, 1], tree.nodes[node, 2]
         # the table is float32: 1e-6 would drop nodes of long drives
         if node > 0 and tree.nodes[node, 3] > tree.table[tree.links[node, 1]] + 5e-5:
             continue
         tree.counters[2] += 1
-        turn = _wrapped(goal[2] - th)
-        if straight_free(grid, polys, shape, x, y, th, goal[0] - x, goal[1] - y, turn):
+        way = goal[0] - pose[0], goal[1] - pose[1], _wrapped(goal[2] - pose[2])
+        if straight_free(world, pose, way):
             tree.counters[3] = node
             return 1
         for i in range(steps.shape[0]):
-            dx, dy, dth = steps[i, 0], steps[i, 1], steps[i, 2]
-            if _grown(tree, grid, polys, shape, field, space, node, dx, dy, dth, goal, limits):
+            dx, dy, turn = steps[i, 0], steps[i, 1], steps[i, 2]
+            if _grown(tree, problem, node, (dx, dy, turn)):
                 continue
-            if tight:
+            if problem.tight:
                 # a little short of what straight_free takes: from there it must pass again
-                least = 0.2 * shape.slack[2]
-                free = _free_share(grid, polys, shape, x, y, th, dx, dy, dth, least)
+                free = _free_share(world, pose, (dx, dy, turn), 0.2 * world.shape.slack[2])
                 for part in (0.5 * free, free):
                     if SLIDE < part < 1.0:
-                        _grown(
-                            tree, grid, polys, shape, field, space, node,
-                            part * dx, part * dy, part * dth, goal, limits,
-                        )  # fmt: skip
+                        _grown(tree, problem, node, (part * dx, part * dy, part * turn))
     return 0
 
 
 @inner
-def _rest_time(dx: float, dy: float, turn: float, limits: FloatArray) -> float:
-    """Return the rest-to-rest time (s) of a straight piece; ``limits``: v, omega, a."""
+def _rest_time(move: Move, limits: PlanarLimits) -> float:
+    """Return the rest-to-rest time (s) of a straight move."""
+    dx, dy, turn = move
     way = math.sqrt(dx * dx + dy * dy)
-    speed = limits[0] if turn == 0.0 else min(limits[0], way * limits[1] / abs(turn))
+    speed = limits.v if turn == 0.0 else min(limits.v, way * limits.omega / abs(turn))
     if way < 1e-9 or speed < 1e-9:
-        return abs(turn) / limits[1]
-    return run_time(way, speed, limits[2])
+        return abs(turn) / limits.omega
+    return run_time(way, speed, limits.a)
+
+
+@inner
+def _to(a: FloatArray, b: FloatArray) -> Move:
+    """Return the straight move between two poses."""
+    return b[0] - a[0], b[1] - a[1], b[2] - a[2]
 
 
 @inner
@@ -213,11 +214,6 @@ def _point(nodes: FloatArray, n: int, p: float) -> tuple[float, float, float]:
         nodes[i, 1] + f * (nodes[i + 1, 1] - nodes[i, 1]),
         nodes[i, 2] + f * (nodes[i + 1, 2] - nodes[i, 2]),
     )
-
-
-@inner
-def _between(nodes: FloatArray, i: int, x: float, y: float, th: float, limits: FloatArray) -> float:
-    return _rest_time(nodes[i, 0] - x, nodes[i, 1] - y, nodes[i, 2] - th, limits)
 
 
 @inner
@@ -248,17 +244,11 @@ def _bridged(
 
 @kernel
 def shortened(
-    grid: GridData,
-    polys: PolyData,
-    shape: ShapeData,
-    chain: FloatArray,
-    limits: FloatArray,
-    rounds: int,
-    seed: int,
+    world: WorldData, chain: FloatArray, limits: PlanarLimits, rounds: int, seed: int
 ) -> FloatArray:
-    """Return a chain of straight pieces (n, 3) that takes no longer, by random shortcuts.
+    """Return a chain of straight moves (n, 3) that takes no longer, by random shortcuts.
 
-    ``limits``: v (m/s), omega (rad/s), a (m/s^2). Deterministic for ``seed``.
+    Deterministic for ``seed``.
     """
     state = np.empty(1, dtype=np.int64)
     state[0] = seed + 1
@@ -267,7 +257,7 @@ def shortened(
     for r in range(rounds):
         if n < 3:
             break
-        p, q = _random(state) * (n - 1), _random(state) * (n - 1)
+        p, q = random_share(state) * (n - 1), random_share(state) * (n - 1)
         if r % 2 == 0:  # whole pieces
             p, q = math.floor(p + 0.5), math.floor(q + 0.5)
         p, q = min(p, q), max(p, q)
@@ -276,14 +266,12 @@ def shortened(
             continue
         a[0], a[1], a[2] = _point(nodes, n, p)
         b[0], b[1], b[2] = _point(nodes, n, q)
-        new = _between(nodes, f, a[0], a[1], a[2], limits)
-        new += _between(nodes, g, b[0], b[1], b[2], limits)
-        new += _rest_time(b[0] - a[0], b[1] - a[1], b[2] - a[2], limits)
+        new = _rest_time(_to(a, nodes[f]), limits)
+        new += _rest_time(_to(b, nodes[g]), limits)
+        new += _rest_time(_to(a, b), limits)
         old = 0.0
         for k in range(f, g):
-            old += _between(nodes, k, nodes[k + 1, 0], nodes[k + 1, 1], nodes[k + 1, 2], limits)
-        if new < old - 1e-6 and straight_free(
-            grid, polys, shape, a[0], a[1], a[2], b[0] - a[0], b[1] - a[1], b[2] - a[2]
-        ):
+            old += _rest_time(_to(nodes[k + 1], nodes[k]), limits)
+        if new < old - 1e-6 and straight_free(world, (a[0], a[1], a[2]), _to(a, b)):
             nodes, n = _bridged(nodes, n, f, g, a, b)
     return nodes[:n].copy()

@@ -13,36 +13,28 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry.compiled import kernel
-from up_samp.geometry.kernels import (
-    GridData,
-    PolyData,
-    ShapeData,
-    advance,
-    map_clearance,
-    poly_distance,
-)
+from up_samp.geometry.kernels import WorldData, advance, map_clearance, poly_distance
 from up_samp.geometry.sweeps import between, sweep_travel, travel_ratio
-from up_samp.motion.curves.reeds_shepp import connect
+from up_samp.motion.curves.reeds_shepp import CarLimits, Pose, connect
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 
 @kernel
-def look(
-    grid: GridData, polys: PolyData, shape: ShapeData, x: float, y: float, th: float, hits: IntArray
-) -> float:
+def look(world: WorldData, x: float, y: float, th: float, hits: IntArray) -> float:
     """Return a lower bound (m) on the clearance beyond the margin; -1 (and a hit) if it is less
     than the smallest that swept checks accept.
     """
+    polys, shape = world.polys, world.shape
     least = 0.1 * shape.slack[2]
-    c = map_clearance(grid, shape, x, y, th)
+    c = map_clearance(world.grid, shape, x, y, th)
     if c < least:
         hits[hits.shape[0] - 1] += 1
         return -1.0
     if polys.counts.shape[0] > 0:
-        d, owner = poly_distance(polys, shape, x, y, th, c + shape.numbers[1])
-        d -= shape.numbers[1]
+        d, owner = poly_distance(polys, shape, x, y, th, c + shape.margin)
+        d -= shape.margin
         if d < least:
             hits[owner] += 1
             return -1.0
@@ -51,35 +43,23 @@ def look(
 
 
 @kernel
-def car_edge(
-    grid: GridData,
-    polys: PolyData,
-    shape: ShapeData,
-    limits: FloatArray,
-    ax: float,
-    ay: float,
-    ath: float,
-    bx: float,
-    by: float,
-    bth: float,
-    hits: IntArray,
-) -> bool:
-    """Return whether the shortest Reeds-Shepp curve between two poses keeps the margin.
-
-    ``limits``: (turning radius m, 1, inf, 0, 0), see :func:`reeds_shepp.connect`.
+def car_edge(world: WorldData, car: CarLimits, a: Pose, b: Pose, hits: IntArray) -> bool:
+    """Return whether the fastest Reeds-Shepp curve between two poses keeps the margin (with v = 1
+    and a = inf it is the shortest).
     """
-    if look(grid, polys, shape, bx, by, bth, hits) < 0.0:
+    if look(world, b[0], b[1], b[2], hits) < 0.0:
         return False
     arcs = np.empty((5, 2))
-    _, n = connect(ax, ay, ath, bx, by, bth, limits, arcs)
+    _, n = connect(a, b, car, (0.0, 0.0), arcs)
+    ax, ay, ath = a
     for i in range(n):
         kappa, s = arcs[i, 0], arcs[i, 1]
-        ratio = travel_ratio(shape, kappa)
+        ratio = travel_ratio(world.shape, kappa)
         total, done = abs(s), 0.0
         sign = 1.0 if s >= 0.0 else -1.0
         while done < total:
             x, y, th = advance(ax, ay, ath, kappa, sign * done)
-            c = look(grid, polys, shape, x, y, th, hits)
+            c = look(world, x, y, th, hits)
             if c < 0.0:
                 return False
             done += c / ratio
@@ -88,30 +68,19 @@ def car_edge(
 
 
 @kernel
-def line_edge(
-    grid: GridData,
-    polys: PolyData,
-    shape: ShapeData,
-    limits: FloatArray,
-    ax: float,
-    ay: float,
-    ath: float,
-    bx: float,
-    by: float,
-    bth: float,
-    hits: IntArray,
-) -> bool:
+def line_edge(world: WorldData, a: Pose, b: Pose, hits: IntArray) -> bool:
     """Return whether the straight motion between two poses, turning the shorter way round at a
-    constant rate, keeps the margin. ``limits`` is not used (same signature as :func:`car_edge`).
+    constant rate, keeps the margin.
     """
-    if look(grid, polys, shape, bx, by, bth, hits) < 0.0:
+    (ax, ay, ath), (bx, by, bth) = a, b
+    if look(world, bx, by, bth, hits) < 0.0:
         return False
     turn = (bth - ath + math.pi) % (2.0 * math.pi) - math.pi
     dx, dy = bx - ax, by - ay
-    travel = math.sqrt(dx * dx + dy * dy) + abs(turn) * shape.numbers[0]
+    travel = math.sqrt(dx * dx + dy * dy) + abs(turn) * world.shape.radius
     share = 0.0
     while share < 1.0:
-        c = look(grid, polys, shape, ax + share * dx, ay + share * dy, ath + share * turn, hits)
+        c = look(world, ax + share * dx, ay + share * dy, ath + share * turn, hits)
         if c < 0.0:
             return False
         if c >= travel:
@@ -121,22 +90,20 @@ def line_edge(
 
 
 @kernel
-def sweep_edge(
-    grid: GridData, polys: PolyData, shape: ShapeData, poses: FloatArray, hits: IntArray
-) -> bool:
+def sweep_edge(world: WorldData, poses: FloatArray, hits: IntArray) -> bool:
     """Return whether the swept motion through ``poses`` (n, 3), with a constant twist between two
     of them, keeps the margin.
     """
     n = poses.shape[0]
-    if look(grid, polys, shape, poses[n - 1, 0], poses[n - 1, 1], poses[n - 1, 2], hits) < 0.0:
+    if look(world, poses[n - 1, 0], poses[n - 1, 1], poses[n - 1, 2], hits) < 0.0:
         return False
     credit = 0.0  # how far the fastest point may still travel unseen
     for i in range(n - 1):
-        travel = sweep_travel(poses, i, shape.numbers[0])
+        travel = sweep_travel(poses, i, world.shape.radius)
         done = credit
         while done < travel:
             x, y, th = between(poses, i, done / travel)
-            c = look(grid, polys, shape, x, y, th, hits)
+            c = look(world, x, y, th, hits)
             if c < 0.0:
                 return False
             done += c

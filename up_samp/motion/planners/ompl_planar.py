@@ -28,13 +28,13 @@ from up_samp.model import (
 )
 from up_samp.motion.curves.arcs import merged, path_time
 from up_samp.motion.curves.blending import pieces
-from up_samp.motion.curves.reeds_shepp import shortest
+from up_samp.motion.curves.reeds_shepp import CarLimits, shortest
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.guides.search_space import MARGIN_SHARES, search_box
 from up_samp.motion.planners import ompl_edges as edges
-from up_samp.motion.planners.car_shortcuts import improve, settle
+from up_samp.motion.planners.car_shortcuts import Effort, improve, settle
 from up_samp.motion.planners.gliding import Glider
-from up_samp.motion.planners.omni_astar import shortened
+from up_samp.motion.planners.omni_astar import planar_limits, shortened
 from up_samp.motion.planners.ompl_solve import (
     Counter,
     OmplLeg,
@@ -129,19 +129,20 @@ class PlanarWorld:
         self.scene, self.body, self.obstacles = scene, body, obstacles
         self.car = body.kinematics.model is MotionModel.REEDSSHEPP
         self.settings = settings
-        self.polys = scene.polys(obstacles)
         self.hits = np.zeros(len(obstacles) + 1, dtype=np.int64)
-        self.radius = limits_of(body.kinematics)[0]
-        self._limits = np.array([self.radius, 1.0, math.inf, 0.0, 0.0])
+        self.radius = limits_of(body.kinematics).radius
+        self._car = CarLimits(self.radius, 1.0, math.inf)  # its fastest curves are the shortest
         self._poses = poses
         self.margin = scene.margin
         self.shape = scene.shape(body)
+        self.data = scene.world(self.shape, obstacles)
 
     def fit_margin(self) -> bool:
         """Take the largest margin that the query's poses can keep; False if they keep none."""
         for share in MARGIN_SHARES:
             self.margin = self.scene.margin * share
             self.shape = self.scene.shape(self.body, self.margin)
+            self.data = self.scene.world(self.shape, self.obstacles)
             if all(self.pose_free(p[0], p[1], p[2]) for p in self._poses):
                 self.hits[:] = 0
                 return True
@@ -149,18 +150,14 @@ class PlanarWorld:
 
     def pose_free(self, x: float, y: float, th: float) -> bool:
         """Return whether the body keeps the margin at a pose."""
-        c = edges.look(self.scene.data, self.polys, self.shape.data, x, y, th, self.hits)
-        return bool(c >= 0.0)
+        return bool(edges.look(self.data, x, y, th, self.hits) >= 0.0)
 
     def edge_free(self, ax: float, ay: float, ath: float, bx: float, by: float, bth: float) -> bool:
         """Return whether the body keeps the margin all along the edge between two poses."""
-        check = edges.car_edge if self.car else edges.line_edge
-        return bool(
-            check(
-                self.scene.data, self.polys, self.shape.data, self._limits,
-                ax, ay, ath, bx, by, bth, self.hits,
-            )
-        )  # fmt: skip
+        a, b = (ax, ay, ath), (bx, by, bth)
+        if self.car:
+            return bool(edges.car_edge(self.data, self._car, a, b, self.hits))
+        return bool(edges.line_edge(self.data, a, b, self.hits))
 
     def blockers(self) -> frozenset[str]:
         """Return the obstacles that checks have hit so far."""
@@ -255,18 +252,12 @@ def _drive(
 ) -> Trajectory | None:
     """Return a car's timed motion along the curves between ``nodes``, shortened."""
     limits = limits_of(world.body.kinematics)
-    curves = [shortest(tuple(a), tuple(b), limits[0])[1] for a, b in itertools.pairwise(nodes)]
+    curves = [shortest(tuple(a), tuple(b), limits.radius)[1] for a, b in itertools.pairwise(nodes)]
     raw = merged(np.concatenate(curves))
     origin, target = nodes[0], np.array(goal[:3], dtype=np.float64)
-    data, shape = world.scene.data, world.shape.data
+    effort = Effort(world.settings.rounds, world.settings.patience, seed)
     best = None
-    for arcs in (
-        raw,
-        improve(
-            data, world.polys, shape, origin, raw, np.array([*limits, 0.0, 0.0]),
-            world.settings.rounds, world.settings.patience, seed,
-        ),
-    ):  # fmt: skip
+    for arcs in (raw, improve(world.data, origin, raw, limits, effort)):
         faster = best is None or path_time(arcs, *limits[1:]) < path_time(best, *limits[1:])
         if settle(origin, target, arcs) < 1e-7 and faster:
             best = arcs
@@ -281,11 +272,8 @@ def _glide(
     """Return an omnidirectional body's timed motion along ``nodes``, shortened, corners blended,
     and its corners.
     """
-    limits = world.body.kinematics
-    nodes = shortened(
-        world.scene.data, world.polys, world.shape.data, nodes,
-        np.array([limits.v_max, limits.omega_max, limits.a_max]), world.settings.rounds, seed,
-    )  # fmt: skip
+    limits = planar_limits(world.body.kinematics)
+    nodes = shortened(world.data, nodes, limits, world.settings.rounds, seed)
     corners = pieces(nodes)
     found = Glider(world.scene, world.body, world.shape, world.obstacles).glide(corners, goal)
     return (None if found is None else found[0]), corners

@@ -19,9 +19,8 @@ from up_samp.motion.curves.straight import timed_chain
 from up_samp.motion.curves.trajectories import at_rest
 from up_samp.motion.fleet.moves import Move, corners_of, steer
 from up_samp.motion.fleet.roadmap import Roadmap, cells_of
-from up_samp.motion.guides.cost_to_go import Fields
+from up_samp.motion.guides.cost_to_go import Fields, field_value
 from up_samp.motion.guides.search_space import search_box, widest_shape
-from up_samp.motion.planners.hybrid_astar import field_value
 from up_samp.motion.protocol import Leg, LegQuery
 
 FloatArray = npt.NDArray[np.float64]
@@ -108,11 +107,9 @@ class PivotPlanner:
         return nodes
 
     def _is_free(self, shape: Shape, query: LegQuery, moves: Sequence[Move]) -> bool:
-        polys, data = self.scene.polys(query.obstacles), shape.data
-        least = 1e-3 * float(data.slack[2])
-        return all(
-            sweeps.samples_free(self.scene.data, polys, data, m.rows, least) < 0 for m in moves
-        )
+        world = self.scene.world(shape, query.obstacles)
+        least = 1e-3 * float(shape.data.slack[2])
+        return all(sweeps.samples_free(world, m.rows, least) < 0 for m in moves)
 
 
 def _spliced(nodes: FloatArray, i: int, j: int, part: FloatArray) -> FloatArray:

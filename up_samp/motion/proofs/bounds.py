@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 
 from up_samp.geometry import Scene
+from up_samp.geometry.kernels import along
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.shapes import core_of, shape_of
 from up_samp.model import Body, Configuration, MotionModel, Placed
@@ -89,9 +90,9 @@ class Bounds:
 
     def _cells(self, pose: Configuration) -> tuple[float, float]:
         """Return a point in cells from the map's corner."""
-        f = self.scene.data.frame
-        dx, dy = pose[0] - f[0], pose[1] - f[1]
-        return float((f[2] * dx + f[3] * dy) / f[5]), float((f[2] * dy - f[3] * dx) / f[5])
+        frame = self.scene.data.frame
+        gx, gy = along(frame, pose[0], pose[1])
+        return float(gx / frame.size), float(gy / frame.size)
 
     def _visibility(self, radius: float, obstacles: Sequence[Placed]) -> Visibility:
         key = (

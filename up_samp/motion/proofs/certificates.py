@@ -24,7 +24,7 @@ import numpy.typing as npt
 from up_samp.geometry import Scene
 from up_samp.geometry.cells import distances_to, label_regions, nearest_to
 from up_samp.geometry.compiled import kernel
-from up_samp.geometry.kernels import PolyData
+from up_samp.geometry.kernels import Frame, PolyData, grid_along, grid_point
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.shapes import core_of, shape_of
 from up_samp.model import (
@@ -47,16 +47,15 @@ MOST_ALTERNATIVES = 16
 
 @kernel
 def mark_blocked(
-    owners: npt.NDArray[np.int64], frame: npt.NDArray[np.float64], polys: PolyData, radius: float
+    owners: npt.NDArray[np.int64], frame: Frame, polys: PolyData, radius: float
 ) -> None:
     """Set bit i in the cells that obstacle ``i`` surely blocks for a disc of ``radius`` m."""
     rows, cols = owners.shape
-    size = frame[5]
+    size = frame.size
     for p in range(polys.counts.shape[0]):
         bit = np.int64(1) << polys.owner[p]
-        dx, dy = polys.centres[p, 0] - frame[0], polys.centres[p, 1] - frame[1]
-        cx = (frame[2] * dx + frame[3] * dy) / size
-        cy = (frame[2] * dy - frame[3] * dx) / size
+        gx, gy = grid_along(frame, polys.centres[p, 0], polys.centres[p, 1])
+        cx, cy = gx / size, gy / size
         span = (polys.centres[p, 2] + radius) / size + 1.0
         r0, r1 = max(0, math.floor(cy - span)), min(rows, math.ceil(cy + span))
         c0, c1 = max(0, math.floor(cx - span)), min(cols, math.ceil(cx + span))
@@ -65,9 +64,7 @@ def mark_blocked(
         near = np.empty((r1 - r0 + 1, c1 - c0 + 1), dtype=np.bool_)
         for row in range(r0, r1 + 1):
             for col in range(c0, c1 + 1):
-                gx, gy = col * size, row * size
-                x = frame[0] + frame[2] * gx - frame[3] * gy
-                y = frame[1] + frame[3] * gx + frame[2] * gy
+                x, y = grid_point(frame, col * size, row * size)
                 d = point_to_convex(x, y, polys.verts[p], polys.counts[p])
                 near[row - r0, col - c0] = d < radius - 1e-9
         for i in range(r1 - r0):
@@ -217,7 +214,7 @@ class Certifier:
         body = core_of(body)
 
         def apart(among: Sequence[Placed]) -> bool:
-            return separated(self.scene, self.nearest, body, start, goal, tuple(among), deadline)
+            return separated(self.scene, self.nearest, body, (start, goal), tuple(among), deadline)
 
         rest = list(obstacles)
         if not apart(rest):

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +19,7 @@ import shapely
 
 from up_samp.geometry import Scene
 from up_samp.geometry.compiled import inner, kernel
-from up_samp.geometry.kernels import PolyData
+from up_samp.geometry.kernels import Frame, PolyData, along, grid_point
 from up_samp.geometry.shapes import shape_of
 from up_samp.model import Body, Configuration, Deadline, Placed
 from up_samp.motion.guides.cost_to_go import point_to_convex
@@ -48,22 +49,45 @@ def discs_inside(body: Body) -> FloatArray:
     return np.array(chosen[:12])
 
 
+class Blocking(NamedTuple):
+    """What collides: ``discs`` (k, 3: x, y, r) inside the footprint with the map and ``polys``.
+
+    ``nearest`` int32 (2, rows, cols): row + 1 and column + 1 of a blocked cell near each cell;
+    ``frame``: where these cells lie.
+    """
+
+    nearest: npt.NDArray[np.int32]
+    frame: Frame
+    polys: PolyData
+    discs: FloatArray
+
+
+class Flood(NamedTuple):
+    """What a flood over boxes has seen, kept between calls.
+
+    ``state`` int8 (rows, cols, bins): 0 unseen, 1 free, 2 blocked. ``queue``: boxes (index: (row *
+    cols + col) * bins + bin) to go on from; ``ends`` (2,): its head and tail. ``goal``: the box to
+    reach. ``size`` (m): side of a box.
+    """
+
+    state: npt.NDArray[np.int8]
+    queue: npt.NDArray[np.int32]
+    ends: npt.NDArray[np.int64]
+    goal: int
+    size: float
+
+
 @inner
 def _blocked(
-    nearest: npt.NDArray[np.int32],
-    frame: FloatArray,
-    polys: PolyData,
-    discs: FloatArray,
-    gx: float,
-    gy: float,
-    heading: float,
-    half: FloatArray,
+    blocking: Blocking, centre: tuple[float, float], heading: float, half: tuple[float, float]
 ) -> bool:
-    """Return whether every pose of a box collides. ``gx``, ``gy``: its centre in m from the map's
-    corner; ``half``: half diagonal (m) and half range of headings (rad).
+    """Return whether every pose of a box collides. ``centre``: m along the map's columns and rows;
+    ``half``: half diagonal (m) and half range of headings (rad).
     """
+    nearest, polys, discs = blocking.nearest, blocking.polys, blocking.discs
     rows, cols = nearest.shape[1], nearest.shape[2]
-    res = frame[5]
+    res = blocking.frame.size
+    gx, gy = centre
     c, s = math.cos(heading), math.sin(heading)
     for i in range(discs.shape[0]):
         dx, dy = discs[i, 0], discs[i, 1]
@@ -81,8 +105,7 @@ def _blocked(
         oy = max(abs(y - (nearest[0, row, col] - 0.5) * res) - 0.5 * res, 0.0)
         if math.sqrt(ox * ox + oy * oy) < room:
             return True
-        wx = frame[0] + frame[2] * x - frame[3] * y
-        wy = frame[1] + frame[3] * x + frame[2] * y
+        wx, wy = grid_point(blocking.frame, x, y)
         for k in range(polys.counts.shape[0]):
             px, py = wx - polys.centres[k, 0], wy - polys.centres[k, 1]
             near = math.sqrt(px * px + py * py) - polys.centres[k, 2] < room
@@ -92,26 +115,13 @@ def _blocked(
 
 
 @kernel
-def flood(
-    nearest: npt.NDArray[np.int32],
-    frame: FloatArray,
-    polys: PolyData,
-    discs: FloatArray,
-    state: npt.NDArray[np.int8],
-    queue: npt.NDArray[np.int32],
-    ends: npt.NDArray[np.int64],
-    goal: int,
-    size: float,
-    budget: int,
-) -> int:
-    """Go on flooding boxes (index: (row * cols + col) * bins + bin). ``ends``: queue's head and
-    tail.
-
-    Returns 1 if the goal's box is reached, 2 if all that can be reached was seen, 0 if there is
-    more to do. ``state`` (rows, cols, bins): 0 unseen, 1 free, 2 blocked.
+def spread(flood: Flood, blocking: Blocking, budget: int) -> int:
+    """Go on flooding ``budget`` boxes. Returns 1 if the goal's box is reached, 2 if all that can be
+    reached was seen, 0 if there is more to do.
     """
+    state, queue, ends, size = flood.state, flood.queue, flood.ends, flood.size
     rows, cols, bins = state.shape
-    half = np.array([size * math.sqrt(0.5), math.pi / bins])
+    half = size * math.sqrt(0.5), math.pi / bins
     for _ in range(budget):
         if ends[0] >= ends[1]:
             return 2
@@ -125,14 +135,13 @@ def flood(
                     r, c, n = row + dr, col + dc, (b + db + bins) % bins
                     if r < 0 or c < 0 or r >= rows or c >= cols or state[r, c, n] != 0:
                         continue
-                    gx, gy = (c + 0.5) * size, (r + 0.5) * size
-                    heading = 2.0 * math.pi * n / bins
-                    if _blocked(nearest, frame, polys, discs, gx, gy, heading, half):
+                    centre = (c + 0.5) * size, (r + 0.5) * size
+                    if _blocked(blocking, centre, 2.0 * math.pi * n / bins, half):
                         state[r, c, n] = 2
                         continue
                     state[r, c, n] = 1
                     index = (r * cols + c) * bins + n
-                    if index == goal:
+                    if index == flood.goal:
                         return 1
                     queue[ends[1]] = index
                     ends[1] += 1
@@ -143,8 +152,7 @@ def separated(
     scene: Scene,
     nearest: npt.NDArray[np.int32],
     body: Body,
-    start: Configuration,
-    goal: Configuration,
+    ends: tuple[Configuration, Configuration],
     obstacles: Sequence[Placed],
     deadline: Deadline,
 ) -> bool:
@@ -159,30 +167,26 @@ def separated(
     factor = math.ceil(math.sqrt(rows * cols * bins / MOST_BOXES))
     size = scene.grid.resolution * factor
     shape = (math.ceil(rows / factor), math.ceil(cols / factor), bins)
-    boxes = [_box(scene, pose, size, shape) for pose in (start, goal)]
+    boxes = [_box(scene, pose, size, shape) for pose in ends]
     if boxes[0] < 0 or boxes[1] < 0 or boxes[0] == boxes[1]:
         return False
     state = np.zeros(shape, dtype=np.int8)
     state.reshape(-1)[boxes[0]] = 1
     queue = np.empty(state.size + 1, dtype=np.int32)
     queue[0] = boxes[0]
-    ends = np.array([0, 1], dtype=np.int64)
-    polys, discs = scene.polys(obstacles), discs_inside(body)
+    flood = Flood(state, queue, np.array([0, 1], dtype=np.int64), boxes[1], float(size))
+    blocking = Blocking(nearest, scene.data.frame, scene.polys(obstacles), discs_inside(body))
     verdict = 0
     while verdict == 0 and not deadline.expired():
-        verdict = flood(
-            nearest, scene.data.frame, polys, discs, state, queue, ends, boxes[1], size, 20_000
-        )
+        verdict = spread(flood, blocking, 20_000)
     return verdict == 2
 
 
 def _box(scene: Scene, pose: Configuration, size: float, shape: tuple[int, int, int]) -> int:
     """Return the index of the box of a pose, -1 outside the map."""
-    f = scene.data.frame
-    dx, dy = pose[0] - f[0], pose[1] - f[1]
-    col = math.floor((f[2] * dx + f[3] * dy) / size)
-    row = math.floor((f[2] * dy - f[3] * dx) / size)
+    frame = scene.data.frame
+    col, row = (math.floor(g / size) for g in along(frame, pose[0], pose[1]))
     if not (0 <= row < shape[0] and 0 <= col < shape[1]):
         return -1
-    turn = ((pose[2] - f[4]) % (2 * math.pi)) / (2 * math.pi)
+    turn = ((pose[2] - frame.yaw) % (2 * math.pi)) / (2 * math.pi)
     return (row * shape[1] + col) * shape[2] + int(turn * shape[2] + 0.5) % shape[2]
