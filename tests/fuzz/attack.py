@@ -28,6 +28,8 @@ from up_samp.validation import validate_plan
 
 get_environment().credits_stream = None
 PROVEN = (Status.SOLVED_OPTIMALLY, Status.UNSOLVABLE_PROVEN)
+UNEXPLAINED = {"search": {"proof": {"explain_seconds": 0.0}}}
+"""Attackers need not say why there is no plan."""
 SLACK = 2.0
 """Seconds that a run may take beyond its limit, waiting for a processor not counted."""
 
@@ -174,7 +176,8 @@ def _refute(case, folder, result, found, timeout, attackers) -> None:
         found.attacks += 1
         said = replace(harder, style=one.style) if one.style else harder
         limit = one.timeout or timeout
-        other = _solve(said, folder, one.engine, limit, found, optimal=False, **one.params)
+        params = {"tuning": UNEXPLAINED, **one.params}
+        other = _solve(said, folder, one.engine, limit, found, optimal=False, **params)
         if other is None or other.plan is None:
             continue
         if _is_valid(said, folder, other, found):

@@ -11,7 +11,7 @@ from dataclasses import replace
 from tests.fuzz.cases import Case, Load, Robot
 from tests.fuzz.wide import wide_case
 
-ROBOTS = (1, 1, 1, 1, 1, 1, 2, 2, 2, 3)
+ROBOTS = (1,) * 13 + (2,) * 5 + (3,) * 2
 JOBS = 2
 """For each robot at most."""
 
