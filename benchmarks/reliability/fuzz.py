@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import functools
 import os
+import signal
 import sys
 import tempfile
 import time
@@ -30,6 +31,7 @@ def run(args: argparse.Namespace) -> list[dict]:
     known = {r["seed"] for r in herd.read_rows(args.out)}
     seeds = [s for s in range(args.first, args.first + args.count) if s not in known]
     stop = time.monotonic() + args.minutes * 60
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that what was started is ended
     with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
         os.environ["TMPDIR"] = folder  # so that what is left behind is ours
         herd.watch(herd.again(Path(__file__), sys.argv[1:]), seeds, args.out, stop)
