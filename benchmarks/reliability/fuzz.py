@@ -54,7 +54,7 @@ def work(args: argparse.Namespace) -> None:
 
 def _told(seed: int, *, folder: Path, mix, row_of) -> dict:
     row = row_of(seed, folder, mix)
-    findings = [*row["wrong"], *(f"(another seed is faster) {x}" for x in row["faster"])]
+    findings = [*row["wrong"], *(f"(other motions are faster) {x}" for x in row["faster"])]
     findings += [f"(refused) {row['refused']}"] if row.get("refused") else []
     for line in findings:
         print(f"seed {seed} {row['sort']} {row['engine']}: {line}", file=sys.stderr, flush=True)

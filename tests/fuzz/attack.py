@@ -65,7 +65,7 @@ class Findings:
     attacks: int = 0
     wrong: list[str] = field(default_factory=list)
     faster: list[str] = field(default_factory=list)
-    """Relative proofs that motions of another seed beat."""
+    """Relative proofs that motions of another seed, or not of the paper's planner, beat."""
     counts: Counter = field(default_factory=Counter)
     preset: str = "default"
     accepted: int = 0
@@ -183,7 +183,8 @@ def _refute(case, folder, result, found, timeout, attackers) -> None:
         if _is_valid(said, folder, other, found):
             claim = f"{result.status.name} {found.makespan} ({found.kind})"
             beaten = f"{claim}: {one} has {other.metrics['makespan']}"
-            relative = found.kind == "relative" and "seed" in one.params
+            other_motions = "seed" in one.params or found.preset == "paper"
+            relative = found.kind == "relative" and other_motions
             (found.faster if relative else found.wrong).append(beaten)
 
 

@@ -13,7 +13,7 @@ HEAD = (
     "attacks",
     "plans accepted",
     "wrong",
-    "faster by seed",
+    "faster motions",
     "late",
     "s",
 )
