@@ -83,6 +83,7 @@ def find_tasks(model: ScheduleModel, routes: list[Route]) -> list[Task]:
             tasks[i].apart.append((j, least))
             tasks[j].apart.append((i, least))
     _find_changes(model, owners, tasks)
+    _find_stirs(model, tasks)
     return with_openings(model, routes, tasks)
 
 
@@ -138,3 +139,19 @@ def _find_changes(model: ScheduleModel, owners: dict[int, int], tasks: list[Task
                 task = tasks[owners[write.owner]]
                 if low == high and change not in task.changes:
                     task.changes.append(change)
+
+
+def _find_stirs(model: ScheduleModel, tasks: list[Task]) -> None:
+    """Find what each task changes at a known time whoever does it, be it to the same value."""
+    found: dict[str, set[tuple[Key, int]]] = {}
+    for key, state in model.states.vars.items():
+        for write in state.writes if not state.numeric else ():
+            if write.owner is None:
+                continue
+            activity = model.states.activity(write.owner)
+            low, high = model.states.difference(write.time, activity.start)
+            if low == high and write.active == activity.present:
+                found.setdefault(activity.name, set()).add((key, low))
+    for task in tasks:
+        each = [found.get(name, set()) for _, name, _ in task.ways]
+        task.stirs = sorted(set.intersection(*each), key=str)

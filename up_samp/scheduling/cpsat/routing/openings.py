@@ -28,6 +28,8 @@ class Task:
     after: list[tuple[int, int]] = field(default_factory=list)
     apart: list[tuple[int, int]] = field(default_factory=list)
     changes: list[tuple[Key, int, int]] = field(default_factory=list)
+    stirs: list[tuple[Key, int]] = field(default_factory=list)
+    """(state, time from the start) of what surely changes, whoever does it."""
     visit: bool = False
     needed: bool = False
     """Nobody wants it by itself, but something that is wanted cannot be done before it."""
@@ -106,6 +108,7 @@ def _merged(tasks: list[Task], groups: list[list[int]]) -> tuple[list[Task], dic
         one = some[0]
         merged = Task(one.length, one.wanted, changes=one.changes, visit=one.visit)
         merged.ways = [way for task in some for way in task.ways]
+        merged.stirs = [s for s in one.stirs if all(s in task.stirs for task in some)]
         merged.after = _of_each([t.after for t in some], members, number)
         merged.apart = _of_each([t.apart for t in some], members, number)
         found.append(merged)

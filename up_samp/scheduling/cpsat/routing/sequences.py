@@ -1,10 +1,17 @@
 """Proofs that no schedule ends by a given time, over all sequences of tasks.
 
-Tasks are taken in the order of their starts. What is known of a sequence so far is who did which
-task last, and the earliest end of each of these; the next task starts after its traveller has come,
-no sooner than any task before it, and as much later as precedences and disjunctions with the last
-ones ask. (With others they are met: these ended before a last one of their traveller began.) Of
-two beginnings with the same tasks done and the same last ones, one with no end later is enough:
+Tasks are taken in the order of their starts. What is known of a sequence so far (:mod:`.labels`)
+is who did which task last, and the earliest end of each of these; the next task starts after its
+traveller has come, no sooner than any task before it, and as much later as precedences and
+disjunctions with the last ones ask. (With others they are met: these ended before a last one of
+their traveller began.) A direct move that happens once is used up, and who needs it again takes a
+detour.
+
+What a task changes while moves keep it as it is (a door that opens) finds everybody else at rest:
+where it last did something, or where it has come by then. So the task starts at once, or when one
+of the others has come to one more place; after it, each is where it may be, and leaves later.
+
+Of two beginnings with the same tasks done and the same last ones, one with no end later is enough:
 labels, as in resource-constrained shortest paths. A beginning that cannot be continued in time,
 even if the rest is shared out evenly, is dropped; if none is left, no schedule ends by then (a
 destructive lower bound, Klein and Scholl 1999).
@@ -13,32 +20,32 @@ destructive lower bound, Klein and Scholl 1999).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from up_samp.scheduling.cpsat.routing.dispatch import Work
-from up_samp.scheduling.cpsat.routing.programme import Programme, cost
+from up_samp.scheduling.cpsat.routing.labels import Labels
+from up_samp.scheduling.cpsat.routing.programme import Programme
 from up_samp.scheduling.cpsat.routing.route import INFINITE
+from up_samp.scheduling.cpsat.routing.rules import (
+    Change,
+    Choice,
+    change_of,
+    choices_of,
+    left_of,
+    tails_of,
+    waits_of,
+)
+from up_samp.scheduling.cpsat.routing.ways import MOST_BITS, Ways
 
-MOST_LABELS = 100_000
-"""Beginnings that all proofs together may look at (some 5 microseconds each)."""
-
-Ends = tuple[int, ...]
-Lasts = tuple[int, ...]
-"""What each traveller did last: the number of a choice (-1: nothing)."""
-
-
-@dataclass(frozen=True)
-class Choice:
-    """A task as one traveller does it at one place. ``since[c]`` is the time from the end of its
-    choice c (-1: from the beginning) until it can start.
-    """
-
-    task: int
-    traveller: int
-    spot: int
-    length: int
-    since: dict[int, int]
+MOST_LABELS = 1_000_000
+"""Beginnings that all proofs together may look at (some 3 microseconds each)."""
+MOST_AT_ONCE = 200_000
+"""Beginnings that are looked at before the clock is."""
+NEARBY = 24
+"""Beginnings that each is compared with."""
 
 
 @dataclass(frozen=True)
@@ -46,107 +53,206 @@ class Sequences:
     """All sequences of tasks, with what is needed to bound them."""
 
     programme: Programme
-    tables: dict[int, Any]
+    ways: list[Ways]
     choices: list[Choice]
-    of_task: list[list[int]]
-    waits: dict[tuple[int, int], int]
-    """(task, later one) -> the least time from start to start."""
+    changes: list[Change | None]
+    """Of each task."""
+    waits: Any
+    """From the start of each task to that of each later one, at least."""
+    tails: list[int]
+    """From the start of each task to the end of all that has to come after it, at least."""
+    sets: Any
+    """All sets of tasks that may be done (bits), in order."""
+    rests: Any
+    """A row for each of them: the least time that is left, for all positions of the travellers."""
+    shape: tuple[int, ...]
+    left: Any
+    """(set, traveller, 2): bits of the direct moves from and to places where work is left."""
     seen: list[int] = field(default_factory=lambda: [0])
     """How many beginnings were looked at."""
 
     @staticmethod
-    def of(work: Work, programme: Programme, tables: dict[int, Any]) -> Sequences:
-        """Return the sequences of the tasks of a programme."""
-        spots = [
-            (number, axis, stop, place)
-            for number, task in enumerate(programme.tasks)
-            for axis, stop, places in task.ways
-            for place in sorted(places)
-        ]
-        choices: list[Choice] = []
-        of_task: list[list[int]] = [[] for _ in programme.tasks]
-        for number, axis, stop, place in spots:
-            route = programme.routes[axis]
-            since = {-1: cost(route, route.initial, place, stop, first=True)}
-            for index, (_, other_axis, _, here) in enumerate(spots):
-                if other_axis == axis:
-                    since[index] = cost(route, here, place, stop, first=False)
-            of_task[number].append(len(choices))
-            spot = 1 + programme.spots[axis].index(place)
-            length = programme.tasks[number].length
-            choices.append(Choice(number, axis, spot, length, since))
-        return Sequences(programme, tables, choices, of_task, _waits(work, programme))
+    def of(work: Work, programme: Programme, tables: dict[int, Any]) -> Sequences | None:
+        """Return the sequences of the tasks of a programme; ``None`` if they are too many."""
+        ways = [Ways.of(r, axis, programme.tasks) for axis, r in enumerate(programme.routes)]
+        if max(len(programme.tasks), *(len(w.places) for w in ways)) > MOST_BITS:
+            return None
+        choices = choices_of(programme, ways)
+        ordered, waits = waits_of(work, programme)
+        sets = np.array(sorted(tables), dtype=np.int64)
+        rests = np.stack([tables[int(done)].ravel() for done in sets])
+        return Sequences(
+            programme,
+            ways,
+            choices,
+            [change_of(programme, ways, number) for number in range(len(programme.tasks))],
+            waits,
+            tails_of(programme, ordered),
+            sets,
+            rests,
+            tables[0].shape,
+            left_of(choices, ways, sets),
+        )
 
+    # -- proofs --------------------------------------------------------------------------------
     def refuted(self, end: int, over: Callable[[], bool]) -> bool:
         """Return whether it is proven that no schedule ends by ``end``."""
-        count = len(self.programme.routes)
-        labels: dict[tuple[int, Lasts], list[Ends]] = {(0, (-1,) * count): [(0,) * count]}
+        labels = Labels.first([w.number[w.route.initial] for w in self.ways])
         for _ in self.programme.tasks:
-            following: dict[tuple[int, Lasts], list[Ends]] = {}
-            for (done, lasts), some in labels.items():
-                if over() or self.seen[0] > MOST_LABELS:
-                    return False
-                for key, ends in self._continued(done, lasts, some, end):
-                    self.seen[0] += 1
-                    following.setdefault(key, []).append(ends)
-            labels = {key: _undominated(some) for key, some in following.items()}
-        return not labels
+            following = []
+            for start in range(0, len(labels), MOST_AT_ONCE):
+                some = labels.rows(slice(start, start + MOST_AT_ONCE))
+                for choice in range(len(self.choices)):
+                    if over() or self.seen[0] > MOST_LABELS:
+                        return False
+                    more = [found for found in self._continued(some, choice, end) if len(found)]
+                    self.seen[0] += sum(map(len, more))
+                    following += more
+            if not following:
+                return True
+            labels = Labels.joined(following).undominated(NEARBY)
+        return False
 
-    def _continued(
-        self, done: int, lasts: Lasts, some: list[Ends], end: int
-    ) -> Iterator[tuple[tuple[int, Lasts], Ends]]:
-        """Yield what may come next within the time."""
-        choices = self.choices
-        for task, needs in enumerate(self.programme.before):
-            if done >> task & 1 or needs & ~done:
-                continue
-            table = self.tables[done | 1 << task]
-            after = [
-                (t, self.waits.get((choices[last].task, task), 0) - choices[last].length)
-                for t, last in enumerate(lasts)
-                if last >= 0
-            ]
-            for number in self.of_task[task]:
-                choice = choices[number]
-                since = choice.since[lasts[choice.traveller]]
-                if since >= INFINITE:
-                    continue
-                mine = choice.traveller
-                now = (*lasts[:mine], number, *lasts[mine + 1 :])
-                rest = table[tuple(choices[c].spot if c >= 0 else 0 for c in now)]
-                most = len(lasts) * end - int(rest)
-                for ends in some:
-                    start = max(ends[mine] + since, *(ends[t] + wait for t, wait in after), 0)
-                    finish = start + choice.length
-                    if finish <= end and sum(ends) - ends[mine] + finish <= most:
-                        key = (done | 1 << task, now)
-                        yield key, (*ends[:mine], finish, *ends[mine + 1 :])
+    def _continued(self, labels: Labels, number: int, end: int) -> Iterator[Labels]:
+        """Yield the labels of what goes on with a choice, as far as that may end in time."""
+        choice = self.choices[number]
+        needs = self.programme.before[choice.task]
+        bit = 1 << choice.task
+        labels = labels.rows(((labels.done & bit) == 0) & ((needs & ~labels.done) == 0))
+        if not len(labels):
+            return
+        length, tail = self.programme.tasks[choice.task].length, self.tails[choice.task]
+        latest = end - max(tail, length + choice.back)
+        for arrival, used in self._arrivals(labels, choice):
+            start = np.maximum(arrival, self._soonest(labels, choice.task))
+            good = start <= latest
+            some = replace(labels.rows(good), used=used[good])
+            for starts, more in self._undisturbed(some, start[good], choice, latest):
+                found = self._done(more, starts, number)
+                yield found.rows(self._in_time(found, end))
 
+    def _arrivals(self, labels: Labels, choice: Choice) -> Iterator[tuple[Any, Any]]:
+        """Yield when a choice's traveller may be there, and which moves are used up then."""
+        axis, place = choice.traveller, choice.place
+        ways, here = self.ways[axis], self._places(labels, axis)
+        leave = labels.leave[:, axis]
+        arrival = self._reached(labels, axis, [place])[:, 0] - choice.late
+        arrival = np.where(here == place, np.minimum(labels.free[:, axis], leave), arrival)
+        hop = np.where(labels.spots[:, axis] == 1 << here, ways.hop[here, place], 0)
+        done = np.searchsorted(self.sets, labels.done | 1 << choice.task)
+        left = self.left[done, axis, 1] & (self.left[done, axis, 0] | ways.leading[place])
+        taken = hop & labels.used[:, axis] != 0
+        used = labels.used.copy()
+        used[:, axis] = (used[:, axis] | hop) & left
+        yield np.where(taken, INFINITE, arrival), used
+        spared = taken | (hop & left != 0)
+        if spared.any():
+            used = labels.used.copy()
+            used[:, axis] &= left
+            detour = leave + ways.detour[here, place] - choice.late
+            yield np.where(spared, detour, INFINITE), used
 
-def _waits(work: Work, programme: Programme) -> dict[tuple[int, int], int]:
-    number = {id(task): k for k, task in enumerate(programme.tasks)}
-    found: dict[tuple[int, int], int] = {}
-    for task in programme.tasks:
-        here = number[id(task)]
-        for earlier, gap in (*task.after, *task.opened):
-            there = number.get(id(work.tasks[earlier]))
-            if there is not None:
-                found[there, here] = max(gap, found.get((there, here), 0))
-        for other, gap in task.apart:
-            there = number.get(id(work.tasks[other]))
-            if there is not None:
-                least = work.tasks[other].length + gap
-                found[there, here] = max(least, found.get((there, here), 0))
-    return found
+    def _places(self, labels: Labels, axis: int) -> Any:
+        """Return where a traveller did its last task (at the beginning: where it is)."""
+        initial = self.ways[axis].number[self.ways[axis].route.initial]
+        places = np.array([*(c.place for c in self.choices), initial])
+        return places[labels.last[:, axis]]
 
+    def _reached(self, labels: Labels, axis: int, places: list[int]) -> Any:
+        """Return when a traveller may be at each of ``places`` and go on, unless it is there by
+        the way.
+        """
+        travel = self.ways[axis].travel[:, places]
+        spots, leave = labels.spots[:, axis], labels.leave[:, axis]
+        found = np.full((len(labels), len(places)), INFINITE)
+        for spot, costs in enumerate(travel):
+            rows = np.flatnonzero(spots >> spot & 1)
+            if len(rows):
+                found[rows] = np.minimum(found[rows], leave[rows, None] + costs)
+        sooner = labels.free[:, axis, None] + travel[self._places(labels, axis)]
+        there = spots[:, None] >> np.array(places) & 1 != 0
+        return np.where(there, np.minimum(found, sooner), found)
 
-def _undominated(some: list[Ends]) -> list[Ends]:
-    """Return the ends of which no other ones are nowhere later."""
-    kept: list[Ends] = []
-    for ends in sorted(set(some)):
-        if not any(all(a <= b for a, b in zip(other, ends, strict=True)) for other in kept):
-            kept.append(ends)
-    return kept
+    def _soonest(self, labels: Labels, task: int) -> Any:
+        """Return when a task may start, after the last ones of all travellers."""
+        tasks = np.array([*(c.task for c in self.choices), 0])
+        lengths = np.array([t.length for t in self.programme.tasks])
+        soonest = np.zeros(len(labels), dtype=np.int64)
+        for axis, route in enumerate(self.programme.routes):
+            last = tasks[labels.last[:, axis]]
+            since = labels.free[:, axis] - route.gap - lengths[last] + self.waits[last, task]
+            soonest = np.maximum(soonest, np.where(labels.last[:, axis] >= 0, since, 0))
+        return soonest
+
+    def _undisturbed(
+        self, labels: Labels, start: Any, choice: Choice, latest: int
+    ) -> Iterator[tuple[Any, Labels]]:
+        """Yield starts, with labels of where everybody else is at rest when something changes."""
+        change = self.changes[choice.task]
+        others = [axis for axis in change.still if axis != choice.traveller] if change else []
+        if change is None or not others or not len(labels):
+            yield start, labels
+            return
+        needed = {axis: self._needed(labels, change, axis) for axis in others}
+        rows, starts = [np.arange(len(labels))], [start]
+        for since in needed.values():
+            row, place = np.nonzero((since > start[:, None]) & (since <= latest))
+            rows.append(row)
+            starts.append(since[row, place])
+        pairs = np.unique(np.stack([np.concatenate(rows), np.concatenate(starts)], 1), axis=0)
+        row, start = pairs[:, 0], pairs[:, 1]
+        labels = labels.rows(row)
+        leave, spots, ahead = labels.leave.copy(), labels.spots.copy(), labels.ahead.copy()
+        for axis in others:
+            leaves = start + change.delay - change.still[axis][0]
+            there = needed[axis][row] <= start[:, None]
+            bits = (there << np.arange(there.shape[1])).sum(1)
+            far = self.ways[axis].travel[self._places(labels, axis)]
+            farthest = np.where(there, far, 0).max(1)
+            rests = leave[:, axis] < leaves
+            spots[rests, axis], ahead[rests, axis] = bits[rests], farthest[rests]
+            leave[rests, axis] = leaves[rests]
+        yield start, replace(labels, leave=leave, spots=spots, ahead=ahead)
+
+    def _needed(self, labels: Labels, change: Change, axis: int) -> Any:
+        """Return how late a change's task has to start for a traveller to rest at each place."""
+        ways = self.ways[axis]
+        places = np.arange(len(ways.places))
+        since = self._reached(labels, axis, list(places)) - ways.route.step
+        since += change.still[axis][1] - change.delay
+        shut = (change.shut[axis] & ~labels.done[:, None]) != 0
+        there = labels.spots[:, axis, None] >> places & 1 != 0
+        return np.where(there, -INFINITE, np.where(shut, INFINITE, since))
+
+    def _done(self, labels: Labels, start: Any, number: int) -> Labels:
+        """Return the labels after a choice."""
+        choice = self.choices[number]
+        axis = choice.traveller
+        length, gap = self.programme.tasks[choice.task].length, self.programme.routes[axis].gap
+        found = replace(
+            labels,
+            done=labels.done | 1 << choice.task,
+            last=labels.last.copy(),
+            free=labels.free.copy(),
+            leave=labels.leave.copy(),
+            spots=labels.spots.copy(),
+            ahead=labels.ahead.copy(),
+        )
+        found.last[:, axis], found.spots[:, axis] = number, 1 << choice.place
+        found.free[:, axis] = found.leave[:, axis] = start + length + gap
+        found.ahead[:, axis] = 0
+        return found
+
+    def _in_time(self, labels: Labels, end: int) -> Any:
+        """Return which labels can be continued in time, even if the rest is shared out evenly."""
+        spots = np.array([*(c.spot for c in self.choices), 0])
+        gaps = np.array([route.gap for route in self.programme.routes])
+        slack = max((c.slack for c in self.changes if c is not None), default=0)
+        ends = np.maximum(labels.free, labels.leave - slack - labels.ahead)
+        ends -= np.where(labels.last >= 0, gaps, 0)
+        where = np.ravel_multi_index(tuple(spots[labels.last].T), self.shape)
+        rest = self.rests[np.searchsorted(self.sets, labels.done), where]
+        return ends.sum(1) + rest <= len(gaps) * end
 
 
 def raised(sequences: Sequences, known: int, over: Callable[[], bool]) -> int:

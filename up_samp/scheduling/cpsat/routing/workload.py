@@ -76,7 +76,8 @@ def bound_by_work(
     known = max(known, -(-total // len(lanes(model, work.routes))))
     if not thorough:
         return known
-    return raised(Sequences.of(work, programme, tables), known, over)
+    sequences = Sequences.of(work, programme, tables)
+    return known if sequences is None else raised(sequences, known, over)
 
 
 # -- what has to be squeezed in ----------------------------------------------------------------

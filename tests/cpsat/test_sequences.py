@@ -1,0 +1,159 @@
+"""Bounds by sequences of tasks, where doors hold still while others move and moves happen once."""
+
+import itertools
+import random
+from unittest import mock
+
+import pytest
+from unified_planning.model import ClosedTimeInterval, RightOpenTimeInterval, Timing
+from unified_planning.shortcuts import Equals, Not, UserType
+
+from cpsat.sites import Site, Task, shop
+from cpsat.styles import Style, Writer
+from cpsat.truth import bound_without_search
+from up_samp.model import Deadline, ScheduleStatus
+from up_samp.scheduling.cpsat import CpsatSession
+from up_samp.scheduling.cpsat.routing import sequences
+from up_samp.scheduling.cpsat.solve import strategy
+
+STILL = [
+    lambda m: RightOpenTimeInterval(Timing(0, m.start), Timing(-1, m.end)),
+    lambda m: ClosedTimeInterval(Timing(1, m.start), Timing(0, m.end)),
+    lambda m: ClosedTimeInterval(Timing(2, m.start), Timing(-1, m.end)),
+]
+
+
+class Still(Writer):
+    """Writes a site in which nobody moves while a door moves."""
+
+    def __init__(self, site, style, span):
+        self.span = STILL[span]
+        super().__init__(site, style)
+
+    def _doors(self):
+        leaf = UserType("leaf")
+        self.closed, self.ajar = (self.problem.add_object(n, leaf) for n in ("closed", "ajar"))
+        return {
+            p: self.problem.add_fluent(f"door{p}", leaf, default_initial_value=self.closed)
+            for p in self.site.doors
+        }
+
+    def _road(self, r, a, b, length):
+        m = self.problem.add_activity(self.name(f"move{a}to{b}by", r), length, optional=True)
+        if self.style.lasts == "bounds":
+            m.set_duration_bounds(length, length + 7)
+        for door in self.open.values():
+            m.add_condition(self.span(m), Equals(door(), door()))
+        if b in self.open:
+            m.add_condition(self.span(m), Not(Equals(self.open[b](), self.closed)))
+        return m
+
+    def _opening(self, r, p):
+        a = self.problem.add_activity(self.name(f"open{p}by", r), 1, optional=True)
+        delay = 0 if self.style.arrive == "end" else -1
+        a.add_effect(Timing(delay, a.end), self.open[p](), self.ajar)
+        return a
+
+
+def gated(seed):
+    """Return (a small random site with doors, a style, how long doors hold still)."""
+    rng = random.Random(seed)
+    places = range(rng.choice([3, 4, 4]))
+    robots = rng.choice([1, 2, 2, 2, 3])
+    roads = {p: rng.randint(1, 6) for p in itertools.permutations(places, 2)}
+    for pair in rng.sample(sorted(roads), rng.choice([0, 0, 1, 3])):
+        del roads[pair]
+    tasks = [
+        Task(
+            tuple(rng.sample(list(places), rng.choice([1, 1, 1, 2]))),
+            rng.randint(1, 4),
+            rng.choice([None, 0, 1]),
+            (rng.randrange(t),) if t and rng.random() < 0.5 else (),
+        )
+        for t in range(rng.choice([2, 3, 4]))
+    ]
+    doors = {
+        place: rng.choice([p for p in places if p != place])
+        for place in rng.sample(list(places), rng.choice([1, 1, 2]))
+    }
+    starts = tuple(rng.choice([p for p in places if p not in doors]) for _ in range(robots))
+    site = Site(starts, roads, tuple(tasks), doors, home=rng.random() < 0.2)
+    style = Style(
+        arrive=rng.choice(["end", "end - 1", "end - 1"]),
+        lasts=rng.choice(["fixed", "bounds"]),
+        alone=rng.choice(["after", "strictly", "uses"]),
+    )
+    return site, style, rng.randrange(len(STILL))
+
+
+def optimum(problem):
+    """Return the makespan that CP-SAT proves without bounds by work (None: there is none)."""
+    with mock.patch.object(strategy, "bound_by_work", lambda _, work, known, *__, **___: known):
+        report = CpsatSession(problem, workers=1).solve(Deadline.after(120))
+    if report.status is ScheduleStatus.INFEASIBLE:
+        return None
+    assert report.status is ScheduleStatus.OPTIMAL
+    return report.schedule.makespan
+
+
+def compare(seeds):
+    """Assert that no bound is above the optimum; return for how many it is the optimum, of how
+    many.
+    """
+    met = count = 0
+    for seed in seeds:
+        problem = Still(*gated(seed)).problem
+        bound, best = bound_without_search(problem), optimum(problem)
+        if best is not None and bound is not None:
+            assert bound <= best, f"seed {seed}: bound {bound}, but {best} is possible"
+            count, met = count + 1, met + (bound == best)
+    return met, count
+
+
+def test_no_bound_is_above_the_optimum():
+    met, count = compare(range(14))
+    assert count > 8
+    assert met >= 0.6 * count
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("block", range(10))
+def test_many_bounds_are_not_above_the_optimum(block):
+    compare(range(1000 + 100 * block, 1100 + 100 * block))
+
+
+def crossing(tasks):
+    """A button 5 from the start, its room next to it, and another place 8 from the start."""
+    roads = {(0, 1): 5, (1, 2): 2, (0, 3): 8, (0, 2): 7, (1, 3): 13, (3, 1): 13, (3, 2): 15}
+    return Site((0, 0), roads, tuple(Task((p,), 1) for p in tasks), {2: 1})
+
+
+def test_a_door_opens_when_nobody_is_on_the_way():
+    """Where one goes to the button and the other elsewhere, the door waits until that one has
+    come; it opens at the start of what opens it, which may be the last unit of a move.
+    """
+    alone = Still(crossing([2]), Style(), 0).problem
+    assert bound_without_search(alone) == 5 + 1 + 2 + 1 == optimum(alone)
+    both = Still(crossing([2, 3]), Style(), 0).problem
+    assert bound_without_search(both) == 7 + 1 + 2 + 1 == optimum(both)
+
+
+def test_a_move_that_happens_once_is_used_up():
+    """Work at 0 and 1 by turns: there, back, and there again by a detour."""
+    roads = {(0, 1): 2, (1, 0): 2, (0, 2): 5, (2, 1): 5}
+    tasks = tuple(Task((p,), 1, after=(i - 1,) if i else ()) for i, p in enumerate((0, 1, 0, 1)))
+    problem = Still(Site((0,), roads, tasks), Style(), 0).problem
+    assert bound_without_search(problem) == 1 + 2 + 1 + 2 + 1 + 10 + 1 == optimum(problem)
+
+
+def test_a_shop_with_doors_is_bounded_by_its_optimum():
+    """The bound is met without search; robots' moves and doors are in each other's way."""
+    problem = Still(shop(2, 2, 2, seed=3), Style(), 0).problem
+    assert bound_without_search(problem) == optimum(problem)
+
+
+def test_what_needs_too_much_effort_is_not_proven():
+    problem = Still(shop(2, 2, 2, seed=3), Style(), 0).problem
+    bound = bound_without_search(problem)
+    with mock.patch.object(sequences, "MOST_LABELS", 100):
+        assert bound_without_search(problem) < bound

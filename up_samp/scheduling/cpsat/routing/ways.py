@@ -1,0 +1,67 @@
+"""The ways of one traveller as tables, for the labels of sequences of tasks.
+
+Places have numbers here. A direct move between two places where tasks are done has a bit, if it is
+the only one and the best way: it happens once at most, and who needs it again takes a detour.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from up_samp.scheduling.cpsat.routing.openings import Task
+from up_samp.scheduling.cpsat.routing.route import INFINITE, Route
+
+MOST_BITS = 62
+"""Places, or direct moves, that have a bit in a word."""
+
+
+@dataclass(frozen=True)
+class Ways:
+    """What one traveller needs from place to place (times; INFINITE: there is no way)."""
+
+    route: Route
+    places: list[int]
+    number: dict[int, int]
+    travel: Any
+    """From each place to each place."""
+    detour: Any
+    """The same without the direct move, where that has a bit."""
+    hop: Any
+    """The bit of the direct move from each place to each place; 0: it is not told apart."""
+    leading: Any
+    """All such bits of the moves from each place."""
+
+    @staticmethod
+    def of(route: Route, axis: int, tasks: list[Task]) -> Ways:
+        """Return the ways of a route (its number: ``axis``) among ``tasks``."""
+        places = sorted({route.initial} | {b for _, b in route.travel})
+        number = {place: k for k, place in enumerate(places)}
+        size = len(places)
+        travel = np.full((size, size), INFINITE, dtype=np.int64)
+        for (a, b), time in route.travel.items():
+            travel[number[a], number[b]] = time
+        detour = travel.copy()
+        hop = np.zeros((size, size), dtype=np.int64)
+        for bit, (a, b) in enumerate(_told_apart(route, axis, tasks)[:MOST_BITS]):
+            hop[number[a], number[b]] = 1 << bit
+            other = route.way(a, frozenset((b,)), {m.name for m in route.hops[a, b]})
+            detour[number[a], number[b]] = INFINITE if other is None else other[0]
+        return Ways(route, places, number, travel, detour, hop, np.bitwise_or.reduce(hop, axis=1))
+
+
+def _told_apart(route: Route, axis: int, tasks: list[Task]) -> list[tuple[int, int]]:
+    """Return the direct ways of a single move that might be wanted twice."""
+    counts: Counter[int] = Counter()
+    for task in tasks:
+        counts.update({p for way, _, places in task.ways if way == axis for p in places})
+    often = sorted(place for place, count in counts.items() if count > 1)
+    return [
+        (a, b)
+        for a in often
+        for b in often
+        if a != b and route.is_direct(a, b) and len(route.hops[a, b]) == 1
+    ]
