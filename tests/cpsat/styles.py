@@ -54,6 +54,7 @@ class Style:
     one_of: str = "pairs"  # pairs | nested | inside | variables
     order: str = "scope"  # scope | implies | inside
     fluents: str = "own"  # own | parameter | precedences
+    rivals: str = "all"  # all | leaving: with precedences, who is named as undoing something
     moves: str = "each"  # each | leave | go: one a road, or goals (and origins) are parameters
     way: str = ""  # "" | road: while it drives, a robot is on the road
     shuffled: int = 0
@@ -94,6 +95,8 @@ TIGHT = [
     Style(fluents="precedences", alone="uses", one_of="nested", order="inside", machine="uses"),
     Style(shuffled=1),
     Style(fluents="precedences", shuffled=2, lasts="bounds"),
+    Style(fluents="precedences", rivals="leaving"),
+    Style(fluents="precedences", rivals="leaving", alone="uses", one_of="nested", shuffled=7),
     Style(moves="leave"),
     Style(moves="go", alone="uses", one_of="nested", shuffled=6),
     Style(moves="leave", fluents="parameter", lasts="bounds", way="road"),
@@ -115,6 +118,8 @@ SPOILED = [
     Style(fluents="precedences", spoiled=1),
     Style(fluents="precedences", one_of="nested", spoiled=2),
     Style(fluents="precedences", spoiled=3),
+    Style(fluents="precedences", rivals="leaving", spoiled=8),
+    Style(fluents="precedences", rivals="leaving", alone="implies", spoiled=9),
     Style(alone="busy", machine="held", spoiled=4),
     Style(alone="held", machine="busy", one_of="variables", spoiled=5),
     Style(alone="uses", machine="level", one_of="inside", spoiled=6),
@@ -344,7 +349,8 @@ class Writer:
             if a is None:
                 here = Equals(self.at[r], self.ends[m.name][0])
                 m.add_condition(self._span(m, True), here)
-            if self.style.way == "road":
+            # who takes no longer has arrived by then
+            if self.style.way == "road" and int(m.duration.lower.constant_value()) > 1:
                 m.add_effect(m.start, self.at[r], self.roads[r])
         for r, a, places in self._needs():
             options = [Equals(self.at[r], self.spots[p]) for p in self.shuffle(places)]
@@ -369,8 +375,14 @@ class Writer:
             return ClosedTimeInterval(Timing(0, a.start), Timing(0, a.end))
         return RightOpenTimeInterval(Timing(0, a.start), Timing(0, a.end))
 
-    def _rivals(self, r, *but):
-        return [m for q, m, *_ in self.moves if q == r and all(m is not b for b in but)]
+    def _rivals(self, r, place, *but):
+        """Return who may take a robot away from a place, as far as the style names them."""
+        all_of_them = self.style.rivals == "all"
+        return [
+            m
+            for q, m, a, _ in self.moves
+            if q == r and all(m is not b for b in but) and (all_of_them or a == place)
+        ]
 
     def _helped(self, r, a, places):
         """Return that some move to one of ``places`` was the last one before ``a``."""
@@ -379,7 +391,7 @@ class Writer:
             if q == r and b in places and h is not a:
                 undone = [
                     Implies(m.present, Or(LE(m.end, h.start), GE(m.start, a.end)))
-                    for m in self._rivals(r, a, h)
+                    for m in self._rivals(r, b, a, h)
                     if self.kept()
                 ]
                 options.append(And(h.present, LE(h.end, a.start), *undone))
@@ -388,7 +400,7 @@ class Writer:
                 And(
                     [
                         Implies(m.present, GE(m.start, a.end))
-                        for m in self._rivals(r, a)
+                        for m in self._rivals(r, self.site.starts[r], a)
                         if self.kept()
                     ]
                 )

@@ -213,6 +213,40 @@ def test_a_rival_that_is_not_named_is_not_kept_away(problem):
     assert CpsatSession(problem).solve(Deadline.after(20)).schedule.makespan == 5
 
 
+def test_rivals_that_cannot_come_next_need_not_be_named(problem):
+    """Of who needs to be at a place, only those that leave it are named: a state all the same."""
+    moves = [problem.add_activity(f"m{i}", 2, optional=True) for i in range(5)]
+    work = problem.add_activity("work", 2, optional=True)
+    out, on, back, other, direct = moves  # 0 to 1, 1 to 2, 2 to 0, 1 to 0, 0 to 2
+    direct.set_fixed_duration(5)
+    helped(problem, out, [back, other], [out, direct], True)
+    helped(problem, direct, [back, other], [out, direct], True)
+    helped(problem, on, [out], [on, other], False)
+    helped(problem, other, [out], [on, other], False)
+    helped(problem, back, [on, direct], [back], False)
+    helped(problem, work, [on, direct], [back], False)
+    for a, b in itertools.combinations([*moves, work], 2):
+        scope = [a.present, b.present]
+        problem.add_constraint(Or(LE(a.end, b.start), LE(b.end, a.start)), scope)
+    problem.add_constraint(work.present)
+    problem.add_quality_metric(MinimizeMakespan())
+    (state,) = histories(problem)
+    assert len(state.values) == 3
+    assert (len(state.writes), len(state.reads)) == (5, 6)
+    assert CpsatSession(problem).solve(Deadline.after(20)).schedule.makespan == 6
+
+
+def test_who_may_come_from_anywhere_has_to_be_named(problem):
+    """Work needs the move out, and no move back after it; what a lift does is not told."""
+    out, back, lift, work = (problem.add_activity(f"m{i}", 2, optional=True) for i in range(4))
+    helped(problem, back, [out], [back, lift], False)
+    helped(problem, work, [out], [back], False)
+    for a, b in itertools.combinations([out, back, lift, work], 2):
+        scope = [a.present, b.present]
+        problem.add_constraint(Or(LE(a.end, b.start), LE(b.end, a.start)), scope)
+    assert [len(s.writes) for s in histories(problem)] == [2, 2]
+
+
 def test_what_is_done_once_and_for_all_is_a_milestone(problem):
     a, b, c = three(problem)
     helped(problem, c, [a, b], [], False)

@@ -3,6 +3,11 @@
 Helpers and rivals that never overlap are in some order. Then "a helper comes before A, and no rival
 between" says that the last of them before A is a helper: the condition of A on a state variable
 that each of them assigns. Activities that leave the same have the same value.
+
+Authors may name fewer rivals: of who needs to be at a place, those only that leave it. Where every
+other activity needs something itself that the helpers do not leave, it cannot be the next one
+after them, so it need not be named: by induction over time, the conditions on all places together
+say the same as one state variable.
 """
 
 from __future__ import annotations
@@ -37,7 +42,7 @@ class Histories:
 
 
 def find_histories(
-    preconditions: Iterable[Precondition],
+    preconditions: list[Precondition],
     activities: dict[str, ActivityVars],
     gap: Gap,
     states: Iterable[StateVar] = (),
@@ -48,26 +53,81 @@ def find_histories(
     """
     found = Histories()
     known = _last_effects(states, activities)
-    disturbed = []
-    by_helpers: dict[frozenset[str], list[Precondition]] = {}
-    for precondition in preconditions:
-        if precondition.initially is None and not any(precondition.helpers.values()):
-            by_helpers.setdefault(frozenset(precondition.helpers), []).append(precondition)
-            found.left.append(precondition)
-        else:
-            disturbed.append(precondition)
-    for number, some in enumerate(by_helpers.values()):
-        found.milestones.append(_milestone(("#milestone", number), some, activities))
-    for number, (writers, some) in enumerate(_by_writers(disturbed).items()):
-        if not _said_by_order(writers, some, activities, gap):
-            found.left += some
+    lasting = [p for p in preconditions if _lasts(p)]
+    groups = list(_by_writers([p for p in preconditions if not _lasts(p)]).items())
+    said: list[Group] = []
+    for cluster in _clusters(groups):
+        said += _together(cluster, lasting, activities, gap)
+    told = {id(p) for _, some in said for p in some}
+    for writers, some in groups:
+        if id(some[0]) in told:
             continue
+        if _unsaid(writers, some, activities, gap):
+            found.left += some
+        else:
+            said.append((writers, some))
+    for number, (writers, some) in enumerate(said):
         reads = _told(known.get(frozenset(activities[w].index for w in writers)), some, activities)
         if reads is not None:
             found.reads.append(reads)
         else:
             found.states.append(_history(("#history", number), writers, some, activities))
+    by_helpers: dict[frozenset[str], list[Precondition]] = {}
+    for precondition in lasting:
+        if id(precondition) not in told:
+            by_helpers.setdefault(frozenset(precondition.helpers), []).append(precondition)
+            found.left.append(precondition)
+    for number, some in enumerate(by_helpers.values()):
+        found.milestones.append(_milestone(("#milestone", number), some, activities))
     return found
+
+
+def _lasts(precondition: Precondition) -> bool:
+    """Return whether a precondition names nobody who undoes it."""
+    return precondition.initially is None and not any(precondition.helpers.values())
+
+
+Group = tuple[frozenset[str], list[Precondition]]
+"""Who changes something, and what is said of it."""
+
+
+def _clusters(groups: list[Group]) -> list[list[Group]]:
+    """Return the groups that have activities in common, in order."""
+    clusters: list[tuple[set[str], list[Group]]] = []
+    for writers, some in groups:
+        near = [c for c in clusters if c[0] & writers]
+        first = near[0] if near else (set[str](), list[Group]())
+        for other in near[1:]:
+            first[0].update(other[0])
+            first[1].extend(other[1])
+            clusters.remove(other)
+        if not near:
+            clusters.append(first)
+        first[0].update(writers)
+        first[1].append((writers, some))
+    return [groups for _, groups in clusters]
+
+
+def _together(
+    groups: list[Group],
+    lasting: list[Precondition],
+    activities: dict[str, ActivityVars],
+    gap: Gap,
+) -> list[Group]:
+    """Return the groups that together say one state variable, as one (nothing, if none do).
+
+    :param lasting: preconditions of which nobody is named who undoes them: some may be said, too.
+    """
+    while len(groups) > 1:
+        writers = frozenset[str]().union(*(w for w, _ in groups))
+        every = [p for _, some in groups for p in some]
+        every += [p for p in lasting if {p.activity, *p.helpers} <= writers]
+        wrong = {id(p) for p in _unsaid(writers, every, activities, gap)}
+        if not wrong:
+            return [(writers, every)]
+        lasting = [p for p in lasting if id(p) not in wrong]
+        groups = [g for g in groups if all(id(p) not in wrong for p in g[1])]
+    return []
 
 
 def _last_effects(
@@ -135,32 +195,70 @@ def _by_writers(
     return found
 
 
-def _said_by_order(
+def _unsaid(
     writers: frozenset[str],
     preconditions: list[Precondition],
     activities: dict[str, ActivityVars],
     gap: Gap,
-) -> bool:
-    """Return whether the order of the writers says all that the preconditions say."""
+) -> list[Precondition]:
+    """Return the preconditions that the order of the writers does not say."""
     if not {*writers, *(p.activity for p in preconditions)} <= activities.keys():
-        return False
+        return preconditions
     most = max(p.gap for p in preconditions)
     order = sorted(activities[name].index for name in writers)
     if any(activities[name].least < 1 for name in writers):
-        return False
+        return preconditions
     if any(gap(a, b) < most for i, a in enumerate(order) for b in order[i + 1 :]):
-        return False
+        return preconditions
+    followers = _followers(writers, preconditions)
+    return [
+        precondition
+        for precondition in preconditions
+        for one in (activities[precondition.activity],)
+        if one.least < 1
+        or any(gap(one.index, b) < most for b in order if b != one.index)
+        or not _rivals_suffice(writers, precondition, followers)
+    ]
+
+
+def _followers(
+    writers: frozenset[str], preconditions: list[Precondition]
+) -> dict[str | None, frozenset[str]]:
+    """Return activity (``None``: the beginning) -> who may come right after it, for all that it
+    needs itself.
+    """
+    needed: dict[str, set[str | None]] = {}
     for precondition in preconditions:
-        one = activities[precondition.activity]
-        if one.least < 1 or any(gap(one.index, b) < most for b in order if b != one.index):
-            return False
-        undo = writers - precondition.helpers.keys() - {one.name}
-        options = [(h, rivals) for h, rivals in precondition.helpers.items()]
-        if any(not undo - {h} <= rivals for h, rivals in options):
-            return False
-        if precondition.initially is not None and not undo <= precondition.initially:
-            return False
-    return True
+        mine = {*precondition.helpers, *([] if precondition.initially is None else [None])}
+        known = needed.get(precondition.activity)
+        needed[precondition.activity] = mine if known is None else known & mine
+    found: dict[str | None, set[str]] = {name: set() for name in (*writers, None)}
+    for name in writers:
+        for before in needed.get(name, found.keys()):
+            found[before].add(name)
+    return {name: frozenset(some) for name, some in found.items()}
+
+
+def _rivals_suffice(
+    writers: frozenset[str],
+    precondition: Precondition,
+    followers: dict[str | None, frozenset[str]],
+) -> bool:
+    """Return whether all are named as rivals who may undo what a precondition needs.
+
+    Behind each helper (or the beginning), either nobody may come next who is not named; or nobody
+    who is no helper may come next behind any of them.
+    """
+    one = precondition.activity
+    options: list[tuple[str | None, frozenset[str]]] = [*precondition.helpers.items()]
+    if precondition.initially is not None:
+        options.append((None, precondition.initially))
+    behind = frozenset[str]().union(*(followers[helper] for helper, _ in options))
+    undo = behind - precondition.helpers.keys() - {one}
+    return all(
+        undo <= rivals or followers[helper] - {one} - rivals <= {helper}
+        for helper, rivals in options
+    )
 
 
 def _history(

@@ -115,6 +115,9 @@ def _place(model: ScheduleModel, timeline: Timeline, cliques: Cliques) -> Place 
     if 2 * len(free) > len(changes) or all(c.odd and len(c.targets) > 1 for c in changes):
         name = next(name_of(c) for c in changes if c.odd)
         return f"{name} does not lead from a place at its start to one place in the end"
+    values = frozenset(state.values or ())
+    if len(values) < 3 and any(c.origins >= values for c in changes):
+        return "it is a switch that is set whatever it was"
     if not _stops(model, place)[0]:
         return "nothing that is kept apart from its moves happens at its places"
     return place
