@@ -9,7 +9,7 @@ from unified_planning.shortcuts import LT, OneshotPlanner, get_environment
 
 import up_samp  # noqa: F401  (registers the engines)
 from tests.motion_models.flying import QUARTER, UPRIGHT, World
-from up_samp.model import ProblemError, UnsupportedError
+from up_samp.model import ProblemError
 from up_samp.validation import validate_plan
 
 FOUND = (Status.SOLVED_SATISFICING, Status.SOLVED_OPTIMALLY)
@@ -87,19 +87,6 @@ def test_a_flyer_waits_until_a_door_opens(world):
     plan = solved(world).plan
     flight = plan.trajectories["go"]
     assert flight.times[flight.poses[:, 0] > 9.5][0] >= 4.0
-
-
-def test_flyers_beside_drivers_are_refused_by_name(world):
-    pytest.importorskip("coal")
-    drone = world.flyer("drone", (3, 6, 1, *UPRIGHT))
-    cart = world.flat("cart", (5, 3, 0))
-    world.move("fly", drone, drone.home, world.place(17, 6, 5, *UPRIGHT))
-    world.move("drive", cart, cart.home, world.place(5, 9, 0))
-    with (
-        OneshotPlanner(name="samp-refine[cpsat]") as planner,
-        pytest.raises(UnsupportedError, match=r"'drone' is in space .* 'cart' drives"),
-    ):
-        planner.solve(world.problem, timeout=10)
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ cut it into a grid.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -144,7 +145,7 @@ def body_of(entry: Mapping[str, Any]) -> Body:
         a_max=float(entry["a_max"]),
         omega_max=float(entry.get("omega_max", 1.0)),
     )
-    return Body(corners, limits, entry.get("mesh"))
+    return Body(corners, limits, entry.get("mesh"), float(entry.get("height", math.inf)))
 
 
 def lives_of(plan: Mapping[str, Any]) -> dict[str, Life]:

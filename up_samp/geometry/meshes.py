@@ -165,11 +165,13 @@ def wall_rectangles(grid: OccupancyGrid) -> list[FloatArray]:
 def mesh_of(body: Body, pose: Configuration, low: float, high: float) -> tuple[Mesh, Configuration]:
     """Return a resting body's mesh and its pose in space.
 
-    A body that moves in the plane has no height: it stands as a prism from ``low`` to ``high``.
+    A body that moves in the plane stands as a prism from ``low`` to ``high``, or up to its own
+    height where it has one.
     """
     if body.kinematics.model is not MotionModel.SE3:
         rest = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-        return prism(placed_polygons(body, pose), low, high), rest
+        top = min(high, body.height)
+        return prism(placed_polygons(body, pose), min(low, top - 1.0), top), rest
     if body.mesh is None:
         raise ProblemError("a body that moves in space (SE3) needs a geometric model (a mesh file)")
     return load_mesh(body.mesh), pose

@@ -130,8 +130,9 @@ def _objects(plan: PlanDict, snapshot: Snapshot) -> Iterator[str]:
     yield from _names("object", [o["name"] for o in plan["objects"]], list(own))
     for stated in plan["objects"]:
         known = own.get(stated["name"], {})
-        for key, value in known.items():
-            if key == "mesh":
+        for key in [*known, *({"height"} & stated.keys() - known.keys())]:
+            value = known.get(key)
+            if key == "mesh" and value is not None:
                 same = stated.get(key) is not None and _same_file(stated[key], value)
             else:
                 same = _equal(stated.get(key), value)

@@ -187,6 +187,8 @@ def _object(movable: Movable, snapshot: Snapshot) -> dict[str, Any]:
         entry |= on_map(snapshot, snapshot.map_of[place])
     if limits.model is not MotionModel.REEDSSHEPP:
         entry["omega_max"] = _plain(limits.omega_max)
+    if math.isfinite(movable.body.height):
+        entry["height"] = _plain(movable.body.height)
     if movable.body.mesh is not None:
         entry["mesh"] = os.path.abspath(movable.body.mesh)
     return entry

@@ -138,6 +138,7 @@ MAYBE: Mapping[str, Mapping[str, Check]] = {
         "v_max": number,
         "a_max": number,
         "omega_max": number,
+        "height": positive,
         "mesh": optional(text),
         "map": index,
     },

@@ -64,11 +64,18 @@ class Body:
 
     ``footprint`` is a simple polygon, counter-clockwise or clockwise, in the body frame
     (reference point at the origin, heading along +x). ``mesh`` is a file for SE3 bodies.
+    ``height`` (m above the floor): what is higher is above a body that moves in the plane.
     """
 
     footprint: tuple[tuple[float, float], ...]
     kinematics: Kinematics
     mesh: str | None = None
+    height: float = math.inf
+
+    @property
+    def flies(self) -> bool:
+        """Whether it moves in space (SE3)."""
+        return self.kinematics.model is MotionModel.SE3
 
 
 @dataclass(frozen=True)

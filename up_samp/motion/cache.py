@@ -6,6 +6,7 @@ import ast
 import hashlib
 import io
 import logging
+import math
 import os
 import tempfile
 from collections.abc import Sequence
@@ -21,7 +22,7 @@ from up_samp.model import Body, Configuration, Placed, ProblemError, Trajectory
 
 log = logging.getLogger(__name__)
 
-FORMAT = 2
+FORMAT = 3
 """Part of every key: files of other versions are never read."""
 
 SUFFIX = ".legs"
@@ -33,7 +34,7 @@ PairKey = tuple[object, ...]
 
 
 def body_key(body: Body) -> tuple[object, ...]:
-    """Return what motions depend on of a body.
+    """Return what motions depend on of a body, its control law (or None) last.
 
     A mesh counts by what its file holds. A control law counts as the function that it is: the key
     holds it, so that no other function can take its place.
@@ -41,14 +42,18 @@ def body_key(body: Body) -> tuple[object, ...]:
     kin = body.kinematics
     limits = (kin.turning_radius, kin.v_max, kin.a_max, kin.omega_max)
     law = None if kin.control is None else (kin.control.function, kin.control.bounds)
-    return (body.footprint, kin.model.name, *map(float, limits), law, mesh_key(body.mesh))
+    return (*shape_key(body), kin.model.name, *map(float, limits), law)
 
 
 def obstacle_key(obstacles: Sequence[Placed]) -> ObstacleKey:
     """Return what motions depend on of resting objects: shapes and poses, not names."""
-    return frozenset(
-        (p.body.footprint, mesh_key(p.body.mesh), tuple(map(float, p.pose))) for p in obstacles
-    )
+    return frozenset((*shape_key(p.body), tuple(map(float, p.pose))) for p in obstacles)
+
+
+def shape_key(body: Body) -> tuple[object, ...]:
+    """Return what a body is to others, in values that can be written and read again."""
+    height = float(body.height) if math.isfinite(body.height) else None
+    return (body.footprint, mesh_key(body.mesh), height)
 
 
 def mesh_key(path: str | None) -> str | None:
@@ -166,7 +171,7 @@ class MotionCache:
 def _stable(key: PairKey) -> bool:
     """Return whether a key means the same in another process (a control law's does not)."""
     body = key[-3]
-    return isinstance(body, tuple) and body[-2] is None
+    return isinstance(body, tuple) and body[-1] is None
 
 
 def _read(path: Path) -> list[Entry]:

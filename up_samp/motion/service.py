@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from up_samp.geometry import OccupancyGrid, Scene
+from up_samp.geometry.memory import Memory
 from up_samp.geometry.shapes import core_of
 from up_samp.model import (
     Body,
@@ -30,6 +31,9 @@ from up_samp.motion.protocol import Leg, LegQuery
 from up_samp.motion.stringing import strung
 from up_samp.motion.tuning import MotionTuning
 from up_samp.motion.warm import warm_up
+
+SHADOWS = 1000
+"""Sets of obstacles whose shadows on the floor are remembered."""
 
 
 class MotionService:
@@ -60,6 +64,7 @@ class MotionService:
         self.planner = planner
         self.seed = seed
         self.cache = MotionCache() if cache is None else cache
+        self._flat: Memory[tuple[Placed, ...]] = Memory(SHADOWS)
         self.certifier = Certifier(self.scene)
         self.bounds = Bounds(self.scene, self.certifier)
         settings = Settings(planner, seed, self.tuning.legs)
@@ -69,6 +74,7 @@ class MotionService:
         """Answer a query: found, proven impossible, not found, or out of time."""
         warm_up(query.body.kinematics.model)
         began = time.monotonic()
+        query = replace(query, obstacles=self.met_by(query.body, query.obstacles))
         proof = self.certificate(query.body, query.poses, query.obstacles)
         if proof is not None:
             return _timed(proof, began)
@@ -99,7 +105,7 @@ class MotionService:
         obstacles: Sequence[Placed] = (),
     ) -> float:
         """Return seconds that no motion between the two poses can beat."""
-        return self.bounds.duration(body, start, goal, tuple(obstacles))
+        return self.bounds.duration(body, start, goal, self.met_by(body, obstacles))
 
     def lower_bound_through(self, body: Body, poses: Sequence[Configuration]) -> float:
         """Return seconds that no motion through ``poses`` can beat, stopping there or not."""
@@ -112,7 +118,7 @@ class MotionService:
         if body.kinematics.model is MotionModel.SE3:
             return None
         began = time.monotonic()
-        proof = self.certifier.prove(body, poses, tuple(obstacles))
+        proof = self.certifier.prove(body, poses, self.met_by(body, obstacles))
         return None if proof is None else _timed(proof, began)
 
     def pose_blockers(
@@ -129,11 +135,18 @@ class MotionService:
     def overlap(
         self, body_a: Body, pose_a: Configuration, body_b: Body, pose_b: Configuration
     ) -> bool:
-        """Return whether two placed bodies share area, or in space, volume (SE3: or touch)."""
-        if MotionModel.SE3 in (body_a.kinematics.model, body_b.kinematics.model):
+        """Return whether two placed bodies share area, or in space, volume (two flyers: or
+        touch).
+        """
+        if body_a.flies and body_b.flies:
             from up_samp.geometry.meshes import bodies_meet
 
             return bodies_meet(body_a, pose_a, body_b, pose_b)
+        if body_a.flies:
+            return self.overlap(body_b, pose_b, body_a, pose_a)
+        if body_b.flies:
+            parts = self.met_by(body_a, (Placed("", body_b, pose_b),))
+            return any(self.overlap(body_a, pose_a, p.body, p.pose) for p in parts)
         # either may be the one that moves, and has to be clear by its core
         return self.scene.overlap(core_of(body_a), pose_a, body_b, pose_b) and self.scene.overlap(
             body_a, pose_a, core_of(body_b), pose_b
@@ -144,6 +157,16 @@ class MotionService:
     ) -> bool:
         """Return whether a motion keeps ``clearance`` (m) from a resting object, all the way."""
         return parking_clears(self.scene, trajectory, body, placed, clearance)
+
+    def met_by(self, body: Body, obstacles: Sequence[Placed]) -> tuple[Placed, ...]:
+        """Return obstacles as a body meets them: to drivers, those in space are their shadows."""
+        if body.flies or not any(p.body.flies for p in obstacles):
+            return tuple(obstacles)
+        from up_samp.geometry.shadows import on_the_floor
+
+        return self._flat.get_or(
+            (body.height, tuple(obstacles)), lambda: on_the_floor(obstacles, body.height)
+        )
 
     def coordinate(
         self,

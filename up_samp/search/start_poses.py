@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from up_samp.model import Configuration, MotionModel, Placed, ProblemError, UnsupportedError
+from up_samp.model import Configuration, Placed, ProblemError
 from up_samp.model.snapshot import Snapshot
 from up_samp.motion import MotionService
 
@@ -10,7 +10,6 @@ from up_samp.motion import MotionService
 def check_start_poses(snapshot: Snapshot, service: MotionService) -> None:
     """Raise :class:`ProblemError` where a robot starts in a wall or in another object."""
     drivers = sorted({t.object for t in snapshot.tasks})
-    _check_flyers(snapshot, drivers)
     for name in drivers:
         body = snapshot.objects[name].body
         pose = snapshot.configurations[snapshot.initial[name]]
@@ -32,20 +31,6 @@ def check_start_poses(snapshot: Snapshot, service: MotionService) -> None:
                 f"object '{name}' overlaps '{min(hit)}' at the start; move one of them "
                 f"('{name}' starts at '{snapshot.initial[name]}' {_show(pose)})"
             )
-
-
-def _check_flyers(snapshot: Snapshot, drivers: list[str]) -> None:
-    """Raise :class:`UnsupportedError` where something drives in the plane beside free flyers."""
-    flyers = [
-        n for n, o in sorted(snapshot.objects.items())
-        if o.body.kinematics.model is MotionModel.SE3 and n in snapshot.initial
-    ]  # fmt: skip
-    planar = [n for n in drivers if n not in flyers]
-    if flyers and planar:
-        raise UnsupportedError(
-            f"object '{flyers[0]}' is in space (SE3) and '{planar[0]}' drives in the plane: the "
-            "two are not coordinated with each other"
-        )
 
 
 def _show(pose: Configuration) -> str:

@@ -26,6 +26,7 @@ _MODELS = {
 }
 _LARGEST = 1e5
 _PARAMETERS = ("turning_radius", "v_max", "a_max", "omega_max")
+_HEIGHT = "height"
 _BICYCLE = {"v_min", "v_max", "phi_min", "phi_max"}
 
 
@@ -49,7 +50,24 @@ def read_movable(obj: MovableObject) -> Movable:
     mesh = obj.geometric_model
     if mesh is not None and model is MotionModel.SE3 and not os.path.isfile(mesh):
         raise ProblemError(f"object '{obj.name}': geometric model '{mesh}' is not a file")
-    return Movable(obj.name, obj.type.name, Body(corners, _read_kinematics(obj, model), mesh))
+    body = Body(corners, _read_kinematics(obj, model), mesh, _read_height(obj, model))
+    return Movable(obj.name, obj.type.name, body)
+
+
+def _read_height(obj: MovableObject, model: MotionModel) -> float:
+    """Return how high (m) a body that moves in the plane is: to the sky where it is not said."""
+    height = (obj.motion_parameters or {}).get(_HEIGHT, math.inf)
+    if _HEIGHT in (obj.motion_parameters or {}) and model is MotionModel.SE3:
+        raise ProblemError(f"object '{obj.name}': its mesh tells its height, not '{_HEIGHT}'")
+    try:
+        value = float(height)
+    except (TypeError, ValueError, OverflowError):
+        value = math.nan
+    if not value > 0:
+        raise ProblemError(
+            f"object '{obj.name}': its height is a positive number of m, not {short(height)}"
+        )
+    return value
 
 
 def _corners(name: str, footprint: Any) -> tuple[tuple[float, float], ...]:
@@ -66,7 +84,7 @@ def _corners(name: str, footprint: Any) -> tuple[tuple[float, float], ...]:
 
 
 def _read_kinematics(obj: MovableObject, model: MotionModel) -> Kinematics:
-    given = dict(obj.motion_parameters or {})
+    given = {k: v for k, v in (obj.motion_parameters or {}).items() if k != _HEIGHT}
     if obj.control_model is None:
         # UP's own examples put the turning radius there
         given = {**(obj.control_parameters or {}), **given}
@@ -74,7 +92,7 @@ def _read_kinematics(obj: MovableObject, model: MotionModel) -> Kinematics:
     if unknown:
         raise ProblemError(
             f"object '{obj.name}': unknown motion parameter '{unknown[0]}' "
-            f"(known: {', '.join(_PARAMETERS)})"
+            f"(known: {', '.join((*_PARAMETERS, _HEIGHT))})"
         )
     try:
         numbers: dict[str, Any] = {k: float(v) for k, v in given.items()}

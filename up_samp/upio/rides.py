@@ -92,7 +92,8 @@ def laden_bodies(tasks: Iterable[MotionTask], floor: Floor) -> dict[tuple[str, i
 
 def laden_body(body: Body, loads: Sequence[tuple[Body, Configuration]]) -> Body:
     """Return a body with ``loads`` at poses in its frame, as one."""
-    return replace(body, footprint=_joined(body, loads))
+    height = max(body.height, *(load.height for load, _ in loads))
+    return replace(body, footprint=_joined(body, loads), height=height)
 
 
 def _with(task: MotionTask, rides: tuple[Ride, ...]) -> MotionTask:

@@ -8,6 +8,7 @@ collision checking*, 2005). Lengths in m, times in s.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -31,10 +32,13 @@ RESOLUTION = 1e-3
 
 @dataclass(frozen=True)
 class Shape:
-    """A footprint polygon in the body frame, and the same one thinner by ``PENETRATION``."""
+    """A footprint polygon in the body frame, and the same one thinner by ``PENETRATION``; what is
+    above its ``height`` (m over the floor) does not meet it.
+    """
 
     name: str
     corners: FloatArray
+    height: float = math.inf
     thin: FloatArray = field(init=False)
     radius: float = field(init=False)
 

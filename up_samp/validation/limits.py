@@ -10,6 +10,7 @@ from typing import Any
 from up_samp.model import ProblemError
 
 _KNOWN = ("turning_radius", "v_max", "a_max", "omega_max")
+_HEIGHT = "height"
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ def limits_of(item: Any) -> Limits:
     as motions start and end at rest), and its curvature is at most what the model itself gives
     for the steering limits.
     """
-    given = dict(item.motion_parameters or {})
+    given = {k: v for k, v in (item.motion_parameters or {}).items() if k != _HEIGHT}
     if item.control_model is None:
         # parameters without a control model are motion parameters too (UP's examples do so)
         given = {**(item.control_parameters or {}), **given}
@@ -70,6 +71,14 @@ def limits_of(item: Any) -> Limits:
     # a bicycle drives along its heading, whatever else the motion model would allow
     model = "REEDSSHEPP" if model == "SE2" else model
     return Limits(item.name, model, tightest, forward, back, a_max, omega_max)
+
+
+def height_of(item: Any) -> float:
+    """Read how high (m) a body that moves in the plane is: to the sky where it is not said."""
+    height = (item.motion_parameters or {}).get(_HEIGHT, math.inf)
+    if not (isinstance(height, (int, float)) and height > 0):
+        raise ProblemError(f"object {item.name}: its height must be positive, not {height}")
+    return float(height)
 
 
 def _least(item: Any, key: str) -> float:

@@ -73,7 +73,8 @@ def between(carrier: Shape, loads: Sequence[tuple[Shape, Pose]]) -> Shape | None
     ):
         return None
     hull = shapely.union_all(parts).convex_hull
-    return Shape(f"{carrier.name} with its load", np.array(hull.exterior.coords)[:-1])
+    height = max(carrier.height, *(shape.height for shape, _ in loads))
+    return Shape(f"{carrier.name} with its load", np.array(hull.exterior.coords)[:-1], height)
 
 
 def configurations_of(values: Iterable[str | None], all_of_them: Sequence[str]) -> Iterator[str]:

@@ -17,7 +17,7 @@ from unified_planning.model.motion import (
 
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.validation.collisions import Shape
-from up_samp.validation.limits import Limits, limits_of
+from up_samp.validation.limits import Limits, height_of, limits_of
 from up_samp.validation.maps import BlockedMap, Ground, ground_of
 from up_samp.validation.rides import Ride, configurations_of, is_same, offset_between
 from up_samp.validation.se3 import Solid, load_solid
@@ -101,7 +101,8 @@ class JudgedScene:
                 continue
             if item.footprint is None:
                 raise UnsupportedError(f"object {name} moves in the plane but has no footprint")
-            shapes[name] = Shape(name, np.array(item.footprint, dtype=float))
+            height = height_of(item)
+            shapes[name] = Shape(name, np.array(item.footprint, dtype=float), height)
         return shapes
 
     @cached_property

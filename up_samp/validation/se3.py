@@ -2,8 +2,9 @@
 
 Two meshes are apart by the least distance of their triangles (C. Ericson, *Real-Time Collision
 Detection*, 2005, sections 5.1.5, 5.1.9 and 5.3.6, for arrays). What has no height of its own, the
-map's blocked part and bodies that move in the plane, stands from the floor to the sky: there the
-mesh counts as its shadow on the floor. Touching counts as contact. Lengths in m, times in s.
+map's blocked part and most bodies that move in the plane, stands from the floor to the sky: there
+the mesh counts as its shadow on the floor. A body of a height is a prism. Touching counts as
+contact. Lengths in m, times in s.
 """
 
 from __future__ import annotations
@@ -296,19 +297,22 @@ def hits_body_in_space(
         return hits_body_in_space(other, other_track, shape, track, low, high)
     radii = shape.radius + other.radius
     flat = 2 if isinstance(other, Shape) else 3
+    body = other
+    if isinstance(other, Shape) and math.isfinite(other.height):
+        body = prism(other, _lowest(track) - 2 * shape.radius - 1.0)
 
     def gap(times: FloatArray) -> FloatArray:
         mine, theirs = track.poses_at(times), other_track.poses_at(times)
         apart = np.linalg.norm(mine[:, :flat] - theirs[:, :flat], axis=1) - radii
         for k in np.flatnonzero(apart <= 0.5 * radii):
-            apart[k] = _gap_at(shape, mine[k], other, theirs[k])
+            apart[k] = _gap_at(shape, mine[k], body, theirs[k])
         return np.asarray(apart)
 
-    if isinstance(other, Solid):
+    if isinstance(body, Solid):
         # surfaces that never meet cannot swallow each other on the way: look once
         begin = np.array([low])
-        ends = track.poses_at(begin)[0], other_track.poses_at(begin)[0]
-        if _swallowed(shape, ends[0], other, ends[1]):
+        ends = track.poses_at(begin)[0], upright(other_track.poses_at(begin)[0])
+        if _swallowed(shape, ends[0], body, ends[1]):
             return low
 
     def travel(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -317,8 +321,36 @@ def hits_body_in_space(
     return first_contact(low, high, gap, travel)
 
 
+def upright(pose: FloatArray) -> FloatArray:
+    """Return a pose (7,): a pose in the plane (3,) stands upright on the floor."""
+    if len(pose) == 7:
+        return pose
+    x, y, heading = pose
+    return np.array([x, y, 0.0, 0.0, 0.0, math.sin(heading / 2), math.cos(heading / 2)])
+
+
+def _lowest(track: AnyTrack) -> float:
+    """Return the lowest height (m) of a body's origin, the floor's at most."""
+    return min(0.0, float(track.poses[:, 2].min()))
+
+
+def prism(shape: Shape, bottom: float) -> Solid:
+    """Return a body of a height that moves in the plane, from far below to its height (m)."""
+    corners, after = shape.corners, np.roll(shape.corners, -1, axis=0)
+    caps = shapely.get_parts(shapely.constrained_delaunay_triangles(shapely.Polygon(corners)))
+    triangles = []
+    for level in (bottom, shape.height):
+        for cap in caps:
+            flat = shapely.get_coordinates(cap)[:3]
+            triangles.append(np.column_stack((flat, np.full(3, level))))
+    for a, b in zip(corners, after, strict=True):
+        low_a, low_b, high_a, high_b = ((*p, z) for z in (bottom, shape.height) for p in (a, b))
+        triangles += [np.array([low_a, low_b, high_b]), np.array([low_a, high_b, high_a])]
+    return Solid(shape.name, np.array(triangles), True)
+
+
 def _gap_at(solid: Solid, pose: FloatArray, other: Shape | Solid, other_pose: FloatArray) -> float:
     if isinstance(other, Solid):
-        return mesh_distance(solid, pose, other, other_pose)
+        return mesh_distance(solid, pose, other, upright(other_pose))
     polygon = shapely.Polygon(placed(other.corners, other_pose[None])[0])
     return float(shapely.distance(shadows(solid, pose), polygon).min())

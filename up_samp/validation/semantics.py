@@ -121,8 +121,8 @@ Motions
     Before and after, the load rests and is an obstacle like any other. Objects without a
     configuration (no initial one, no motion effect yet) are nowhere. Touching, and overlap by up
     to 1e-6 m, is no contact. In space (SE3) bodies are their meshes and what is inside of closed
-    ones; the map's cells and bodies that move in the plane reach from the floor to the sky;
-    touching a mesh is contact.
+    ones; the map's cells reach from the floor to the sky, and so do bodies that move in the plane,
+    but for those with a ``height`` among their motion parameters; touching a mesh is contact.
 19. Static obstacles rest between the activity's start and end. Where obstacles come with
     fluents, the fluent's value at the start is looked at. A static obstacle is there from the
     start to the end, and its fluent stays until a unit before the end (effects at ``end - 1`` tell

@@ -12,8 +12,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
-from up_samp.model import Deadline, GroupQuery, GroupReport, Outcome, UnsupportedError
-from up_samp.motion.fleet.flyers import coordinate_flights, has_flyers
+from up_samp.model import Deadline, GroupQuery, GroupReport, Outcome
 from up_samp.motion.fleet.one_robot import Attempt, failed, nothing, sample_one
 from up_samp.motion.fleet.priority_search import Group, Node, alone, climb, window_of
 from up_samp.motion.fleet.timed_path import TimedPath, fixed_run
@@ -22,7 +21,7 @@ from up_samp.motion.fleet.workspace import PathPlanner, Workspace, rest_run, wor
 METHODS = ("ladder", "st-rrt*")
 
 
-def coordinate(
+def coordinate_drivers(
     service: PathPlanner,
     query: GroupQuery,
     deadline: Deadline,
@@ -30,20 +29,11 @@ def coordinate(
     seed: int = 0,
     method: str = "ladder",
 ) -> GroupReport:
-    """Find trajectories for all motions of ``query`` that keep clear of each other, of what rests
-    and of what is already decided; late if there is no other way found.
-
-    ``method``: "ladder" (see above), or "st-rrt*" as in the paper: one robot after the other by
-    ST-RRT* among those before it, without other priorities. Deterministic for a ``seed`` as long
-    as the ``deadline`` does not cut it short. Free flyers (SE3) go one after the other, see
-    :mod:`up_samp.motion.fleet.flyers`.
+    """Answer a query of bodies that move in the plane, see
+    :func:`up_samp.motion.fleet.mixed.coordinate`.
     """
     if method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
-    if has_flyers(query.motions, query.rests, query.fixed):
-        if method != "ladder":
-            raise UnsupportedError(f"the method '{method}' is for planar bodies; one here is SE3")
-        return coordinate_flights(service, query, deadline)
     workspace = workspace_of(service)
     truncated = workspace.truncated
     report = _coordinated(workspace, query, deadline, seed, method)

@@ -1,4 +1,4 @@
-"""Free flyers (SE3) over time, and when two of them first come too close.
+"""Free flyers (SE3) and bodies that drive below them over time, and when two come too close.
 
 Checked by conservative advancement over time (Mirtich 1996), so that nothing slips through between
 two checks.
@@ -22,8 +22,7 @@ FloatArray = npt.NDArray[np.float64]
 TOUCH = 5e-5
 """Clearance (m) that counts as none; path planners keep more."""
 SKY = 1e4
-"""Half the height (m) of bodies that move in the plane: they stand from the floor to the sky."""
-_UPRIGHT = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+"""How far (m) bodies that move in the plane reach down and, where they have no height, up."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +42,16 @@ class Flight:
 
     @cached_property
     def mesh(self) -> Mesh:
-        """The body's surface, in its own frame (planar bodies: in the world's)."""
-        return mesh_of(self.body, self.ends[0], -SKY, SKY)[0]
+        """The body's surface, in its own frame."""
+        pose = self.ends[0] if self.body.flies else (0.0, 0.0, 0.0)
+        return mesh_of(self.body, pose, -SKY, SKY)[0]
+
+    @cached_property
+    def reach(self) -> float:
+        """Greatest distance (m) of the surface from its axis of turning."""
+        if self.body.flies:
+            return self.mesh.radius
+        return max(math.hypot(x, y) for x, y in self.body.footprint)
 
     @cached_property
     def ends(self) -> tuple[Configuration, Configuration]:
@@ -58,6 +65,8 @@ class Flight:
         poses = self.trajectory.poses.copy()
         if len(poses) == 1:
             return np.zeros(1)
+        if not self.body.flies:
+            return np.concatenate([[0.0], np.cumsum(_arcs(poses, self.reach))])
         poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
         # half the angle between two quaternions, by the chords to q and -q
         chords = [np.linalg.norm(poses[1:, 3:] + k * poses[:-1, 3:], axis=1) for k in (-1, 1)]
@@ -68,22 +77,39 @@ class Flight:
 
     def pose(self, t: float) -> Configuration:
         """Return the pose (7 numbers) of the mesh at time ``t``."""
-        return self._standing(self.trajectory.at(t))
-
-    def _standing(self, pose: Configuration) -> Configuration:
-        return _UPRIGHT if len(pose) == 3 else pose
+        return in_space(self.trajectory.at(t))
 
     def heeds(self, other: Flight) -> bool:
         """Return whether it has to keep clear of ``other`` while it is busy."""
         return self.busy is not None and (self.avoid is None or other.object in self.avoid)
 
 
+def in_space(pose: Configuration) -> Configuration:
+    """Return a pose as 7 numbers: upright on the floor, where it is one in the plane."""
+    if len(pose) == 7:
+        return pose
+    x, y, heading = pose
+    return (x, y, 0.0, 0.0, 0.0, math.sin(0.5 * heading), math.cos(0.5 * heading))
+
+
+def _arcs(poses: FloatArray, reach: float) -> FloatArray:
+    """Return how far any point of a planar body moves at most between samples: along arcs."""
+    chords = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+    turns = np.abs(np.diff(poses[:, 2]))
+    half = 0.5 * turns
+    # at most pi: more of a turn than that between two samples is a path of unknown length
+    bend = np.where(half > 1e-9, half / np.maximum(np.sin(np.minimum(half, 1.5)), 1e-9), 1.0)
+    return np.asarray(chords * np.maximum(bend, 1.0) + reach * turns)
+
+
 def gap(a: Flight, pose_a: Configuration, b: Flight, pose_b: Configuration) -> float:
     """Return the distance (m) of two bodies' surfaces, or less where that is cheaper to tell."""
-    if min(a.mesh.radius, b.mesh.radius) < SKY:
-        spheres = math.dist(pose_a[:3], pose_b[:3]) - a.mesh.radius - b.mesh.radius
-        if spheres > 0.5 * (a.mesh.radius + b.mesh.radius):
-            return spheres
+    # what drives is a column: there only the distance along the floor tells how far away it is
+    size = 3 if a.body.flies and b.body.flies else 2
+    reaches = a.reach + b.reach
+    apart = math.dist(pose_a[:size], pose_b[:size]) - reaches
+    if apart > 0.5 * reaches:
+        return apart
     return surface_distance(a.mesh, transform(pose_a), b.mesh, transform(pose_b))
 
 
@@ -93,9 +119,7 @@ def margin_of(a: Flight, b: Flight, wish: float) -> float:
     """
     if len(a.trajectory.times) == 1 or len(b.trajectory.times) == 1:
         return 0.0  # the path planner kept its margin from what rests
-    least = min(
-        gap(a, a._standing(p), b, b._standing(q)) for p, q in itertools.product(a.ends, b.ends)
-    )
+    least = min(gap(a, in_space(p), b, in_space(q)) for p, q in itertools.product(a.ends, b.ends))
     return min(wish, 0.5 * least)
 
 

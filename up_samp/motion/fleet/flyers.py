@@ -5,7 +5,8 @@ what rests and leaves when it meets nobody on it, or a path around where it woul
 Other orders, and paths that keep out of the places where the others start and end, are tried where
 somebody is late. Nobody steps aside for another: finding nothing proves nothing.
 
-Groups of flyers and bodies that drive in the plane together are refused by name.
+Bodies that drive in the plane among them are decided already: groups of both kinds are planned by
+:mod:`up_samp.motion.fleet.mixed`.
 """
 
 from __future__ import annotations
@@ -26,7 +27,6 @@ from up_samp.model import (
     FixedMotion,
     GroupQuery,
     GroupReport,
-    MotionModel,
     Outcome,
     PathQuery,
     PathReport,
@@ -34,9 +34,8 @@ from up_samp.model import (
     Rest,
     TimedMotion,
     Trajectory,
-    UnsupportedError,
 )
-from up_samp.motion.fleet.flyer_contacts import Flight, first_contact, gap
+from up_samp.motion.fleet.flyer_contacts import Flight, first_contact, gap, in_space
 from up_samp.motion.fleet.margins import wished
 
 if TYPE_CHECKING:
@@ -167,7 +166,7 @@ class PrioritisedFlyers:
         others: Sequence[Flight],
     ) -> Trajectory | None:
         """Return a path around the places at which the last ``path`` would meet somebody."""
-        flight = _flight(motion, path, *window)
+        flight = flight_of(motion, path, *window)
         virtual = self.virtual.setdefault(motion.name, [])
         before = len(virtual)
         for other in others:
@@ -195,7 +194,7 @@ class PrioritisedFlyers:
         last = max([release, *ends]) + STEP
         start = release
         while not self.deadline.expired():
-            flight = _flight(motion, path, since, start)
+            flight = flight_of(motion, path, since, start)
             hit = next(
                 (o for o in others if first_contact(flight, o, self.margin) < math.inf), None
             )
@@ -208,7 +207,7 @@ class PrioritisedFlyers:
         return None
 
 
-def _flight(motion: TimedMotion, path: Trajectory, since: float, start: float) -> Flight:
+def flight_of(motion: TimedMotion, path: Trajectory, since: float, start: float) -> Flight:
     """Return a motion on ``path`` that is there from ``since`` and leaves at ``start`` (s)."""
     arrival = start + path.duration
     return Flight(
@@ -227,15 +226,16 @@ def _virtual_obstacles(flight: Flight, other: Flight, at: float, margin: float) 
     """Return copies of ``other`` where it is while ``flight`` is near it about the time ``at``,
     but for those that stand where the flight starts or ends.
     """
-    reach = flight.mesh.radius + other.mesh.radius
+    reach = flight.reach + other.reach
     speed = max(float(flight.travel[-1]) / max(flight.trajectory.duration, 1e-3), 1e-3)
     span = 2 * reach / speed + 1.0
     found: list[Placed] = []
-    for t in np.arange(at - span, at + span, 0.25 * other.mesh.radius / speed):
+    for t in np.arange(at - span, at + span, 0.25 * other.reach / speed):
         pose = other.trajectory.at(float(t))
-        if found and math.dist(pose[:3], found[-1].pose[:3]) < VIRTUAL_STEP * other.mesh.radius:
+        here = in_space(pose)
+        if found and math.dist(here[:3], in_space(found[-1].pose)[:3]) < VIRTUAL_STEP * other.reach:
             continue
-        if all(gap(flight, end, other, pose) > 2 * margin for end in flight.ends):
+        if all(gap(flight, end, other, here) > 2 * margin for end in flight.ends):
             found.append(Placed(f"{other.object}~{len(found)}", other.body, pose))
     return found
 
@@ -248,28 +248,13 @@ def _ends(motion: TimedMotion) -> tuple[Configuration, Configuration]:
     return motion.poses[0], motion.poses[-1]
 
 
-def _decided(motion: FixedMotion) -> Flight:
+def decided(motion: FixedMotion) -> Flight:
+    """Return what is decided as a flight that keeps clear of everything."""
     busy = (motion.trajectory.start, motion.trajectory.end)
     since, until = motion.present_from, motion.present_until
     return Flight(
         motion.name, motion.object, motion.body, motion.trajectory, since, until, busy
     )  # fmt: skip
-
-
-def has_flyers(
-    motions: Iterable[TimedMotion], rests: Iterable[Rest], fixed: Iterable[FixedMotion]
-) -> bool:
-    """Return whether a free flyer is among these; refuse flyers beside bodies that drive."""
-    movers = [*((m.object, m.body) for m in motions), *((m.object, m.body) for m in fixed)]
-    fly = sorted({n for n, b in movers if b.kinematics.model is MotionModel.SE3})
-    drive = sorted({n for n, b in movers if b.kinematics.model is not MotionModel.SE3})
-    still = sorted({r.name for r in rests if r.body.kinematics.model is MotionModel.SE3})
-    if drive and (fly or still):
-        raise UnsupportedError(
-            f"'{(fly or still)[0]}' flies (SE3) and '{drive[0]}' drives in the plane: such "
-            "motions are not coordinated with each other"
-        )
-    return bool(fly)
 
 
 def coordinate_flights(service: PathPlanner, query: GroupQuery, deadline: Deadline) -> GroupReport:
@@ -278,7 +263,7 @@ def coordinate_flights(service: PathPlanner, query: GroupQuery, deadline: Deadli
     deadline.
     """
     began = time.monotonic()
-    world = [*map(resting, query.rests), *map(_decided, query.fixed)]
+    world = [*map(resting, query.rests), *map(decided, query.fixed)]
     motions = {m.name: m for m in query.motions}
     space = PrioritisedFlyers(service, motions, query.rests, world, deadline)
     best: dict[str, Flight] | None = None

@@ -2,8 +2,8 @@
 
 OMPL searches; edges (straight with a slerp of the orientation) are checked by conservative
 advancement (Mirtich 1996) with coal's distances, so nothing slips through between two checks. The
-world: other bodies with meshes; a map's blocked cells, everything outside the map, and bodies that
-move in the plane have no height of their own and stand from the floor to the sky.
+world: other bodies with meshes; bodies that move in the plane, up to their height where they have
+one; a map's blocked cells and everything outside the map, which reach from the floor to the sky.
 """
 
 from __future__ import annotations
@@ -106,7 +106,9 @@ class FlyerWorld:
                 centre = np.array(pose[:3])
                 points += [centre - mesh.radius, centre + mesh.radius]
             else:
-                points += [np.array([*placed.pose[:2], p[2]]) for p in poses]
+                top = placed.body.height
+                heights = [top] if math.isfinite(top) else [p[2] for p in poses]
+                points += [np.array([*placed.pose[:2], z]) for z in heights]
         low, high = np.min(points, axis=0), np.max(points, axis=0)
         reach = 3 * self.mesh.radius
         low, high = low - reach, high + reach

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from functools import partial
 
-from up_samp.model import MotionModel, Placed
+from up_samp.model import Placed
 from up_samp.model.refinement import Layer, Refinement, Strength, end_of, start_of
 from up_samp.model.snapshot import TermKind
 from up_samp.refinement import rules
@@ -22,7 +22,7 @@ def unreachable(motions: Motions) -> list[Refinement]:
         placed = motions.facts.placed(obstacle, configuration)
         for signature, cases in motions.facts.by_signature.items():
             heeding = [c for c in cases if c.task.avoid is None or obstacle in c.task.avoid]
-            if heeding and signature[0].kinematics.model is not MotionModel.SE3:
+            if heeding and not (signature[0].flies or placed.body.flies):
                 found += _certify(motions, signature, heeding, placed, configuration)
     return found
 
