@@ -28,7 +28,7 @@ def world(tmp_path):
     return World(tmp_path)
 
 
-def solved(world, seconds=60):
+def solved(world, seconds=240):
     """Solve, and let the independent validator judge the plan."""
     with OneshotPlanner(name="samp-refine[cpsat]") as planner:
         result = planner.solve(world.problem, timeout=seconds)
