@@ -20,9 +20,9 @@ from up_samp.model import Body, Kinematics, MotionModel, Placed, ProblemError
 FloatArray = npt.NDArray[np.float64]
 
 THIN = 1e-7
-"""Half the width (m) of the shadow of a sheet that stands upright, which covers no area."""
-NEAR = 1e-9
-"""What is no further (m) from a shadow is covered by it: rounding."""
+"""Half the width (m) of the shadow of a sheet that stands upright, which covers no area by itself;
+what is no further from another shadow is covered by that.
+"""
 LEAST = 1e-8
 """Least area (m^2) of a piece of a shadow."""
 _STILL = Kinematics(MotionModel.SE2)
@@ -61,7 +61,7 @@ def covered(triangles: FloatArray, height: float) -> list[Any]:
     points = [_clipped(t, height) if t[:, 2].max() > height else t[:, :2] for t in low]
     hulls = [shapely.convex_hull(shapely.MultiPoint(p)) for p in points]
     faces = shapely.union_all([h for h in hulls if h.geom_type == "Polygon"])
-    around = shapely.buffer(faces, NEAR)
+    around = shapely.buffer(faces, THIN)
     sheets = [h for h in hulls if h.geom_type != "Polygon" and not shapely.covers(around, h)]
     whole = shapely.union_all([faces, *shapely.buffer(sheets, THIN, quad_segs=1)])
     return [piece for polygon in _polygons(whole) for piece in _without_holes(polygon)]
