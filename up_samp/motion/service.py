@@ -32,9 +32,6 @@ from up_samp.motion.stringing import strung
 from up_samp.motion.tuning import MotionTuning
 from up_samp.motion.warm import warm_up
 
-SHADOWS = 1000
-"""Sets of obstacles whose shadows on the floor are remembered."""
-
 
 class MotionService:
     """Plans, bounds and refutes motions on one map (None: the open plane).
@@ -64,7 +61,7 @@ class MotionService:
         self.planner = planner
         self.seed = seed
         self.cache = MotionCache() if cache is None else cache
-        self._flat: Memory[tuple[Placed, ...]] = Memory(SHADOWS)
+        self._flat: Memory[tuple[Placed, ...]] = Memory(self.tuning.fleet.memory.shadows)
         self.certifier = Certifier(self.scene)
         self.bounds = Bounds(self.scene, self.certifier)
         settings = Settings(planner, seed, self.tuning.legs)

@@ -124,6 +124,9 @@ class MemoryTuning(Tunables):
 
     paths: int = tunable(300, "paths", "of each kind", least=1)
     diagrams: int = tunable(20_000, "pairs of paths", "whose conflicts are known", least=1)
+    shadows: int = tunable(
+        1_000, "sets of obstacles", "whose shadows on the floor are known", least=1
+    )
 
 
 @dataclass(frozen=True)
