@@ -85,8 +85,11 @@ def attack(
         found.status = result.status.name
         found.kind = (result.metrics or {}).get("bound_kind", "").partition(" ")[0]
         _judge(case, folder, result, found)
-        if result.status in PROVEN:
-            _refute(case, folder, result, found, timeout, attackers or ATTACKERS)
+        harder, told = _claim(case, result, found)
+        attackers = ATTACKERS if attackers is None else attackers
+        if told:
+            several = result.status in PROVEN
+            _refute(harder, told, folder, found, timeout, attackers if several else attackers[:1])
     if found.overrun > SLACK:
         found.wrong.append(f"late by {found.overrun:.1f} s")
     _leftovers(before, found)
@@ -167,11 +170,19 @@ def refusal_of_command(problem, result, folder: Path) -> str:
     return "" if code == 0 else said.getvalue() or f"exit code {code}"
 
 
-def _refute(case, folder, result, found, timeout, attackers) -> None:
-    """Ask others for a plan that the proof says cannot be."""
-    harder = case
+def _claim(case: Case, result, found: Findings) -> tuple[Case, str]:
+    """Return a problem without any plan if the result is right, and its claim ("": none)."""
+    told = f"{result.status.name} {found.makespan}"
+    bound = int((result.metrics or {}).get("lower_bound", 0))
+    if result.status is Status.UNSOLVABLE_PROVEN:
+        return case, told
     if result.status is Status.SOLVED_OPTIMALLY:
-        harder = limited(case, found.makespan - 1)
+        return limited(case, found.makespan - 1), told
+    return (limited(case, bound - 1), f"bound {bound}") if bound > 0 else (case, "")
+
+
+def _refute(harder: Case, told: str, folder, found: Findings, timeout, attackers) -> None:
+    """Ask others for a plan that cannot be, as is told."""
     for one in attackers:
         found.attacks += 1
         said = replace(harder, style=one.style) if one.style else harder
@@ -181,8 +192,7 @@ def _refute(case, folder, result, found, timeout, attackers) -> None:
         if other is None or other.plan is None:
             continue
         if _is_valid(said, folder, other, found):
-            claim = f"{result.status.name} {found.makespan} ({found.kind})"
-            beaten = f"{claim}: {one} has {other.metrics['makespan']}"
+            beaten = f"{told} ({found.kind}): {one} has {other.metrics['makespan']}"
             other_motions = "seed" in one.params or found.preset == "paper"
             relative = found.kind == "relative" and other_motions
             (found.faster if relative else found.wrong).append(beaten)

@@ -37,6 +37,8 @@ def report(rows: list[dict]) -> Iterator[str]:
         yield f"| {name} | {' | '.join(map(str, _line(groups[name])))} |"
     yield f"| all | {' | '.join(map(str, _line(rows)))} |"
     yield ""
+    yield from _by_size(rows)
+    yield ""
     for key in ("preset", "map", "robots", "jobs"):
         yield _counted(key, [r[key] for r in rows if key in r])
     yield _counted("bodies", [b for r in rows for b in r.get("bodies", ())])
@@ -44,6 +46,21 @@ def report(rows: list[dict]) -> Iterator[str]:
     yield _counted("attackers", [x for r in rows for x in r.get("attackers", ())])
     for name in sorted({k for r in rows for k in r.get("style", {})}):
         yield _counted(name, [r["style"][name] for r in rows if name in r.get("style", {})])
+
+
+def _by_size(rows: list[dict]) -> Iterator[str]:
+    """Yield a table by the number of robots, where rows tell it and their CPU time."""
+    groups: dict[int, list[dict]] = {}
+    for row in rows:
+        if "cpu" in row and "robots" in row:
+            groups.setdefault(row["robots"], []).append(row)
+    yield "| robots | problems | statuses | CPU s: mean | median |"
+    yield "|---" * 5 + "|"
+    for count, some in sorted(groups.items()):
+        told = ", ".join(f"{n} {s}" for s, n in Counter(map(_status, some)).most_common())
+        spent = [r["cpu"] for r in some]
+        middle = f"{statistics.mean(spent):.2f} | {statistics.median(spent):.2f}"
+        yield f"| {count} | {len(some)} | {told} | {middle} |"
 
 
 def _counted(told: str, values: list) -> str:

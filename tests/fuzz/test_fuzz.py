@@ -9,7 +9,9 @@ import time
 from dataclasses import replace
 
 import pytest
+from unified_planning.engines import PlanGenerationResultStatus as Status
 
+from tests.fuzz import attack as attacks
 from tests.fuzz import herd
 from tests.fuzz.attack import ATTACKERS, attack
 from tests.fuzz.bodies import BODIES
@@ -98,6 +100,25 @@ def test_ompl_refuses_bodies_that_turn_on_the_spot_by_name(tmp_path):
     found = attack(case, tmp_path, attackers=(), preset="paper")
     assert "'RRT' is OMPL's" in found.refused
     assert "turn on the spot" in found.refused
+
+
+@pytest.mark.parametrize(("status", "raised"), [("SOLVED_OPTIMALLY", 2), ("TIMEOUT", 9)])
+def test_false_claims_are_found(tmp_path, monkeypatch, status, raised):
+    """Makespan and bound are told as higher than they are."""
+    honest = attacks._solve
+
+    def lying(*args, optimal, **params):
+        result = honest(*args, optimal=optimal, **params)
+        if not optimal:
+            return result
+        told = {k: str(int(result.metrics[k]) + raised) for k in ("makespan", "lower_bound")}
+        metrics = {**result.metrics, **told}
+        return replace(result, status=Status[status], metrics=metrics)
+
+    monkeypatch.setattr(attacks, "_solve", lying)
+    found = attack(small_case(33), tmp_path, attackers=ATTACKERS[:1])
+    assert found.attacks == 1
+    assert any("Attacker" in line for line in found.wrong)
 
 
 def test_small_problems_have_loads_of_all_sorts(tmp_path):
