@@ -118,7 +118,7 @@ def bounds(name: str, problem: Any) -> dict[str, Any]:
     built = time.process_time()
     work = find_work(model, routes)
     assert work is not None
-    bound = bound_by_work(model, work)
+    bound = bound_by_work(model, work).value
     bounded = time.process_time()
     tour = improve(work, 60 * len(work.tasks), 0, lambda: False)
     makespan = tour.schedule.makespan if tour is not None else None

@@ -13,7 +13,12 @@ from cpsat.styles import Style, Writer
 from cpsat.truth import bound_without_search
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
+from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing import sequences
+from up_samp.scheduling.cpsat.routing.detection import find_routes
+from up_samp.scheduling.cpsat.routing.dispatch import find_work
+from up_samp.scheduling.cpsat.routing.list_scheduling import decode
+from up_samp.scheduling.cpsat.routing.workload import WorkBound, bound_by_work
 from up_samp.scheduling.cpsat.solve import strategy
 
 STILL = [
@@ -86,9 +91,13 @@ def gated(seed):
     return site, style, rng.randrange(len(STILL))
 
 
+def no_bound(_model, _work, known, *_, **__):
+    return WorkBound(known)
+
+
 def optimum(problem):
     """Return the makespan that CP-SAT proves without bounds by work (None: there is none)."""
-    with mock.patch.object(strategy, "bound_by_work", lambda _, work, known, *__, **___: known):
+    with mock.patch.object(strategy, "bound_by_work", no_bound):
         report = CpsatSession(problem, workers=1).solve(Deadline.after(120))
     if report.status is ScheduleStatus.INFEASIBLE:
         return None
@@ -157,3 +166,15 @@ def test_what_needs_too_much_effort_is_not_proven():
     bound = bound_without_search(problem)
     with mock.patch.object(sequences, "MOST_LABELS", 100):
         assert bound_without_search(problem) < bound
+
+
+def test_what_a_bound_is_met_by_is_tried_as_a_schedule():
+    """One robot's best tour is found with the bound, without CP-SAT's search."""
+    problem = Still(shop(1, 3, 3, seed=1), Style(), 0).problem
+    model = ScheduleModel(problem)
+    work = find_work(model, find_routes(model))
+    found = bound_by_work(model, work)
+    tour = decode(work, list(found.sequence))
+    assert tour.schedule.makespan == found.value
+    report = CpsatSession(problem, workers=1, effort=0.2).solve(Deadline.after(60))
+    assert (report.status, report.bound) == (ScheduleStatus.OPTIMAL, found.value)

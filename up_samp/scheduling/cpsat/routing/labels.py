@@ -7,7 +7,7 @@ it is at one of several ``spots`` and leaves it no sooner than ``leave``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ class Labels:
     place (-1: nothing). ``free``: when it can do something again, where that was; ``leave``: when
     it can leave (both are lower bounds). ``spots``: bits of the places where it may be then.
     ``ahead``: how far from the last one it may be. ``used``: bits of moves that are used up.
+    ``parent``: the row that it was made from, among the labels with one task less.
     """
 
     done: Any
@@ -30,6 +31,7 @@ class Labels:
     spots: Any
     ahead: Any
     used: Any
+    parent: Any
 
     def __len__(self) -> int:
         return len(self.done)
@@ -41,14 +43,20 @@ class Labels:
         zero = np.zeros((1, count), dtype=np.int64)
         here = np.array([[1 << place for place in places]], dtype=np.int64)
         nothing = np.full((1, count), -1, dtype=np.int64)
-        return Labels(np.zeros(1, dtype=np.int64), nothing, zero, zero, here, zero, zero)
+        none = np.zeros(1, dtype=np.int64)
+        return Labels(none, nothing, zero, zero, here, zero, zero, none)
 
     def rows(self, which: Any) -> Labels:
         """Return some of the labels (numbers or a mask)."""
         return Labels(*(column[which] for column in self._columns()))
 
     def _columns(self) -> tuple[Any, ...]:
-        return self.done, self.last, self.free, self.leave, self.spots, self.ahead, self.used
+        times = self.free, self.leave, self.spots, self.ahead
+        return self.done, self.last, *times, self.used, self.parent
+
+    def numbered(self) -> Labels:
+        """Return the labels as parents of those that are made from them."""
+        return replace(self, parent=np.arange(len(self)))
 
     @staticmethod
     def joined(some: list[Labels]) -> Labels:

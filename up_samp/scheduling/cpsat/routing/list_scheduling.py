@@ -285,16 +285,27 @@ def sequence_of(work: Work, schedule: CandidateSchedule) -> list[Step]:
     return list(first.items())
 
 
-def improve(work: Work, rounds: int, seed: int, over: Callable[[], bool]) -> Tour | None:
-    """Return the best tour found by simulated annealing over sequences, from a few greedy ones."""
+def improve(
+    work: Work,
+    rounds: int,
+    seed: int,
+    over: Callable[[], bool],
+    *,
+    start: list[Step] | None = None,
+    enough: int = 0,
+) -> Tour | None:
+    """Return the best tour found by simulated annealing over sequences, from a few greedy ones and
+    ``start``; a makespan of ``enough`` ends it.
+    """
     rng = random.Random(seed)
-    best = current = _greedy(work, rng, _GREEDY[rounds > 0])
+    tours = (decode(work, start) if start else None, _greedy(work, rng, _GREEDY[rounds > 0]))
+    best = current = min((t for t in tours if t is not None), key=lambda t: t.cost, default=None)
     if best is None or current is None:
         return None
     heat = 0.08 * max(1.0, best.cost)
     cooling = 0.05 ** (1 / max(1, rounds))
     for _ in range(rounds):
-        if over():
+        if over() or best.schedule.makespan <= enough:
             break
         new = decode(work, _neighbour(work, current.sequence, rng))
         heat *= cooling

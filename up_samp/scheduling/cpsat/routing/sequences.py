@@ -19,6 +19,7 @@ destructive lower bound, Klein and Scholl 1999).
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -70,6 +71,8 @@ class Sequences:
     """(set, traveller, 2): bits of the direct moves from and to places where work is left."""
     seen: list[int] = field(default_factory=lambda: [0])
     """How many beginnings were looked at."""
+    found: list[int] = field(default_factory=list)
+    """The choices of the sequence that the last end was not refuted for."""
 
     @staticmethod
     def of(work: Work, programme: Programme, tables: dict[int, Any]) -> Sequences | None:
@@ -97,9 +100,10 @@ class Sequences:
     # -- proofs --------------------------------------------------------------------------------
     def refuted(self, end: int, over: Callable[[], bool]) -> bool:
         """Return whether it is proven that no schedule ends by ``end``."""
-        labels = Labels.first([w.number[w.route.initial] for w in self.ways])
+        layers = [Labels.first([w.number[w.route.initial] for w in self.ways])]
         for _ in self.programme.tasks:
-            following = []
+            following: list[Labels] = []
+            labels = layers[-1].numbered()
             for start in range(0, len(labels), MOST_AT_ONCE):
                 some = labels.rows(slice(start, start + MOST_AT_ONCE))
                 for choice in range(len(self.choices)):
@@ -110,8 +114,20 @@ class Sequences:
                     following += more
             if not following:
                 return True
-            labels = Labels.joined(following).undominated(NEARBY)
+            layers.append(Labels.joined(following).undominated(NEARBY))
+        self.found[:] = self._path(layers)
         return False
+
+    def _path(self, layers: list[Labels]) -> list[int]:
+        """Return the choices that led to the label that ends first, in their order."""
+        row = int(np.argmin(layers[-1].free.max(1)))
+        path = []
+        for before, after in reversed(list(itertools.pairwise(layers))):
+            parent = int(after.parent[row])
+            done = int(after.done[row]) & ~int(before.done[parent])
+            path += [c for c in after.last[row] if c >= 0 and 1 << self.choices[c].task == done]
+            row = parent
+        return path[::-1]
 
     def _continued(self, labels: Labels, number: int, end: int) -> Iterator[Labels]:
         """Yield the labels of what goes on with a choice, as far as that may end in time."""

@@ -11,6 +11,7 @@ count as one. Sequences of tasks then prove more (:mod:`.sequences`).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 from up_samp.scheduling.cpsat.encode.statevars import Key
 from up_samp.scheduling.cpsat.model import ScheduleModel
@@ -46,6 +47,16 @@ def lanes(model: ScheduleModel, routes: list[Route]) -> list[list[int]]:
     return groups
 
 
+@dataclass(frozen=True)
+class WorkBound:
+    """A lower bound on the makespan, and who does which task in the ``sequence`` that the proof of
+    a greater one failed at (empty: none was sought, or found). What that leaves out may be little.
+    """
+
+    value: int
+    sequence: tuple[tuple[int, int], ...] = ()
+
+
 def bound_by_work(
     model: ScheduleModel,
     work: Work,
@@ -53,19 +64,19 @@ def bound_by_work(
     over: Callable[[], bool] = lambda: False,
     *,
     thorough: bool = True,
-) -> int:
+) -> WorkBound:
     """Return a lower bound on the makespan; of large fleets, by who does what alone.
 
     :param known: a lower bound.
     :param over: tells that the time is up.
-    :param thorough: also prove by sequences of tasks, which may take a second.
+    :param thorough: also prove by sequences of tasks, which may take some seconds.
     """
     programme = Programme.of(work) or Programme.of(work, doors=False)
     if programme is None:
-        return bound_by_assignment(work, known)
+        return WorkBound(bound_by_assignment(work, known))
     tables = programme.tables(over)
     if tables is None or programme.start(tables) >= INFINITE:
-        return known
+        return WorkBound(known)
     counted = {id(task) for task in programme.tasks}
     extra = sum(
         _squeezed(work, tasks)
@@ -74,10 +85,27 @@ def bound_by_work(
     )
     total = programme.start(tables) + extra
     known = max(known, -(-total // len(lanes(model, work.routes))))
-    if not thorough:
-        return known
-    sequences = Sequences.of(work, programme, tables)
-    return known if sequences is None else raised(sequences, known, over)
+    sequences = Sequences.of(work, programme, tables) if thorough else None
+    if sequences is None:
+        return WorkBound(known)
+    known = raised(sequences, known, over)
+    return WorkBound(known, tuple(_steps(work, sequences)))
+
+
+def _steps(work: Work, sequences: Sequences) -> Iterator[tuple[int, int]]:
+    """Yield the steps (task, number of its way) of the sequence that was found."""
+    numbers = {id(task): number for number, task in enumerate(work.tasks)}
+    for choice in (sequences.choices[c] for c in sequences.found):
+        task = sequences.programme.tasks[choice.task]
+        place = sequences.ways[choice.traveller].places[choice.place]
+        yield (
+            numbers[id(task)],
+            next(
+                way
+                for way, (axis, _, places) in enumerate(task.ways)
+                if axis == choice.traveller and place in places
+            ),
+        )
 
 
 # -- what has to be squeezed in ----------------------------------------------------------------

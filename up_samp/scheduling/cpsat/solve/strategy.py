@@ -15,7 +15,12 @@ from up_samp.scheduling.cpsat.model import OutOfTimeError
 from up_samp.scheduling.cpsat.problem import Additions
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import Work, find_work
-from up_samp.scheduling.cpsat.routing.list_scheduling import decode, improve, sequence_of
+from up_samp.scheduling.cpsat.routing.list_scheduling import (
+    Step,
+    decode,
+    improve,
+    sequence_of,
+)
 from up_samp.scheduling.cpsat.routing.relaxation import RoutingRelaxation
 from up_samp.scheduling.cpsat.routing.route import Route
 from up_samp.scheduling.cpsat.routing.workload import bound_by_work
@@ -37,6 +42,8 @@ class Solve:
     guess: CandidateSchedule | None = None
     routes: list[Route] | None = None
     work: Work | None = None
+    sequence: list[Step] = field(default_factory=list)
+    """Of tasks, that the lower bound was met by."""
     expected: int = 0
     done: list[str] = field(default_factory=list)
     """The stages that were run."""
@@ -94,9 +101,16 @@ def _bound_by_work(search: Solve) -> None:
     whole = search.whole
     assert search.work is not None
     ends = search.share(whole.orders.tuning.bound_share).expired
-    whole.bound = bound_by_work(
-        whole.model, search.work, whole.bound, ends, thorough=search.optimal
-    )
+    found = bound_by_work(whole.model, search.work, whole.bound, ends, thorough=search.optimal)
+    whole.bound, search.sequence = found.value, list(found.sequence)
+
+
+def _follow_the_bound(search: Solve) -> None:
+    """What a bound was met by is a schedule mostly, or near one."""
+    assert search.work is not None
+    tour = decode(search.work, search.sequence)
+    if tour is not None and tour.schedule.makespan < search.whole.value:
+        search.whole.realize(tour.schedule)
 
 
 def _anneal_tours(search: Solve) -> None:
@@ -105,7 +119,8 @@ def _anneal_tours(search: Solve) -> None:
     few = search.optimal and len(work.tasks) <= tuning.few_tasks
     rounds = 0 if few else tuning.tour_rounds * len(work.tasks)
     deadline = search.share(tuning.tour_share)
-    tour = improve(work, rounds, search.whole.orders.run.seed, deadline.expired)
+    seed, bound = search.whole.orders.run.seed, search.whole.bound
+    tour = improve(work, rounds, seed, deadline.expired, start=search.sequence, enough=bound)
     if tour is not None:
         search.whole.realize(tour.schedule)
         search.expected = max(search.expected, search.whole.value)
@@ -185,6 +200,11 @@ STAGES = (
     Stage("prove it quickly", _has_guess, lambda s: s.whole.prove_quickly()),
     Stage("look for routes", lambda s: True, _find_routes),
     Stage("bound by work", lambda s: s.work is not None, _bound_by_work),
+    Stage(
+        "follow the bound",
+        lambda s: bool(s.sequence) and s.whole.best is not None,
+        _follow_the_bound,
+    ),
     Stage("anneal tours", lambda s: s.work is not None and s.whole.best is None, _anneal_tours),
     Stage("solve the routing relaxation", lambda s: bool(s.routes), _solve_relaxation),
     Stage("climb: a small problem", lambda s: not s.routes, lambda s: s.whole.climb()),
