@@ -4,10 +4,11 @@ import pytest
 from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.model import Fluent
 from unified_planning.model.motion import ActivityWaypoints
-from unified_planning.shortcuts import Equals, Or
+from unified_planning.shortcuts import Equals, Object, Or, UserType
 
 from tests.search.test_end_to_end import solve
 from tests.upio.hall import Hall, write_hall
+from up_samp.model import UnsupportedError
 from up_samp.scheduling.quirks import known_engines
 from up_samp.validation import validate_plan
 
@@ -102,3 +103,48 @@ def test_a_start_given_by_the_parameter_of_another_activity(tmp_path, engine):
     assert goal_of(result, go) == "near"
     assert makespan(result) == 12
     assert validate_plan(hall.problem, result.plan).valid
+
+
+def named_places(hall):
+    """Add names of places, and a fluent that tells where each one is."""
+    hall.pose("near", 6.5, 3.0, 0.0)
+    sort = UserType("name")
+    names = {n: Object(n, sort) for n in ("far", "close")}
+    hall.problem.add_objects(names.values())
+    told = Fluent("told", hall.place, at=sort)
+    hall.problem.add_fluent(told, default_initial_value=hall.poses["right0"])
+    hall.problem.set_initial_value(told(names["close"]), hall.poses["near"])
+    return names, told
+
+
+@pytest.mark.parametrize("engine", PROVING)
+def test_a_waypoint_given_by_a_fluent_of_a_parameter(tmp_path, engine):
+    hall = Hall(tmp_path)
+    names, told = named_places(hall)
+    go = hall.problem.add_motion_activity("go", 1)
+    go.set_duration_bounds(1, 200)
+    to = go.add_parameter("to", names["far"].type)
+    go.add_motion_constraint(ActivityWaypoints(hall.robots[0], hall.poses["left0"], [told(to)]))
+    result = solve(hall.problem, engine)
+    assert result.status is Status.SOLVED_OPTIMALLY
+    assert (goal_of(result, go), makespan(result)) == ("close", 6)
+    assert validate_plan(hall.problem, result.plan).valid
+    # what the fluent tells of the far one changes
+    hall.problem.add_constraint(Equals(to, names["far"]))
+    switch = hall.problem.add_activity("switch", 1, True)
+    switch.add_effect(switch.end, told(names["far"]), hall.poses["near"])
+    result = solve(hall.problem, engine)
+    assert result.status is Status.SOLVED_OPTIMALLY
+    assert (goal_of(result, go), makespan(result)) == ("far", 8)
+    assert validate_plan(hall.problem, result.plan).valid
+
+
+def test_a_fluent_of_another_activitys_parameter_is_refused_by_name(tmp_path):
+    hall = Hall(tmp_path)
+    names, told = named_places(hall)
+    other = hall.problem.add_activity("other", 1)
+    to = other.add_parameter("to", names["far"].type)
+    go = hall.problem.add_motion_activity("go", 1)
+    go.add_motion_constraint(ActivityWaypoints(hall.robots[0], hall.poses["left0"], [told(to)]))
+    with pytest.raises(UnsupportedError, match=r"'go'.*'told\(other\.to\)'.*not 'other\.to'"):
+        solve(hall.problem, "cpsat")

@@ -26,10 +26,12 @@ from unified_planning.model.motion import (
     SchedulingMotionProblem,
 )
 from unified_planning.model.timing import TimePointInterval
-from unified_planning.shortcuts import Equals, Implies, Or
+from unified_planning.shortcuts import Equals, Implies, Object, Or
 
 from tests.soundness.worlds import BOX, DOOR, LEFT, PLACES, RIGHT
 
+NAMED = "name_of_{}"
+"""How the name of a place is called."""
 SPOTS = tuple(p for p in LEFT + RIGHT if not p.endswith("2"))
 Decisions = Mapping[str, str]
 """Parameter or variable -> place; ``drive:fluent`` -> the place that the fluent gives the drive."""
@@ -188,14 +190,20 @@ def _goal(rng, name, track, decisions, fluents, switches) -> Where:
     return Where("place", rng.choice(SPOTS))
 
 
-def build(world: World, map_file, decided: Decisions | None = None) -> SchedulingMotionProblem:
-    """Return the UP problem of a world; with ``decided``, of the world with these decisions."""
-    return _Builder(world, map_file, decided).build()
+def build(
+    world: World, map_file, decided: Decisions | None = None, *, named: bool = False
+) -> SchedulingMotionProblem:
+    """Return the UP problem of a world; with ``decided``, of the world with these decisions.
+
+    ``named``: what is decided are names of places, and a fluent tells where each one is.
+    """
+    return _Builder(world, map_file, decided, named).build()
 
 
 class _Builder:
-    def __init__(self, world: World, map_file, decided: Decisions | None):
+    def __init__(self, world: World, map_file, decided: Decisions | None, named: bool):
         env = get_environment()
+        self.named = named and decided is None
         self.world, self.decided = world, decided
         self.kind = env.type_manager.ConfigurationType(
             "place", OccupancyMap(str(map_file), (0, 0)), ConfigurationKind.SE2
@@ -225,6 +233,8 @@ class _Builder:
             motion = isinstance(item, Step)
             add = problem.add_motion_activity if motion else problem.add_activity
             self.activities[item.name] = add(item.name, 1, item.optional)
+        if self.named:
+            self._name_places()
         if self.decided is None:
             self._declare()
         for step in world.steps:
@@ -257,15 +267,30 @@ class _Builder:
         self.problem.add_object(item)
         self.problem.set_initial_configuration(item, self.places[place])
 
+    def _name_places(self) -> None:
+        problem = self.problem
+        sort = problem.environment.type_manager.UserType("name")
+        self.names = {p: Object(NAMED.format(p), sort, problem.environment) for p in PLACES}
+        problem.add_objects(self.names.values())
+        self.told = Fluent("told", self.kind, at=sort)
+        problem.add_fluent(self.told, default_initial_value=self.places["a"])
+        for place, name in self.names.items():
+            problem.set_initial_value(self.told(name), self.places[place])
+
     def _declare(self) -> None:
+        kind, values_of = (
+            (next(iter(self.names.values())).type, self.names)
+            if self.named
+            else (self.kind, self.places)
+        )
         for name, values in self.world.decisions.items():
             owner = self.world.owner(name)
             if owner is None:
-                parameter = self.problem.add_variable(name, self.kind)
+                parameter = self.problem.add_variable(name, kind)
             else:
-                parameter = self.activities[owner].add_parameter(name.rpartition(".")[2], self.kind)
+                parameter = self.activities[owner].add_parameter(name.rpartition(".")[2], kind)
             self.parameters[name] = parameter
-            self.problem.add_constraint(Or(Equals(parameter, self.places[v]) for v in values))
+            self.problem.add_constraint(Or(Equals(parameter, values_of[v]) for v in values))
 
     def _drive(self, step: Step) -> None:
         activity = self.activities[step.name]
@@ -290,6 +315,8 @@ class _Builder:
         if where.kind == "place":
             return self.places[where.name]
         if where.kind == "decision":
+            if self.named:
+                return self.told(self.parameters[where.name])
             if self.decided is None:
                 return self.parameters[where.name]
             return self.places[self.decided[where.name]]

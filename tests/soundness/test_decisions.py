@@ -51,9 +51,9 @@ def solve(problem, engine="cpsat", **params):
         return planner.solve(problem, timeout=20.0)
 
 
-def judge(world, rooms, engine="cpsat", **params) -> Verdict:
+def judge(world, rooms, engine="cpsat", *, named=False, **params) -> Verdict:
     """Solve a world, then try to beat what was proven by making each choice of decisions."""
-    problem = build(world, rooms)
+    problem = build(world, rooms, named=named)
     result = solve(problem, engine, **params)
     found = Verdict(result.status.name, None)
     if result.status is Status.INTERNAL_ERROR:
@@ -78,20 +78,21 @@ def judge(world, rooms, engine="cpsat", **params) -> Verdict:
             found.wrong.append(
                 f"{found.makespan} called optimal ({kind}), but {decided} ends at {makespan}"
             )
-        found.wrong += broken(world, rooms, decided, attack, result.history.refinements)
+        found.wrong += broken(world, rooms, decided, attack, result.history.refinements, named)
     return found
 
 
-def broken(world, rooms, decided, attack, refinements):
+def broken(world, rooms, decided, attack, refinements, named=False):
     """Return the proven statements that the plan of a decided world breaks."""
-    problem = build(world, rooms)
+    problem = build(world, rooms, named=named)
     snapshot = read_problem(problem, SECONDS)
     relaxation = relax(problem, snapshot)
     values = {k: v for k, v in decided.items() if ":" not in k}
+    told = {f"told({k})": v for k, v in values.items()} if named else {}
     for (activity, term, _), choice in relaxation.choices.items():
         if choice.variable is not None:
             key = term.name if term.kind is TermKind.PARAMETER else f"{activity}:{term.name}"
-            values[choice.variable] = decided[key]
+            values[choice.variable] = told[term.name] if term.name in told else decided[key]
     plan = attack.plan
     times = {
         a.name: tuple(int(plan.get(t).constant_value()) for t in (a.start, a.end))
@@ -113,6 +114,34 @@ def broken(world, rooms, decided, attack, refinements):
 @pytest.mark.parametrize("seed", SEEDS)
 def test_decided_worlds_beat_no_proof(rooms, seed):
     assert judge(random_world(seed), rooms).wrong == []
+
+
+def owned(world):
+    """Return whether each drive looks at its own decisions only."""
+    return all(
+        world.owner(where.name) in (None, step.name)
+        for step in world.steps
+        for where in (step.start, step.goal)
+        if where.kind == "decision"
+    ) and any(world.decisions)
+
+
+@pytest.mark.parametrize("seed", [s for s in SEEDS[:5] if owned(random_world(s))])
+def test_places_may_be_named(rooms, seed):
+    assert judge(random_world(seed), rooms, named=True).wrong == []
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("engine", PROVING)
+@pytest.mark.parametrize("first", range(0, 200, 20))
+def test_many_worlds_of_named_places(rooms, first, engine):
+    wrong = {}
+    for seed in range(first, first + 20):
+        if owned(random_world(seed)):
+            found = judge(random_world(seed), rooms, engine, named=True)
+            if found.wrong:
+                wrong[seed] = found.wrong
+    assert wrong == {}
 
 
 @pytest.mark.long

@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from unified_planning.model import Effect, FNode, Parameter, Timing
+from unified_planning.model.motion import ActivityWaypoints, MotionActivity, SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity, SchedulingProblem
 from unified_planning.model.timing import TimePointInterval
 
@@ -88,8 +89,9 @@ def _of_fluent(
     relaxation: Relaxation, activity: Activity, text: str, *, at_end: bool, state: FNode | None
 ) -> Choice:
     problem = relaxation.problem
-    fluent = _ground_fluent(relaxation, activity, text)
-    values = _reachable(relaxation, fluent)
+    fluent = _fluent(relaxation, activity, text)
+    ground = [f for f in relaxation.given_values if _may_be(fluent, f)]
+    values = tuple(sorted({v for f in ground for v in _reachable(relaxation, f)}))
     if len(values) == 1:
         return Choice(None, values)
     mine = _add_parameter(relaxation, activity, text, fluent.type)
@@ -111,13 +113,37 @@ def _add_parameter(relaxation: Relaxation, activity: Activity, what: str, tpe: A
     return mine
 
 
-def _ground_fluent(relaxation: Relaxation, activity: Activity, text: str) -> FNode:
+def _fluent(relaxation: Relaxation, activity: Activity, text: str) -> FNode:
+    """Return a waypoint's fluent over plain things."""
     if text in relaxation.ground_fluents:
         return relaxation.ground_fluents[text]
-    raise UnsupportedError(
-        f"activity '{activity.name}': the waypoint '{text}' must be a fluent with constant "
-        "arguments"
-    )
+    fluent = relaxation.told_fluents[text]
+    for argument in fluent.args:
+        decided = argument.is_parameter_exp()
+        owner = argument.parameter().name.rpartition(".")[0] if decided else ""
+        if not (argument.is_constant() or (decided and owner in ("", activity.name))):
+            raise UnsupportedError(
+                f"activity '{activity.name}': the arguments of the waypoint '{text}' must be "
+                f"constants, variables or parameters of '{activity.name}', not '{argument}'"
+            )
+    return fluent
+
+
+def _may_be(fluent: FNode, ground: FNode) -> bool:
+    """Return whether a fluent, with arguments that are decided, may stand for a ground one."""
+    return fluent.fluent() == ground.fluent() and not _surely_other(fluent, ground)
+
+
+def told_fluents(problem: SchedulingMotionProblem) -> Iterator[FNode]:
+    """Yield the fluents that the motions of a problem name as configurations."""
+    for activity in problem.activities:
+        if not isinstance(activity, MotionActivity):
+            continue
+        places = [value for _, value in activity.motion_effects.items()]
+        for constraint in activity.motion_constraints:
+            if isinstance(constraint, ActivityWaypoints):
+                places += [constraint.starting, *constraint.waypoints]
+        yield from (place for place in places if place.is_fluent_exp())
 
 
 def _reachable(relaxation: Relaxation, fluent: FNode) -> tuple[str, ...]:

@@ -29,7 +29,7 @@ from unified_planning.model.timing import (
 
 from up_samp.model import UnsupportedError
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
-from up_samp.upio.choices import Choice, choose, constraints_on_one, every_effect
+from up_samp.upio.choices import Choice, choose, constraints_on_one, every_effect, told_fluents
 from up_samp.upio.rewrite import Rewriter
 from up_samp.upio.spans import with_timings
 from up_samp.upio.told import hold_told
@@ -55,6 +55,8 @@ class Relaxation:
     early: dict[str, int] = field(default_factory=dict)
     reachable: dict[FNode, tuple[str, ...]] = field(default_factory=dict)
     """What each of the problem's ground fluents may hold, as far as it was asked."""
+    told_fluents: dict[str, FNode] = field(default_factory=dict)
+    """Fluents that motions name as configurations, by how the problem writes them."""
 
     def __post_init__(self) -> None:
         self.activities = {a.name: a for a in self.problem.activities}
@@ -146,7 +148,8 @@ def relax(
         plain._activities.append(copy)
     for metric in problem.quality_metrics:
         plain.add_quality_metric(metric)
-    relaxation = Relaxation(plain, snapshot, rewriter, {})
+    told = {str(e): rewriter(e) for e in told_fluents(problem)}
+    relaxation = Relaxation(plain, snapshot, rewriter, {}, told_fluents=told)
     for name in sorted(snapshot.moved()):
         _add_state(relaxation, name)
     _agree_at_end(problem, relaxation)
