@@ -73,14 +73,33 @@ def compare(seed, frame, tmp_path, as_se3):
     there = Elsewhere(case, case.floor.write(tmp_path / "there"), frame, stated).write()
     # plans that are proven best have one makespan, whatever happens to be found first
     one, two = (solve(p, seconds_per_unit=SECONDS, optimal=True, timeout=20) for p in (here, there))
-    assert one.status == two.status
-    if one.plan is None:
+    if cut_short(one) or cut_short(two):
+        no_contradiction(one, two)
+        no_contradiction(two, one)
+    else:
+        assert one.status == two.status
+    if one.plan is None or two.plan is None:
         return
-    assert one.metrics["makespan"] == two.metrics["makespan"]
+    if Status.SOLVED_OPTIMALLY is one.status is two.status:
+        assert one.metrics["makespan"] == two.metrics["makespan"]
     for name, track in one.plan.trajectories.items():
         if name in two.plan.trajectories:
-            other = two.plan.trajectories[name]
-            assert np.allclose(frame.out(track.poses[[0, -1]]), other.poses[[0, -1]], atol=1e-6)
+            off = frame.out(track.poses[[0, -1]]) - two.plan.trajectories[name].poses[[0, -1]]
+            off[:, 2] = np.remainder(off[:, 2] + math.pi, math.tau) - math.pi  # turned round or not
+            assert np.allclose(off, 0, atol=1e-6)
+
+
+def cut_short(result):
+    """Return whether a search has not come to its end: it is timed by the clock."""
+    return result.status in (Status.TIMEOUT, Status.SOLVED_SATISFICING)
+
+
+def no_contradiction(one, two):
+    """Assert that nothing is found that the other search has ruled out."""
+    if two.plan is not None:
+        assert one.status is not Status.UNSOLVABLE_PROVEN
+        if one.status is Status.SOLVED_OPTIMALLY:
+            assert int(one.metrics["makespan"]) <= int(two.metrics["makespan"])
 
 
 @pytest.mark.parametrize(("seed", "k"), [(1, 0), (3, 1), (4, 2), (12, 3)])
