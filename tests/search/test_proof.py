@@ -5,8 +5,12 @@ import math
 import random
 
 import pytest
+from unified_planning.engines import PlanGenerationResultStatus as Status
+from unified_planning.shortcuts import OneshotPlanner
 
+from tests.upio.hall import Hall
 from up_samp.model import Deadline
+from up_samp.scheduling.quirks import known_engines
 from up_samp.search.budget import Budget
 from up_samp.search.proof import _fewest
 from up_samp.search.restarts import Restarts
@@ -56,3 +60,15 @@ def test_a_search_with_time_left_begins_anew_while_that_brings_anything():
     assert may_restart(restarts=4, limit=5)
     assert not may_restart(restarts=5, limit=5)
     assert not may_restart(limit=0)
+
+
+@pytest.mark.parametrize("engine", [name for name, _, _ in known_engines()])
+def test_two_that_end_in_one_place_are_proven_for_engines_that_know_no_places(tmp_path, engine):
+    hall = Hall(tmp_path, robots=2)
+    for robot in range(2):
+        hall.move(f"go{robot}", robot, f"left{robot}", "right0")
+    with OneshotPlanner(name=f"samp-refine[{engine}]") as planner:
+        result = planner.solve(hall.problem, timeout=60)
+    assert result.status is Status.UNSOLVABLE_PROVEN
+    assert "right0 holds one object" in result.log_messages[0].message
+    assert not result.history.rounds

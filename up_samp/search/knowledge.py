@@ -31,6 +31,8 @@ class Knowledge:
     failed_together: set[frozenset[str]] = field(default_factory=set)
     feasible_facts: int | None = None
     """How many proven facts alone are known to leave a schedule (or could not be refuted)."""
+    asked_at: int = 0
+    """Rounds after which it was last asked whether the proven facts leave anything."""
     _written: set[object] = field(default_factory=set)
     _ever: set[object] = field(default_factory=set)
 

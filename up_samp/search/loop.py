@@ -16,6 +16,7 @@ from up_samp.search.check import Check
 from up_samp.search.conclusion import (
     SearchResult,
     conclude,
+    conclude_beforehand,
     conclude_stopped,
     conclude_without_schedule,
     restart,
@@ -46,6 +47,9 @@ def solve(search: Search, *, optimal: bool) -> Generator[Incumbent, None, Search
     while not search.budget.deadline.expired():
         if search.stop is not None and search.stop(search.tell.state()):
             return conclude_stopped(search)
+        ending = conclude_beforehand(search)
+        if ending is not None:
+            return ending
         with search.history.stages.of(SCHEDULING):
             report = get_schedule(search, optimal=optimal)  # line 4
         if report.schedule is None or not is_better(search, report.schedule):

@@ -46,11 +46,15 @@ class Prover:
     tuning: ProofTuning = field(default_factory=ProofTuning)
     cpsat: CpsatTuning = field(default_factory=CpsatTuning)
 
-    def leaves_nothing(self, facts: Sequence[Refinement]) -> bool | None:
-        """Return whether the facts alone leave no schedule (None: not known)."""
-        report = self._schedule(
-            facts, (), self.budget.share(self.tuning.share, self.tuning.seconds)
+    def leaves_nothing(self, facts: Sequence[Refinement], *, soon: bool = False) -> bool | None:
+        """Return whether the facts alone leave no schedule (None: not known); ``soon``: in little
+        time.
+        """
+        tuning = self.tuning
+        longest = (
+            (tuning.doubt_share, tuning.doubt_seconds) if soon else (tuning.share, tuning.seconds)
         )
+        report = self._schedule(facts, (), self.budget.share(*longest))
         if report is None or (report.schedule is None and not _none_left(report)):
             return None
         return _none_left(report)
