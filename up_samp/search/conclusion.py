@@ -72,7 +72,7 @@ def conclude_beforehand(search: Search) -> SearchResult | None:
     knowledge, rounds = search.knowledge, len(search.history.rounds)
     if not search.components.for_proofs or search.bounds.incumbent is not None:
         return None
-    if rounds < search.knowledge.asked_at * _RARER:
+    if rounds < knowledge.asked_at * search.prover.tuning.rarer:
         return None
     knowledge.asked_at = max(1, rounds)
     facts = _facts(search)
@@ -86,10 +86,6 @@ def conclude_beforehand(search: Search) -> SearchResult | None:
         return SearchResult(Conclusion.UNSOLVABLE, search.prover.because(facts))
     knowledge.feasible_facts = len(facts)
     return None
-
-
-_RARER = 3
-"""Whether anything is left is asked again after so many times as many rounds."""
 
 
 def _facts(search: Search) -> list[Refinement]:

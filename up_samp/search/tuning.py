@@ -61,6 +61,12 @@ class ProofTuning(Tunables):
         "of the problem that are looked at to tell what the facts run into",
         least=0,
     )
+    rarer: int = tunable(
+        3,
+        "times",
+        "as many rounds of another engine until it is asked again whether anything is left",
+        least=1,
+    )
     doubt_share: float = share_of(
         0.1, "of the remaining time, for doubting another engine's optimum"
     )

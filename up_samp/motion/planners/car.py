@@ -34,12 +34,6 @@ _STUCK = "no path at the finest resolution within fixed effort"
 _CUT = "out of time"
 
 
-LEAST_UNIT = 0.5
-"""Steps of a search are made for turns of so many inner radii of the body at least: the way that a
-car drives does not get finer with its turning radius.
-"""
-
-
 _NARROW = 300
 """A search that runs dry within so many expansions was trapped where it began."""
 
@@ -52,7 +46,8 @@ class CarSettings:
     search tree. ``extra``: expansions after the first solution. ``near``: range (turning radii) in
     which Reeds-Shepp times guide. ``weight``: of the distance to go. ``rounds``, ``patience``: of
     the shortening. ``slice``: expansions between two looks at the budget; after ``stuck`` of them
-    without coming nearer to the goal one resolution is given up.
+    without coming nearer to the goal one resolution is given up. ``least``: inner radii of the body
+    that count as its turning radius where it turns tighter: the way gets no finer with that.
     """
 
     levels: tuple[float, ...] = (0.7, 0.35, 0.18)
@@ -64,6 +59,7 @@ class CarSettings:
     patience: int = 200
     slice: int = 4000
     stuck: int = 6
+    least: float = 0.5
 
 
 def _primitives(radius: float, unit: float, share: float) -> list[tuple[float, float]]:
@@ -175,7 +171,7 @@ class CarPlanner:
         """Return what one search is about, at one resolution."""
         settings, car = self.settings, limits_of(query.body.kinematics)
         finest = settings.levels[level]
-        unit = max(car.radius, LEAST_UNIT * shape.inner[2])
+        unit = max(car.radius, settings.least * shape.inner[2])
         step = finest * unit
         ends, obstacles = (query.start, query.goal), query.obstacles
         reach = 8 * unit + 2 * shape.circumscribed
