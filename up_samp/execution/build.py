@@ -19,7 +19,6 @@ from up_samp.execution.reduce import MEETING
 from up_samp.execution.staircase import Step, steps_of, switched
 from up_samp.execution.travel import Travel, travels_of
 from up_samp.io.plan_dict import PlanDict, snapshot_of
-from up_samp.model import UnsupportedError
 from up_samp.model.snapshot import Snapshot
 from up_samp.scheduling.compilers.read import read_problem as read_plain
 
@@ -53,12 +52,6 @@ def dependencies_of(
     """
     unit = float(plan["seconds_per_unit"])
     snapshot = snapshot_of(problem, unit)
-    if snapshot.rides:
-        ride = snapshot.rides[0]
-        raise UnsupportedError(
-            f"activity '{ride.activity}' carries '{ride.load}' along: dependency graphs for robots "
-            "whose footprint changes with their load are not supported"
-        )
     plan = with_avoid(plan, snapshot)
     planned = planned_of(problem, plan)
     lives = lives_of(plan)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,6 +16,7 @@ import numpy as np
 
 from up_samp.io.floors import side_by_side
 from up_samp.validation.collisions import Shape, hits_body
+from up_samp.validation.rides import between, carried_along
 from up_samp.validation.tracks import Track
 
 
@@ -36,6 +38,10 @@ class _Piece:
     until: float
     activity: str
     avoid: frozenset[str] | None
+    carrier: str = ""
+    """Who drives in the activity: the object itself, or who carries it."""
+    between: Shape | None = None
+    """What holds a carrier and its loads together."""
 
     @cached_property
     def box(self) -> tuple[float, float, float, float]:
@@ -44,7 +50,8 @@ class _Piece:
         """
         poses = self.track.poses
         step = float(self.track.travel(self.track.times[:-1], self.track.times[1:]).max(initial=0))
-        reach = self.track.radius + step + 1e-6
+        radius = max(self.track.radius, self.between.radius if self.between else 0.0)
+        reach = radius + step + 1e-6
         (x, y), (u, v) = poses[:, :2].min(axis=0) - reach, poses[:, :2].max(axis=0) + reach
         return float(x), float(y), float(u), float(v)
 
@@ -56,18 +63,26 @@ def contacts_of(record: dict[str, Any]) -> list[Contact]:
     for entry in record["objects"]:
         name = entry["name"]
         shapes[name] = Shape(name, np.array(entry["footprint"], dtype=float))
-        lives[name] = _life(record, entry, shapes[name].radius)
+    for name in shapes:
+        lives[name] = _life(record, name, shapes)
     found = []
     for one, other in itertools.combinations(lives, 2):
         for a, b in itertools.product(lives[one], lives[other]):
             low, high = max(a.since, b.since), min(a.until, b.until)
             heeded = (a.activity and _heeds(a, other)) or (b.activity and _heeds(b, one))
-            if not heeded or low > high or _far(a.box, b.box):
+            together = a.activity and (a.activity, a.carrier) == (b.activity, b.carrier)
+            if together or not heeded or low > high or _far(a.box, b.box):
                 continue
             low, high = max(low, -1.0), min(high, max(a.track.times[-1], b.track.times[-1]))
-            time = hits_body(shapes[one], a.track, shapes[other], b.track, low, max(low, high))
-            if time is not None:
-                found.append(Contact(time, one, other, a.activity, b.activity))
+            high = max(low, high)
+            times = [
+                hits_body(p, a.track, q, b.track, low, high)
+                for p in (shapes[one], *filter(None, (a.between,)))
+                for q in (shapes[other], *filter(None, (b.between,)))
+            ]
+            hits = [time for time in times if time is not None]
+            if hits:
+                found.append(Contact(min(hits), one, other, a.activity, b.activity))
     return sorted(found, key=lambda c: c.time)
 
 
@@ -79,21 +94,27 @@ def _heeds(piece: _Piece, name: str) -> bool:
     return piece.avoid is None or name in piece.avoid
 
 
-def _life(record: dict[str, Any], entry: dict[str, Any], radius: float) -> list[_Piece]:
-    """Return an object's rests and drives; the waiting in its activities belongs to the drives."""
-    name = entry["name"]
+def _life(record: dict[str, Any], name: str, shapes: Mapping[str, Shape]) -> list[_Piece]:
+    """Return an object's rests, drives and rides; the waiting in its activities belongs to the
+    drives.
+    """
     spans = {a["name"]: (a["start"], a["end"]) for a in record["activities"]}
     unit = record["seconds_per_unit"]
+    rides = record.get("rides", ())
+    carriers = {r["activity"]: r for r in rides if r["object"] == name}
     marks: list[tuple[float, Any]] = []
-    driven = set()
+    driven = set(carriers)
     for motion in record["motions"]:
-        if motion["object"] == name:
+        ride = carriers.get(motion["activity"])
+        if motion["object"] == name or (ride is not None and ride["carrier"] == motion["object"]):
             marks.append((spans[motion["activity"]][0] * unit, motion))
             driven.add(motion["activity"])
     for change in record["changes"]:
         if change["object"] == name and change["activity"] not in driven:
             marks.append((change["time"], change))
-    pose = None if entry["initial"] is None else tuple(entry["initial"])
+    radius = shapes[name].radius
+    initial = next(o["initial"] for o in record["objects"] if o["name"] == name)
+    pose = None if initial is None else tuple(initial)
     since = -math.inf
     pieces = []
     for time, item in sorted(marks, key=lambda m: m[0]):
@@ -101,13 +122,31 @@ def _life(record: dict[str, Any], entry: dict[str, Any], radius: float) -> list[
             pieces.append(_Piece(Track.resting(pose, radius), since, time, "", None))
         if "samples" in item:
             rows = np.array(item["samples"], dtype=float)
-            end = max(spans[item["activity"]][1] * unit, rows[-1, 0])
+            activity = item["activity"]
+            end = max(spans[activity][1] * unit, rows[-1, 0])
             avoid = frozenset(item["avoid"]) if "avoid" in item else None
-            track = Track(rows[:, 0], rows[:, 1:], radius)
-            pieces.append(_Piece(track, time, end, item["activity"], avoid))
-            pose, since = tuple(rows[-1, 1:]), end
+            poses, held = rows[:, 1:], None
+            if item["object"] != name:
+                poses = carried_along(poses, tuple(carriers[activity]["offset"]))
+            else:
+                held = _between(name, activity, rides, shapes)
+            track = Track(rows[:, 0], poses, max(radius, held.radius if held else 0.0))
+            pieces.append(_Piece(track, time, end, activity, avoid, item["object"], held))
+            pose, since = tuple(poses[-1]), end
         else:
             pose, since = tuple(item["configuration"]), time
     if pose is not None:
         pieces.append(_Piece(Track.resting(pose, radius), since, math.inf, "", None))
     return pieces
+
+
+def _between(
+    name: str, activity: str, rides: Sequence[dict[str, Any]], shapes: Mapping[str, Shape]
+) -> Shape | None:
+    """Return what holds a carrier and its loads together in an activity."""
+    loads = [
+        (shapes[r["object"]], tuple(r["offset"]))
+        for r in rides
+        if (r["activity"], r["carrier"]) == (activity, name)
+    ]
+    return between(shapes[name], loads) if loads else None

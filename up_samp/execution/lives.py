@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.execution.graph import At, Event
+from up_samp.execution.loads import hold_of, laden_bodies
 from up_samp.io.floors import side_by_side
 from up_samp.io.sampling import rows_trajectory
 from up_samp.model import Body, Configuration, Kinematics, MotionModel, UnsupportedError
@@ -118,6 +119,8 @@ class Life:
     object: str
     body: Body
     pieces: tuple[Piece, ...]
+    rides: Mapping[str, str] = field(default_factory=dict)
+    """Activities in which it is carried along, and by whom."""
 
     @cached_property
     def hull(self) -> Hull:
@@ -154,46 +157,62 @@ def lives_of(plan: Mapping[str, Any]) -> dict[str, Life]:
     Raises :class:`UnsupportedError` for free flyers: their motions have no planar footprint.
     """
     plan, _ = side_by_side(plan)
-    unit = float(plan["seconds_per_unit"])
-    ends = {a["name"]: a["end"] * unit for a in plan["activities"]}
-    lives = {}
+    bodies = {entry["name"]: body_of(entry) for entry in plan["objects"]}
+    laden = laden_bodies(plan, bodies)
     for entry in plan["objects"]:
-        body = body_of(entry)
-        motions = [m for m in plan["motions"] if m["object"] == entry["name"]]
-        changes = [c for c in plan["changes"] if c["object"] == entry["name"]]
+        body = bodies[entry["name"]]
         if body.kinematics.model is MotionModel.SE3 and plan["motions"]:
             raise UnsupportedError(
                 f"object '{entry['name']}' is a free flyer (SE3): dependency graphs are for bodies "
                 "that move in the plane"
             )
-        pieces = _pieces(entry, body, motions, changes, ends)
+    drives = {}
+    for motion in plan["motions"]:
+        key = motion["activity"], motion["object"]
+        drives[key] = _drive(motion, laden.get(key, bodies[motion["object"]]))
+    lives = {}
+    for name, body in bodies.items():
+        rides = {r["activity"]: r["carrier"] for r in plan.get("rides", ()) if r["object"] == name}
+        pieces = _pieces(plan, name, body, drives, rides)
         if pieces:
-            lives[entry["name"]] = Life(entry["name"], body, tuple(pieces))
+            lives[name] = Life(name, body, tuple(pieces), rides)
     return lives
 
 
 def _pieces(
-    entry: Mapping[str, Any],
+    plan: Mapping[str, Any],
+    name: str,
     body: Body,
-    motions: list[dict[str, Any]],
-    changes: list[dict[str, Any]],
-    ends: Mapping[str, float],
+    drives: Mapping[tuple[str, str], Drive],
+    rides: Mapping[str, str],
 ) -> list[Piece]:
+    unit = float(plan["seconds_per_unit"])
+    ends = {a["name"]: a["end"] * unit for a in plan["activities"]}
+    motions = [m for m in plan["motions"] if m["object"] == name]
     driven = {m["activity"] for m in motions}
-    marks: list[tuple[float, int, dict[str, Any]]] = [
-        (m["samples"][0][0], 0, m) for m in motions
-    ] + [(c["time"], 1, c) for c in changes if c["activity"] not in driven]
-    pose = None if entry["initial"] is None else tuple(entry["initial"])
+    marks: list[tuple[float, int, dict[str, Any]]] = [(m["samples"][0][0], 0, m) for m in motions]
+    for change in plan["changes"]:
+        if change["object"] == name and change["activity"] not in driven:
+            marks.append((change["time"], 1, change))
+    initial = next(o["initial"] for o in plan["objects"] if o["name"] == name)
+    pose = None if initial is None else tuple(initial)
     since, enter = -np.inf, None
     pieces: list[Piece] = []
     for time, is_change, item in sorted(marks, key=lambda m: m[:2]):
+        activity = item["activity"]
         if is_change:
-            event = Event(At.END, item["activity"])
+            until, back = time, ends[activity]
+            leave = entered = Event(At.END, activity)
+            if activity in rides:
+                ride = drives[activity, rides[activity]]
+                if ride.path.cells == 0:
+                    continue  # its carrier stays where it is
+                until, leave, back, entered = hold_of(ride)
             if pose is not None:
-                pieces.append(Stay(body, pose, since, time, enter, event))
-            pose, since, enter = tuple(item["configuration"]), ends[item["activity"]], event
+                pieces.append(Stay(body, pose, since, until, enter, leave))
+            pose, since, enter = tuple(item["configuration"]), back, entered
             continue
-        drive = _drive(item, body)
+        drive = drives[activity, name]
         if drive.path.cells == 0:
             continue  # it stays where it is
         if pose is not None:
@@ -228,8 +247,25 @@ def concerned(one: Life, k: int, other: Life, m: int) -> bool:
     a, b = one.pieces[k], other.pieces[m]
     if isinstance(a, Stay) and isinstance(b, Stay):
         return False
+    if _aboard(one, a, b) or _aboard(other, b, a):
+        return False
     return any(heeds(d.avoid, other.object) for d in _near(one, k)) or any(
         heeds(d.avoid, one.object) for d in _near(other, m)
+    )
+
+
+def _aboard(load: Life, piece: Piece, drive: Piece) -> bool:
+    """Return whether a motion carries a load, or is one of its carriers' motions all through a rest
+    of the load: it may come to touch it, and keeps clear of it at whatever time.
+    """
+    if not isinstance(drive, Drive) or drive.object not in load.rides.values():
+        return False
+    if load.rides.get(drive.activity) == drive.object:
+        return True
+    return (
+        isinstance(piece, Stay)
+        and piece.since <= drive.begin
+        and float(drive.planned[0][-1]) <= piece.until
     )
 
 

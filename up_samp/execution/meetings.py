@@ -108,7 +108,7 @@ def _meeting(one: Life, k: int, other: Life, m: int, margin: float) -> Meeting |
     a, b = one.pieces[k], other.pieces[m]
     for level, share in EFFORTS:
         path_a, path_b = _cut(a, level), _cut(b, level)
-        rows = _runs(one, path_a, other, path_b, margin * share)
+        rows = _runs(path_a, path_b, margin * share)
         if len(rows) == 0:
             return None
         enter_a, leave_a = cell_times(a, path_a)
@@ -133,8 +133,8 @@ def _cut(piece: Piece, level: int) -> Path:
     return piece.cut(level) if isinstance(piece, Drive) else piece.path
 
 
-def _runs(one: Life, path_a: Path, other: Life, path_b: Path, margin: float) -> IntArray:
-    ha, hb = one.hull, other.hull
+def _runs(path_a: Path, path_b: Path, margin: float) -> IntArray:
+    ha, hb = path_a.hull, path_b.hull
     # without the rests: these are pieces of their own; a rest's table has only rests
     ta = path_a.table[1:-1] if path_a.cells else path_a.table[:1]
     tb = path_b.table[1:-1] if path_b.cells else path_b.table[:1]

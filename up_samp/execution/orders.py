@@ -292,7 +292,8 @@ def _movers(planned: Planned, snapshot: Snapshot) -> dict[str, list[tuple[str, b
     driven = {(t.activity, t.object) for t in snapshot.tasks}
     for task in snapshot.tasks:
         if task.activity in planned.times:
-            found.setdefault(task.object, []).append((task.activity, True))
+            for name in (task.object, *(ride.load for ride in task.rides)):
+                found.setdefault(name, []).append((task.activity, True))
     for change in snapshot.changes:
         if change.activity in planned.times and (change.activity, change.object) not in driven:
             found.setdefault(change.object, []).append((change.activity, False))

@@ -60,6 +60,8 @@ def record_of(
         {"object": w[0], "since": round(w[1], 6), "until": round(w[2], 6), "for": w[3]}
         for w in waits
     ]
+    if "rides" in plan:
+        record["rides"] = [r for r in plan["rides"] if r["activity"] in done]
     record.update(
         engine=f"{plan['engine']} (executed)",
         lower_bound=None,

@@ -28,6 +28,7 @@ from up_samp.execution.values import ValuesNow
 from up_samp.io.floors import maps_of
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import Configuration, ProblemError, UnsupportedError
+from up_samp.model.frames import Frame
 
 NEAR = 1e-3
 """Poses closer than this (m, rad) are the same place."""
@@ -336,6 +337,10 @@ class _Builder:
             at = drive.path.length if phase is Phase.DONE else self.stops[name][0]
             x, y, theta = (float(v) for v in drive.path.poses_at(_array(at))[0])
             pose = (x, y, theta)
+        for ride in self.plan.get("rides", ()):
+            key = ride["activity"], ride["carrier"]
+            if ride["object"] == name and self.state.phase[key[0]] is Phase.RUNNING:
+                return Frame(*self._pose_of(key[1], first)).of(ride["offset"])
         for change in self.plan["changes"]:
             when = self.state.fired.get(Event(At.END, change["activity"]), -math.inf)
             if change["object"] == name and when >= since and when > -math.inf:
