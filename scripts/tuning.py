@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "tuning.md"
 INTRO = """# Tuning
 
-Made by `python scripts/tuning.py` from the classes in `up_samp/*/**/tuning.py`.
+Made by `python scripts/tuning.py` from the classes in `up_samp/*/**/*tuning.py`.
 
 These numbers decide how hard something is tried: efforts, shares of the time, sizes up to which a
 stage is worth it. None of them changes what a plan or a proof means; with other values a search
@@ -32,12 +32,13 @@ one_thread = [0.1, 1.0]
 
 ```sh
 up-samp solve PROBLEM --tuning mine.toml
+up-samp simulate plan.json --tuning mine.toml
 up-samp bench run paper --tuning mine.toml other.toml --out runs   # the defaults, and each file
 ```
 
 From Python: `params={"tuning": "mine.toml"}`, a nested dictionary, or a `up_samp.tuning.Tuning`;
-engines `samp-refine[...]` and `cpsat` take it. A name that is unknown is an error, with the nearest
-known one; so is a value that makes no sense.
+engines `samp-refine[...]` and `cpsat` take it; `Executor` and `simulate` take its part `execution`.
+A name that is unknown is an error, with the nearest known one; so is a value that makes no sense.
 """
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from up_samp.model.errors import ProblemError, short
+from up_samp.model.execution_tuning import ExecutionTuning
 from up_samp.model.tunable import Tunables
 from up_samp.motion.tuning import MotionTuning
 from up_samp.scheduling.cpsat.tuning import CpsatTuning
@@ -31,6 +32,7 @@ class Tuning(Tunables):
     search: SearchTuning = field(default_factory=SearchTuning)
     motion: MotionTuning = field(default_factory=MotionTuning)
     cpsat: CpsatTuning = field(default_factory=CpsatTuning)
+    execution: ExecutionTuning = field(default_factory=ExecutionTuning)
 
 
 def changes(tuning: Tuning) -> dict[str, Any]:

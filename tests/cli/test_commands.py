@@ -296,3 +296,38 @@ def test_simulate_prints_a_table_and_writes_files(made, tmp_path, capsys):
     assert main(["draw", str(out / "executed-staircase.json"), "--out", str(tmp_path / "d")]) == 0
     assert main(["simulate", str(plan), "--delays", "fast=2"]) == 2
     assert "NAME=NUMBER of slow" in capsys.readouterr().err
+
+
+def test_simulate_plans_the_rest_anew(made, script, tmp_path, capsys):
+    plan = write_plan(
+        tmp_path / "plan.json",
+        with_dependencies(made.problem, plan_to_dict(made.problem, made.plan)),
+    )
+    arguments = ["simulate", str(plan), "--policy", "replan", "--runs", "1"]
+    assert main(arguments) == 2
+    assert "--problem" in capsys.readouterr().err
+    out = tmp_path / "out"
+    arguments += ["--problem", script(), "--late", "2", "--delays", "slow=0.6", "--out", str(out)]
+    assert main(arguments) == 0
+    row = capsys.readouterr().out.splitlines()[2].split()
+    assert (row[0], row[-1]) == ("replan", "1")
+    record = read_plan(out / "executed-replan.json")
+    names = [a["name"] for a in record["activities"]]
+    assert any(name.endswith("(resumed)") for name in names)
+    assert len(set(names)) == len(names) >= 7
+    ends = {a["name"]: a["end"] for a in record["activities"]}
+    assert record["makespan"] == pytest.approx(max(ends.values()))
+    assert main(["draw", str(out / "executed-replan.json"), "--out", str(tmp_path / "d")]) == 0
+
+
+def test_simulate_takes_tunables(made, tmp_path, capsys):
+    plan = write_plan(
+        tmp_path / "plan.json",
+        with_dependencies(made.problem, plan_to_dict(made.problem, made.plan)),
+    )
+    file = tmp_path / "mine.toml"
+    file.write_text("[execution.floor]\ntick = 0.5\n")
+    assert main(["simulate", str(plan), "--runs", "1", "--tuning", str(file)]) == 0
+    file.write_text("[execution.floor]\ntick = 0\n")
+    assert main(["simulate", str(plan), "--runs", "1", "--tuning", str(file)]) == 2
+    assert "execution.floor.tick" in capsys.readouterr().err

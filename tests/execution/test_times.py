@@ -10,7 +10,7 @@ from up_samp.execution.build import dependencies_of
 from up_samp.execution.decisions import open_decisions, settled
 from up_samp.execution.delays import Delays
 from up_samp.execution.graph import At, Event, topological
-from up_samp.execution.reorder import WORTH, _solve
+from up_samp.execution.reorder import _solve
 from up_samp.execution.simulate import simulate
 from up_samp.execution.state import Phase
 from up_samp.execution.times import NOW, SCALE, Times
@@ -83,8 +83,8 @@ def test_no_combination_of_decisions_is_sooner(yaml):
         solver.parameters.num_workers = 1
         assert solver.solve(model) == cp_model.OPTIMAL
         assert round(solver.objective_value) == least
-        chosen = _solve(executor, ahead, decisions, 1.0)
-        worth = least <= (ahead.makespan - WORTH - executor.now) * SCALE
+        chosen = _solve(executor, ahead, decisions)
+        worth = least <= (ahead.makespan - executor.tuning.reorder.worth - executor.now) * SCALE
         assert bool(chosen) == worth
         if chosen:
             better += 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import csv
 import statistics
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,15 +14,17 @@ from up_samp.cli.problems import find_problem
 from up_samp.cli.table import table
 from up_samp.io import PlanDict, read_plan, write_plan
 from up_samp.model import ProblemError
+from up_samp.tuning import tuning_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from unified_planning.model.scheduling import SchedulingProblem
 
-    from up_samp.execution import Dependencies, Simulation
+    from up_samp.execution import Delays, Dependencies, Simulation
 
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
-POLICIES = ("timed", "coarse", "staircase", "reorder")
+POLICIES = ("timed", "coarse", "staircase", "reorder", "replan")
 
 
 def add_simulate(commands: Subparsers) -> None:
@@ -44,34 +46,45 @@ def add_simulate(commands: Subparsers) -> None:
         "--policy",
         action="append",
         choices=POLICIES,
-        help="how to follow the plan; may be given again (default: timed, staircase, reorder)",
+        help="how to follow the plan; may be given again (default: timed, staircase, reorder); "
+        "'replan' plans the rest anew where it gets late, and needs --problem",
+    )
+    parser.add_argument(
+        "--late",
+        type=float,
+        default=10.0,
+        metavar="S",
+        help="replan: once the forecast is so many seconds behind the plan (default: %(default)s)",
     )
     parser.add_argument(
         "--problem",
         default=None,
         metavar="PROBLEM",
-        help="where the plan file has no dependencies: its problem, as for 'up-samp solve'",
+        help="the plan's problem, as for 'up-samp solve': where the plan file has no dependencies, "
+        "and for the policy 'replan'",
     )
     parser.add_argument("--encoding", choices=ENCODINGS, default="lean")
     parser.add_argument(
         "--out", type=Path, default=None, metavar="DIR", help="folder for CSV, record and pictures"
     )
+    parser.add_argument(
+        "--tuning", type=Path, default=None, metavar="FILE.toml", help="see the page on tuning"
+    )
     parser.set_defaults(run=_simulate)
 
 
 def _simulate(args: argparse.Namespace) -> int:
-    from up_samp.execution import Delays, coarse, simulate
+    from up_samp.execution import Delays
 
     if args.runs < 1:
         raise ProblemError(f"--runs must be at least 1, not {args.runs}")
     plan = read_plan(args.plan)
     delays = Delays.parse(args.delays)
-    found = _dependencies(args, plan)
-    runs: list[Simulation] = []
-    for policy in args.policy or ("timed", "staircase", "reorder"):
-        graph = coarse(found) if policy == "coarse" else found
-        for seed in range(args.seed, args.seed + args.runs):
-            runs.append(simulate(graph, plan, delays, seed, policy=policy))
+    policies = args.policy or ("timed", "staircase", "reorder")
+    if "replan" in policies and args.problem is None:
+        raise ProblemError("--policy replan plans anew: name the plan's problem with --problem")
+    problem = None if args.problem is None else find_problem(args.problem, args.encoding)
+    runs = [run for policy in policies for run in _runs(args, plan, problem, delays, policy)]
     print(_table(runs))
     if args.out is not None:
         files = write_runs(plan, runs, args.out)
@@ -80,12 +93,33 @@ def _simulate(args: argparse.Namespace) -> int:
     return 1 if bad else 0
 
 
-def _dependencies(args: argparse.Namespace, plan: PlanDict) -> Dependencies:
+def _runs(
+    args: argparse.Namespace,
+    plan: PlanDict,
+    problem: SchedulingProblem | None,
+    delays: Delays,
+    policy: str,
+) -> Iterator[Simulation]:
+    from up_samp.execution import coarse, simulate, simulate_replanned
+
+    tuning = tuning_of(args.tuning).execution
+    seeds = range(args.seed, args.seed + args.runs)
+    if policy == "replan":
+        assert problem is not None
+        for seed in seeds:
+            journey = simulate_replanned(problem, plan, delays, seed, late=args.late, tuning=tuning)
+            yield journey.whole
+        return
+    found = _dependencies(plan, problem)
+    graph = coarse(found) if policy == "coarse" else found
+    for seed in seeds:
+        yield simulate(graph, plan, delays, seed, policy=policy, tuning=tuning)  # type: ignore[arg-type]
+
+
+def _dependencies(plan: PlanDict, problem: SchedulingProblem | None) -> Dependencies:
     from up_samp.execution import dependencies_from_plan, dependencies_of
 
-    if args.problem is not None:
-        return dependencies_of(find_problem(args.problem, args.encoding), plan)
-    return dependencies_from_plan(plan)
+    return dependencies_from_plan(plan) if problem is None else dependencies_of(problem, plan)
 
 
 def _policies(runs: Sequence[Simulation]) -> list[str]:
@@ -108,14 +142,15 @@ def _table(runs: Sequence[Simulation]) -> str:
                 f"{sum(bool(r.contacts) for r in mine)}",
                 str(sum(r.deadlock for r in mine)),
                 str(sum(r.reorders for r in mine)),
+                str(sum(r.replans for r in mine)),
             ]
         )
     header = (
         "policy", "runs", "median", "worst", "waiting", "collisions", "unsafe", "deadlocks",
-        "reorders",
+        "reorders", "replans",
     )  # fmt: skip
     note = "median and worst: realised over planned makespan; unsafe: runs with a collision"
-    return f"{table(header, rows, range(1, 9))}\n{note}"
+    return f"{table(header, rows, range(1, 10))}\n{note}"
 
 
 def write_runs(plan: PlanDict, runs: Sequence[Simulation], folder: Path) -> list[Path]:
@@ -128,12 +163,12 @@ def write_runs(plan: PlanDict, runs: Sequence[Simulation], folder: Path) -> list
         writer = csv.writer(stream)
         writer.writerow(
             ["policy", "seed", "planned_s", "makespan_s", "ratio", "waiting", "collisions",
-             "deadlock", "finished", "reorders"]
+             "deadlock", "finished", "reorders", "replans"]
         )  # fmt: skip
         for r in runs:
             writer.writerow(
                 [r.policy, r.seed, f"{r.planned:g}", f"{r.makespan:.3f}", f"{r.ratio:.4f}",
-                 f"{r.waiting:.4f}", r.collisions, r.deadlock, r.finished, r.reorders]
+                 f"{r.waiting:.4f}", r.collisions, r.deadlock, r.finished, r.reorders, r.replans]
             )  # fmt: skip
     for policy in _policies(runs):
         mine = sorted((r for r in runs if r.policy == policy), key=lambda r: r.makespan)

@@ -10,6 +10,7 @@ from up_samp.execution.reorder import Reorderer
 from up_samp.execution.replan import Incident, Journey, simulate_replanned, solve_remaining
 from up_samp.execution.simulate import Simulation, simulate
 from up_samp.execution.surprise import Remaining, Surprise
+from up_samp.model.execution_tuning import ExecutionTuning
 
 __all__ = [
     "At",
@@ -20,6 +21,7 @@ __all__ = [
     "Do",
     "Edge",
     "Event",
+    "ExecutionTuning",
     "Executor",
     "Go",
     "Graph",

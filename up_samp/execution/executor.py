@@ -22,6 +22,7 @@ from up_samp.execution.state import Phase, State, Way
 from up_samp.execution.surprise import Remaining, Surprise
 from up_samp.io.plan_dict import PlanDict, plan_to_dict
 from up_samp.model import ProblemError
+from up_samp.model.execution_tuning import ExecutionTuning
 
 TOLERANCE = 1e-3
 """Progress (m) by which a robot may be short of a point and still count as having come to it."""
@@ -32,7 +33,8 @@ class Executor:
 
     ``plan`` is a plan dictionary with ``dependencies``, or any plan of ``problem``. Call ``update``
     as often as robots tell where they are, ``done`` when a task is over, and do what ``commands``
-    says. Times are seconds since the plan's start; they never go back.
+    says. Times are seconds since the plan's start; they never go back. ``tuning`` are numbers that
+    say how hard orders are looked at again (docs/tuning.md).
     """
 
     def __init__(
@@ -44,6 +46,7 @@ class Executor:
         seconds_per_unit: float = 1.0,
         tolerance: float = TOLERANCE,
         dependencies: Dependencies | None = None,
+        tuning: ExecutionTuning | None = None,
     ):
         if isinstance(plan, Schedule):
             if problem is None:
@@ -60,7 +63,8 @@ class Executor:
         graph = self.dependencies.graph
         self.state = State(graph, self.dependencies.travels, tolerance)
         self.routes = routes_of(graph, self.state.ways)
-        self.pace = Pace()
+        self.tuning = tuning or ExecutionTuning()
+        self.pace = Pace(self.tuning.pace)
         self.sides: dict[tuple[str, str, int], bool] = {}
         """Components that are passed on another side than planned (see ``reorder``)."""
         self.turned: frozenset[int] = frozenset()
@@ -77,11 +81,11 @@ class Executor:
         """The components that could be passed on either side, with the plan's side."""
         return planned_sides(self.dependencies)
 
-    def reorder(self, *, horizon: float = 60.0, seconds: float = 0.3) -> int:
+    def reorder(self) -> int:
         """Decide again who goes first, see :func:`up_samp.execution.reorder.reorder`."""
         from up_samp.execution.reorder import reorder
 
-        return reorder(self, horizon=horizon, seconds=seconds)
+        return reorder(self)
 
     def remaining_problem(self, surprise: Surprise | None = None) -> Remaining:
         """Return what is left as an ordinary UP problem, see

@@ -5,18 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from up_samp.execution.state import Way
-
-MEMORY = 20.0
-"""Seconds of free driving over which a robot's pace is averaged."""
-
-LEAST = 0.05
-"""No robot is believed to be slower than this share."""
+from up_samp.model.execution_tuning import RobotPaceTuning
 
 
 class Pace(Mapping[str, float]):
     """Each robot's pace, from what it told while nothing held it up (1: as fast as allowed)."""
 
-    def __init__(self) -> None:
+    def __init__(self, tuning: RobotPaceTuning | None = None) -> None:
+        self._tuning = tuning or RobotPaceTuning()
         self._driven: dict[str, float] = {}
         self._needed: dict[str, float] = {}
         self._speed: dict[str, float] = {}
@@ -39,14 +35,15 @@ class Pace(Mapping[str, float]):
             return
         ideal = way.travel.time_at(progress) - way.travel.time_at(before[1])
         seconds = now - before[2]
-        fade = max(0.0, 1.0 - seconds / MEMORY)
-        self._driven[name] = fade * self._driven.get(name, MEMORY / 4) + ideal
-        self._needed[name] = fade * self._needed.get(name, MEMORY / 4) + seconds
+        memory = self._tuning.memory
+        fade = max(0.0, 1.0 - seconds / memory)
+        self._driven[name] = fade * self._driven.get(name, memory / 4) + ideal
+        self._needed[name] = fade * self._needed.get(name, memory / 4) + seconds
 
     def __getitem__(self, name: str) -> float:
         if name not in self._driven:
             raise KeyError(name)
-        return min(1.0, max(LEAST, self._driven[name] / self._needed[name]))
+        return min(1.0, max(self._tuning.least, self._driven[name] / self._needed[name]))
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._driven)

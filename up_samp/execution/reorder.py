@@ -28,23 +28,19 @@ from up_samp.model import ProblemError
 if TYPE_CHECKING:
     from up_samp.execution.executor import Executor
 
-WORTH = 0.5
-"""A new order has to save so many seconds of makespan."""
 
-
-def reorder(
-    executor: Executor, *, horizon: float = 60.0, seconds: float = 0.3, most: int = 60
-) -> int:
+def reorder(executor: Executor) -> int:
     """Change who goes first where that is forecast to end sooner; return how many orders changed.
 
-    Decisions that come up within ``horizon`` s are looked at, the ``most`` earliest of them, for
-    up to ``seconds`` s of the solver's deterministic time. What has begun is not touched.
+    Which decisions are looked at, and for how long, is said by ``executor.tuning.reorder``. What
+    has begun is not touched.
     """
+    tuning = executor.tuning.reorder
     before = executor.retime()
-    decisions = open_decisions(executor, before, horizon, most)
+    decisions = open_decisions(executor, before, tuning.horizon, tuning.most)
     if not decisions:
         return 0
-    chosen = _solve(executor, before, decisions, seconds)
+    chosen = _solve(executor, before, decisions)
     flips = {d.key: chosen[d.key] for d in decisions if chosen.get(d.key, d.now) != d.now}
     if not flips:
         return 0
@@ -56,7 +52,7 @@ def reorder(
         _, executor.sides, executor.turned = old
         return 0
     _load(executor, graph)
-    if not _better(before, executor.retime()):
+    if not _better(before, executor.retime(), tuning.worth):
         _load(executor, old[0])
         _, executor.sides, executor.turned = old
         return 0
@@ -83,9 +79,9 @@ def _load(executor: Executor, graph: Graph) -> None:
     executor.routes = routes_of(graph, executor.state.ways)
 
 
-def _better(before: Forecast, after: Forecast) -> bool:
-    """Return whether all is over sooner, and no deadline is missed by more."""
-    sooner = before.makespan - after.makespan > WORTH
+def _better(before: Forecast, after: Forecast, worth: float) -> bool:
+    """Return whether all is over ``worth`` s sooner, and no deadline is missed by more."""
+    sooner = before.makespan - after.makespan > worth
     return sooner and _missed(after) <= _missed(before) + 1e-3
 
 
@@ -96,11 +92,9 @@ def _missed(ahead: Forecast) -> float:
     )
 
 
-def _solve(
-    executor: Executor, ahead: Forecast, decisions: list[Decision], seconds: float
-) -> dict[Key | int, bool]:
+def _solve(executor: Executor, ahead: Forecast, decisions: list[Decision]) -> dict[Key | int, bool]:
     """Return how each decision should be; empty where nothing better was found."""
-    state = executor.state
+    state, tuning = executor.state, executor.tuning.reorder
     times = Times(executor)
     times.all_after(settled(executor, {d.key for d in decisions}))
     for k, decision in enumerate(decisions):
@@ -110,7 +104,7 @@ def _solve(
     left = [name for name, phase in state.phase.items() if phase is not Phase.DONE]
     ends = [times.event(Event(At.END, name)) for name in left]
     low = times.earliest()
-    latest = math.ceil((ahead.makespan - WORTH - state.now) * SCALE)
+    latest = math.ceil((ahead.makespan - tuning.worth - state.now) * SCALE)
     if max((low[k] for k in ends), default=0) > latest:
         return {}  # not even without all that is open
     model = cp_model.CpModel()
@@ -127,7 +121,7 @@ def _solve(
     solver.parameters.random_seed = 0
     solver.parameters.cp_model_probing_level = 0
     solver.parameters.linearization_level = 0
-    solver.parameters.max_deterministic_time = seconds
+    solver.parameters.max_deterministic_time = tuning.effort
     status = solver.solve(model)
     if status not in (cp_model.OPTIMAL, cp_model.FEASIBLE):
         return {}
@@ -135,24 +129,26 @@ def _solve(
 
 
 class Reorderer:
-    """Reorders when the predicted makespan has grown by more than ``threshold`` s since it last
-    did, but not more often than every ``pause`` s.
+    """Reorders when the predicted makespan has grown by more than a threshold since it last did,
+    but not too often (``executor.tuning.reorder``).
     """
 
-    def __init__(self, threshold: float = 1.5, pause: float = 4.0, horizon: float = 60.0):
-        self.threshold, self.pause, self.horizon = threshold, pause, horizon
+    def __init__(self) -> None:
         self.known: float | None = None
         self.since = -math.inf
 
     def __call__(self, executor: Executor) -> int:
         """Look at the executor; return how many orders were changed."""
+        tuning = executor.tuning.reorder
+        if executor.now < self.since + tuning.pause:
+            return 0
         ahead = executor.predicted_makespan()
         if self.known is None:
             planned = (t.planned[1] for t in executor.state.graph.tasks.values())
             self.known = min(ahead, max(planned, default=ahead))
-        if ahead < self.known + self.threshold or executor.now < self.since + self.pause:
+        if ahead < self.known + tuning.threshold:
             return 0
         self.since = executor.now
-        changed = reorder(executor, horizon=self.horizon)
+        changed = reorder(executor)
         self.known = executor.predicted_makespan()
         return changed

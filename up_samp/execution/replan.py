@@ -10,12 +10,17 @@ from unified_planning.shortcuts import OneshotPlanner
 
 from up_samp.execution.delays import Delays, draw
 from up_samp.execution.executor import Executor
-from up_samp.execution.simulate import PATIENCE, STILL, Floor, Simulation, simulation_of
+from up_samp.execution.journey import joined
+from up_samp.execution.simulate import Floor, Simulation, simulation_of
 from up_samp.execution.surprise import Remaining, Surprise
 from up_samp.io.plan_dict import PlanDict, result_to_dict
 from up_samp.model import ProblemError
+from up_samp.model.execution_tuning import ExecutionTuning
 
 ENGINE = "samp-refine[cpsat]"
+
+LAST_METRES = 30.0
+"""Seconds that robots may be late in coming to a stand."""
 
 
 def solve_remaining(
@@ -67,6 +72,11 @@ class Journey:
         return sum(leg.collisions for leg in self.legs)
 
     @property
+    def whole(self) -> Simulation:
+        """All legs as one run, on the clock of the first."""
+        return joined(self.legs, self.since)
+
+    @property
     def finished(self) -> bool:
         """Whether the last leg was carried out to its end."""
         return self.legs[-1].finished
@@ -85,6 +95,7 @@ def simulate_replanned(
     incidents: Sequence[Incident] = (),
     late: float | None = None,
     solve: Callable[[Remaining], PlanDict] = solve_remaining,
+    tuning: ExecutionTuning | None = None,
 ) -> Journey:
     """Execute a plan; plan the rest anew at each incident, and once when it is forecast to end
     ``late`` s later than planned (with the same choices).
@@ -97,7 +108,7 @@ def simulate_replanned(
     problems, since = [problem], [0.0]
     waiting = sorted(incidents, key=lambda i: i.time)
     while True:
-        executor = Executor(plan, problem)
+        executor = Executor(plan, problem, tuning=tuning)
         floor = _floor(executor, plan, delays, seed + len(legs))
         told = _until(floor, plan, since[-1], waiting, None if legs else late)
         if told is None:
@@ -117,7 +128,7 @@ def _floor(executor: Executor, plan: PlanDict, delays: Delays, seed: int) -> Flo
     found = executor.dependencies
     robots = [life.object for life in found.lives.values() if life.drives]
     luck = draw(delays, robots, found.graph.tasks, float(plan["makespan"]), seed)
-    return Floor(executor, found, luck)
+    return Floor(executor, found, luck, executor.tuning.floor)
 
 
 def _until(
@@ -128,7 +139,7 @@ def _until(
     assert isinstance(executor, Executor)
     planned = float(plan["makespan"]) * float(plan["seconds_per_unit"])
     looked = 0.0
-    while not executor.finished and floor.now < PATIENCE * planned + 60.0 and floor.idle < STILL:
+    while floor.goes_on(planned):
         if waiting and since + floor.now >= waiting[0].time:
             return _told(executor, waiting.pop(0))
         if late is not None and floor.now >= looked + 1.0:
@@ -156,7 +167,7 @@ def _come_to_a_stand(floor: Floor, stops: Mapping[str, float], until: float) -> 
     """Let robots under way drive on to where they stop; nothing new begins. Return when (s) all
     stand: at ``until``, or later where one is held up on these last metres.
     """
-    latest = until + PATIENCE
+    latest = until + LAST_METRES
     while floor.now < latest:
         left = [
             r for r in floor.robots.values() if r.motion is not None and r.s < stops.get(r.name, 0)

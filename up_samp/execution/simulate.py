@@ -16,15 +16,7 @@ from up_samp.execution.reorder import Reorderer
 from up_samp.execution.robot import Robot
 from up_samp.execution.timetable import Timetable
 from up_samp.io.plan_dict import PlanDict
-
-TICK = 0.1
-"""Seconds between two looks at the floor."""
-
-PATIENCE = 30.0
-"""A run may take so many times as long as planned."""
-
-STILL = 5.0
-"""Seconds in which nothing happens, though nothing is disturbed, before it is a deadlock."""
+from up_samp.model.execution_tuning import ExecutionTuning, FloorTuning
 
 Policy = Literal["timed", "coarse", "staircase", "reorder"]
 
@@ -48,6 +40,7 @@ class Simulation:
     contacts: tuple[Contact, ...]
     record: PlanDict
     waits: tuple[tuple[str, float, float, str], ...] = ()
+    replans: int = 0
 
     @property
     def ratio(self) -> float:
@@ -67,7 +60,7 @@ class Floor:
     executive: Executor | Timetable
     dependencies: Dependencies
     luck: Luck
-    tick: float = TICK
+    tuning: FloorTuning = field(default_factory=FloorTuning)
     now: float = 0.0
     drivings: Drivings = field(default_factory=dict)
     ends: dict[str, float] = field(default_factory=dict)
@@ -87,6 +80,23 @@ class Floor:
                 self.robots[name] = Robot(name, pace, stops, mine)
         self.waiting: dict[str, float] = dict.fromkeys(self.robots, 0.0)
         self.last: dict[str, float] = dict.fromkeys(self.robots, 0.0)
+
+    @property
+    def tick(self) -> float:
+        """Seconds between two looks."""
+        return self.tuning.tick
+
+    def goes_on(self, planned: float) -> bool:
+        """Return whether a run that was ``planned`` to take so long (s) is neither over nor stuck
+        nor hopelessly late.
+        """
+        latest = self.tuning.patience * planned + 60.0
+        return not self.executive.finished and self.now < latest and not self.stuck
+
+    @property
+    def stuck(self) -> bool:
+        """Whether nothing has happened for long, though nothing is disturbed."""
+        return self.idle >= self.tuning.still
 
     def step(self) -> None:
         """Let one tick pass: do what is commanded, and tell what happened."""
@@ -169,17 +179,18 @@ def simulate(
     *,
     policy: Policy = "staircase",
     judged: bool = True,
-    tick: float = TICK,
+    tuning: ExecutionTuning | None = None,
     watch: Callable[[Executor], int] | None = None,
 ) -> Simulation:
     """Execute a plan once with the delays of ``seed``, which are the same for every policy.
 
     ``policy``: "timed" follows the clock; "staircase" the graph; "coarse" is the same on a graph
     made with ``coarse=True``; "reorder" also changes who goes first. ``judged``: look for
-    collisions.
+    collisions. ``tuning`` are the numbers of docs/tuning.md.
     ``watch`` is called about every second with the executor and returns how often it changed an
     order.
     """
+    tuning = tuning or ExecutionTuning()
     tasks = dependencies.graph.tasks
     planned = max((t.planned[1] for t in tasks.values()), default=0.0)
     robots = [life.object for life in dependencies.lives.values() if life.drives]
@@ -188,13 +199,13 @@ def simulate(
     if policy == "timed":
         executive = Timetable(dependencies)
     else:
-        executive = Executor(plan, dependencies=dependencies)
+        executive = Executor(plan, dependencies=dependencies, tuning=tuning)
     if policy == "reorder" and watch is None:
         watch = Reorderer()
-    floor = Floor(executive, dependencies, luck, tick)
+    floor = Floor(executive, dependencies, luck, tuning.floor)
     reorders = 0
     looked = 0.0
-    while not executive.finished and floor.now < PATIENCE * planned + 60.0 and floor.idle < STILL:
+    while floor.goes_on(planned):
         floor.step()
         if watch is not None and isinstance(executive, Executor) and floor.now >= looked + 1.0:
             looked = floor.now
@@ -222,7 +233,7 @@ def simulation_of(
         makespan=makespan,
         waiting=sum(floor.waiting.values()) / max(1e-9, len(floor.robots) * makespan),
         finished=finished,
-        deadlock=not finished and floor.idle >= STILL,
+        deadlock=not finished and floor.stuck,
         overruns=sum(r.overruns for r in floor.robots.values()),
         reorders=reorders,
         contacts=tuple(contacts_of(record)) if judged else (),

@@ -24,7 +24,7 @@ SHORT = 0.5
 def plot_executed(plan: dict[str, Any], record: dict[str, Any], ax: Axes | None = None) -> Axes:
     """Draw each object's planned activities above what was really done, with who waited for whom.
 
-    ``plan`` is a plan dictionary, ``record`` that of a run (:class:`up_samp.execution.Run`). The
+    ``plan`` is a plan dictionary, ``record`` that of a run (``Simulation.record``). The
     time axis is in seconds. Returns the axes; without ``ax``, those of a new figure.
     """
     planned = {row.name: row for row in rows_of(plan)}
