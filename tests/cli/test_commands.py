@@ -8,6 +8,7 @@ import pytest
 from unified_planning.engines import PlanGenerationResult, PlanGenerationResultStatus
 
 import up_samp.cli
+from up_samp import cli
 from up_samp.cli import main, solving
 from up_samp.cli.progress import Progress
 from up_samp.cli.table import schedule_table, table
@@ -331,3 +332,23 @@ def test_simulate_takes_tunables(made, tmp_path, capsys):
     file.write_text("[execution.floor]\ntick = 0\n")
     assert main(["simulate", str(plan), "--runs", "1", "--tuning", str(file)]) == 2
     assert "execution.floor.tick" in capsys.readouterr().err
+
+
+def test_a_command_loads_what_it_needs_and_no_other():
+    """The version is told at once: what commands import takes a second and more."""
+    told = (
+        "import sys; from up_samp.cli import main\n"
+        "try: main(['--version'])\n"
+        "except SystemExit: pass\n"
+        "heavy = {'numba', 'numpy', 'ortools', 'unified_planning.model'} & set(sys.modules)\n"
+        "assert not heavy, heavy"
+    )
+    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("up-samp ")
+    words = cli.make_parser(list(cli.COMMANDS)).format_help().split()
+    assert set(cli.COMMANDS) <= set(words)
+    for name in cli.COMMANDS:
+        with pytest.raises(SystemExit) as ended:
+            cli.main([name, "--help"])
+        assert ended.value.code == 0, name

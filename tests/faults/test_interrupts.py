@@ -82,7 +82,7 @@ def test_a_command_that_is_stopped_while_it_loads_says_so_shortly(tmp_path, numb
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "from up_samp import cli\n"
         "inner = cli.make_parser\n"
-        f"cli.make_parser = lambda: os.kill(os.getpid(), {int(number)}) or inner()\n"
+        f"cli.make_parser = lambda words: os.kill(os.getpid(), {int(number)}) or inner(words)\n"
         "sys.argv = ['up-samp', 'engines']\n"
         "sys.exit(cli.main())\n"
     )

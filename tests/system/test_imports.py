@@ -41,6 +41,25 @@ print(isinstance(values, pd.Series), int(values.sum()))
     assert said == ["False", "False", "True", "1"]
 
 
+def test_planning_models_come_without_networkx_and_get_it_when_asked():
+    said = _run(
+        """
+import sys
+from up_samp.system.imports import load_unified_planning, own_the_process
+own_the_process()
+load_unified_planning()
+from unified_planning.shortcuts import InstantaneousAction, get_environment
+from unified_planning.plans import ActionInstance, PartialOrderPlan, SequentialPlan
+print("networkx" in sys.modules)
+first, last = (ActionInstance(InstantaneousAction(n)) for n in ("first", "last"))
+plan = PartialOrderPlan({first: [last]})
+print("networkx" in sys.modules)
+print([a.action.name for a in next(iter(plan.all_sequential_plans())).actions])
+"""
+    )
+    assert said == ["False", "True", "['first',", "'last']"]
+
+
 def test_kernels_come_without_linear_algebra_and_can_do_it_all_the_same():
     said = _run(
         """

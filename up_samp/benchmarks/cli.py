@@ -12,9 +12,8 @@ from up_samp.benchmarks.instances import families
 from up_samp.model import SampError
 
 
-def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the ``bench`` command with its own commands ``run``, ``report`` and ``list``."""
-    bench = subparsers.add_parser("bench", help="run the benchmark families and report on them")
+def add_bench(bench: argparse.ArgumentParser) -> None:
+    """Add the commands of ``bench``: ``run``, ``report`` and ``list``."""
     commands = bench.add_subparsers(dest="bench_command", required=True)
     _add_run(commands)
     show = commands.add_parser("report", help="tables and plots of finished sweeps, as Markdown")

@@ -6,24 +6,66 @@ from __future__ import annotations
 
 import argparse
 import gc
+import importlib
 import io
 import os
 import signal
 import sys
 from collections.abc import Sequence
+from typing import NamedTuple
 
-from up_samp.model.errors import SampError
-from up_samp.system.imports import own_the_process
+from up_samp.system.imports import load_unified_planning, own_the_process
 
 ERROR = 2
 INTERRUPTED = 130
 TERMINATED = 143
 
 
-def make_parser() -> argparse.ArgumentParser:
-    """Return the parser of all commands."""
+class Command(NamedTuple):
+    """A command: what it does in a line, and the function that adds its arguments, which is
+    imported when somebody gives the command.
+    """
+
+    help: str
+    module: str
+    function: str
+
+
+COMMANDS = {
+    name: Command(text, f"up_samp.{module}", f"add_{name}")
+    for name, module, text in (
+        ("demo", "cli.commands", "two robots, a closed door, four items"),
+        ("new", "cli.fleets", "write a problem file and a map to begin with"),
+        (
+            "check", "cli.fleets",
+            "look at a problem file before solving: what overlaps, what is reachable",
+        ),
+        (
+            "import", "cli.fleets",
+            "make a problem file from a Moving AI, LIF, RMF, JSPLIB, DXF ... file",
+        ),
+        ("solve", "cli.commands", "solve a problem of your own, or an instance"),
+        ("validate", "cli.commands", "check a plan file against its problem"),
+        ("draw", "cli.commands", "draw a plan file: charts, map, animation"),
+        (
+            "simulate", "cli.simulating",
+            "execute a plan on a floor with delays: how long, who waits, who collides",
+        ),
+        ("export", "cli.exporting", "write a plan file in another format"),
+        ("serve", "cli.serving", "plan for others on this machine, over HTTP"),
+        ("engines", "cli.commands", "list the registered engines that schedule"),
+        (
+            "warmup", "cli.commands",
+            "compile the motion kernels now, so that no first solve waits for them",
+        ),
+        ("bench", "benchmarks.cli", "run the benchmark families and report on them"),
+    )
+}  # fmt: skip
+
+
+def make_parser(words: Sequence[str]) -> argparse.ArgumentParser:
+    """Return the parser of all commands, with the arguments of those among the ``words``."""
     from up_samp import __version__
-    from up_samp.cli.commands import COMMANDS
 
     parser = argparse.ArgumentParser(
         prog="up-samp",
@@ -34,8 +76,11 @@ def make_parser() -> argparse.ArgumentParser:
         "--debug", action="store_true", help="show where an error comes from (a traceback)"
     )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for add in COMMANDS:
-        add(commands)
+    for name, command in COMMANDS.items():
+        own = commands.add_parser(name, help=command.help)
+        if name in words:
+            load_unified_planning()
+            getattr(importlib.import_module(command.module), command.function)(own)
     return parser
 
 
@@ -47,7 +92,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if own:
             _own_the_process()
-        return _run(make_parser().parse_args(argv))
+        words = sys.argv[1:] if argv is None else argv
+        return _run(make_parser(words).parse_args(words))
     except KeyboardInterrupt as stop:
         print("\nup-samp: stopped", file=sys.stderr)
         return TERMINATED if _was_terminated(stop) else INTERRUPTED
@@ -120,6 +166,8 @@ def _message(error: Exception) -> str:
     lines = (" ".join(line.split()) for line in str(error).splitlines())
     text = "\n".join(filter(None, lines)) or type(error).__name__
     from unified_planning.exceptions import UPException
+
+    from up_samp.model.errors import SampError
 
     if isinstance(error, SampError | UPException | OSError):
         return text

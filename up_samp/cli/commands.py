@@ -1,4 +1,4 @@
-"""The commands of ``up-samp``; each adds its arguments and runs."""
+"""The commands that plan, judge, draw and compile; each adds its arguments and runs."""
 
 from __future__ import annotations
 
@@ -6,37 +6,27 @@ import argparse
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import unified_planning as up
 from unified_planning.engines import Engine
 from unified_planning.model import ProblemKind
 from unified_planning.model.motion import SchedulingMotionProblem
 
-from up_samp.benchmarks import cli as bench
 from up_samp.benchmarks import logistics
 from up_samp.benchmarks.builder import ENCODINGS
-from up_samp.cli.exporting import add_export
-from up_samp.cli.fleets import add_check, add_import, add_new, tell_findings
+from up_samp.cli.fleets import tell_findings
 from up_samp.cli.outputs import write_outputs
 from up_samp.cli.problems import add_problem_arguments, find_problem, is_problem_file, unit_of
-from up_samp.cli.serving import add_serve
-from up_samp.cli.simulating import add_simulate
 from up_samp.cli.solving import add_solver_arguments, describe, judge, solve_and_show
 from up_samp.cli.table import table
-from up_samp.io import contradictions, plan_from_dict, read_plan
-from up_samp.io.compare import poses_beyond
+from up_samp.io import read_plan
 from up_samp.model import ProblemError
 from up_samp.model.errors import short
 from up_samp.system.files import check_folder
 
-if TYPE_CHECKING:
-    Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
-
-def add_demo(commands: Subparsers) -> None:
-    """Add ``demo``."""
-    parser = commands.add_parser("demo", help="two robots, a closed door, four items")
+def add_demo(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``demo``."""
     parser.add_argument("--robots", type=int, default=2, metavar="N", help="(default: 2)")
     parser.add_argument("--items", type=int, default=4, metavar="N", help="(default: 4)")
     parser.add_argument("--door", choices=("closed", "open"), default="closed")
@@ -58,9 +48,8 @@ def _demo(args: argparse.Namespace) -> int:
     return solve_and_show(problem, args)
 
 
-def add_solve(commands: Subparsers) -> None:
-    """Add ``solve``."""
-    parser = commands.add_parser("solve", help="solve a problem of your own, or an instance")
+def add_solve(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``solve``."""
     add_problem_arguments(parser)
     add_solver_arguments(parser, out=None, gif=False)
     parser.set_defaults(run=_solve)
@@ -80,15 +69,17 @@ def _problem(args: argparse.Namespace) -> SchedulingMotionProblem:
     return find_problem(args.problem, args.encoding)
 
 
-def add_validate(commands: Subparsers) -> None:
-    """Add ``validate``."""
-    parser = commands.add_parser("validate", help="check a plan file against its problem")
+def add_validate(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``validate``."""
     add_problem_arguments(parser)
     parser.add_argument("plan", type=Path, metavar="PLAN.json")
     parser.set_defaults(run=_validate)
 
 
 def _validate(args: argparse.Namespace) -> int:
+    from up_samp.io import contradictions, plan_from_dict
+    from up_samp.io.compare import poses_beyond
+
     plan = read_plan(args.plan)
     problem = _problem(args)
     if not isinstance(problem, SchedulingMotionProblem):
@@ -111,9 +102,8 @@ def _validate(args: argparse.Namespace) -> int:
     return 0 if verdict.valid and not wrong else 1
 
 
-def add_draw(commands: Subparsers) -> None:
-    """Add ``draw``."""
-    parser = commands.add_parser("draw", help="draw a plan file: charts, map, animation")
+def add_draw(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``draw``."""
     parser.add_argument("plan", type=Path, metavar="PLAN.json")
     parser.add_argument("--out", type=Path, default=Path("."), metavar="DIR")
     parser.add_argument(
@@ -129,9 +119,8 @@ def _draw(args: argparse.Namespace) -> int:
     return 0
 
 
-def add_engines(commands: Subparsers) -> None:
-    """Add ``engines``."""
-    parser = commands.add_parser("engines", help="list the registered engines that schedule")
+def add_engines(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``engines``."""
     parser.set_defaults(run=_engines)
 
 
@@ -165,11 +154,8 @@ def _uses(engine: type[Engine]) -> str:
     return "; ".join(what)
 
 
-def add_warmup(commands: Subparsers) -> None:
-    """Add ``warmup``."""
-    parser = commands.add_parser(
-        "warmup", help="compile the motion kernels now, so that no first solve waits for them"
-    )
+def add_warmup(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``warmup``."""
     parser.set_defaults(run=_warmup)
 
 
@@ -187,25 +173,3 @@ def _warmup(args: argparse.Namespace) -> int:
     left = missing(wanted)
     print(f"kernels are in {kernel_cache.folder()} ({seconds:.0f} s)")
     return 1 if left else 0
-
-
-def add_bench(commands: Subparsers) -> None:
-    """Add ``bench`` (see :mod:`up_samp.benchmarks.cli`)."""
-    bench.add_parser(commands)
-
-
-COMMANDS = (
-    add_demo,
-    add_new,
-    add_check,
-    add_import,
-    add_solve,
-    add_validate,
-    add_draw,
-    add_simulate,
-    add_export,
-    add_serve,
-    add_engines,
-    add_warmup,
-    add_bench,
-)

@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from up_samp.export import FORMATS, export_plan
 from up_samp.io import read_plan
 
-if TYPE_CHECKING:
-    Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
-
-def add_export(commands: Subparsers) -> None:
-    """Add ``export``."""
-    parser = commands.add_parser("export", help="write a plan file in another format")
+def add_export(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``export``."""
     parser.add_argument("plan", type=Path, metavar="PLAN.json")
     parser.add_argument("--to", choices=tuple(FORMATS), required=True)
     parser.add_argument("--out", type=Path, default=Path("."), metavar="DIR")

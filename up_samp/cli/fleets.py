@@ -4,15 +4,10 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
 
-def add_new(commands: Subparsers) -> None:
-    """Add ``new``."""
-    parser = commands.add_parser("new", help="write a problem file and a map to begin with")
+def add_new(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``new``."""
     parser.add_argument("folder", type=Path, metavar="DIR")
     parser.set_defaults(run=_new)
 
@@ -26,11 +21,8 @@ def _new(args: argparse.Namespace) -> int:
     return 0
 
 
-def add_check(commands: Subparsers) -> None:
-    """Add ``check``."""
-    parser = commands.add_parser(
-        "check", help="look at a problem file before solving: what overlaps, what is reachable"
-    )
+def add_check(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``check``."""
     parser.add_argument("problem", type=Path, metavar="PROBLEM.yaml")
     parser.add_argument(
         "--out", type=Path, default=None, metavar="FILE.png",
@@ -68,11 +60,8 @@ def tell_findings(file: str) -> None:
         print(f"  {finding}")
 
 
-def add_import(commands: Subparsers) -> None:
-    """Add ``import``."""
-    parser = commands.add_parser(
-        "import", help="make a problem file from a Moving AI, LIF, RMF, JSPLIB, DXF ... file"
-    )
+def add_import(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``import``."""
     parser.add_argument("source", type=Path, metavar="FILE")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     parser.add_argument("--kind", default=None, help="what it is, where its name does not tell")

@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
 
 from up_samp.model import UnsupportedError
 
-if TYPE_CHECKING:
-    Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
-
-def add_serve(commands: Subparsers) -> None:
-    """Add ``serve``."""
-    parser = commands.add_parser("serve", help="plan for others on this machine, over HTTP")
+def add_serve(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``serve``."""
     parser.add_argument("--host", default="127.0.0.1", help="(default: %(default)s)")
     parser.add_argument("--port", type=int, default=8008, metavar="N", help="(default: 8008)")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="jobs at the same time")

@@ -22,16 +22,12 @@ if TYPE_CHECKING:
 
     from up_samp.execution import Delays, Dependencies, Simulation
 
-    Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
 POLICIES = ("timed", "coarse", "staircase", "reorder", "replan")
 
 
-def add_simulate(commands: Subparsers) -> None:
-    """Add ``simulate``."""
-    parser = commands.add_parser(
-        "simulate", help="execute a plan on a floor with delays: how long, who waits, who collides"
-    )
+def add_simulate(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``simulate``."""
     parser.add_argument("plan", type=Path, metavar="PLAN.json")
     parser.add_argument(
         "--delays",

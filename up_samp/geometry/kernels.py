@@ -24,7 +24,7 @@ FAR = 1e9
 """Clearance (m) where there is nothing to collide with."""
 
 
-class Frame(NamedTuple):
+class GridFrame(NamedTuple):
     """Where a grid lies: its corner ``x``, ``y`` (m); ``cos``, ``sin`` and ``yaw`` (rad) of its
     columns' axis; the ``size`` (m) of a cell.
     """
@@ -37,7 +37,7 @@ class Frame(NamedTuple):
     size: float
 
 
-def along(frame: Frame, x: Coordinate, y: Coordinate) -> tuple[Coordinate, Coordinate]:
+def along(frame: GridFrame, x: Coordinate, y: Coordinate) -> tuple[Coordinate, Coordinate]:
     """Return how far (m) a point lies from the grid's corner along its columns and its rows."""
     dx, dy = x - frame.x, y - frame.y
     return frame.cos * dx + frame.sin * dy, frame.cos * dy - frame.sin * dx
@@ -48,7 +48,7 @@ grid_along = inner(along)
 
 
 @inner
-def grid_point(frame: Frame, gx: float, gy: float) -> tuple[float, float]:
+def grid_point(frame: GridFrame, gx: float, gy: float) -> tuple[float, float]:
     """Return the point so far (m) along a grid's columns and rows from its corner."""
     return (
         frame.x + frame.cos * gx - frame.sin * gy,
@@ -66,7 +66,7 @@ class GridData(NamedTuple):
 
     sums: npt.NDArray[np.int32]
     clearance: npt.NDArray[np.float32]
-    frame: Frame
+    frame: GridFrame
 
 
 class ShapeData(NamedTuple):
@@ -105,7 +105,7 @@ class WorldData(NamedTuple):
     shape: ShapeData
 
 
-NO_FRAME = Frame(0.0, 0.0, 1.0, 0.0, 0.0, 1.0)
+NO_FRAME = GridFrame(0.0, 0.0, 1.0, 0.0, 0.0, 1.0)
 """The frame of a grid that is not there."""
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from up_samp.geometry import kernels
 from up_samp.geometry.cells import distances_to, grown
-from up_samp.geometry.kernels import Frame, GridData, PolyData, WorldData
+from up_samp.geometry.kernels import GridData, GridFrame, PolyData, WorldData
 from up_samp.geometry.maps import OccupancyGrid
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.shapes import Shape, shape_of
@@ -43,7 +43,7 @@ def grid_data(grid: OccupancyGrid | None) -> GridData:
     np.cumsum(sums, axis=0, out=sums)
     x, y, yaw = grid.origin
     place = (x, y, math.cos(yaw), math.sin(yaw), yaw, grid.resolution)
-    frame = Frame(*map(float, place))
+    frame = GridFrame(*map(float, place))
     return GridData(sums, clearance_field(blocked, grid.resolution), frame)
 
 

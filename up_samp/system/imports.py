@@ -1,6 +1,6 @@
 """What libraries import and our use of them does not need, put off until somebody needs it.
 
-Both cases are a tenth of the time of a small problem from the shell. They are for processes of our
+All cases are a tenth of the time of a small problem from the shell. They are for processes of our
 own only, commands and workers, which say so by :func:`own_the_process`; in a user's interpreter,
 whose threads and libraries are not ours, everything is imported as its authors wrote it. Nothing
 that a library can do is lost: what was put off is imported when it is first used. Where a library
@@ -12,6 +12,7 @@ from __future__ import annotations
 import importlib
 import sys
 import types
+from collections.abc import Sequence
 from typing import Any
 
 _ours = [False]
@@ -26,21 +27,38 @@ def load_cp_model() -> None:
     """Import OR-Tools' ``cp_model`` without pandas, which it needs for its methods that take or
     return series only.
     """
-    name = "ortools.sat.python.cp_model"
-    if not _ours[0] or name in sys.modules or "pandas" in sys.modules:
+    _import_without("pandas", ("Index", "Series"), "ortools.sat.python.cp_model")
+
+
+def load_unified_planning() -> None:
+    """Import Unified Planning's models, plans and engines without networkx, which they need for
+    graphs of tasks and of partial orders only.
+    """
+    _import_without("networkx", ("DiGraph",), "unified_planning.engines")
+
+
+def _import_without(library: str, names: Sequence[str], module: str) -> None:
+    """Import ``module`` and all that it needs, but not ``library``, of which only the classes
+    ``names`` are looked at meanwhile (in signatures).
+    """
+    if not _ours[0] or module in sys.modules or library in sys.modules:
         return
-    stand_in = types.ModuleType("pandas")
-    stand_in.__dict__.update(Index=type("Index", (), {}), Series=type("Series", (), {}))
-    sys.modules["pandas"] = stand_in
+    stand_in = types.ModuleType(library)
+    stand_in.__dict__.update({name: type(name, (), {}) for name in names})
+    before = set(sys.modules)
+    sys.modules[library] = stand_in
     try:
-        cp_model: Any = importlib.import_module(name)
-    except Exception:  # it needs more of pandas than the two names in its signatures
-        sys.modules.pop(name, None)
+        importlib.import_module(module)
+    except Exception:  # something needs more of the library than these classes
+        for name in set(sys.modules) - before:
+            del sys.modules[name]
         return
     finally:
-        del sys.modules["pandas"]
-    if getattr(cp_model, "pd", None) is stand_in:
-        cp_model.pd = _Later("pandas")
+        sys.modules.pop(library, None)
+    for name in set(sys.modules) - before:
+        space = vars(sys.modules[name])
+        for key in [k for k, value in space.items() if value is stand_in]:
+            space[key] = _Later(library)
 
 
 class _Later(types.ModuleType):

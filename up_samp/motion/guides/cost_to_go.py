@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from up_samp.geometry import Scene, Shape
 from up_samp.geometry.compiled import inner, kernel
-from up_samp.geometry.kernels import NO_FRAME, Frame, PolyData, along, grid_along, grid_point
+from up_samp.geometry.kernels import NO_FRAME, GridFrame, PolyData, along, grid_along, grid_point
 from up_samp.geometry.memory import Memory
 from up_samp.model import Placed
 from up_samp.motion.guides.visibility import sees
@@ -28,7 +28,7 @@ class Field(NamedTuple):
     """
 
     values: npt.NDArray[np.float32]
-    frame: Frame
+    frame: GridFrame
 
 
 @kernel
@@ -75,7 +75,7 @@ def point_to_convex(x: float, y: float, verts: npt.NDArray[np.float64], n: int) 
 @kernel
 def mark_near(
     cells: npt.NDArray[np.bool_],
-    frame: Frame,
+    frame: GridFrame,
     polys: PolyData,
     reach: float,
     only: int,

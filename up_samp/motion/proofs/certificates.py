@@ -24,7 +24,7 @@ import numpy.typing as npt
 from up_samp.geometry import Scene
 from up_samp.geometry.cells import distances_to, label_regions, nearest_to
 from up_samp.geometry.compiled import kernel
-from up_samp.geometry.kernels import Frame, PolyData, grid_along, grid_point
+from up_samp.geometry.kernels import GridFrame, PolyData, grid_along, grid_point
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.shapes import core_of, shape_of
 from up_samp.model import (
@@ -47,7 +47,7 @@ MOST_ALTERNATIVES = 16
 
 @kernel
 def mark_blocked(
-    owners: npt.NDArray[np.int64], frame: Frame, polys: PolyData, radius: float
+    owners: npt.NDArray[np.int64], frame: GridFrame, polys: PolyData, radius: float
 ) -> None:
     """Set bit i in the cells that obstacle ``i`` surely blocks for a disc of ``radius`` m."""
     rows, cols = owners.shape
