@@ -12,7 +12,10 @@ from unified_planning.shortcuts import LE, OneshotPlanner
 
 from tests.search.test_several_maps import House, hall, lifted
 from up_samp.execution import Delays, Executor, dependencies_of, simulate, with_dependencies
+from up_samp.execution.delays import draw
 from up_samp.execution.judge import contacts_of
+from up_samp.execution.replan import solve_remaining
+from up_samp.execution.simulate import Floor, simulation_of
 from up_samp.export import export_plan
 from up_samp.io import contradictions, plan_from_dict, read_plan, result_to_dict, write_plan
 from up_samp.io.files import check_plan
@@ -167,10 +170,28 @@ def test_exports_are_in_the_frame_of_the_map(tmp_path):
     assert str(round(frame.of((9.5, 1.5, 0.0))[0], 3)) not in text
 
 
-def test_what_is_left_of_a_plan_on_floors_is_refused(house, solved):
+@pytest.mark.parametrize("moment", ["out", "ride", "back"])
+def test_what_is_left_of_a_plan_on_floors(house, solved, moment):
+    """Planned anew on either floor and in the lift: everybody goes on from where they stand."""
     executor = Executor(solved, house.problem)
-    with pytest.raises(UnsupportedError, match="several maps"):
-        executor.remaining_problem()
+    found = executor.dependencies
+    floor = Floor(executor, found, draw(Delays(slow=0.3), ["r0", "r1"], (), 60.0, 4))
+    while executor.phase(moment).value == "waiting":
+        floor.step()
+    for _ in range(20):
+        floor.step()
+    left = executor.remaining_problem()
+    plan = solve_remaining(left, seconds=60)
+    assert validate_plan(left.problem, plan_from_dict(left.problem, plan)).valid
+    stands = {o["name"]: (o["initial"], o.get("map", 0)) for o in plan["objects"]}
+    assert stands["r0"][1] == (1 if moment == "back" else 0)
+    assert stands["r1"][1] == 1
+    record = simulation_of(floor, solved, "staircase", 4).record
+    for name, (pose, _) in stands.items():
+        mine = [m for m in record["motions"] if m["object"] == name]
+        last = mine[-1]["samples"][-1]
+        if name not in left.stops and mine[-1]["activity"] != "out":
+            assert np.allclose(pose[:2], last[1:3], atol=2e-3)
 
 
 def test_exports_of_floors_are_refused(solved, tmp_path):

@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 from unified_planning.model import FNode, TimepointKind
 from unified_planning.model.motion import (
     SE2,
@@ -21,14 +20,13 @@ from up_samp.execution.build import planned_of
 from up_samp.execution.graph import At, Event
 from up_samp.execution.involved import involves, moves
 from up_samp.execution.lives import Drive
+from up_samp.execution.places import Places
 from up_samp.execution.state import Phase, State
 from up_samp.execution.substitute import Substitution, later_by, names_in
 from up_samp.execution.surprise import Remaining, Surprise, check_names, rest_of_plan
 from up_samp.execution.values import ValuesNow
-from up_samp.io.floors import maps_of
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import Configuration, ProblemError, UnsupportedError
-from up_samp.model.frames import Frame
 
 NEAR = 1e-3
 """Poses closer than this (m, rad) are the same place."""
@@ -62,12 +60,9 @@ class _Builder:
     ):
         if not isinstance(problem, SchedulingMotionProblem):
             raise UnsupportedError("remaining problems are made of problems with motions only")
-        if len(maps_of(plan)) > 1:
-            raise UnsupportedError(
-                f"what is left of '{problem.name}' cannot be said yet: the plan is on several maps"
-            )
         self.source, self.plan, self.state, self.drives = problem, plan, state, drives
         self.surprise = surprise
+        self.places = Places(problem, plan, state, drives)
         self.unit = float(plan["seconds_per_unit"])
         self.m = problem.environment.expression_manager
         self.planned = planned_of(problem, plan)
@@ -168,7 +163,7 @@ class _Builder:
         for name in sorted(running):
             activity = next(a for a in target._activities if a.name == name)
             target.add_constraint(self.m.LE(activity.start, self.m.Int(0)))
-        places = self._places(target)
+        places = self._set_places(target)
         self._initial(target)
         for add in self.surprise.new:
             add(target)
@@ -305,47 +300,23 @@ class _Builder:
 
     # ------------------------------------------------------------------ where everybody is
 
-    def _places(self, target: SchedulingMotionProblem) -> dict[str, ConfigurationObject]:
+    def _set_places(self, target: SchedulingMotionProblem) -> dict[str, ConfigurationObject]:
         """Set every object's initial configuration to where it is; begun motions go on from
         there.
         """
         found: dict[str, ConfigurationObject] = {}
-        types = [o.type for o in self.source.all_objects if isinstance(o, ConfigurationObject)]
-        initial = {m.object().name: (m, c) for m, c in self.source.initial_configuration}
+        at = {name: progress for name, (progress, _) in self.stops.items()}
         target._initial_configuration = []
-        for name, (movable, first) in initial.items():
-            pose = self._pose_of(name, tuple(float(v) for v in first.object().configuration))
-            place = self._place(target, name, pose, first.object().type or types[0])
+        for movable, _ in self.source.initial_configuration:
+            name = movable.object().name
+            pose, type_ = self.places.of(name, at, self.surprise.broken)
+            place = self._place(target, name, pose, type_)
             found[name] = place
             target._initial_configuration.append((movable, self.m.ObjectExp(place)))
         for activity in target._motion_activities:
             if self.state.phase.get(activity.name) is Phase.RUNNING:
                 self._go_on(activity, found)
         return found
-
-    def _pose_of(self, name: str, first: Configuration) -> Configuration:
-        """Return where an object stands when the new clock starts."""
-        if name in self.surprise.broken:
-            return tuple(float(v) for v in self.surprise.broken[name])
-        pose, since = first, -math.inf
-        for (activity, who), drive in self.drives.items():
-            phase = self.state.phase[activity]
-            begun = self.state.fired.get(Event(At.START, activity), -math.inf)
-            if who != name or phase is Phase.WAITING or begun < since:
-                continue
-            since = begun
-            at = drive.path.length if phase is Phase.DONE else self.stops[name][0]
-            x, y, theta = (float(v) for v in drive.path.poses_at(_array(at))[0])
-            pose = (x, y, theta)
-        for ride in self.plan.get("rides", ()):
-            key = ride["activity"], ride["carrier"]
-            if ride["object"] == name and self.state.phase[key[0]] is Phase.RUNNING:
-                return Frame(*self._pose_of(key[1], first)).of(ride["offset"])
-        for change in self.plan["changes"]:
-            when = self.state.fired.get(Event(At.END, change["activity"]), -math.inf)
-            if change["object"] == name and when >= since and when > -math.inf:
-                since, pose = when, tuple(float(v) for v in change["configuration"])
-        return pose
 
     def _place(
         self, target: SchedulingMotionProblem, name: str, pose: Configuration, type_: Any
@@ -396,7 +367,3 @@ class _Builder:
             arguments = [self._constant(e[1]) for e in key[2:]]
             fluent = target.fluent(key[1])
             target.set_initial_value(fluent(*arguments), self._constant(value))
-
-
-def _array(value: float) -> Any:
-    return np.array([value])

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
+from matplotlib.ticker import MaxNLocator
 
 from up_samp.plotting.colors import INK, OTHER, color_of, mixed
 from up_samp.plotting.rows import Row, rows_of
@@ -154,6 +155,7 @@ def plot_makespans(
     )
     ax.set_xlabel("makespan [s]")
     ax.set_ylabel("runs")
+    ax.yaxis.set_major_locator(MaxNLocator(integer=True))
     for side in ("top", "right"):
         ax.spines[side].set_visible(False)
     ax.legend(frameon=False, fontsize=9)
