@@ -187,6 +187,20 @@ class MotionWriter(Writer):
         m.add_motion_effect(self.bodies[r], self.spots[b])
         return m
 
+    def _guide(self, r, origin, roads, copy):
+        name = "go" if origin is None else f"leave{origin}"
+        m = self.problem.add_motion_activity(
+            self.name(f"{name}copy{copy}by", r), 1, optional=True
+        )
+        m.set_duration_bounds(*((1, LONGEST) if self.style.lasts == "fixed" else (2, 99)))
+        self._decide(m, origin)
+        source, to = self.ends[m.name]
+        m.add_motion_constraint(
+            ActivityWaypoints(self.bodies[r], source, [to], *self._obstacles(r))
+        )
+        m.add_motion_effect(self.bodies[r], to)
+        return m
+
     def _obstacles(self, r):
         """Return the static and the dynamic obstacles of a robot's moves."""
         how = self.style.obstacles

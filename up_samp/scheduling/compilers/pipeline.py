@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from up_samp.model import CandidateSchedule, check_time
+from up_samp.scheduling.compilers.dense import compile_dense
 from up_samp.scheduling.compilers.differences import compile_differences
 from up_samp.scheduling.compilers.flat import compile_flat_types
 from up_samp.scheduling.compilers.ground import compile_ground
@@ -33,7 +34,13 @@ def compilers_for(quirks: Quirks, *, apart: bool = False) -> list[Compiler]:
 
     ``apart`` says once more, by differences, that effects keep out of others' conditions.
     """
-    passes: list[Compiler] = [compile_rules, compile_ground, compile_stillness, compile_support]
+    passes: list[Compiler] = [
+        compile_rules,
+        compile_ground,
+        compile_dense,
+        compile_stillness,
+        compile_support,
+    ]
     if apart:
         passes.append(compile_apart)
     if not quirks.hierarchical_types:

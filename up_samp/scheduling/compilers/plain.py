@@ -50,13 +50,15 @@ class Activity:
 @dataclass(frozen=True)
 class Condition:
     """``expression`` holds at every instant of the closed interval ``[low, high]`` (two ``time``
-    expressions; nothing is demanded where it is empty), if its ``owner`` is present.
+    expressions; nothing is demanded where it is empty), if its ``owner`` is present. ``dense``:
+    and until right before ``high + 1``.
     """
 
     low: Expr
     high: Expr
     expression: Expr
     owner: str | None = None
+    dense: bool = False
 
 
 @dataclass(frozen=True)

@@ -149,7 +149,8 @@ class _Reader:
             low = later(low, 1)
         if span.is_right_open():
             high = later(high, -1)
-        return Condition(low, high, self.expression(expression), owner)
+        said = self.expression(expression)
+        return Condition(low, high, said, owner, dense=span.is_right_open())
 
     def _effects(self, timing: Any, effect: Any, owner: str | None) -> list[Effect]:
         if effect.is_assignment():

@@ -41,8 +41,8 @@ def _renews(problem: PlainProblem, condition: Condition, effect: Effect) -> bool
     """Return whether the effect may come within the interval and keep the condition true."""
     if _breaks(condition, effect):
         return False
-    before = _least(problem, effect.time, condition.low)
-    after = _least(problem, condition.high, effect.time)
+    before = least(problem, effect.time, condition.low)
+    after = least(problem, condition.high, effect.time)
     return not ((before is not None and before >= 1) or (after is not None and after >= 0))
 
 
@@ -58,7 +58,7 @@ def _breaks(condition: Condition, effect: Effect) -> bool:
     return bool(wanted[0] != effect.value)
 
 
-def _least(problem: PlainProblem, early: Expr, late: Expr) -> int | None:
+def least(problem: PlainProblem, early: Expr, late: Expr) -> int | None:
     """Return a lower bound on ``late - early`` (``None``: nothing is known)."""
     (_, first, a, before), (_, second, b, after) = early, late
     gap = int(after - before)
