@@ -36,6 +36,8 @@ from tests.metamorphic.sites import GAP, PREPARE, ROBOT, MotionSite
 
 LEAF = GAP / 2 + 0.1
 LONGEST = 60
+LONG = 15
+"""Durations of moves: more than each needs."""
 
 
 @dataclass(frozen=True)
@@ -43,9 +45,10 @@ class MotionStyle(Style):
     """How a site with motions is written.
 
     ``obstacles``: doors and robots as "lists", "dicts" or "mixed"; "moving" lists all of them as
-    dynamic obstacles; "none" names nobody, so that all count. ``at``: a task with a choice of
-    places has a condition "or", or a "parameter" of a configuration type. ``team``: who does a
-    whole team's tasks is said by "variables" or by "presences".
+    dynamic obstacles; "none" names nobody, so that all count; "asymmetric" lists those robots only
+    that were there before. ``lasts`` "long": every move takes ``LONG``. ``at``: a task with a
+    choice of places has a condition "or", or a "parameter" of a configuration type. ``team``:
+    who does a whole team's tasks is said by "variables" or by "presences".
     """
 
     obstacles: str = "dicts"
@@ -60,7 +63,10 @@ class MotionStyle(Style):
         """
         everybody = self.obstacles in ("none", "moving")
         late = self.obstacles == "dicts" and self.arrive == "end"
-        return (*super().units, int(everybody), int(late))
+        fewer = self.obstacles == "asymmetric"
+        known = (int(everybody), int(late), int(fewer), int(self.lasts == "long"))
+        # (who is asked for a door is a matter of motions here)
+        return (*super().units[:-1], *known)
 
     def __str__(self) -> str:
         base = MotionStyle()
@@ -88,6 +94,9 @@ ALIKE = [
     M(shuffled=1),
     M(fluents="precedences", shuffled=2, lasts="bounds", obstacles="lists", hands="pairs"),
     M(fluents="parameter", shuffled=3, obstacles="mixed", alone="level", one_of="inside"),
+    M(fluents="precedences", rivals="leaving", obstacles="lists", hands="pairs"),
+    M(moves="leave"),
+    M(moves="leave", alone="uses", obstacles="lists", shuffled=6),
 ]  # fmt: skip
 """Styles that mean the same, unit by unit."""
 OTHERS = [
@@ -101,8 +110,17 @@ OTHERS = [
     M(obstacles="none"),
     M(obstacles="moving", alone="uses", one_of="nested", shuffled=5),
     M(obstacles="none", fluents="precedences", hands="pairs"),
+    M(obstacles="asymmetric"),
+    M(obstacles="asymmetric", alone="implies", one_of="nested", shuffled=7),
+    M(obstacles="asymmetric", fluents="precedences", hands="pairs"),
+    M(lasts="long"),
+    M(lasts="long", arrive="start + d", alone="uses"),
+    M(lasts="long", way="road", obstacles="lists"),
 ]
 """Styles with meanings of their own: those of equal ``units`` mean the same."""
+
+
+LASTS = {"fixed": (1, LONGEST), "bounds": (2, 99), "long": (LONG, LONG)}
 
 
 def write(site: MotionSite, style: MotionStyle, folder) -> SchedulingMotionProblem:
@@ -146,6 +164,9 @@ class MotionWriter(Writer):
             problem.add_object(body)
             problem.set_initial_configuration(body, self.spots[self.site.starts[r]])
             self.bodies.append(body)
+        if self.style.way == "road":
+            poses = [self.site.floor.poses[self.site.starts[r]] for r in self.robots]
+            self.roads = [place(f"road{r}", pose) for r, pose in enumerate(poses)]
         self.doors = {}
         for p, (shut, away) in self.site.floor.leaves.items():
             leaf = MovableObject(
@@ -179,7 +200,7 @@ class MotionWriter(Writer):
     # -- motions ---------------------------------------------------------------------------------
     def _road(self, r, a, b, length):
         m = self.problem.add_motion_activity(self.name(f"move{a}to{b}by", r), 1, optional=True)
-        m.set_duration_bounds(*((1, LONGEST) if self.style.lasts == "fixed" else (2, 99)))
+        m.set_duration_bounds(*LASTS[self.style.lasts])
         static, dynamic = self._obstacles(r)
         m.add_motion_constraint(
             ActivityWaypoints(self.bodies[r], self.spots[a], [self.spots[b]], static, dynamic)
@@ -189,10 +210,8 @@ class MotionWriter(Writer):
 
     def _guide(self, r, origin, roads, copy):
         name = "go" if origin is None else f"leave{origin}"
-        m = self.problem.add_motion_activity(
-            self.name(f"{name}copy{copy}by", r), 1, optional=True
-        )
-        m.set_duration_bounds(*((1, LONGEST) if self.style.lasts == "fixed" else (2, 99)))
+        m = self.problem.add_motion_activity(self.name(f"{name}copy{copy}by", r), 1, optional=True)
+        m.set_duration_bounds(*LASTS[self.style.lasts])
         self._decide(m, origin)
         source, to = self.ends[m.name]
         m.add_motion_constraint(
@@ -213,6 +232,8 @@ class MotionWriter(Writer):
         static = list(leaves.values())
         if how == "dicts":
             static = {leaf: self.open[p] for p, leaf in leaves.items()}
+        if how == "asymmetric":
+            return static, [self.bodies[q] for q in others if q < r]
         if how == "lists":
             return static, [self.bodies[q] for q in others]
         return static, {self.bodies[q]: self.at[q] for q in others}

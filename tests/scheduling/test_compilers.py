@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-import pytest
+from dataclasses import replace
 
-from up_samp.model import CandidateSchedule, UnsupportedError
+import pytest
+from unified_planning.model import GlobalStartTiming, RightOpenTimeInterval, Timing
+from unified_planning.model.scheduling import SchedulingProblem as UpProblem
+from unified_planning.shortcuts import BoolType, MinimizeMakespan
+
+from up_samp.model import CandidateSchedule, Deadline, UnsupportedError
+from up_samp.scheduling.adapters import EngineScheduler, _engine_class
 from up_samp.scheduling.compilers.cliques import find_cliques
+from up_samp.scheduling.compilers.dense import compile_dense
 from up_samp.scheduling.compilers.differences import compile_differences
 from up_samp.scheduling.compilers.flat import compile_flat_types
 from up_samp.scheduling.compilers.ground import compile_ground
 from up_samp.scheduling.compilers.names import compile_names
 from up_samp.scheduling.compilers.optional import compile_optional
 from up_samp.scheduling.compilers.plain import (
+    TRUE,
     Activity,
     Condition,
     Effect,
@@ -31,6 +39,7 @@ from up_samp.scheduling.compilers.stillness import compile_stillness
 from up_samp.scheduling.compilers.support import compile_support
 from up_samp.scheduling.compilers.tokens import compile_tokens
 from up_samp.scheduling.compilers.write import write_problem
+from up_samp.validation import validate_schedule
 
 from . import problems
 
@@ -300,3 +309,56 @@ def test_nothing_is_asked_of_an_activity_that_cannot_be_there():
     compiled = compile_settled(compile_differences(problem).problem)
     assert [a.name for a in compiled.problem.activities] == ["a", "c"]
     assert texts(compiled) == ["le(a.end + 1, c.end)"]
+
+
+@pytest.mark.parametrize(
+    ("owner", "time", "value", "said"),
+    [
+        ("a", end("a", -1), False, ["not(present(a))"]),  # seen right after it, inside
+        ("a", end("a", -1), True, []),
+        ("a", end("a"), False, []),  # seen after the condition
+        ("b", end("b"), False, []),  # others keep out
+        (
+            None,
+            ("time", "zero", None, 3),
+            False,
+            ["or(lt(zero + 3, a.end - 1), lt(a.end - 1, zero + 3))"],
+        ),
+    ],
+)
+def test_what_is_set_in_the_last_unit_of_a_half_open_condition_is_seen(owner, time, value, said):
+    ready = ("flu", "ready")
+    problem = of(
+        activity("a", optional=owner == "a"),
+        activity("b"),
+        fluents={"ready": Fluent(("bool",), (), TRUE)},
+        conditions=(Condition(start("a"), end("a", -1), ready, "a", dense=True),),
+        effects=(Effect(time, "assign", ready, ("bool", value), owner=owner),),
+    )
+    compiled = compile_dense(problem)
+    assert texts(compiled) == said
+    assert compiled.exact
+    closed = replace(problem, conditions=(replace(problem.conditions[0], dense=False),))
+    assert compiled.problem.conditions == closed.conditions
+    assert texts(compile_dense(closed)) == []
+
+
+@pytest.mark.parametrize("engine", ["aries", "aries-opt"])
+def test_a_half_open_condition_is_waited_for(engine):
+    """The problem clears a flag at 4 and sets it again at 6: five units fit after that only."""
+    problem = UpProblem("flag")
+    ready = problem.add_fluent("ready", BoolType(), default_initial_value=True)
+    a = problem.add_activity("a", 5)
+    span = RightOpenTimeInterval(Timing(0, a.start), Timing(0, a.end))
+    a.add_condition(span, ready())
+    problem.add_effect(GlobalStartTiming(4), ready(), False)
+    problem.add_effect(GlobalStartTiming(6), ready(), True)
+    problem.add_quality_metric(MinimizeMakespan())
+
+    def check(problem, schedule):
+        return [str(v) for v in validate_schedule(problem, schedule).violations]
+
+    which = _engine_class(engine, problem.environment)
+    with EngineScheduler(which, problem, {}, check) as scheduler:
+        report = scheduler.solve(Deadline.after(30))
+    assert report.schedule.times == {"a": (7, 12)}
