@@ -76,11 +76,11 @@ def test_this_package_has_no_circle(house):
 
 
 LIMITS = {
-    "long_functions": 14,
-    "wide_functions": 70,
-    "long_files": 25,
+    "long_functions": 8,
+    "wide_functions": 44,
+    "long_files": 24,
     "constants": 300,
-    "said_twice": 110,
+    "said_twice": 92,
 }
 """What the figures may be at most: lower them when they fall, never raise them for convenience."""
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import traceback
 import warnings
 from collections.abc import Callable, Generator, Iterator
 from typing import IO, TYPE_CHECKING, Any
@@ -11,8 +10,6 @@ from typing import IO, TYPE_CHECKING, Any
 from unified_planning.engines import (
     Credits,
     Engine,
-    LogLevel,
-    LogMessage,
     MetaEngine,
     PlanGenerationResult,
     PlanGenerationResultStatus,
@@ -20,15 +17,24 @@ from unified_planning.engines import (
 from unified_planning.engines.mixins.anytime_planner import AnytimeGuarantee, AnytimePlannerMixin
 from unified_planning.engines.mixins.oneshot_planner import OneshotPlannerMixin, OptimalityGuarantee
 from unified_planning.model import ProblemKind
-from unified_planning.model.motion import MovableObject, SchedulingMotionProblem
+from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.plans import Plan, Schedule
 
+from up_samp.engines.compiling import begin_compiling
 from up_samp.engines.direct import DirectFace
 from up_samp.engines.kinds import engine_kind, samp_kind
+from up_samp.engines.results import (
+    SampResult,
+    broke_down,
+    result_of,
+    status_of,
+    too_late,
+    was_asked_for,
+    with_progress,
+)
 from up_samp.model import (
     Deadline,
     EngineError,
-    MotionModel,
     OutOfTimeError,
     ProblemError,
     Refusal,
@@ -36,15 +42,13 @@ from up_samp.model import (
     UnsupportedError,
     in_force,
 )
-from up_samp.model.errors import InterruptedSearch, short
-from up_samp.model.refinement import Layer
+from up_samp.model.errors import InterruptedSearch
 from up_samp.scheduling.quirks import is_compatible
 from up_samp.search.params import split_parameters
 
 if TYPE_CHECKING:
     from up_samp.search.bounds import Incumbent
     from up_samp.search.conclusion import SearchResult
-    from up_samp.search.history import History, ProgressEvent
     from up_samp.search.search import Search
     from up_samp.upio import SampSchedule
 
@@ -63,23 +67,6 @@ credits = Credits(
     "Scheduling and motion planning, interleaved: a scheduler proposes, motion planners check, "
     "and what they learn refines the scheduling problem until schedule and motions fit.",
 )
-
-_STATUSES = {
-    "OPTIMAL": PlanGenerationResultStatus.SOLVED_OPTIMALLY,
-    "SOLVED": PlanGenerationResultStatus.SOLVED_SATISFICING,
-    "UNSOLVABLE": PlanGenerationResultStatus.UNSOLVABLE_PROVEN,
-    "EXHAUSTED": PlanGenerationResultStatus.UNSOLVABLE_INCOMPLETELY,
-    "OUT_OF_TIME": PlanGenerationResultStatus.TIMEOUT,
-    "STOPPED": PlanGenerationResultStatus.TIMEOUT,
-    "FAILED": PlanGenerationResultStatus.INTERNAL_ERROR,
-}
-"""UP's status for each :class:`up_samp.search.conclusion.Conclusion`, by its name."""
-
-
-class SampResult(PlanGenerationResult):  # type: ignore[misc]
-    """A UP result that carries the search's history (rounds, refinements, times, bounds)."""
-
-    history: History
 
 
 class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixin):  # type: ignore[misc]
@@ -202,7 +189,7 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         ``start``: a plan to begin from, of this problem or of one with some of its activities.
         """
         moves = isinstance(problem, SchedulingMotionProblem) and problem.motion_activities
-        compiling = _begin_compiling(problem) if moves else None
+        compiling = begin_compiling(problem) if moves else None
         # imports, too, are made before the clock runs
         from up_samp.engines.plain import schedule_plainly
         from up_samp.search.session import run
@@ -219,7 +206,7 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
             with in_force(deadline):
                 search = self._open(problem, deadline, stream, start)
         except OutOfTimeError:
-            yield self._too_late(deadline)
+            yield too_late(self.name, self.params, deadline)
             return
         yield from self._told(problem, search, run(search, optimal=optimal), deadline)
 
@@ -238,10 +225,10 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
             raise InterruptedSearch(self._final(problem, search, best)) from stop
         except Exception as error:
             planned = search.bounds.incumbent is not None
-            if _was_asked_for(error) or (isinstance(error, SampError) and not planned):
+            if was_asked_for(error) or (isinstance(error, SampError) and not planned):
                 raise
             log.exception("the search broke down")
-            yield self._failure(problem, search, _broke_down(error))
+            yield self._failure(problem, search, broke_down(error))
         finally:
             steps.close()
 
@@ -282,23 +269,6 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         except (InvalidPlanError, EngineError) as error:
             yield self._failure(problem, search, str(error))
 
-    def _too_late(self, deadline: Deadline) -> PlanGenerationResult:
-        """Return that the time was over before the problem was even read."""
-        from up_samp.search.history import History
-
-        why = "the time was over before the search began: the problem or its map is large"
-        metrics = {
-            "preset": self.params.preset,
-            "lower_bound": "0",
-            "bound_kind": "absolute",
-            "seconds_total": f"{deadline.elapsed():.3f}",
-            "seconds_per_unit": repr(self.params.seconds_per_unit),
-        }
-        messages = [LogMessage(LogLevel.INFO, why)]
-        result = SampResult(PlanGenerationResultStatus.TIMEOUT, None, self.name, metrics, messages)
-        result.history = History()
-        return result
-
     def _open(
         self,
         problem: SchedulingMotionProblem,
@@ -311,7 +281,7 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
 
         params = self.params
         if stream is not None and params.progress is None:
-            params = _with_progress(params, stream)
+            params = with_progress(params, stream)
         spu = params.seconds_per_unit
 
         def check_plan(plan: SampSchedule) -> list[Refusal]:
@@ -343,7 +313,7 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
 
         incumbent = search.bounds.incumbent
         plan = None if incumbent is None else incumbent.plan
-        status = _STATUSES[ending.conclusion.name]
+        status = status_of(ending.conclusion)
         solved = PlanGenerationResultStatus.SOLVED_SATISFICING
         if status is PlanGenerationResultStatus.SOLVED_OPTIMALLY and not problem.quality_metrics:
             status = solved
@@ -362,96 +332,9 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         return self._final(problem, search, SearchResult(Conclusion.FAILED, why))
 
     def _result(
-        self,
-        status: PlanGenerationResultStatus,
-        plan: Plan | None,
-        search: Search,
-        why: str,
+        self, status: PlanGenerationResultStatus, plan: Plan | None, search: Search, why: str
     ) -> PlanGenerationResult:
-        level = (
-            LogLevel.ERROR if status is PlanGenerationResultStatus.INTERNAL_ERROR else LogLevel.INFO
-        )
-        messages = [LogMessage(level, why)] if why else []
-        result = SampResult(status, plan, self.name, self._metrics(search), messages)
-        result.history = search.history
-        return result
-
-    def _metrics(self, search: Search) -> dict[str, str]:
-        history, bounds = search.history, search.bounds
-        metrics = {
-            "preset": self.params.preset,
-            "lower_bound": str(bounds.lower),
-            "bound_kind": (
-                "relative to the motion planner's durations" if bounds.relative else "absolute"
-            ),
-            "rounds": str(len(history.rounds)),
-            "restarts": str(history.restarts),
-            "refinements_bound": str(history.count(Layer.BOUND)),
-            "refinements_geometric": str(history.count(Layer.GEOMETRIC)),
-            "refinements_temporal": str(history.count(Layer.TEMPORAL)),
-            "refinements_group": str(history.count(Layer.GROUP)),
-            "seconds_scheduler": f"{history.seconds_scheduler:.3f}",
-            "seconds_motion": f"{history.seconds_motion:.3f}",
-            "seconds_total": f"{search.budget.deadline.elapsed():.3f}",
-            "seconds_per_unit": repr(self.params.seconds_per_unit),
-            **history.stages.metrics(),
-        }
-        if history.recognised or history.left_over:
-            metrics["recognised"] = "; ".join(history.recognised)
-            metrics["left_over"] = "; ".join(history.left_over)
-        if history.refused:
-            metrics["refused"] = str(len(history.refused))
-        if bounds.incumbent is not None:
-            makespan = bounds.incumbent.schedule.makespan
-            metrics["makespan"] = str(makespan)
-            metrics["gap"] = f"{1 - bounds.lower / makespan if makespan else 0:.4f}"
-        return metrics
-
-
-def _begin_compiling(problem: SchedulingMotionProblem) -> Any:
-    """Begin to compile what the problem's bodies need, once per machine, before the clock runs and
-    beside the imports.
-    """
-    from up_samp.motion.compile import begin
-
-    movers = _movers(problem)
-    models = {MotionModel[o.motion_model.name] for o in movers}
-    return begin(models, several=len(movers) > 1)
-
-
-def _movers(problem: SchedulingMotionProblem) -> set[MovableObject]:
-    """Return what is moved by a motion constraint (doors and loads change place in one instant)."""
-    moved = (c.movable for a in problem.motion_activities for c in a.motion_constraints)
-    return {expression.object() for expression in moved if expression.is_object_exp()}
-
-
-def _with_progress(params: Any, stream: IO[str]) -> Any:
-    """Return parameters that write each step to ``stream``."""
-    import dataclasses
-
-    def write(event: ProgressEvent) -> None:
-        bounds = f"[{event.lower_bound}, {event.upper_bound}]"
-        stream.write(
-            f"{event.elapsed:8.2f} s  round {event.round}  {bounds}  {event.phase}: "
-            f"{event.message}\n"
-        )
-
-    return dataclasses.replace(params, progress=write)
-
-
-def _was_asked_for(error: Exception) -> bool:
-    """Return whether an observer raised it: that is how one ends a search."""
-    from up_samp.search import events
-
-    frames = traceback.walk_tb(error.__traceback__)
-    return any(frame.f_globals is vars(events) for frame, _ in frames)
-
-
-def _broke_down(error: Exception) -> str:
-    """Return what was raised and where, for a message."""
-    place = traceback.extract_tb(error.__traceback__)[-1]
-    said = short(str(error), 500) or "no further word"
-    return f"{type(error).__name__}: {said} ({place.filename}, line {place.lineno})"
+        return result_of(self.name, self.params, search, status, plan, why)
 
 
 __all__ = ["SampRefine", "SampResult"]

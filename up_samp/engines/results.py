@@ -1,0 +1,143 @@
+"""What ``samp-refine`` tells of a search in UP's words: statuses, metrics, messages."""
+
+from __future__ import annotations
+
+import traceback
+from dataclasses import replace
+from typing import IO, TYPE_CHECKING
+
+from unified_planning.engines import (
+    LogLevel,
+    LogMessage,
+    PlanGenerationResult,
+    PlanGenerationResultStatus,
+)
+from unified_planning.plans import Plan
+
+from up_samp.model import Deadline
+from up_samp.model.errors import short
+from up_samp.model.refinement import Layer
+from up_samp.search.params import Parameters
+
+if TYPE_CHECKING:
+    from up_samp.search.conclusion import Conclusion
+    from up_samp.search.history import History, ProgressEvent
+    from up_samp.search.search import Search
+
+
+_STATUSES = {
+    "OPTIMAL": PlanGenerationResultStatus.SOLVED_OPTIMALLY,
+    "SOLVED": PlanGenerationResultStatus.SOLVED_SATISFICING,
+    "UNSOLVABLE": PlanGenerationResultStatus.UNSOLVABLE_PROVEN,
+    "EXHAUSTED": PlanGenerationResultStatus.UNSOLVABLE_INCOMPLETELY,
+    "OUT_OF_TIME": PlanGenerationResultStatus.TIMEOUT,
+    "STOPPED": PlanGenerationResultStatus.TIMEOUT,
+    "FAILED": PlanGenerationResultStatus.INTERNAL_ERROR,
+}
+"""UP's status for each :class:`up_samp.search.conclusion.Conclusion`, by its name."""
+
+
+class SampResult(PlanGenerationResult):  # type: ignore[misc]
+    """A UP result that carries the search's history (rounds, refinements, times, bounds)."""
+
+    history: History
+
+
+def status_of(conclusion: Conclusion) -> PlanGenerationResultStatus:
+    """Return UP's status for how a search ended."""
+    return _STATUSES[conclusion.name]
+
+
+def result_of(
+    name: str,
+    params: Parameters,
+    search: Search,
+    status: PlanGenerationResultStatus,
+    plan: Plan | None,
+    why: str,
+) -> SampResult:
+    """Return the result of the engine ``name``: a plan or none, and ``why`` (or "")."""
+    failed = status is PlanGenerationResultStatus.INTERNAL_ERROR
+    messages = [LogMessage(LogLevel.ERROR if failed else LogLevel.INFO, why)] if why else []
+    result = SampResult(status, plan, name, metrics_of(params, search), messages)
+    result.history = search.history
+    return result
+
+
+def too_late(name: str, params: Parameters, deadline: Deadline) -> SampResult:
+    """Return that the time was over before the problem was even read."""
+    from up_samp.search.history import History
+
+    why = "the time was over before the search began: the problem or its map is large"
+    metrics = {
+        "preset": params.preset,
+        "lower_bound": "0",
+        "bound_kind": "absolute",
+        "seconds_total": f"{deadline.elapsed():.3f}",
+        "seconds_per_unit": repr(params.seconds_per_unit),
+    }
+    messages = [LogMessage(LogLevel.INFO, why)]
+    result = SampResult(PlanGenerationResultStatus.TIMEOUT, None, name, metrics, messages)
+    result.history = History()
+    return result
+
+
+def metrics_of(params: Parameters, search: Search) -> dict[str, str]:
+    """Return the figures of a search, by name."""
+    history, bounds = search.history, search.bounds
+    metrics = {
+        "preset": params.preset,
+        "lower_bound": str(bounds.lower),
+        "bound_kind": (
+            "relative to the motion planner's durations" if bounds.relative else "absolute"
+        ),
+        "rounds": str(len(history.rounds)),
+        "restarts": str(history.restarts),
+        "refinements_bound": str(history.count(Layer.BOUND)),
+        "refinements_geometric": str(history.count(Layer.GEOMETRIC)),
+        "refinements_temporal": str(history.count(Layer.TEMPORAL)),
+        "refinements_group": str(history.count(Layer.GROUP)),
+        "seconds_scheduler": f"{history.seconds_scheduler:.3f}",
+        "seconds_motion": f"{history.seconds_motion:.3f}",
+        "seconds_total": f"{search.budget.deadline.elapsed():.3f}",
+        "seconds_per_unit": repr(params.seconds_per_unit),
+        **history.stages.metrics(),
+    }
+    if history.recognised or history.left_over:
+        metrics["recognised"] = "; ".join(history.recognised)
+        metrics["left_over"] = "; ".join(history.left_over)
+    if history.refused:
+        metrics["refused"] = str(len(history.refused))
+    if bounds.incumbent is not None:
+        makespan = bounds.incumbent.schedule.makespan
+        metrics["makespan"] = str(makespan)
+        metrics["gap"] = f"{1 - bounds.lower / makespan if makespan else 0:.4f}"
+    return metrics
+
+
+def with_progress(params: Parameters, stream: IO[str]) -> Parameters:
+    """Return parameters that write each step to ``stream``."""
+
+    def write(event: ProgressEvent) -> None:
+        bounds = f"[{event.lower_bound}, {event.upper_bound}]"
+        stream.write(
+            f"{event.elapsed:8.2f} s  round {event.round}  {bounds}  {event.phase}: "
+            f"{event.message}\n"
+        )
+
+    return replace(params, progress=write)
+
+
+def was_asked_for(error: Exception) -> bool:
+    """Return whether an observer raised it: that is how one ends a search."""
+    from up_samp.search import events
+
+    frames = traceback.walk_tb(error.__traceback__)
+    return any(frame.f_globals is vars(events) for frame, _ in frames)
+
+
+def broke_down(error: Exception) -> str:
+    """Return what was raised and where, for a message."""
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    said = short(str(error), 500) or "no further word"
+    return f"{type(error).__name__}: {said} ({place.filename}, line {place.lineno})"
