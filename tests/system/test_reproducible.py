@@ -46,7 +46,7 @@ def test_equal_seeds_give_equal_plan_files(name):
 
 
 RANDOM = """
-import sys, json
+import sys, json, time
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from unified_planning.shortcuts import OneshotPlanner, get_environment
@@ -54,40 +54,50 @@ from tests.fuzz.problems import SECONDS, Writer, random_case
 from up_samp.io import result_to_dict, dump_plan
 get_environment().credits_stream = None
 params = {"seed": 3, "reproducible": True, "seconds_per_unit": SECONDS}
+limit = float(sys.argv[4])
+told = {}
 for seed in json.loads(sys.argv[3]):
     case = random_case(seed)
     problem = Writer(case, Path(sys.argv[2]) / str(seed) / f"{case.floor.kind}.yaml").write()
+    began = time.monotonic()
     with OneshotPlanner(name="samp-refine[cpsat]", params=params) as planner:
-        result = planner.solve(problem, timeout=600)
-    sys.stdout.write(result.status.name)
-    if result.plan is not None:
-        sys.stdout.write(dump_plan(result_to_dict(problem, result)))
+        result = planner.solve(problem, timeout=limit)
+    if time.monotonic() - began < 0.9 * limit:  # it came to its end by itself
+        plan = "" if result.plan is None else dump_plan(result_to_dict(problem, result))
+        told[seed] = result.status.name + plan
+print(json.dumps(told))
 """
 
 
-def same_in_processes(folder, seeds, hash_seeds):
+def same_in_processes(folder, seeds, hash_seeds, *, limit=600):
+    """Equal plans of what comes to its end in time, on a machine that is as busy as it is: the time
+    limit itself goes by the clock.
+    """
     for seed in seeds:
         (folder / str(seed)).mkdir()
         build(random_case(seed), folder / str(seed))
     root = str(Path(__file__).parents[2])
     burner = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+    told = []
     try:
-        plans = set()
         for hash_seed in hash_seeds:
             done = subprocess.run(
-                child.command(RANDOM, [root, str(folder), json.dumps(seeds)]),
+                child.command(RANDOM, [root, str(folder), json.dumps(seeds), str(limit)]),
                 env=child.environment({"PYTHONHASHSEED": hash_seed}),
                 capture_output=True,
                 text=True,
-                timeout=900,
+                timeout=1.5 * limit * len(seeds),
             )
             assert done.returncode == 0, done.stderr
-            plans.add(done.stdout)
+            told.append(json.loads(done.stdout))
     finally:
         burner.kill()
         burner.wait()
-    assert len(plans) == 1
-    assert '"motions"' in plans.pop()
+    ended = set.intersection(*map(set, told))
+    assert len(ended) > len(seeds) / 2
+    for seed in ended:
+        assert len({process[seed] for process in told}) == 1, seed
+    assert any('"motions"' in told[0][seed] for seed in ended)
 
 
 def test_a_few_plans_are_the_same_beside_a_busy_process(tmp_path):
@@ -97,7 +107,7 @@ def test_a_few_plans_are_the_same_beside_a_busy_process(tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize("first", range(100, 160, 10))
 def test_plans_are_the_same_beside_a_busy_process(tmp_path, first):
-    same_in_processes(tmp_path, list(range(first, first + 10)), ["0", "1", "77"])
+    same_in_processes(tmp_path, list(range(first, first + 10)), ["0", "1", "77"], limit=60)
 
 
 def test_counted_deadlines_go_by_work():
