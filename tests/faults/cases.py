@@ -50,12 +50,17 @@ def table() -> list[Fault]:
         (LYING, "engine lies or is odd", "`INTERNAL_ERROR`, or no proof"),
         (ENDING, "engine hangs, starts processes", "`TIMEOUT`, all of them ended"),
     ):
+        limit = 8.0 if names is ENDING else 24.0  # what hangs takes all of it
         found += [
-            Fault(f"{what} ({len(names)} kinds)", expected, bad_engines(names, later=False)),
+            Fault(
+                f"{what} ({len(names)} kinds)",
+                expected,
+                bad_engines(names, later=False, timeout=limit),
+            ),
             Fault(
                 f"{what}, third call ({len(names)} kinds)",
                 expected + kept,
-                bad_engines(names, later=True),
+                bad_engines(names, later=True, timeout=limit),
             ),
         ]
     found.append(

@@ -10,6 +10,7 @@ from collections import Counter
 import pytest
 from unified_planning.shortcuts import OneshotPlanner
 
+import up_samp  # noqa: F401  (registers the engines)
 from tests.fuzz.problems import SECONDS, build, random_case
 
 
