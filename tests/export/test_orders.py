@@ -14,6 +14,7 @@ from tests.export.plans import door_plan
 from tests.fuzz.problems import SECONDS, build, random_case
 from up_samp.execution import with_dependencies
 from up_samp.export import export_plan
+from up_samp.export.ros_messages import DEFINITIONS
 from up_samp.export.steps import steps_of
 from up_samp.export.vda5050 import file_names, nurbs
 from up_samp.io import result_to_dict
@@ -182,10 +183,38 @@ def test_legs_for_nav2_tell_paths_and_what_to_wait_for(plan, tmp_path):
             if step.piece is None:
                 assert leg["do"] == step.activity
                 continue
-            end, row = leg["path"][-1], step.piece.rows[-1]
+            poses, row = leg["path"]["poses"], step.piece.rows[-1]
+            end = poses[-1]["pose"]
             assert end["position"]["x"] == pytest.approx(row[1], abs=1e-3)
             yaw = 2 * math.atan2(end["orientation"]["z"], end["orientation"]["w"])
             assert math.cos(yaw - row[3]) == pytest.approx(1.0, abs=1e-6)
+            stamps = [p["header"]["stamp"] for p in poses]
+            times = [s["sec"] + 1e-9 * s["nanosec"] for s in stamps]
+            assert times == sorted(times)
+            assert times[-1] == pytest.approx(row[0], abs=1e-6)
+
+
+def test_paths_for_nav2_are_messages_of_their_type(plan, tmp_path):
+    """Each path, as read from the file, is taken as a ``nav_msgs/Path`` and comes back whole."""
+    ros = pytest.importorskip("mcap_ros2._dynamic")
+    name, text = "nav_msgs/msg/Path", DEFINITIONS["nav_msgs/msg/Path"]
+    encode = ros.serialize_dynamic(name, text)[name]
+    decode = ros.generate_dynamic(name, text)[name]
+    paths = [
+        leg["path"]
+        for file in export_plan(plan, "nav2", tmp_path)
+        for leg in yaml.safe_load(file.read_text())["legs"]
+        if "path" in leg
+    ]
+    assert paths
+    for path in paths:
+        back = decode(encode(path))
+        assert back.header.frame_id == "map"
+        assert len(back.poses) == len(path["poses"])
+        for got, told in zip(back.poses, path["poses"], strict=True):
+            assert got.pose.position.y == told["pose"]["position"]["y"]
+            assert got.pose.orientation.w == told["pose"]["orientation"]["w"]
+            assert got.header.stamp.nanosec == told["header"]["stamp"]["nanosec"]
 
 
 @pytest.mark.parametrize("form", ["vda5050", "nav2"])

@@ -33,6 +33,21 @@ def test_tables_hold_the_plan_in_seconds(tmp_path):
     assert float(rows(changes)[0]["t"]) == 10
 
 
+def test_pandas_reads_tables_as_numbers(tmp_path):
+    pandas = pytest.importorskip("pandas")
+    schedule, trajectories, changes = map(
+        pandas.read_csv, export_plan(door_plan(), "csv", tmp_path)
+    )
+    assert schedule[["start", "end"]].dtypes.map(pandas.api.types.is_numeric_dtype).all()
+    numbers = trajectories[["t", "x", "y", "theta"]]
+    assert numbers.dtypes.map(pandas.api.types.is_numeric_dtype).all()
+    assert not numbers.isna().any().any()
+    driven = trajectories[trajectories.activity == "go_r1"]
+    assert driven.t.is_monotonic_increasing
+    assert driven.x.iloc[-1] == 11.0
+    assert changes.t.tolist() == [10.0]
+
+
 def test_tables_tell_flyers_and_drivers_in_one_form(tmp_path):
     plan = door_plan()
     flight = [[t, 1.0 + t, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0] for t in (0.0, 1.0)]

@@ -54,8 +54,12 @@ def test_the_snippets_on_orders_make_one_problem(tmp_path, monkeypatch):
     scope = {}
     exec("\n".join(blocks("python", ORDERS)), scope)
     fleet = scope["fleet"]
-    assert len(fleet.records.orders) == 4
-    assert {a.name for a in fleet.problem.activities} >= {"pick_pallet_r1", "open_gate_r1"}
+    assert len(fleet.records.orders) == 7
+    assert {a.name for a in fleet.problem.activities} >= {
+        "pick_pallet_r1",
+        "open_gate_r1",
+        "cut_saw1",
+    }
 
 
 @pytest.mark.long

@@ -76,7 +76,7 @@ def test_errors_of_methods_name_the_thing_and_what_to_do():
     with pytest.raises(FleetError, match="no place 'shelfX'; did you mean 'shelfA'"):
         fleet.add_order("o1", "shelfX", "dock")
     assert fleet.records.orders == ()
-    with pytest.raises(FleetError, match="needs 'lift', which any robot does not have"):
+    with pytest.raises(FleetError, match="needs 'lift', which no robot has"):
         fleet.add_order("o1", "shelfA", "dock", skills="lift")
     with pytest.raises(FleetError, match=r"orders\[0\].colour: there is no such key"):
         fleet.add_order("o1", "shelfA", "dock", colour="red")
@@ -119,6 +119,10 @@ def test_errors_of_files_give_file_line_and_place(tmp_path):
     assert lines[0].startswith(f"{file}:4: robot_types.agv.footprint: give [length, width]")
     assert lines[1].startswith(f"{file}:4: robot_types.agv.v_max: ")
     assert lines[2] == f"{file}:8: places.dock: a pose is [x, y, theta]"
+    file.write_text(FAULTY.replace("[3, 3]", "3, 3").replace("robots:", "robot:"))
+    with pytest.raises(FleetError, match=r"places.dock: a pose is") as caught:
+        read_problem_file(file)
+    assert "robot: there is no such key; did you mean 'robots'?" in str(caught.value)
     good = FAULTY.replace("[1.2], v_max: fast", "[1.2, 1]").replace("[3, 3]", "[6, 3, 0]")
     file.write_text(good + "orders:\n  - id: o1\n    pickup: docks\n    delivery: home\n")
     with pytest.raises(FleetError, match=r"p.yaml:11: orders\[0\].pickup: no place 'docks'; did"):
@@ -235,6 +239,18 @@ def test_check_tells_what_is_in_walls_and_what_is_out_of_reach(tmp_path, capsys)
     errors = {f.subject for f in findings if f.level is Level.ERROR}
     assert {"o1", "o2", "o3", "shelf1"} <= errors
     assert main(["check", str(file)]) == 1
+
+
+def test_check_tells_degrees_and_ends_that_are_shared():
+    fleet = two_rooms()
+    fleet.add_place("turned", 5, 12, -90)
+    fleet.add_place("home2", 3, 13)
+    fleet.add_robot("r2", "agv", "home2", end="home")
+    fleet.add_task("t", "turned", duration=1)
+    said = [str(f) for f in fleet.check()]
+    assert "error: home: robots 'r1' and 'r2' have to end here; give each its own end" in said
+    assert any("turned: its heading -90 is more than a full turn: headings are in rad" in s
+               for s in said)  # fmt: skip
 
 
 def test_the_package_comes_without_it(tmp_path):

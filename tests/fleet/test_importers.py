@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+import yaml
 from shapely.geometry import Point, Polygon
 
 from up_samp.cli import main
@@ -112,17 +113,62 @@ def test_an_rmf_building(tmp_path):
     assert site.state_at(15.0, -6.0) == "occupied"
     assert site.state_at(15.0, -10.0) == "free"  # the doorway
     assert site.state_at(4.0, -10.0) in ("occupied", "outside")
-    assert any("main_door" in note for note in found.notes)
+
+
+def test_doors_of_an_rmf_building_are_doors(tmp_path):
+    records, found = imported("small.building.yaml", tmp_path)
+    door = records.doors["main_door"]
+    assert door.leaf == (2.0, 0.1)
+    assert door.closed == pytest.approx((15.0, -10.0, -math.pi / 2), abs=1e-3)
+    # it turns about its first end, (15, -9), by 90 degrees
+    assert door.open == pytest.approx((16.0, -9.0, 0.0), abs=1e-3)
+    assert door.opened_from == ("tiny_charger", "pantry")  # the ends of the lane through it
+    assert any("shut by themselves" in note for note in found.notes)
+    fleet = Fleet.from_file(found.problem)
+    fleet.add_robot("r", "agv", "tiny_charger")
+    fleet.add_task("t", "pantry", duration=1)
+    said = [str(f) for f in fleet.check()]
+    assert said == ["note: pantry: robot 'r' gets there only once door 'main_door' is open"]
 
 
 @pytest.mark.parametrize(
-    ("sample", "durations"), [("small.jsp", [[1, 3, 6], [8, 5, 10]]), ("small.fjs", [[3, 4], [7]])]
+    ("traits", "opened"),
+    [
+        ({"type": [1, "hinged"], "motion_axis": [1, "end"]}, (14.0, -11.0, 0.0)),
+        ({"type": [1, "hinged"], "motion_direction": [2, -1]}, (14.0, -9.0, math.pi)),
+        ({"type": [1, "sliding"]}, (15.0, -12.0, -math.pi / 2)),
+        ({"type": [1, "double_sliding"], "motion_direction": [2, -1]}, (15.0, -8.0, -math.pi / 2)),
+    ],
+)
+def test_leaves_turn_and_slide(tmp_path, traits, opened):
+    building = yaml.safe_load((SAMPLES / "small.building.yaml").read_text())
+    level = building["levels"]["L1"]
+    level["lanes"] = []
+    level["doors"] = [[2, 3, {"name": [1, "d"], **traits}]]
+    (tmp_path / "x.building.yaml").write_text(yaml.safe_dump(building))
+    found = import_file(tmp_path / "x.building.yaml", tmp_path / "out")
+    records = read_problem_file(found.problem)
+    x, y, theta = records.doors["d"].open
+    assert (x, y) == pytest.approx(opened[:2], abs=1e-3)
+    assert math.cos(theta - opened[2]) == pytest.approx(1.0, abs=1e-6)
+    # without a lane it is opened from either side of it, 1.2 m off
+    sides = [records.places[p].pose for p in records.doors["d"].opened_from]
+    assert sorted(p[0] for p in sides) == pytest.approx([13.8, 16.2])
+
+
+@pytest.mark.parametrize(
+    ("sample", "durations"),
+    [
+        ("small.jsp", [[{1}, {3}, {6}], [{8}, {5}, {10}]]),
+        ("small.fjs", [[{5, 3}, {4}], [{7}]]),
+    ],
 )
 def test_shops_keep_routes_and_durations(tmp_path, sample, durations):
     records, _ = imported(sample, tmp_path)
     by_job = {}
     for task in records.tasks:
-        by_job.setdefault(task.id.split("_")[0], []).append(task.duration)
+        lengths = {m.duration for m in task.modes.values()} or {task.duration}
+        by_job.setdefault(task.id.split("_")[0], []).append(lengths)
     assert list(by_job.values()) == durations
     assert len(records.orders) == sum(len(d) + 1 for d in durations)
     assert main(["check", str(tmp_path / "problem.yaml")]) == 0
@@ -135,8 +181,11 @@ def test_a_flexible_shop_is_solved(tmp_path):
     result = fleet.solve(timeout=60)
     assert result.plan is not None, result.explain()
     times = {a["name"]: (a["start"], a["end"]) for a in result.data["activities"]}
-    assert times["j0_op0"][1] - times["j0_op0"][0] == 3
-    assert times["j0_op0"][1] <= times["pick_j0_carry1_r0"][0]
+    (mode,) = [m for m in ("m0", "m1") if f"j0_op0_{m}" in times]
+    start, end = times[f"j0_op0_{mode}"]
+    assert end - start == {"m0": 5, "m1": 3}[mode]
+    assert times[f"deliver_j0_carry0_r0_at_{mode}"][1] <= start
+    assert end <= times[f"pick_j0_carry1_r0_at_{mode}"][0]
 
 
 @pytest.mark.parametrize("seed", range(6))

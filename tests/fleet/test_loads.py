@@ -128,6 +128,43 @@ def test_a_load_stands_at_one_place_and_goes_to_another():
         fleet.add_order("o", "a", "b", attached={"footprint": [1.0]})
 
 
+def test_a_load_is_handed_over_and_brought_back():
+    """r0 may not go where r1 may: one puts the pallet down, the other takes it on, and back."""
+    fleet = floor(2)
+    fleet.add_order("out", "a", ["c", "d"], attached={"footprint": PALLET}, robots="r0")
+    fleet.add_order("on", ["c", "d"], "b", attached="out", robots="r1")
+    fleet.add_order("back", "b", "a", attached="on", robots="r1")
+    result = fleet.solve(timeout=300)
+    assert result.plan is not None, result.explain()
+    assert validate_plan(fleet.problem, result.plan).valid
+    rides = sorted((m["samples"][0][0], m["activity"]) for m in result.data["motions"]
+                   if m["activity"].startswith("carry"))  # fmt: skip
+    middle = rides[0][1][-1]
+    assert [name for _, name in rides] == [
+        f"carry_out_r0_a_to_{middle}", f"carry_on_r1_{middle}_to_b", "carry_back_r1_b_to_a",
+    ]  # fmt: skip
+    assert {r["object"] for r in result.data["rides"]} == {"load@out"}
+    last = shapes_at(result, 1e5)["load@out"].centroid
+    assert (last.x, last.y) == pytest.approx((7, 3), abs=1e-3)
+
+
+def test_who_takes_a_load_on_is_told_what_is_wrong():
+    fleet = floor()
+    fleet.add_order("o", "a", "b", attached={"footprint": PALLET})
+    fleet.add_order("count", "a", "b")
+    for pickup, delivery, attached, text in (
+        ("c", "d", "o", r"orders\[2\].pickup: 'o' does not put its load at 'c', but at 'b'"),
+        ("b", "d", "p", r"orders\[2\].attached: no other order 'p'; there are count, o"),
+        ("b", "d", "count", "order 'count' has no load with a footprint"),
+        ("b", "b", "o", "its load stands at 'b' already; deliver it elsewhere"),
+    ):
+        with pytest.raises(FleetError, match=text):
+            fleet.add_order("next", pickup, delivery, attached=attached)
+    fleet.add_order("next", "b", "c", attached="o")
+    with pytest.raises(FleetError, match="order 'next' takes the load of 'o', too; only one can"):
+        fleet.add_order("other", "b", "d", attached="o")
+
+
 def test_loads_that_overlap_at_first_are_told():
     fleet = floor()
     fleet.add_place("near", 7.5, 3)

@@ -111,6 +111,106 @@ def test_time_units_of_half_a_second():
     assert result.makespan == result.data["makespan"] / 2
 
 
+def workshop(modes):
+    fleet = one_room()
+    fleet.add_place("in2", 12, 3)
+    fleet.add_place("out2", 12, 6)
+    fleet.add_resource("press")
+    fleet.add_resource("mill")
+    every = {
+        "press": {"duration": 40, "input": "b", "resources": "press"},
+        "mill": {"duration": 10, "input": "in2", "output": "out2", "resources": "mill"},
+    }
+    fleet.add_task("work", modes={m: every[m] for m in modes})
+    fleet.add_order("bring", "a", {"task": "work"})
+    fleet.add_order("take", {"task": "work"}, "c")
+    return fleet
+
+
+def test_a_task_is_done_on_one_of_several_machines():
+    """The planner chooses, and parts are brought and fetched where it is done."""
+    spans = {}
+    for modes in (["press"], ["mill"], ["press", "mill"]):
+        result, times = solved(workshop(modes))
+        spans[tuple(modes)] = result.makespan
+        done = next(t for t in ("work_press", "work_mill") if t in times)
+        at = done.removeprefix("work_")
+        assert times[f"deliver_bring_r0_at_{at}"][1] <= times[done][0]
+        assert times[done][1] <= times[f"pick_take_r0_at_{at}"][0]
+        drives = [n for n in times if n.startswith("move") and ("_in2" in n or "_b" in n)]
+        assert all(("_in2" in n) == (at == "mill") for n in drives)
+    press, mill, both = spans.values()
+    assert mill < press
+    assert both == mill
+
+
+def test_modes_that_make_no_sense_are_refused():
+    fleet = workshop(["mill"])
+    fleet.add_task("plain", duration=3)
+    for kind, options, text in (
+        ("task", {}, r"tasks\[2\].duration: say how long it lasts"),
+        ("task", {"duration": 1, "modes": {"x": {"duration": 2}}}, "or give it modes"),
+        ("task", {"at": "a", "modes": {"x": {"duration": 2}}}, "modes are of machines"),
+        ("task", {"modes": {"x": {"duration": 2, "input": "z"}}}, r"modes.x.input: no place 'z'"),
+        ("order", {"pickup": {"task": "worc"}}, "no task 'worc'; did you mean 'work'"),
+        ("order", {"pickup": {"task": "plain"}}, "task 'plain' has no modes; say where with at"),
+        ("order", {"pickup": {}}, r"orders\[2\].pickup: name a place, or several"),
+        (
+            "order",
+            {"pickup": {"task": "work"}, "attached": {"footprint": (1, 1)}},
+            "goes to places",
+        ),
+    ):
+        more = options if kind == "task" else {"pickup": "a", "delivery": "a", **options}
+        add = {"task": fleet.add_task, "order": fleet.add_order}[kind]
+        with pytest.raises(FleetError, match=text):
+            add("new", **more)
+
+
+def gated(closes, **options):
+    """Two rooms; the door between them can be opened from both sides."""
+    fleet = Fleet(MAPS / "two_rooms.yaml")
+    fleet.add_robot_type("agv", FOOTPRINT, model="diff", v_max=2.0, a_max=1.0, omega_max=2.0)
+    fleet.add_place("home", 9, 4)
+    fleet.add_place("outer", 12, 4)
+    fleet.add_place("inner", 18, 4)
+    fleet.add_place("shelf", 21, 4)
+    fleet.add_robot("r", "agv", "home", end="home")
+    ends = {"closed": (15, 4, 0), "open": (15, 8, 0), "opened_from": ["outer", "inner"]}
+    fleet.add_door("gate", (1, 3.8), **ends, closes=closes, **options)
+    return fleet
+
+
+def gate_of(result, when):
+    (track,) = [t for t in tracks_of(result.data) if t.name == "gate"]
+    return track.at(when)[1]
+
+
+@pytest.mark.parametrize(("closes", "openings"), [(60, 1), (12, 2)])
+def test_a_door_closes_again(closes, openings):
+    fleet = gated(closes, times=2)
+    fleet.add_task("look", "shelf", duration=6)
+    result, times = solved(fleet)
+    opened = sorted(end for name, (_, end) in times.items() if name.startswith("open_gate"))
+    assert len(opened) == openings
+    assert gate_of(result, opened[0] - 0.5) == 4
+    for end in opened:
+        later = [t for t in (end + 0.5, end + closes - 0.5) if t < result.makespan]
+        assert all(gate_of(result, t) == 8 for t in later)
+        if end + closes < result.makespan:
+            assert gate_of(result, end + closes + 0.5) == 4
+    # what is over is not prolonged by a door that has yet to close
+    assert result.makespan == max(end for name, (_, end) in times.items() if "close" not in name)
+
+
+def test_a_door_that_closes_before_the_way_back_needs_a_button_there():
+    fleet = gated(12)
+    fleet.add_task("look", "shelf", duration=6)
+    assert fleet.solve(timeout=300).status == "UNSOLVABLE_PROVEN"  # it may be opened once only
+    with pytest.raises(FleetError, match="a door that stays open is opened once; say closes"):
+        gated(None, times=2)
+
+
 def inside(plan, polygon, when):
     return [
         t.name

@@ -1,7 +1,8 @@
 """A plan as legs for Nav2: for each robot a YAML file with its paths, and what to wait for.
 
-Each leg holds the poses of a ``nav_msgs/Path`` (for ``FollowPath``) or an activity to do. Stamps
-inside paths have no agreed meaning, so there are none: ``wait_for`` says what has to happen first.
+Each leg holds a ``nav_msgs/Path`` (for ``FollowPath``), field by field, or an activity to do. A
+path's stamps are when the plan has the robot there, from its start; Nav2 does not heed them, so
+``wait_for`` says what has to happen first.
 """
 
 from __future__ import annotations
@@ -45,28 +46,34 @@ def _leg(number: int, step: Step) -> dict[str, Any]:
     }
     if step.piece is None:
         return leg | {"do": step.activity, "seconds": step.seconds}
-    path = [_pose(row) for row in _spaced(step.piece.rows[:, 1:])]
+    poses = [_pose(row) for row in _spaced(step.piece.rows)]
     return leg | {
         "direction": step.piece.direction,
         "top_speed": round(step.piece.top_speed, 3),
-        "path": path,
+        "path": {"header": poses[0]["header"], "poses": poses},
     }
 
 
-def _spaced(poses: FloatArray) -> FloatArray:
-    """Return poses about :data:`SPACING` m apart, with both ends."""
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
+def _spaced(rows: FloatArray) -> FloatArray:
+    """Return rows (t, x, y, theta) about :data:`SPACING` m apart, with both ends."""
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(rows[:, 1:3], axis=0).T))])
     count = max(1, math.ceil(float(along[-1]) / SPACING))
     wanted = np.linspace(0.0, float(along[-1]), count + 1)
     if along[-1] == 0.0:  # a turn on the spot
-        return poses[[0, -1]]
-    columns = [np.interp(wanted, along, poses[:, k]) for k in range(3)]
+        return rows[[0, -1]]
+    columns = [np.interp(wanted, along, rows[:, k]) for k in range(4)]
     return np.column_stack(columns)
 
 
 def _pose(row: FloatArray) -> dict[str, Any]:
-    _, _, z, w = quaternion(float(row[2]))
+    """Return a row (t, x, y, theta) as the fields of a ``geometry_msgs/PoseStamped``."""
+    _, _, z, w = quaternion(float(row[3]))
+    nanoseconds = round(1e9 * float(row[0]))
+    stamp = {"sec": nanoseconds // 10**9, "nanosec": nanoseconds % 10**9}
     return {
-        "position": {"x": round(float(row[0]), 4), "y": round(float(row[1]), 4)},
-        "orientation": {"z": round(z, 6), "w": round(w, 6)},
+        "header": {"stamp": stamp, "frame_id": "map"},
+        "pose": {
+            "position": {"x": round(float(row[1]), 4), "y": round(float(row[2]), 4)},
+            "orientation": {"z": round(z, 6), "w": round(w, 6)},
+        },
     }

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from up_samp.fleet.loads import place_of, ridden, with_load
+from up_samp.fleet.loads import load_of, place_of, ridden, with_load
 from up_samp.fleet.outlines import body_of, still
 from up_samp.fleet.records import Battery, Charger, FleetRecords
 from up_samp.geometry import load_map
@@ -59,7 +59,7 @@ class Meter:
         """Return how a robot drives when nobody is in its way."""
         records = self._records
         mine, order = records.robot_types[kind], ridden(records, origin, to)
-        load = None if order is None else order.attached
+        load = None if order is None else load_of(records, order)
         body = body_of(mine) if load is None else with_load(mine, load)
         poses = tuple(records.places[place_of(p)].pose for p in (origin, to))
         zones = tuple(

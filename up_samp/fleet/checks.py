@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import enum
 import itertools
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 from up_samp.fleet.faults import NO_ROBOT, able, carries, needs_robot
-from up_samp.fleet.loads import attached_of, load_pose, place_of, with_load
+from up_samp.fleet.loads import ends_of, load_of, load_pose, loads_of, place_of, with_load
 from up_samp.fleet.outlines import body_of, still
 from up_samp.fleet.records import Attached, FleetRecords, Order, Pose, Task
 from up_samp.fleet.visits import Role, visits_of
@@ -92,6 +93,9 @@ class _Checker:
         for kind, places in sorted(self.used.items()):
             for name in sorted(places):
                 pose = self.places[name]
+                if abs(pose[2]) > math.tau:
+                    text = f"its heading {pose[2]:g} is more than a full turn: headings are in rad"
+                    yield Finding(Level.WARNING, name, text)
                 at = f"at {_show(pose)} a robot of type '{kind}'"
                 wall, hit = self.service.pose_blockers(
                     self.bodies[kind], pose, (*self.doors(), *self.zones(kind))
@@ -111,6 +115,8 @@ class _Checker:
         """Which places hold one robot between them."""
         uses = [(k, p) for k, places in sorted(self.used.items()) for p in sorted(places)]
         starts = {r.start for r in self.records.robots.values()}
+        ends = {r.end for r in self.records.robots.values()} - {None}
+        yield from self._same_ends()
         seen: set[frozenset[str]] = set()
         for (kind_a, a), (kind_b, b) in itertools.combinations(uses, 2):
             both = frozenset((a, b))
@@ -124,9 +130,23 @@ class _Checker:
             if both <= starts:
                 text = f"robots that start here and at '{b}' would overlap; move one of them"
                 yield Finding(Level.ERROR, a, text)
+            elif both <= ends:
+                text = f"robots that end here and at '{b}' would overlap; move one of them"
+                yield Finding(Level.ERROR, a, text)
             elif len(self.records.robots) > 1:
                 text = f"overlaps '{b}': one robot at a time is at one of them"
                 yield Finding(Level.NOTE, a, text)
+
+    def _same_ends(self) -> Iterator[Finding]:
+        """Robots that have to be at one place in the end."""
+        owners: dict[str, list[str]] = {}
+        for name, robot in self.records.robots.items():
+            if robot.end is not None:
+                owners.setdefault(robot.end, []).append(f"'{name}'")
+        for place, robots in owners.items():
+            if len(robots) > 1:
+                text = f"robots {' and '.join(robots)} have to end here; give each its own end"
+                yield Finding(Level.ERROR, place, text)
 
     @cached_property
     def shut(self) -> frozenset[str]:
@@ -210,23 +230,23 @@ class _Checker:
     def _job(self, job: Order | Task, reach: dict[str, set[str]]) -> Iterator[Finding]:
         if not needs_robot(job):
             return
-        stops = (
-            [("pickup", job.pickup.at), ("delivery", job.delivery.at)]
-            if isinstance(job, Order)
-            else [("place", job.at)]
-        )
+        stops = [("place", set(job.at))] if isinstance(job, Task) else []
+        if isinstance(job, Order):
+            ends = ({place_of(p) for p in end} for end in ends_of(self.records, job))
+            stops = list(zip(("pickup", "delivery"), ends, strict=True))
         fit = [
             r
             for r in able(self.records, job)
             if not isinstance(job, Order)
             or carries(self.records.robot_types[self.records.robots[r].type], job)
         ]
-        able_to = [r for r in fit if all(reach[r] & set(at) for _, at in stops)]
+        able_to = [r for r in fit if all(reach[r] & at for _, at in stops)]
         if able_to:
-            if isinstance(job, Order) and job.attached is not None:
-                yield from self._rides(job, job.attached, able_to)
+            load = load_of(self.records, job) if isinstance(job, Order) else None
+            if isinstance(job, Order) and load is not None:
+                yield from self._rides(job, load, able_to)
             return
-        lost = [what for what, at in stops if not any(reach[r] & set(at) for r in fit)]
+        lost = [what for what, at in stops if not any(reach[r] & at for r in fit)]
         what = f"its {' and its '.join(lost)}" if lost else "both its ends"
         text = f"no robot that may do it ({', '.join(fit)}) can reach {what}"
         yield Finding(Level.NOTE if job.optional else Level.ERROR, job.id, text)
@@ -236,12 +256,11 @@ class _Checker:
         level = Level.NOTE if order.optional else Level.ERROR
         stands, outline = self.places[order.pickup.at[0]], still(load.footprint)
         wall, _ = self.service.pose_blockers(outline, load_pose(load, stands), ())
-        if wall:
+        if wall and isinstance(order.attached, Attached):
             yield Finding(level, order.id, "its load would stand in a wall or outside the map")
             return
-        stuck = [
-            r for r in fit if all(self._is_stuck(r, order, load, p) for p in order.delivery.at)
-        ]
+        ways = list(itertools.product(order.pickup.at, order.delivery.at))
+        stuck = [r for r in fit if all(self._is_stuck(r, load, *way) for way in ways)]
         for robot in stuck if len(stuck) < len(fit) else ():
             text = f"robot '{robot}' does not get through with its load (proven)"
             yield Finding(Level.NOTE, order.id, text)
@@ -249,20 +268,19 @@ class _Checker:
             text = f"no robot that may do it ({', '.join(fit)}) gets through with its load (proven)"
             yield Finding(level, order.id, text)
 
-    def _is_stuck(self, robot: str, order: Order, load: Attached, place: str) -> bool:
+    def _is_stuck(self, robot: str, load: Attached, origin: str, to: str) -> bool:
         kind = self.records.robots[robot].type
         body = with_load(self.records.robot_types[kind], load)
-        ends = self.places[order.pickup.at[0]], self.places[place]
+        ends = self.places[origin], self.places[to]
         placed = (*self.zones(kind), *(d for d in self.doors() if d.name in self.shut))
         return self.service.certificate(body, ends, placed) is not None
 
     def loads(self) -> Iterator[Finding]:
         """Loads that stand in each other or on robots."""
         bodies = []
-        for order in attached_of(self.records):
-            assert order.attached is not None
-            pose = load_pose(order.attached, self.places[order.pickup.at[0]])
-            bodies.append((f"the load of '{order.id}'", still(order.attached.footprint), pose))
+        for order, load in loads_of(self.records):
+            pose = load_pose(load, self.places[order.pickup.at[0]])
+            bodies.append((f"the load of '{order.id}'", still(load.footprint), pose))
         for name, robot in self.records.robots.items():
             bodies.append((f"robot '{name}'", self.bodies[robot.type], self.places[robot.start]))
         for (one, a, p), (other, b, q) in itertools.combinations(bodies, 2):

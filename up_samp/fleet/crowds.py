@@ -13,7 +13,7 @@ from pathlib import Path
 
 from shapely.geometry import Polygon
 
-from up_samp.fleet.loads import place_of, ridden, with_load
+from up_samp.fleet.loads import load_of, place_of, ridden, with_load
 from up_samp.fleet.outlines import body_of, placed, still
 from up_samp.fleet.records import Attached, FleetRecords
 from up_samp.geometry import load_map
@@ -58,7 +58,7 @@ class Crowd:
 
     def _passing(self, kind: str, origin: str, to: str) -> Passing:
         order = ridden(self._records, origin, to)
-        load = None if order is None else order.attached
+        load = None if order is None else load_of(self._records, order)
         leaves, comes = self._inside(kind, origin, load), self._inside(kind, to, load)
         if leaves or comes:
             return {(True, True): Passing.WITHIN, (False, True): Passing.IN}.get(

@@ -8,7 +8,7 @@ from unified_planning.shortcuts import Equals
 
 from up_samp.fleet.batteries import Meter
 from up_samp.fleet.crowds import Passing
-from up_samp.fleet.loads import attached_of, ends_of, is_under, place_of, ridden
+from up_samp.fleet.loads import is_stand_of, is_under, load_name, loads_of, place_of, ridden
 from up_samp.fleet.records import RobotType
 from up_samp.fleet.site import Site
 from up_samp.fleet.statements import at_start
@@ -66,7 +66,7 @@ class Drives:
             a.add_decrease_effect(a.start, site.batteries[robot], amount)
         order = ridden(site.records, origin, to)
         if order is not None:
-            a.add_motion_effect(site.pallets[order.id], site.stands[order.id, to])
+            a.add_motion_effect(site.pallets[load_name(site.records, order)], site.stands[to])
         a.add_condition(at_start(a), Equals(site.at[robot], site.places[origin]))
         a.add_effect(a.end, site.at[robot], site.places[to])
         return a
@@ -92,11 +92,10 @@ class Drives:
         site = self._site
         kind = site.kind_of(robot)
         found = [r for name, r in site.robots.items() if name != robot]
-        for order in attached_of(site.records):
-            assert order.attached is not None
-            mine = {name for end in ends_of(order) for name in end} & {origin, to}
-            if not (mine and (len(mine) == 2 or is_under(kind, order.attached))):
-                found.append(site.pallets[order.id])
+        for first, load in loads_of(site.records):
+            mine = [name for name in (origin, to) if is_stand_of(name, first.id)]
+            if not (mine and (len(mine) == 2 or is_under(kind, load))):
+                found.append(site.pallets[first.id])
         return found
 
     def _longest(self, kind: RobotType) -> int:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from up_samp.fleet.records import FleetRecords, Order, RobotType, Stop, Task
+from up_samp.fleet.sequence import earlier_than
 from up_samp.model import ProblemError
 
 Path = tuple[str | int, ...]
@@ -133,7 +134,10 @@ def _doors(records: FleetRecords) -> Iterator[Fault]:
         if not door.opened_from:
             yield Fault(path, "name the place from which a robot opens the door")
         yield from _known(records.places, "place", door.opened_from, path)
-        if door.opened_from and not _able(records, door.skills, ()):
+        if door.times > 1 and door.closes is None:
+            text = "a door that stays open is opened once; say closes, in s, if it shuts again"
+            yield Fault(("doors", name, "times"), text)
+        if door.opened_from and records.robots and not _able(records, door.skills, ()):
             yield Fault(("doors", name, "skills"), f"no robot has {_and(door.skills)}")
 
 
@@ -150,18 +154,37 @@ def _zones(records: FleetRecords) -> Iterator[Fault]:
 def _orders(records: FleetRecords) -> Iterator[Fault]:
     for i, order in enumerate(records.orders):
         path: Path = ("orders", i)
-        yield from _stop(records, order.pickup, (*path, "pickup"))
-        yield from _stop(records, order.delivery, (*path, "delivery"))
+        for key, stop in (("pickup", order.pickup), ("delivery", order.delivery)):
+            yield from _stop(records, stop, (*path, key))
+            if stop.task is not None:
+                yield from _machine(records, order, stop.task, (*path, key, "task"))
         yield from _job(records, order, path)
         yield from _loads(records, order, path)
-        yield from _attached(order, path)
+        yield from _attached(records, order, path)
 
 
-def _attached(order: Order, path: Path) -> Iterator[Fault]:
+def _machine(records: FleetRecords, order: Order, task: str, path: Path) -> Iterator[Fault]:
+    """A stop at the machine of a task: each mode of that has a place."""
+    found = next((t for t in records.tasks if t.id == task), None)
+    if found is None:
+        yield Fault(path, missing("task", task, [t.id for t in records.tasks]))
+        return
+    if not found.modes:
+        yield Fault(path, f"task '{task}' has no modes; say where with at: a place, or several")
+    nowhere = [name for name, m in found.modes.items() if not (m.input or m.output)]
+    if nowhere:
+        yield Fault(path, f"mode '{nowhere[0]}' of task '{task}' has no place; give it an input")
+    if order.attached is not None:
+        yield Fault(path, "a load with a footprint goes to places; name them with at")
+
+
+def _attached(records: FleetRecords, order: Order, path: Path) -> Iterator[Fault]:
     """A load with a footprint stands somewhere, and is brought elsewhere."""
     if order.attached is None:
         return
-    if len(order.pickup.at) > 1:
+    if isinstance(order.attached, str):
+        yield from _taken_on(records, order, order.attached, path)
+    elif len(order.pickup.at) > 1:
         text = "its load stands at one place; name that one"
         yield Fault((*path, "pickup"), text)
     same = sorted(set(order.pickup.at) & set(order.delivery.at))
@@ -170,18 +193,55 @@ def _attached(order: Order, path: Path) -> Iterator[Fault]:
         yield Fault((*path, "delivery"), text)
 
 
+def _taken_on(records: FleetRecords, order: Order, name: str, path: Path) -> Iterator[Fault]:
+    """Who takes a load on takes it where another order has put it."""
+    key = (*path, "attached")
+    before = next((o for o in records.orders if o.id == name), None)
+    if before is None or before is order:
+        known = [o.id for o in records.orders if o is not order]
+        yield Fault(key, missing("other order", name, known))
+        return
+    if before.attached is None:
+        yield Fault(key, f"order '{name}' has no load with a footprint (attached)")
+    others = [o.id for o in records.orders if o.attached == name and o is not order]
+    if others:
+        yield Fault(key, f"order '{others[0]}' takes the load of '{name}', too; only one can")
+    odd = [p for p in order.pickup.at if p not in before.delivery.at]
+    if odd:
+        at = _and(before.delivery.at)
+        yield Fault((*path, "pickup"), f"'{name}' does not put its load at '{odd[0]}', but at {at}")
+
+
 def _tasks(records: FleetRecords) -> Iterator[Fault]:
     for i, task in enumerate(records.tasks):
         path: Path = ("tasks", i)
         yield from _known(records.places, "place", task.at, (*path, "at"))
         yield from _known(records.resources, "resource", task.resources, (*path, "resources"))
-        yield from _window(task.window, task.duration, path)
+        lengths = [m.duration for m in task.modes.values()]
+        if (task.duration is None) == (not task.modes):
+            yield Fault((*path, "duration"), "say how long it lasts (duration), or give it modes")
+        if task.duration is not None:
+            lengths.append(task.duration)
+        yield from _window(task.window, min(lengths, default=0.0), path)
+        yield from _modes(records, task, path)
         if not task.at and (task.skills or task.robots):
             yield Fault((*path, "at"), "a robot does it, so say where: at: a place, or several")
         yield from _job(records, task, path)
 
 
+def _modes(records: FleetRecords, task: Task, path: Path) -> Iterator[Fault]:
+    if task.modes and task.at:
+        yield Fault((*path, "modes"), "modes are of machines; a robot does it at one of the places")
+    for name, mode in task.modes.items():
+        here: Path = (*path, "modes", name)
+        yield from _known(records.places, "place", mode.input, (*here, "input"))
+        yield from _known(records.places, "place", mode.output, (*here, "output"))
+        yield from _known(records.resources, "resource", mode.resources, (*here, "resources"))
+
+
 def _stop(records: FleetRecords, stop: Stop, path: Path) -> Iterator[Fault]:
+    if bool(stop.at) == (stop.task is not None):
+        yield Fault(path, "name a place, or several (at), or the task to whose machine it belongs")
     yield from _known(records.places, "place", stop.at, path)
     yield from _known(records.resources, "resource", stop.resources, (*path, "resources"))
     yield from _window(stop.window, stop.service, path)
@@ -201,8 +261,8 @@ def _job(records: FleetRecords, job: Order | Task, path: Path) -> Iterator[Fault
         yield Fault((*path, "after"), f"'{job.id}' cannot come after itself")
     yield from _known(records.robots, "robot", job.robots, (*path, "robots"))
     if records.robots and needs_robot(job) and not _able(records, job.skills, job.robots):
-        who = _and(job.robots) if job.robots else "any robot"
-        text = f"it needs {_and(job.skills)}, which {who} does not have"
+        text = f"it needs {_and(job.skills)}, which "
+        text += f"{_and(job.robots)} does not have" if job.robots else "no robot has"
         yield Fault((*path, "skills"), text)
     if job.optional and job.penalty is None:
         text = "say how many seconds of makespan leaving it out counts as (penalty: 100)"
@@ -256,7 +316,7 @@ def _and(names: Iterable[str]) -> str:
 
 def _circles(records: FleetRecords) -> Iterator[Fault]:
     """``after`` leads nowhere back."""
-    after = {j.id: j.after for j in records.jobs}
+    after = {j.id: earlier_than(records, j) for j in records.jobs}
     done: set[str] = set()
 
     def visit(name: str, trail: tuple[str, ...]) -> list[str]:

@@ -136,7 +136,9 @@ class Fleet:
         """
         self._listed("orders", Order, {"id": id, "pickup": pickup, "delivery": delivery, **options})
 
-    def add_task(self, id: str, at: Names = (), *, duration: float, **options: Any) -> None:
+    def add_task(
+        self, id: str, at: Names = (), *, duration: float | None = None, **options: Any
+    ) -> None:
         """Add something to do at a place (or one of several), or by no robot where none is named.
         Options: see :class:`Task`.
         """

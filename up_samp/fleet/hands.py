@@ -35,10 +35,12 @@ def _one_order(site: Site, work: Work, robot: str, orders: Sequence[Order]) -> N
     fluent = Fluent(f"{robot}_free", BoolType())
     site.problem.add_fluent(fluent, default_initial_value=TRUE())
     for order in orders:
-        pick, deliver = work.pair(robot, order)
-        pick.add_condition(at_start(pick), fluent())
-        pick.add_effect(pick.end, fluent(), FALSE())
-        deliver.add_effect(deliver.end, fluent(), TRUE())
+        picks, delivers = work.sides(robot, order.id)
+        for pick in picks:
+            pick.add_condition(at_start(pick), fluent())
+            pick.add_effect(pick.end, fluent(), FALSE())
+        for deliver in delivers:
+            deliver.add_effect(deliver.end, fluent(), TRUE())
 
 
 def _level(site: Site, work: Work, robot: str, load: str, orders: Sequence[Order]) -> None:
@@ -48,7 +50,8 @@ def _level(site: Site, work: Work, robot: str, load: str, orders: Sequence[Order
     site.problem.add_fluent(fluent, default_initial_value=capacity)
     for order in orders:
         amount = order.load.get(load, 0)
-        if amount:
-            pick, deliver = work.pair(robot, order)
+        picks, delivers = work.sides(robot, order.id)
+        for pick in picks if amount else ():
             pick.add_decrease_effect(pick.start, fluent(), amount)
+        for deliver in delivers if amount else ():
             deliver.add_increase_effect(deliver.end, fluent(), amount)

@@ -6,12 +6,20 @@ import itertools
 from collections.abc import Sequence
 
 from unified_planning.model.scheduling import Activity
-from unified_planning.shortcuts import LE, Not, Or
+from unified_planning.shortcuts import LE, Not, Or, Plus
 
 from up_samp.fleet.records import Order, Task
+from up_samp.fleet.sequence import earlier_than
 from up_samp.fleet.site import Site
-from up_samp.fleet.statements import ends_before, exactly_one, one_at_a_time, present, together
-from up_samp.fleet.visits import Role
+from up_samp.fleet.statements import (
+    ends_before,
+    exactly_one,
+    one_at_a_time,
+    only_with,
+    present,
+    together,
+)
+from up_samp.fleet.visits import ENDS, Role
 from up_samp.fleet.work import Work
 
 
@@ -28,29 +36,64 @@ class Jobs:
     def add(self) -> None:
         """State all rules of jobs."""
         self._done()
+        self._linked()
         self._after()
         self._priorities()
+        self._closings()
         self._left_out()
+
+    def _closings(self) -> None:
+        """A door closes again, unless no robot does anything any more by then: what is over is not
+        prolonged by a door. It is opened once at a time.
+        """
+        robots = [a for some in self._work.busy.values() for a in some]
+        of_door: dict[str, list[Activity]] = {}
+        for found in self._work.closings:
+            of_door.setdefault(found.door, []).extend((found.opening, found.closing))
+            for a in robots:
+                over = LE(a.end, Plus(found.opening.end, found.units))
+                both = present(found.opening, a)
+                self._problem.add_constraint(Or(found.closing.present, over), both)
+        for door, activities in of_door.items():
+            one_at_a_time(self._problem, door, activities)
 
     def _done(self) -> None:
         """Each job is done by exactly one robot, and orders are delivered by whom picked them."""
         for order in self._records.orders:
-            pairs = [self._work.pair(r, order) for r in self._able(order)]
-            self._done_once(order, [pick for pick, _ in pairs], "pick")
-            self._done_once(order, [deliver for _, deliver in pairs], "deliver")
-            for pick, deliver in pairs:
-                together(self._problem, pick, deliver)
-                ends_before(self._problem, pick, deliver)
+            sides = [self._work.sides(r, order.id) for r in self._able(order)]
+            self._done_once(order, [p for picks, _ in sides for p in picks], "pick")
+            self._done_once(order, [d for _, delivers in sides for d in delivers], "deliver")
+            for picks, delivers in sides:
+                together(self._problem, picks, delivers)
+                for pick, deliver in itertools.product(picks, delivers):
+                    ends_before(self._problem, pick, deliver)
         for task in self._records.tasks:
             if task.at:
                 self._done_once(task, self._work.of(task.id, Role.TASK), "task")
-            elif task.optional:
-                self._done_once(task, [self._work.machines[task.id]], "task")
+            elif task.optional or task.modes:
+                self._done_once(task, self._work.begins(task.id), "task")
 
     def _able(self, order: Order) -> list[str]:
         """Return the robots that may do an order."""
         visits = self._work.activities
-        return [v.robot for v in visits if v.what == order.id and v.role is Role.PICKUP]
+        found = [v.robot for v in visits if v.what == order.id and v.role is Role.PICKUP]
+        return list(dict.fromkeys(found))
+
+    def _linked(self) -> None:
+        """Parts are where their machines are, and loads are taken on where they were put."""
+        for order in self._records.orders:
+            for role, stop in zip(ENDS, (order.pickup, order.delivery), strict=True):
+                for mode, machine in self._work.machines.get(stop.task or "", {}).items():
+                    for a in self._work.option(order.id, role, mode):
+                        only_with(self._problem, a, machine)
+            if isinstance(order.attached, str):
+                for place in {v.option for v in self._work.activities if v.what == order.id}:
+                    self._taken_on(order.id, order.attached, place)
+
+    def _taken_on(self, order: str, before: str, place: str) -> None:
+        put = self._work.option(before, Role.DELIVERY, place)
+        for a in self._work.option(order, Role.PICKUP, place) if place else ():
+            self._problem.add_constraint(Or(Not(a.present), *(b.present for b in put)))
 
     def _done_once(self, job: Order | Task, activities: Sequence[Activity], part: str) -> None:
         """Exactly one of ``activities`` is there, or one that stands for leaving the part out.
@@ -62,7 +105,7 @@ class Jobs:
         if job.optional and job.penalty is not None:
             length = int(activities[0].duration.lower.constant_value())
             skip = self._problem.add_activity(f"skip_{part}_{job.id}", length, optional=True)
-            together(self._problem, skip, self._leave(job.id, job.penalty))
+            together(self._problem, [skip], [self._leave(job.id, job.penalty)])
             ways.append(skip)
         exactly_one(self._problem, ways)
 
@@ -76,7 +119,7 @@ class Jobs:
 
     def _after(self) -> None:
         for job in self._records.jobs:
-            for earlier in job.after:
+            for earlier in earlier_than(self._records, job):
                 if earlier in self._leaving:
                     self._only_with(job, earlier)
                 ends, begins = self._work.ends(earlier), self._work.begins(job.id)

@@ -3,17 +3,20 @@
 A robot that is about to take a load stands at the order's place, but not as any other robot may
 stand there: it may be under the load, and leaves with it. So that pose has a name of its own, a
 *stand*: only drives to take the load lead to the one at the pickup, only its ride leads from there
-to one at a delivery, and from there the robot drives away alone.
+to one at a delivery, and from there the robot drives away alone, or it or another one takes the
+load on. Orders that carry one load on share its stands.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 from shapely.geometry import Polygon
 
 from up_samp.fleet.outlines import body_of, placed, still
-from up_samp.fleet.records import Attached, FleetRecords, Order, Pose, RobotType
+from up_samp.fleet.records import Attached, FleetRecords, Order, Pose, RobotType, Stop
 from up_samp.model import Body
 from up_samp.upio.rides import laden_body
 
@@ -21,9 +24,18 @@ MARK = "@"
 """In no name that a user gives."""
 
 
-def stand(place: str, order: Order) -> str:
-    """Return the name of the pose at ``place`` of a robot that takes or puts an order's load."""
-    return place if order.attached is None else f"{place}{MARK}{order.id}"
+def load_name(records: FleetRecords, order: Order) -> str:
+    """Return the id of the order that is the first to carry the load of ``order``."""
+    known = {o.id: o for o in records.orders}
+    while isinstance(order.attached, str):
+        order = known[order.attached]
+    return order.id
+
+
+def load_of(records: FleetRecords, order: Order) -> Attached | None:
+    """Return the load of an order that travels with its robot, if it has one."""
+    first = next(o for o in records.orders if o.id == load_name(records, order))
+    return None if isinstance(first.attached, str) else first.attached
 
 
 def place_of(name: str) -> str:
@@ -31,17 +43,56 @@ def place_of(name: str) -> str:
     return name.partition(MARK)[0]
 
 
-def ends_of(order: Order) -> tuple[tuple[str, ...], tuple[str, ...]]:
+@dataclass(frozen=True)
+class Option:
+    """Poses at one of which an order's pickup or delivery may be. ``name`` tells options apart of
+    which something else hangs: a mode, or where a load is taken on.
+    """
+
+    name: str
+    poses: tuple[str, ...]
+
+
+def options_of(records: FleetRecords, order: Order) -> tuple[list[Option], list[Option]]:
+    """Return what an order's pickup and delivery may be."""
+    return _options(records, order, order.pickup, False), _options(
+        records, order, order.delivery, True
+    )
+
+
+def _options(records: FleetRecords, order: Order, stop: Stop, into: bool) -> list[Option]:
+    if stop.task is not None:
+        modes = next(t.modes for t in records.tasks if t.id == stop.task)
+        return [
+            Option(name, mode.input if into else mode.output or mode.input)
+            for name, mode in modes.items()
+        ]
+    if order.attached is None:
+        return [Option("", stop.at)]
+    load = load_name(records, order)
+    stands = tuple(f"{p}{MARK}{load}" for p in stop.at)
+    taken_on = any(o.attached == order.id for o in records.orders)
+    chosen = taken_on if into else isinstance(order.attached, str)
+    if chosen:
+        return [Option(place_of(p), (p,)) for p in stands]
+    return [Option("", stands)]
+
+
+def ends_of(records: FleetRecords, order: Order) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the names of an order's poses: at its pickups and at its deliveries."""
-    pickups = tuple(stand(p, order) for p in order.pickup.at)
-    return pickups, tuple(stand(p, order) for p in order.delivery.at)
+    pickups, deliveries = options_of(records, order)
+    return _poses(pickups), _poses(deliveries)
+
+
+def _poses(options: Iterable[Option]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(p for option in options for p in option.poses))
 
 
 def poses_of(records: FleetRecords) -> dict[str, Pose]:
     """Return the poses of all places and stands."""
     poses = {name: place.pose for name, place in records.places.items()}
     for order in attached_of(records):
-        for name in (name for end in ends_of(order) for name in end):
+        for name in (name for end in ends_of(records, order) for name in end):
             poses[name] = poses[place_of(name)]
     return poses
 
@@ -51,13 +102,23 @@ def attached_of(records: FleetRecords) -> list[Order]:
     return [o for o in records.orders if o.attached is not None]
 
 
+def loads_of(records: FleetRecords) -> list[tuple[Order, Attached]]:
+    """Return all loads that travel with robots, each with the first order that carries it."""
+    return [(o, o.attached) for o in records.orders if isinstance(o.attached, Attached)]
+
+
 def ridden(records: FleetRecords, origin: str, to: str) -> Order | None:
     """Return the order whose load rides from one pose to another, if that is what the drive is."""
     for order in attached_of(records):
-        pickups, deliveries = ends_of(order)
+        pickups, deliveries = ends_of(records, order)
         if origin in pickups and to in deliveries:
             return order
     return None
+
+
+def is_stand_of(name: str, load: str) -> bool:
+    """Return whether a pose is one at which a robot takes or puts a load."""
+    return name.partition(MARK)[2] == load
 
 
 def load_pose(attached: Attached, robot: Pose) -> Pose:

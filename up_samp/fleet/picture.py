@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Polygon
 
 from up_samp.fleet.checks import Finding, Level
-from up_samp.fleet.loads import attached_of, load_pose
+from up_samp.fleet.loads import load_pose, loads_of
 from up_samp.fleet.outlines import placed
 from up_samp.fleet.records import FleetRecords, Outline, Pose
 from up_samp.plotting.background import background_of
@@ -58,11 +58,10 @@ def _draw_fixtures(ax: Axes, records: FleetRecords) -> list[Label]:
         ax.add_patch(Polygon(opened, fc="none", ec=FIXTURE, ls="--"))
         ax.add_patch(Polygon(leaf, fc=FIXTURE, ec=INK))
         labels.append(_label(name, door.closed, leaf, FIXTURE))
-    for job in attached_of(records):
-        if job.attached is not None:
-            at = load_pose(job.attached, records.places[job.pickup.at[0]].pose)
-            load = placed(job.attached.footprint, at)
-            ax.add_patch(Polygon(load, fc=mixed(FIXTURE, 0.6), ec=FIXTURE, zorder=1.5))
+    for order, attached in loads_of(records):
+        at = load_pose(attached, records.places[order.pickup.at[0]].pose)
+        load = placed(attached.footprint, at)
+        ax.add_patch(Polygon(load, fc=mixed(FIXTURE, 0.6), ec=FIXTURE, zorder=1.5))
     return labels
 
 
@@ -97,7 +96,7 @@ def _draw_legend(ax: Axes, records: FleetRecords, bad: set[str]) -> None:
         Patch(fc=mixed(INK, 0.85), ec=INK, label="place"),
         Patch(fc=FIXTURE, label="door, closed"),
     ]
-    if attached_of(records):
+    if loads_of(records):
         keys.append(Patch(fc=mixed(FIXTURE, 0.6), ec=FIXTURE, label="load"))
     if bad:
         keys.append(Patch(fc=WRONG, label="wrong: see the list"))

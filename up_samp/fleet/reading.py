@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from difflib import get_close_matches
 from functools import cache
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
+from up_samp.fleet import records
 from up_samp.fleet.faults import Fault, FleetError, Path
 from up_samp.fleet.records import FleetRecords
 
-_UNIONS = ("tuple[", "constrained", "function-", "Stop", "Place", "str")
+_UNIONS = ("tuple[", "constrained", "function-", "Stop", "Place", "Attached", "str")
 """How pydantic names the members of a union in an error's place: of no use to readers."""
 
 
 NOT_YET = {
-    "closes": "doors that close again are not supported yet: a door stays open once it is open",
     "charge": "chargers are part of a place: charger: {per_second: 1.0}",
     "chargers": "chargers are part of a place: charger: {per_second: 1.0}",
     "speed": "give v_max, in m/s",
     "radius": "give the footprint as corners, or turning_radius",
 }
 """Keys that one may expect, and what to say of them."""
+
+
+RECORDS = tuple(kind for kind in vars(records).values() if is_dataclass(kind))
 
 
 def read_record(kind: type, data: Any, path: Path = ()) -> Any:
@@ -58,7 +63,7 @@ def _faults(error: ValidationError, data: Any, path: Path) -> list[Fault]:
         where = (*path, *inner)
         text = item["msg"].replace("Input should be", "should be")
         if item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-            text = NOT_YET.get(str(item["loc"][-1]), "there is no such key")
+            text = NOT_YET.get(str(item["loc"][-1]), no_such_key(str(item["loc"][-1])))
         elif item["type"] == "value_error":
             text = str(item["ctx"]["error"])
         elif item["type"] == "missing":
@@ -67,6 +72,13 @@ def _faults(error: ValidationError, data: Any, path: Path) -> list[Fault]:
             text = "a name has letters, digits, '_', '-' and '.', and begins with a letter"
         found.setdefault(where, Fault(where, text))
     return list(found.values())
+
+
+def no_such_key(name: str) -> str:
+    """Return that there is no such key, and which one may have been meant."""
+    known = {field.name for kind in RECORDS for field in fields(kind)}
+    near = get_close_matches(name, sorted(known), 1, 0.7)
+    return f"there is no such key; did you mean '{near[0]}'?" if near else "there is no such key"
 
 
 def _inside(data: Any, loc: tuple[str | int, ...]) -> Path:

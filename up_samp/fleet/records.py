@@ -129,7 +129,11 @@ class Place:
 
 @dataclass(frozen=True)
 class Door:
-    """A leaf that stands at ``closed`` until a robot at ``opened_from`` opens it for good."""
+    """A leaf that stands at ``closed`` until a robot at ``opened_from`` opens it.
+
+    It stays open, or closes by itself ``closes`` s later; such a door each robot may open ``times``
+    times.
+    """
 
     __pydantic_config__ = STRICT
     leaf: Outline
@@ -138,6 +142,8 @@ class Door:
     opened_from: Names
     seconds: Seconds = 1.0
     skills: Names = ()
+    closes: Seconds | None = None
+    times: Count = 1
 
 
 @dataclass(frozen=True)
@@ -162,11 +168,13 @@ class Resource:
 class Stop:
     """A pickup or a delivery, at one of the places ``at``; it lasts ``service`` s.
 
-    ``window``: it begins no earlier and ends no later.
+    ``window``: it begins no earlier and ends no later. ``task`` instead of ``at``: at the machine
+    at which that task is done (see :class:`Mode`).
     """
 
     __pydantic_config__ = STRICT
-    at: Annotated[Names, MinLen(1)]
+    at: Names = ()
+    task: Name | None = None
     service: Seconds = 1.0
     window: Window | None = None
     resources: Names = ()
@@ -180,9 +188,9 @@ AnyStop = Annotated[Stop, BeforeValidator(_stop, json_schema_input_type=Stop | N
 
 
 def _place(value: Any) -> Any:
-    if not isinstance(value, list | tuple):
+    if isinstance(value, Mapping | Place):
         return value
-    if len(value) != 3:
+    if not isinstance(value, list | tuple) or len(value) != 3:
         raise ValueError("a pose is [x, y, theta]")
     return {"pose": value}
 
@@ -206,8 +214,9 @@ class Order:
     """One robot takes a load from ``pickup`` to ``delivery``.
 
     ``load``: how many of each kind it takes up of the robot's capacity. ``attached``: it has a
-    footprint, stands on the floor, and is one body with the robot that carries it. ``skills``:
-    what the robot must have; ``robots``: who may do it (none named: all). ``after``: orders and
+    footprint, stands on the floor, and is one body with the robot that carries it; or the id of
+    another order, whose load is taken on from where that one puts it. ``skills``: what the robot
+    must have; ``robots``: who may do it (none named: all). ``after``: orders and
     tasks that have ended before. ``priority``: an order of a higher one begins no later than those
     of lower ones. ``optional``: it may be left out, which counts as ``penalty`` more seconds of
     makespan.
@@ -218,7 +227,7 @@ class Order:
     pickup: AnyStop
     delivery: AnyStop
     load: Mapping[Name, Count] = field(default_factory=lambda: {"item": 1})
-    attached: Attached | None = None
+    attached: Attached | Name | None = None
     skills: Names = ()
     robots: Names = ()
     after: Names = ()
@@ -228,15 +237,32 @@ class Order:
 
 
 @dataclass(frozen=True)
+class Mode:
+    """One way in which a machine may do a task: ``duration`` s on its ``resources``. Orders bring
+    parts to one of the places ``input`` and fetch them at one of ``output`` (``input`` where none
+    is named).
+    """
+
+    __pydantic_config__ = STRICT
+    duration: Seconds
+    input: Names = ()
+    output: Names = ()
+    resources: Names = ()
+
+
+@dataclass(frozen=True)
 class Task:
     """Something that lasts ``duration`` s: done by one robot at one of the places ``at``, or, where
     none is named, by no robot (a machine that works by itself on its ``resources``).
+
+    ``modes`` instead of ``duration``: it is done by one of several machines, by name.
     """
 
     __pydantic_config__ = STRICT
     id: Name
-    duration: Seconds
+    duration: Seconds | None = None
     at: Names = ()
+    modes: Mapping[Name, Mode] = field(default_factory=dict)
     skills: Names = ()
     robots: Names = ()
     after: Names = ()

@@ -20,7 +20,7 @@ from unified_planning.shortcuts import ConfigurationType, Equals, IntType, Movab
 from up_samp.fleet.batteries import first_level, usable
 from up_samp.fleet.crowds import Crowd
 from up_samp.fleet.faults import Fault, FleetError
-from up_samp.fleet.loads import MARK, attached_of, ends_of, load_pose, place_of, poses_of
+from up_samp.fleet.loads import MARK, ends_of, load_name, load_pose, loads_of, place_of, poses_of
 from up_samp.fleet.outlines import corners, movable
 from up_samp.fleet.records import FleetRecords, Outline, Pose, RobotType
 
@@ -28,8 +28,9 @@ from up_samp.fleet.records import FleetRecords, Outline, Pose, RobotType
 class Site:
     """A UP problem with all that the records name, and nothing that happens yet.
 
-    ``at`` holds the fluents that tell where robots and doors are, ``stands`` where the load of an
-    order is while its robot is at a place, ``rooms`` how many more robots fit into a zone.
+    ``at`` holds the fluents that tell where robots and doors are, ``stands`` where a load
+    is while its robot is at a stand, ``pallets`` the loads by the first order that carries each,
+    ``rooms`` how many more robots fit into a zone.
     """
 
     def __init__(self, records: FleetRecords, folder: Path) -> None:
@@ -45,7 +46,7 @@ class Site:
         self.at: dict[str, FNode] = {}
         self.batteries: dict[str, FNode] = {}
         self.pallets: dict[str, MovableObject] = {}
-        self.stands: dict[tuple[str, str], ConfigurationObject] = {}
+        self.stands: dict[str, ConfigurationObject] = {}
         self.doors: dict[str, MovableObject] = {}
         self.keep_out: dict[str, list[MovableObject]] = {}
         self.crowds: list[Crowd] = []
@@ -100,15 +101,15 @@ class Site:
 
     def _pallets(self) -> None:
         """Loads that travel with robots: they stand at their pickup at first."""
-        for order in attached_of(self.records):
-            assert order.attached is not None
-            pickups, deliveries = ends_of(order)
-            name = f"load{MARK}{order.id}"
-            for place in dict.fromkeys((*pickups, *deliveries)):
-                pose = load_pose(order.attached, self.records.places[place_of(place)].pose)
-                self.stands[order.id, place] = self._pose(f"load{MARK}{place}", pose)
-            at = self.stands[order.id, pickups[0]]
-            self.pallets[order.id] = self._fixture(name, order.attached.footprint, at, "load")
+        for first, load in loads_of(self.records):
+            carried = [o for o in self.records.orders if load_name(self.records, o) == first.id]
+            ends = [end for o in carried for end in ends_of(self.records, o)]
+            for place in dict.fromkeys(place for end in ends for place in end):
+                pose = load_pose(load, self.records.places[place_of(place)].pose)
+                self.stands[place] = self._pose(f"load{MARK}{place}", pose)
+            at = self.stands[ends_of(self.records, first)[0][0]]
+            name = f"load{MARK}{first.id}"
+            self.pallets[first.id] = self._fixture(name, load.footprint, at, "load")
 
     def _fixture(
         self, name: str, outline: Outline, pose: ConfigurationObject, kind: str = "fixture"

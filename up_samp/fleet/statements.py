@@ -34,10 +34,14 @@ def only_with(problem: SchedulingMotionProblem, a: Activity, b: Activity) -> Non
     problem.add_constraint(Or(Not(a.present), b.present))
 
 
-def together(problem: SchedulingMotionProblem, a: Activity, b: Activity) -> None:
-    """State that both are there, or neither."""
-    only_with(problem, a, b)
-    only_with(problem, b, a)
+def together(
+    problem: SchedulingMotionProblem, some: Sequence[Activity], others: Sequence[Activity]
+) -> None:
+    """State that one of ``some`` is there where one of ``others`` is, and the other way round."""
+    for a in some:
+        problem.add_constraint(Or(Not(a.present), *(b.present for b in others)))
+    for b in others:
+        problem.add_constraint(Or(Not(b.present), *(a.present for a in some)))
 
 
 def ends_before(problem: SchedulingMotionProblem, a: Activity, b: Activity) -> None:

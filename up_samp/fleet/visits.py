@@ -12,8 +12,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from up_samp.fleet.faults import able, carries, needs_robot
-from up_samp.fleet.loads import ends_of
+from up_samp.fleet.loads import options_of, ridden
 from up_samp.fleet.records import Charger, FleetRecords, Order, RobotType
+from up_samp.fleet.sequence import earlier_than
 
 
 class Role(enum.Enum):
@@ -33,7 +34,7 @@ class Role(enum.Enum):
 class Visit:
     """``what`` (an order, a task, a door) is done by ``robot`` at one of ``places``.
 
-    ``number`` tells visits apart that are alike (parking).
+    ``number`` tells visits apart that are alike (parking), ``option`` those of which others depend.
     """
 
     robot: str
@@ -41,6 +42,7 @@ class Visit:
     what: str
     places: tuple[str, ...]
     number: int = 0
+    option: str = ""
 
     @property
     def name(self) -> str:
@@ -49,11 +51,16 @@ class Visit:
             return f"{self.what}_{self.robot}"
         if self.role is Role.CHARGE:
             return f"charge_{self.robot}_at_{self.what}_{self.number + 1}"
-        return f"{self.role.value}_{self.what}_{self.robot}"
+        name = f"{self.role.value}_{self.what}_{self.robot}"
+        if self.role is Role.OPEN and self.number:
+            return f"{name}_{self.number + 1}"
+        return f"{name}_at_{self.option}" if self.option else name
 
 
 WORK = (Role.PICKUP, Role.DELIVERY, Role.TASK, Role.OPEN, Role.CHARGE)
 """Roles that are activities; at the others a robot only is."""
+
+ENDS = (Role.PICKUP, Role.DELIVERY)
 
 
 def visits_of(records: FleetRecords, robot: str) -> list[Visit]:
@@ -63,15 +70,17 @@ def visits_of(records: FleetRecords, robot: str) -> list[Visit]:
     visits = [Visit(robot, Role.START, mine.start, (mine.start,))]
     for order in records.orders:
         if robot in able(records, order) and carries(kind, order):
-            pickups, deliveries = ends_of(order)
-            visits.append(Visit(robot, Role.PICKUP, order.id, pickups))
-            visits.append(Visit(robot, Role.DELIVERY, order.id, deliveries))
+            for role, options in zip(ENDS, options_of(records, order), strict=True):
+                for option in options:
+                    visits.append(Visit(robot, role, order.id, option.poses, 0, option.name))
     for task in records.tasks:
         if needs_robot(task) and robot in able(records, task):
             visits.append(Visit(robot, Role.TASK, task.id, task.at))
     for name, door in records.doors.items():
         if set(door.skills) <= set(mine.skills):
-            visits.append(Visit(robot, Role.OPEN, name, door.opened_from))
+            visits += [
+                Visit(robot, Role.OPEN, name, door.opened_from, i) for i in range(door.times)
+            ]
     for place, charger in chargers_of(records, robot):
         visits += [Visit(robot, Role.CHARGE, place, (place,), i) for i in range(charger.times)]
     for place in _parking(records, robot):
@@ -100,8 +109,9 @@ class Successions:
     """Which visits of a robot can come right after each other."""
 
     def __init__(self, records: FleetRecords, kind: RobotType) -> None:
+        self._records = records
         self._orders: Mapping[str, Order] = {o.id: o for o in records.orders}
-        self._after = {j.id: set(j.after) for j in records.jobs}
+        self._after = {j.id: set(earlier_than(records, j)) for j in records.jobs}
         self._capacity = kind.capacity
 
     def possible(self, a: Visit, b: Visit) -> bool:
@@ -113,7 +123,7 @@ class Successions:
         if a.role is b.role is Role.PARK:
             return False
         if a.what in self._orders and a.what == b.what:
-            return a.role is Role.PICKUP
+            return (a.role, b.role) == ENDS
         if self._rides(a, Role.PICKUP) or self._rides(b, Role.DELIVERY):
             return False  # from the one to the other, and nowhere else
         if a.role in WORK and b.what in self._after.get(a.what, ()):
@@ -122,6 +132,12 @@ class Successions:
             apart = a.role is Role.DELIVERY and b.role is Role.PICKUP
             return apart or self.together(a.what, b.what)
         return not (b.role is Role.END and a.role is Role.PICKUP)
+
+    def drivable(self, a: Visit, origin: str, b: Visit, to: str) -> bool:
+        """Return whether the robot drives from the one to the other at these poses; where a load
+        rides from pose to pose, nobody drives without it.
+        """
+        return origin != to and (a.what == b.what or ridden(self._records, origin, to) is None)
 
     def _rides(self, visit: Visit, role: Role) -> bool:
         """Return whether a visit has that role in an order whose load travels with the robot."""
@@ -154,7 +170,7 @@ def moves_needed(visits: list[Visit], successions: Successions) -> dict[tuple[st
     for a, b in follows:
         for p in a.places:
             for q in b.places:
-                if p != q:
+                if successions.drivable(a, p, b, q):
                     leave.setdefault((p, q), set()).add(a)
                     reach.setdefault((p, q), set()).add(b)
     return {pair: min(len(leave[pair]), len(reach[pair])) for pair in leave}

@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import Equals, Or
 
 from up_samp.fleet.batteries import step_of, steps_of
-from up_samp.fleet.loads import ends_of
-from up_samp.fleet.records import Order, Stop, Task
+from up_samp.fleet.records import Stop, Task
 from up_samp.fleet.site import Site
-from up_samp.fleet.statements import at_start, ends_before, only_with, while_there
+from up_samp.fleet.statements import at_start, ends_before, only_with, present, while_there
 from up_samp.fleet.visits import WORK, Role, Visit, visits_of
+
+
+@dataclass(frozen=True)
+class Closing:
+    """A door that is opened, and closes by itself ``units`` later."""
+
+    door: str
+    opening: Activity
+    closing: Activity
+    units: int
 
 
 class Work:
@@ -27,7 +37,8 @@ class Work:
         self._records = site.records
         self.visits = {r: visits_of(self._records, r) for r in self._records.robots}
         self.activities: dict[Visit, Activity] = {}
-        self.machines: dict[str, Activity] = {}
+        self.machines: dict[str, dict[str, Activity]] = {}
+        self.closings: list[Closing] = []
         self.busy: dict[str, list[Activity]] = {r: [] for r in self._records.robots}
         for visits in self.visits.values():
             for visit in visits:
@@ -43,23 +54,27 @@ class Work:
         """Return the activities of a job in some roles: one for each robot that may do it."""
         return [a for v, a in self.activities.items() if v.what == what and v.role in roles]
 
-    def pair(self, robot: str, order: Order) -> tuple[Activity, Activity]:
-        """Return a robot's pickup and delivery of an order."""
-        pickups, deliveries = ends_of(order)
-        pick = Visit(robot, Role.PICKUP, order.id, pickups)
-        deliver = Visit(robot, Role.DELIVERY, order.id, deliveries)
-        return self.activities[pick], self.activities[deliver]
+    def sides(self, robot: str, order: str) -> tuple[list[Activity], list[Activity]]:
+        """Return a robot's pickups and deliveries of an order: one of each happens, or none."""
+        mine = [(v, self.activities[v]) for v in self.visits[robot] if v.what == order]
+        picks = [a for v, a in mine if v.role is Role.PICKUP]
+        return picks, [a for v, a in mine if v.role is Role.DELIVERY]
+
+    def option(self, order: str, role: Role, name: str) -> list[Activity]:
+        """Return the activities of one option of an order's pickup or delivery."""
+        visits = self.activities.items()
+        return [a for v, a in visits if (v.what, v.role, v.option) == (order, role, name)]
 
     def begins(self, job: str) -> list[Activity]:
         """Return the activities of which one begins a job."""
         if job in self.machines:
-            return [self.machines[job]]
+            return list(self.machines[job].values())
         return self.of(job, Role.PICKUP, Role.TASK)
 
     def ends(self, job: str) -> list[Activity]:
         """Return the activities of which one ends a job."""
         if job in self.machines:
-            return [self.machines[job]]
+            return list(self.machines[job].values())
         return self.of(job, Role.DELIVERY, Role.TASK)
 
     def _work(self, visit: Visit) -> None:
@@ -73,6 +88,7 @@ class Work:
             a.add_motion_effect(site.doors[visit.what], opened)
             a.add_condition(at_start(a), Equals(state, site.places[f"{visit.what}.closed"]))
             a.add_effect(a.end, state, opened)
+            self._shut(visit, a)
         else:
             a = site.problem.add_activity(visit.name, duration=units, optional=True)
         here = [Equals(site.at[visit.robot], site.places[p]) for p in visit.places]
@@ -80,6 +96,21 @@ class Work:
         self._limit(a, window, resources)
         self.activities[visit] = a
         self.busy[visit.robot].append(a)
+
+    def _shut(self, visit: Visit, opening: Activity) -> None:
+        """Let a door close by itself, so long after it has been opened."""
+        site, problem = self._site, self._site.problem
+        door = self._records.doors[visit.what]
+        if door.closes is None:
+            return
+        name = visit.name.replace(Role.OPEN.value, "close", 1)
+        a: Any = problem.add_motion_activity(name, site.up(door.closes), optional=True)
+        only_with(problem, a, opening)
+        problem.add_constraint(Equals(opening.end, a.start), present(opening, a))
+        closed = site.places[f"{visit.what}.closed"]
+        a.add_motion_effect(site.doors[visit.what], closed)
+        a.add_effect(a.end, site.at[visit.what], closed)
+        self.closings.append(Closing(visit.what, opening, a, site.up(door.closes)))
 
     def _charge(self, visit: Visit) -> None:
         """Add the steps of a visit to a charger: one after the other, as many as are wanted."""
@@ -102,10 +133,17 @@ class Work:
 
     def _machine(self, task: Task) -> None:
         """Add what no robot does."""
-        units = self._site.up(task.duration)
-        a = self._site.problem.add_activity(task.id, duration=units, optional=task.optional)
-        self._limit(a, task.window, task.resources)
-        self.machines[task.id] = a
+        problem, modes = self._site.problem, task.modes
+        ways = [(name, m.duration, m.resources) for name, m in modes.items()]
+        if task.duration is not None:
+            ways = [("", task.duration, ())]
+        self.machines[task.id] = {}
+        for mode, duration, resources in ways:
+            name = f"{task.id}_{mode}" if mode else task.id
+            optional = task.optional or bool(mode)
+            a = problem.add_activity(name, self._site.up(duration), optional=optional)
+            self._limit(a, task.window, (*task.resources, *resources))
+            self.machines[task.id][mode] = a
 
     def _figures(self, visit: Visit) -> tuple[float, tuple[float, float] | None, tuple[str, ...]]:
         """Return how long a visit lasts (s), its window and its resources."""
@@ -113,6 +151,7 @@ class Work:
             return self._records.doors[visit.what].seconds, None, ()
         if visit.role is Role.TASK:
             task = next(t for t in self._records.tasks if t.id == visit.what)
+            assert task.duration is not None
             return task.duration, task.window, task.resources
         order = next(o for o in self._records.orders if o.id == visit.what)
         stop: Stop = order.pickup if visit.role is Role.PICKUP else order.delivery

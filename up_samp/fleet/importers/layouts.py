@@ -14,6 +14,7 @@ from shapely.geometry import LineString, MultiPoint, Polygon
 from shapely.ops import unary_union
 
 from up_samp.fleet.importers.common import Imported, Options, finish, name_of, text_of, wrong
+from up_samp.fleet.importers.doors import doors_of
 from up_samp.fleet.importers.outlines import map_from_polygons
 
 AGV = {"footprint": [1.0, 0.7], "model": "omni", "v_max": 1.0, "a_max": 0.5, "omega_max": 1.0}
@@ -88,7 +89,7 @@ def import_rmf(source: Path, folder: Path, options: Options) -> Imported:
     """Import the first level of an Open-RMF building map: floor, walls, named vertices.
 
     Pixels become m by the level's measurements; y points up. Chargers and parking spots are places
-    to park. RMF opens its doors on request, so they are left open; holding points are places, too.
+    to park, holding points are places, too. Doors are opened where lanes lead through them.
     """
     try:
         levels = yaml.safe_load(text_of(source))["levels"]
@@ -123,14 +124,17 @@ def import_rmf(source: Path, folder: Path, options: Options) -> Imported:
     if chargers:
         text = f"chargers give {CHARGING:g} a second, once robots have a battery: "
         notes.append(text + ", ".join(chargers))
-    if level.get("doors"):
-        doors = ", ".join(str(d[2].get("name", ["", "?"])[1]) for d in level["doors"])
-        notes.append(f"doors are taken as open, as RMF opens them on request: {doors}")
+    doors, left = doors_of(level, points, places, free)
+    if doors:
+        notes.append("RMF's doors shut by themselves; these stay open unless you add closes (s)")
+    if left:
+        notes.append(f"doors that nobody can stand before are taken as open: {', '.join(left)}")
     if len(levels) > 1:
         notes.append(f"other levels were left out: {', '.join(list(levels)[1:])}")
     notes.append("headings are 0; robots' footprint and limits are assumed; add robots and orders")
     map_file = map_from_polygons(free, folder).name
-    return finish(folder, {"map": map_file, "robot_types": {"agv": AGV}, "places": places}, notes)
+    data = {"map": map_file, "robot_types": {"agv": AGV}, "places": places, "doors": doors}
+    return finish(folder, data, notes)
 
 
 def _scale(source: Path, level: Mapping[str, Any]) -> float:

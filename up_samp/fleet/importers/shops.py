@@ -1,7 +1,8 @@
 """Job shops on a floor: JSPLIB's standard form, and flexible ones (``.fjs``), with transport.
 
 Machines stand along two walls of a hall; each job's part is carried from the store to its machines,
-in order, and to the exit. A machine works by itself, on one part at a time.
+in order, and to the exit. A machine works by itself, on one part at a time. Where an operation may
+be done on several machines, the planner chooses: the machines are modes of its task.
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ import numpy as np
 from up_samp.fleet.importers.common import Imported, Options, finish, text_of, wrong
 from up_samp.geometry.maps import write_map
 
-Route = list[tuple[int, int]]
+Ways = list[tuple[int, int]]
+"""(machine, duration) of each machine that an operation may be done on."""
+Route = list[Ways]
 APART, DEEP, CELL = 4.0, 12.0, 0.1
 """Distance between machines along a wall, depth of the hall, edge of a cell: m."""
 
@@ -43,39 +46,38 @@ def import_jsplib(source: Path, folder: Path, options: Options) -> Imported:
     for number, row in rows[1 : jobs + 1]:
         if len(row) != 2 * machines:
             raise wrong(source, number, f"{2 * machines} numbers are needed, there are {len(row)}")
-        routes.append(list(zip(row[::2], row[1::2], strict=True)))
+        routes.append([[way] for way in zip(row[::2], row[1::2], strict=True)])
     _check(source, routes, jobs, machines)
     return _shop(source, folder, options, routes, machines, [])
 
 
 def import_fjs(source: Path, folder: Path, options: Options) -> Imported:
-    """Import a flexible job shop. Each operation goes to its quickest machine (the first of them):
-    the choice of machines is made here, not by the planner.
-    """
+    """Import a flexible job shop: an operation is done on one of several machines."""
     rows = _numbers(source)
     jobs, machines = rows[0][1][:2]
     routes: list[Route] = []
-    chosen = 0
     for number, row in rows[1 : jobs + 1]:
         values = iter(row)
         route: Route = []
         try:
             for _ in range(next(values)):
                 ways = [(next(values) - 1, next(values)) for _ in range(next(values))]
-                chosen += len(ways) > 1
-                route.append(min(ways, key=lambda way: way[1]))
+                route.append(sorted(dict(sorted(ways, reverse=True)).items()))
         except (StopIteration, ValueError) as error:
             raise wrong(source, number, "the line ends too early") from error
         routes.append(route)
     _check(source, routes, jobs, machines)
-    note = f"{chosen} operations had several machines: each goes to its quickest one"
+    flexible = sum(len(ways) > 1 for route in routes[: options.jobs] for ways in route)
+    note = f"{flexible} operations may be done on one of several machines: modes of their tasks"
     return _shop(source, folder, options, routes, machines, [note])
 
 
 def _check(source: Path, routes: list[Route], jobs: int, machines: int) -> None:
     if len(routes) != jobs:
         raise wrong(source, None, f"{jobs} jobs are announced, there are {len(routes)}")
-    odd = [m for route in routes for m, _ in route if not 0 <= m < machines]
+    odd = [m for route in routes for ways in route for m, _ in ways if not 0 <= m < machines]
+    if any(not ways for route in routes for ways in route):
+        raise wrong(source, None, "an operation has no machine")
     if odd:
         raise wrong(source, None, f"there is no machine {odd[0]}; there are {machines}")
 
@@ -99,19 +101,18 @@ def _shop(
     orders: list[dict[str, Any]] = []
     tasks: list[dict[str, Any]] = []
     for j, route in enumerate(routes[: options.jobs]):
-        here, before = "store", None
-        steps: list[tuple[int, int] | None] = [*route, None]
-        for k, step in enumerate(steps):
-            there = f"at_m{step[0]}" if step is not None else "exit"
-            order: dict[str, Any] = {"id": f"j{j}_carry{k}", "pickup": here, "delivery": there}
+        here: Any = "store"
+        before = None
+        for k, ways in enumerate([*route, []]):
+            name, carry = f"j{j}_op{k}", f"j{j}_carry{k}"
+            there = _place(name, ways)
+            order: dict[str, Any] = {"id": carry, "pickup": here, "delivery": there}
             if before is not None:
                 order["after"] = [before]
             orders.append(order)
-            if step is not None:
-                before = f"j{j}_op{k}"
-                machine = {"resources": [f"m{step[0]}"], "after": [order["id"]]}
-                tasks.append({"id": before, "duration": step[1], **machine})
-            here = there
+            if ways:
+                tasks.append({"id": name, "after": [carry], **_work(ways)})
+            here, before = there, name
     kind = {"footprint": [1.2, 0.8], "turning_radius": 0.8, "v_max": 2.0, "a_max": 1.0}
     data = {
         "name": "shop",
@@ -126,6 +127,24 @@ def _shop(
     taken = min(len(routes), options.jobs)
     notes = [f"{taken} of {len(routes)} jobs of {source.name}; the hall is made up", *notes]
     return finish(folder, data, notes)
+
+
+def _place(task: str, ways: Ways) -> Any:
+    """Return where a part is brought for an operation; the exit where none is left."""
+    if not ways:
+        return "exit"
+    return f"at_m{ways[0][0]}" if len(ways) == 1 else {"task": task}
+
+
+def _work(ways: Ways) -> dict[str, Any]:
+    """Return what a task is on its machine, or on each of several."""
+    if len(ways) == 1:
+        return {"duration": ways[0][1], "resources": [f"m{ways[0][0]}"]}
+    modes = {
+        f"m{m}": {"duration": duration, "resources": [f"m{m}"], "input": [f"at_m{m}"]}
+        for m, duration in ways
+    }
+    return {"modes": modes}
 
 
 def _hall(folder: Path, machines: int) -> float:

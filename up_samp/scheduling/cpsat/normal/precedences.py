@@ -2,7 +2,7 @@
 
 ``Or`` over each helper H: ``And(H.present, H.end <= A.start, and for each rival R:
 Implies(R.present, Or(R.end <= H.start, R.start >= A.end)))``; and, where it holds at first, one
-more alternative: ``And for each R: Implies(R.present, R.start >= A.end)`` (Tosello et al., AAAI
+more alternative: ``And for each R: Implies(R.present, R.start >= A.end)`` (Tosello et al., ICAPS
 2026). Here they are only read; whether they amount to a state variable depends on who never
 overlaps, see :mod:`up_samp.scheduling.cpsat.encode.histories`.
 """
