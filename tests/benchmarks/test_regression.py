@@ -46,6 +46,7 @@ def test_a_published_instance_is_solved_to_the_known_optimum():
     record = run("logistics-do-oc-r3-i3", encoding="fluents")
     assert report.proven(record), record
     assert record["makespan"] == 41
+    assert record["seconds_cpu"] > 0
 
 
 def test_a_single_robot_gains_nothing_by_parallel_work():

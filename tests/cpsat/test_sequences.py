@@ -14,7 +14,6 @@ from cpsat.truth import bound_without_search
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.routing import sequences
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
 from up_samp.scheduling.cpsat.routing.list_scheduling import decode
@@ -163,9 +162,10 @@ def test_a_shop_with_doors_is_bounded_by_its_optimum():
 
 def test_what_needs_too_much_effort_is_not_proven():
     problem = Still(shop(2, 2, 2, seed=3), Style(), 0).problem
-    bound = bound_without_search(problem)
-    with mock.patch.object(sequences, "MOST_LABELS", 100):
-        assert bound_without_search(problem) < bound
+    model = ScheduleModel(problem)
+    work = find_work(model, find_routes(model))
+    none, few, many = (bound_by_work(model, work, labels=n).value for n in (0, 100, 10**6))
+    assert none < few < many
 
 
 def test_what_a_bound_is_met_by_is_tried_as_a_schedule():

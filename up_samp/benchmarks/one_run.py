@@ -106,7 +106,7 @@ def _solve(spec: RunSpec, record: Record) -> None:
     }
     if spec.tuning:
         parameters["tuning"] = json.loads(spec.tuning)
-    began = time.perf_counter()
+    began, cpu = time.perf_counter(), _cpu()
     try:
         planner = OneshotPlanner(name=spec.engine, params=parameters)
     except UPNoRequestedEngineAvailableException as error:
@@ -114,12 +114,19 @@ def _solve(spec: RunSpec, record: Record) -> None:
     with planner:
         result = planner.solve(problem, timeout=spec.timeout)
     record["seconds"] = round(time.perf_counter() - began, 3)
+    record["seconds_cpu"] = round(_cpu() - cpu, 3)
     record["status"] = result.status.name
     record["metrics"] = {k: _plain(v) for k, v in (result.metrics or {}).items()}
     if result.log_messages:
         record["messages"] = [m.message[:500] for m in result.log_messages[:5]]
     if result.plan is not None:
         record |= _judge(problem, result.plan)
+
+
+def _cpu() -> float:
+    """Return the CPU time (s) of this process and of its children that have ended."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
 
 
 def _judge(problem: Any, plan: Any) -> Record:

@@ -18,9 +18,10 @@ Record = dict[str, Any]
 
 Always there: ``key`` and the fields of :class:`RunSpec`; ``status`` (a UP status name, or
 ``CRASH``, ``KILLED``, ``MEMOUT``); ``finished`` (UTC); ``versions``; ``machine``. Where it came so
-far: ``activities``; ``seconds_build``, ``seconds`` (the engine's call), ``seconds_validation``,
-``seconds_process``; ``metrics`` (the engine's, with rounds, bounds, refinements by layer and
-times by part); ``messages``, or ``error`` and ``traceback``. With a plan: ``valid`` and
+far: ``activities``; ``seconds_build``, ``seconds`` (the engine's call), ``seconds_cpu`` (its CPU
+time, with that of child processes), ``seconds_validation``, ``seconds_process``; ``metrics`` (the
+engine's, with rounds, bounds, refinements by layer and times by part); ``messages``, or ``error``
+and ``traceback``. With a plan: ``valid`` and
 ``violations`` (by the independent validator), ``makespan``, and ``sequential`` (units, one thing
 after another).
 """

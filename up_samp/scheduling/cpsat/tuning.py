@@ -65,6 +65,16 @@ class StagesTuning(Tunables):
         least=0,
     )
     bound_share: float = share_of(0.1, "of the time that is left, for bounds without search")
+    bound_labels: int = tunable(
+        1_500_000,
+        "labels",
+        "beginnings of sequences of tasks that proofs of a lower bound may look at, where the "
+        "optimum is asked for (some 10 microseconds each)",
+        least=0,
+    )
+    bound_labels_again: int = tunable(
+        150_000, "labels", "the same when a schedule that was found before is at hand", least=0
+    )
     tour_share: float = share_of(0.2, "of the time that is left, for tours")
     relaxed_share: float = share_of(
         0.35, "of the time that is left, for each attempt at the routing relaxation"

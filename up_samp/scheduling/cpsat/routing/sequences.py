@@ -41,8 +41,6 @@ from up_samp.scheduling.cpsat.routing.rules import (
 )
 from up_samp.scheduling.cpsat.routing.ways import MOST_BITS, Ways
 
-MOST_LABELS = 1_000_000
-"""Beginnings that all proofs together may look at (some 3 microseconds each)."""
 MOST_AT_ONCE = 200_000
 """Beginnings that are looked at before the clock is."""
 NEARBY = 24
@@ -69,13 +67,15 @@ class Sequences:
     shape: tuple[int, ...]
     left: Any
     """(set, traveller, 2): bits of the direct moves from and to places where work is left."""
+    most: int
+    """How many beginnings all proofs together may look at (some 10 microseconds each)."""
     seen: list[int] = field(default_factory=lambda: [0])
-    """How many beginnings were looked at."""
+    """How many were looked at."""
     found: list[int] = field(default_factory=list)
     """The choices of the sequence that the last end was not refuted for."""
 
     @staticmethod
-    def of(work: Work, programme: Programme, tables: dict[int, Any]) -> Sequences | None:
+    def of(work: Work, programme: Programme, tables: dict[int, Any], most: int) -> Sequences | None:
         """Return the sequences of the tasks of a programme; ``None`` if they are too many."""
         ways = [Ways.of(r, axis, programme.tasks) for axis, r in enumerate(programme.routes)]
         if max(len(programme.tasks), *(len(w.places) for w in ways)) > MOST_BITS:
@@ -95,6 +95,7 @@ class Sequences:
             rests,
             tables[0].shape,
             left_of(choices, ways, sets),
+            most,
         )
 
     # -- proofs --------------------------------------------------------------------------------
@@ -107,7 +108,7 @@ class Sequences:
             for start in range(0, len(labels), MOST_AT_ONCE):
                 some = labels.rows(slice(start, start + MOST_AT_ONCE))
                 for choice in range(len(self.choices)):
-                    if over() or self.seen[0] > MOST_LABELS:
+                    if over() or self.seen[0] > self.most:
                         return False
                     more = [found for found in self._continued(some, choice, end) if len(found)]
                     self.seen[0] += sum(map(len, more))
@@ -137,15 +138,25 @@ class Sequences:
         labels = labels.rows(((labels.done & bit) == 0) & ((needs & ~labels.done) == 0))
         if not len(labels):
             return
-        length, tail = self.programme.tasks[choice.task].length, self.tails[choice.task]
-        latest = end - max(tail, length + choice.back)
+        latest = self._latest(labels, number, end)
         for arrival, used in self._arrivals(labels, choice):
             start = np.maximum(arrival, self._soonest(labels, choice.task))
             good = start <= latest
             some = replace(labels.rows(good), used=used[good])
-            for starts, more in self._undisturbed(some, start[good], choice, latest):
+            for starts, more in self._undisturbed(some, start[good], choice, latest[good]):
                 found = self._done(more, starts, number)
                 yield found.rows(self._in_time(found, end))
+
+    def _latest(self, labels: Labels, number: int, end: int) -> Any:
+        """Return when a choice has to start at the latest."""
+        choice = self.choices[number]
+        length, tail = self.programme.tasks[choice.task].length, self.tails[choice.task]
+        last = labels.last.copy()
+        last[:, choice.traveller] = number
+        shared = self._spent(labels)
+        shared[:, choice.traveller] = length
+        shared = shared.sum(1) + self._rest(labels.done | 1 << choice.task, last)
+        return np.minimum(end - max(tail, length + choice.back), len(self.ways) * end - shared)
 
     def _arrivals(self, labels: Labels, choice: Choice) -> Iterator[tuple[Any, Any]]:
         """Yield when a choice's traveller may be there, and which moves are used up then."""
@@ -180,14 +191,18 @@ class Sequences:
         """
         travel = self.ways[axis].travel[:, places]
         spots, leave = labels.spots[:, axis], labels.leave[:, axis]
-        found = np.full((len(labels), len(places)), INFINITE)
-        for spot, costs in enumerate(travel):
-            rows = np.flatnonzero(spots >> spot & 1)
-            if len(rows):
-                found[rows] = np.minimum(found[rows], leave[rows, None] + costs)
-        sooner = labels.free[:, axis, None] + travel[self._places(labels, axis)]
-        there = spots[:, None] >> np.array(places) & 1 != 0
-        return np.where(there, np.minimum(found, sooner), found)
+        costs = travel[self._places(labels, axis)]
+        found = leave[:, None] + costs
+        several = np.flatnonzero(spots & (spots - 1))
+        if not len(several):
+            return found
+        for spot in range(len(travel)):
+            rows = several[spots[several] >> spot & 1 != 0]
+            found[rows] = np.minimum(found[rows], leave[rows, None] + travel[spot])
+        there = spots[several, None] >> np.array(places) & 1 != 0
+        sooner = labels.free[several, axis, None] + costs[several]
+        found[several] = np.where(there, np.minimum(found[several], sooner), found[several])
+        return found
 
     def _soonest(self, labels: Labels, task: int) -> Any:
         """Return when a task may start, after the last ones of all travellers."""
@@ -201,7 +216,7 @@ class Sequences:
         return soonest
 
     def _undisturbed(
-        self, labels: Labels, start: Any, choice: Choice, latest: int
+        self, labels: Labels, start: Any, choice: Choice, latest: Any
     ) -> Iterator[tuple[Any, Labels]]:
         """Yield starts, with labels of where everybody else is at rest when something changes."""
         change = self.changes[choice.task]
@@ -212,11 +227,13 @@ class Sequences:
         needed = {axis: self._needed(labels, change, axis) for axis in others}
         rows, starts = [np.arange(len(labels))], [start]
         for since in needed.values():
-            row, place = np.nonzero((since > start[:, None]) & (since <= latest))
+            row, place = np.nonzero((since > start[:, None]) & (since <= latest[:, None]))
             rows.append(row)
             starts.append(since[row, place])
-        pairs = np.unique(np.stack([np.concatenate(rows), np.concatenate(starts)], 1), axis=0)
-        row, start = pairs[:, 0], pairs[:, 1]
+        span = int(latest.max()) + 1
+        row, start = np.divmod(
+            np.unique(np.concatenate(rows) * span + np.concatenate(starts)), span
+        )
         labels = labels.rows(row)
         leave, spots, ahead = labels.leave.copy(), labels.spots.copy(), labels.ahead.copy()
         for axis in others:
@@ -261,26 +278,35 @@ class Sequences:
 
     def _in_time(self, labels: Labels, end: int) -> Any:
         """Return which labels can be continued in time, even if the rest is shared out evenly."""
-        spots = np.array([*(c.spot for c in self.choices), 0])
+        rest = self._rest(labels.done, labels.last)
+        return self._spent(labels).sum(1) + rest <= len(self.ways) * end
+
+    def _spent(self, labels: Labels) -> Any:
+        """Return how much of its time each traveller has spent when it did its last task; what it
+        waits for others before it can go on is spent, too.
+        """
         gaps = np.array([route.gap for route in self.programme.routes])
         slack = max((c.slack for c in self.changes if c is not None), default=0)
-        ends = np.maximum(labels.free, labels.leave - slack - labels.ahead)
-        ends -= np.where(labels.last >= 0, gaps, 0)
-        where = np.ravel_multi_index(tuple(spots[labels.last].T), self.shape)
-        rest = self.rests[np.searchsorted(self.sets, labels.done), where]
-        return ends.sum(1) + rest <= len(gaps) * end
+        spent = np.maximum(labels.free, labels.leave - slack - labels.ahead)
+        return spent - np.where(labels.last >= 0, gaps, 0)
+
+    def _rest(self, done: Any, last: Any) -> Any:
+        """Return the least time that is left for all travellers together."""
+        spots = np.array([*(c.spot for c in self.choices), 0])
+        where = np.ravel_multi_index(tuple(spots[last].T), self.shape)
+        return self.rests[np.searchsorted(self.sets, done), where]
 
 
 def raised(sequences: Sequences, known: int, over: Callable[[], bool]) -> int:
     """Return the best lower bound that is proven from ``known`` on: in growing steps, then halves.
 
-    A step too far costs most, so steps grow slowly.
+    Each unit may double the effort, so steps are short.
     """
     low, step, most = known, 1, 4 * known + 1000
     while low < most and sequences.refuted(low + step - 1, over):
-        low, step = low + step, min(2 * step, max(2, known // 16))
+        low, step = low + step, min(2 * step, max(1, known // 40))
     high = low + step - 1
-    while low < high and sequences.seen[0] <= MOST_LABELS and not over():
+    while low < high and sequences.seen[0] <= sequences.most and not over():
         middle = (low + high - 1) // 2
         if sequences.refuted(middle, over):
             low = middle + 1

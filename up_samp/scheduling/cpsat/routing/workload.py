@@ -63,13 +63,13 @@ def bound_by_work(
     known: int = 0,
     over: Callable[[], bool] = lambda: False,
     *,
-    thorough: bool = True,
+    labels: int = 1_000_000,
 ) -> WorkBound:
     """Return a lower bound on the makespan; of large fleets, by who does what alone.
 
     :param known: a lower bound.
     :param over: tells that the time is up.
-    :param thorough: also prove by sequences of tasks, which may take some seconds.
+    :param labels: beginnings of sequences of tasks that may be looked at (0: none).
     """
     programme = Programme.of(work) or Programme.of(work, doors=False)
     if programme is None:
@@ -85,7 +85,7 @@ def bound_by_work(
     )
     total = programme.start(tables) + extra
     known = max(known, -(-total // len(lanes(model, work.routes))))
-    sequences = Sequences.of(work, programme, tables) if thorough else None
+    sequences = Sequences.of(work, programme, tables, labels) if labels else None
     if sequences is None:
         return WorkBound(known)
     known = raised(sequences, known, over)

@@ -101,7 +101,10 @@ def _bound_by_work(search: Solve) -> None:
     whole = search.whole
     assert search.work is not None
     ends = search.share(whole.orders.tuning.bound_share).expired
-    found = bound_by_work(whole.model, search.work, whole.bound, ends, thorough=search.optimal)
+    tuning = whole.orders.tuning
+    labels = tuning.bound_labels if search.guess is None else tuning.bound_labels_again
+    labels = labels if search.optimal else 0
+    found = bound_by_work(whole.model, search.work, whole.bound, ends, labels=labels)
     whole.bound, search.sequence = found.value, list(found.sequence)
 
 
