@@ -28,7 +28,7 @@ from up_samp.motion.registry import (
     make_planner,
     planner_names,
 )
-from up_samp.motion.tuning import LegsTuning
+from up_samp.motion.tuning import LegsTuning, PlannersTuning
 
 PLANAR = (MotionModel.REEDSSHEPP, MotionModel.PIVOT, MotionModel.SE2)
 
@@ -51,6 +51,11 @@ class Settings:
     planner: str
     seed: int
     tuning: LegsTuning
+    planners: PlannersTuning
+
+    def label(self, name: str) -> str:
+        """Return what a planner's legs are remembered by: its name and how it is tuned."""
+        return name if self.planners == PlannersTuning() else f"{name} {self.planners!r}"
 
 
 class Legs:
@@ -222,7 +227,12 @@ class Legs:
         return None
 
     def _key(self, name: str, query: LegQuery) -> tuple[tuple[object, ...], bool]:
-        scope = (self.scene.digest, name, self.scene.margin, self.settings.seed)
+        scope = (
+            self.scene.digest,
+            self.settings.label(name),
+            self.scene.margin,
+            self.settings.seed,
+        )
         what = query.body, query.start, query.goal
         # OMPL's planners by their own names never are, and need not be loaded to tell
         reversible = name in PLANNERS and self._planner(name).reversible
@@ -250,7 +260,9 @@ class Legs:
 
     def _planner(self, name: str) -> MotionPlanner:
         if name not in self._planners:
-            self._planners[name] = make_planner(name, self.scene, self.settings.seed)
+            self._planners[name] = make_planner(
+                name, self.scene, self.settings.seed, self.settings.planners
+            )
         return self._planners[name]
 
 

@@ -64,7 +64,7 @@ class MotionService:
         self._flat: Memory[tuple[Placed, ...]] = Memory(self.tuning.fleet.memory.shadows)
         self.certifier = Certifier(self.scene)
         self.bounds = Bounds(self.scene, self.certifier)
-        settings = Settings(planner, seed, self.tuning.legs)
+        settings = Settings(planner, seed, self.tuning.legs, self.tuning.planners)
         self.legs = Legs(self.scene, settings, self.cache, self.certifier, self.certificate)
 
     def plan(self, query: PathQuery, deadline: Deadline) -> PathReport:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from up_samp.model.errors import ProblemError
 from up_samp.model.tunable import Tunables, one_each, share_of, tunable
 
 
@@ -141,8 +142,70 @@ class FleetTuning(Tunables):
 
 
 @dataclass(frozen=True)
+class CarTuning(Tunables):
+    """A car's path: hybrid A*, coarse to fine, then shortening (``motion/planners/car.py``)."""
+
+    levels: tuple[float, ...] = tunable(
+        (0.7, 0.35, 0.18), "turning radii", "of an arc primitive, coarse to fine", least=0.01
+    )
+    nodes: tuple[int, ...] = tunable(
+        (60_000, 250_000, 400_000), "nodes", "of the search tree at each of the levels", least=100
+    )
+    extra: int = tunable(400, "expansions", "after the first solution", least=0)
+    near: float = tunable(
+        10.0, "turning radii", "to the goal, from which on Reeds-Shepp times guide", least=0
+    )
+    weight: float = tunable(2.5, "weight", "of the distance to go", least=1)
+    rounds: int = tunable(1500, "rounds", "of shortening", least=0)
+    patience: int = tunable(200, "rounds", "of shortening without a gain", least=0)
+    slice: int = tunable(4000, "expansions", "between two looks at the deadline", least=1)
+    stuck: int = tunable(
+        6, "slices", "without coming nearer to the goal, after which a level is given up", least=1
+    )
+    least: float = tunable(
+        0.5,
+        "inner radii",
+        "of the body that count as its turning radius where it turns tighter",
+        least=0.01,
+    )
+    narrow: int = tunable(
+        300, "expansions", "within which a search that runs dry was trapped where it began", least=0
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.levels) != len(self.nodes):
+            raise ProblemError("'nodes' needs as many numbers as 'levels'")
+
+
+@dataclass(frozen=True)
+class PivotTuning(Tunables):
+    """A body that turns on the spot: A* on lattices (``motion/planners/pivoting.py``)."""
+
+    places: tuple[int, ...] = one_each(
+        (10_000, 20_000, 40_000, 60_000),
+        "places",
+        "looked at on the lattice of each grain",
+        least=1,
+    )
+    weight: float = tunable(1.2, "weight", "of what is left to drive", least=1)
+    reach: float = tunable(
+        16.0, "radii of the body", "around all that is known, where there is no map", least=1
+    )
+
+
+@dataclass(frozen=True)
+class PlannersTuning(Tunables):
+    """Single robots."""
+
+    car: CarTuning = field(default_factory=CarTuning)
+    pivot: PivotTuning = field(default_factory=PivotTuning)
+
+
+@dataclass(frozen=True)
 class MotionTuning(Tunables):
     """All of motion planning."""
 
     legs: LegsTuning = field(default_factory=LegsTuning)
+    planners: PlannersTuning = field(default_factory=PlannersTuning)
     fleet: FleetTuning = field(default_factory=FleetTuning)

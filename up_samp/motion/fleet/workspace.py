@@ -40,7 +40,7 @@ from up_samp.motion.fleet.timed_path import NOBODY, TimedPath, pair_flags, plana
 from up_samp.motion.fleet.timings import Timing
 from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
 from up_samp.motion.stringing import strung
-from up_samp.motion.tuning import FleetTuning, MotionTuning
+from up_samp.motion.tuning import CarTuning, FleetTuning, MotionTuning
 
 if TYPE_CHECKING:
     from up_samp.motion.fleet.sipp import SafeIntervalPlanner
@@ -178,12 +178,12 @@ class Workspace:
     @cached_property
     def _quick(self) -> dict[MotionModel, MotionPlanner]:
         """Planners that give up after little work, by motion model."""
-        from up_samp.motion.planners.car import CarPlanner, CarSettings
+        from up_samp.motion.planners.car import CarPlanner
         from up_samp.motion.planners.omni import PlanarPlanner, PlanarSettings
 
         if self.scene is None:
             return {}
-        car = CarSettings((0.7,), (8_000,), rounds=400, patience=120)
+        car = CarTuning((0.7,), (8_000,), rounds=400, patience=120)
         slider = PlanarSettings((1.0,), (16,), (20_000,), tight=None, rounds=200, shifts=(0.25,))
         return {
             MotionModel.REEDSSHEPP: CarPlanner(self.scene, 0, car),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,7 @@ from up_samp.motion.guides.search_space import Grain, Guide, pose_space, widest_
 from up_samp.motion.planners import hybrid_astar as hybrid
 from up_samp.motion.planners.car_shortcuts import Effort, improve, settle
 from up_samp.motion.protocol import Leg, LegQuery
+from up_samp.motion.tuning import CarTuning, PlannersTuning
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -32,34 +33,6 @@ _STUCK = "no path at the finest resolution within fixed effort"
 
 
 _CUT = "out of time"
-
-
-_NARROW = 300
-"""A search that runs dry within so many expansions was trapped where it began."""
-
-
-@dataclass(frozen=True)
-class CarSettings:
-    """Effort of the car planner.
-
-    ``levels``: length of an arc primitive in turning radii, coarse to fine. ``nodes``: size of each
-    search tree. ``extra``: expansions after the first solution. ``near``: range (turning radii) in
-    which Reeds-Shepp times guide. ``weight``: of the distance to go. ``rounds``, ``patience``: of
-    the shortening. ``slice``: expansions between two looks at the budget; after ``stuck`` of them
-    without coming nearer to the goal one resolution is given up. ``least``: inner radii of the body
-    that count as its turning radius where it turns tighter: the way gets no finer with that.
-    """
-
-    levels: tuple[float, ...] = (0.7, 0.35, 0.18)
-    nodes: tuple[int, ...] = (60_000, 250_000, 400_000)
-    extra: int = 400
-    near: float = 10.0
-    weight: float = 2.5
-    rounds: int = 1500
-    patience: int = 200
-    slice: int = 4000
-    stuck: int = 6
-    least: float = 0.5
 
 
 def _primitives(radius: float, unit: float, share: float) -> list[tuple[float, float]]:
@@ -86,12 +59,17 @@ class CarPlanner:
     name = "hybrid-astar"
     reversible = True
 
-    def __init__(self, scene: Scene, seed: int = 0, settings: CarSettings | None = None) -> None:
+    def __init__(self, scene: Scene, seed: int = 0, settings: CarTuning | None = None) -> None:
         self.scene = scene
         self.seed = seed
-        self.settings = settings or CarSettings()
+        self.settings = settings or CarTuning()
         self.fields = Fields(scene)
         self._trees: Memory[hybrid.Tree] = Memory(4)
+
+    @classmethod
+    def tuned(cls, scene: Scene, seed: int, tuning: PlannersTuning) -> CarPlanner:
+        """Return the planner with its part of the tunables."""
+        return cls(scene, seed, tuning.car)
 
     def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a fast motion between two poses among resting obstacles."""
@@ -131,7 +109,11 @@ class CarPlanner:
                     ):
                         best = arcs
                 elif dry:  # trapped, at this resolution; begin at the narrower end next time
-                    sides = [turned, not turned] if count < _NARROW else [not turned, turned]
+                    sides = (
+                        [turned, not turned]
+                        if count < self.settings.narrow
+                        else [not turned, turned]
+                    )
                     break
             if best is not None or budget.cut:
                 break

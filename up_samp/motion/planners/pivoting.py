@@ -22,15 +22,9 @@ from up_samp.motion.fleet.roadmap import Roadmap, cells_of
 from up_samp.motion.guides.cost_to_go import Fields, field_value
 from up_samp.motion.guides.search_space import search_box, widest_shape
 from up_samp.motion.protocol import Leg, LegQuery
+from up_samp.motion.tuning import PivotTuning, PlannersTuning
 
 FloatArray = npt.NDArray[np.float64]
-
-PLACES = (10_000, 20_000, 40_000, 60_000)
-"""Places looked at on the lattice of each grain at most (see ``cells_of``)."""
-WEIGHT = 1.2
-"""Weight of what is left to drive."""
-REACH = 16.0
-"""Radii of the body around all that is known that are searched where there is no map."""
 
 
 class PivotPlanner:
@@ -39,9 +33,15 @@ class PivotPlanner:
     name = "pivot-lattice"
     reversible = True
 
-    def __init__(self, scene: Scene, seed: int = 0) -> None:
+    def __init__(self, scene: Scene, seed: int = 0, settings: PivotTuning | None = None) -> None:
         self.scene = scene
+        self.settings = settings or PivotTuning()
         self.fields = Fields(scene)
+
+    @classmethod
+    def tuned(cls, scene: Scene, seed: int, tuning: PlannersTuning) -> PivotPlanner:
+        """Return the planner with its part of the tunables."""
+        return cls(scene, seed, tuning.pivot)
 
     def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a fast motion between two poses among resting obstacles."""
@@ -67,10 +67,12 @@ class PivotPlanner:
         """Return moves along a lattice, the places looked at, and whether time or work ended it."""
         body, ends = query.body, (query.start, query.goal)
         field = self.fields.toward(shape, query.goal, query.obstacles)
-        low, high = search_box(self.scene, ends, query.obstacles, REACH * shape.circumscribed)
+        low, high = search_box(
+            self.scene, ends, query.obstacles, self.settings.reach * shape.circumscribed
+        )
         box = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
-        effort, speed = 0, body.kinematics.v_max / WEIGHT
-        for cell, most in zip(cells_of(body), PLACES, strict=True):
+        effort, speed = 0, body.kinematics.v_max / self.settings.weight
+        for cell, most in zip(cells_of(body), self.settings.places, strict=True):
             left = most if query.effort is None else min(most, query.effort - effort)
             if deadline.expired() or left <= 0:
                 return None, effort, True
