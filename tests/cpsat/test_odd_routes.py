@@ -18,6 +18,8 @@ from unified_planning.shortcuts import (
 )
 
 from cpsat.odd_routes import odd_routes
+from cpsat.sites import small
+from cpsat.styles import Style, write
 from cpsat.truth import answer, bound_without_search, collapsed_optimum, nothing_recognised
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
@@ -30,20 +32,25 @@ SPOTS = (0, 7, 13, 20, 26)
 def disagreement(seed):
     """Return (what differs on the problem of ``seed``, whether it has odd routes)."""
     problem = odd_routes(seed)
+    odd = any(route.odd for route in find_routes(ScheduleModel(problem)))
+    return disagreement_of(problem), odd
+
+
+def disagreement_of(problem):
     with nothing_recognised():
         truth = answer(problem)
     found = answer(problem)
     if truth is None or found is None:
-        return None, False
+        return None
     if found != truth:
-        return f"{found}, but in truth {truth}", True
+        return f"{found}, but in truth {truth}"
     quick = bound_without_search(problem)
     if quick is not None and truth[1] is not None and quick > truth[1]:
-        return f"bound by work {quick} above {truth[1]}", True
+        return f"bound by work {quick} above {truth[1]}"
     bound = collapsed_optimum(problem)
     if bound is not None and truth[1] is not None and not 0 <= bound <= truth[1]:
-        return f"bound {bound} above {truth[1]}", True
-    return None, any(route.odd for route in find_routes(ScheduleModel(problem)))
+        return f"bound {bound} above {truth[1]}"
+    return None
 
 
 def check(seeds):
@@ -62,15 +69,20 @@ def test_many_routes_with_odd_parts(block):
     check(range(1000 + 150 * block, 1150 + 150 * block))
 
 
+def test_a_task_at_a_place_without_roads_is_bounded():
+    style = Style(lasts="bounds", fluents="parameter", moves="leave", way="road")
+    assert disagreement_of(write(small(342), style)) is None
+
+
 # -- one depot in styles of its own ------------------------------------------------------------
 def start_of(a):
     return TimePointInterval(Timing(0, a.start))
 
 
 class Depot:
-    """Two robots on a line and three tasks; ``write`` says how a robot's moves are written."""
+    """Two robots on a line and three tasks; ``moves`` says how a robot's moves are written."""
 
-    def __init__(self, write):
+    def __init__(self, moves):
         self.p = SchedulingProblem("depot")
         self.kind = UserType("spot")
         self.spots = [self.p.add_object(f"p{i}", self.kind) for i in range(len(SPOTS))]
@@ -79,7 +91,7 @@ class Depot:
                    for r in range(2)]  # fmt: skip
         self.busy = [[], []]
         for r in range(2):
-            write(self, r)
+            moves(self, r)
         for t in range(3):
             self._task(t)
         for some in self.busy:

@@ -43,8 +43,10 @@ class Level:
 
 def find_levels(model: ScheduleModel, route: Route) -> list[Level]:
     """Return the levels of a route: numbers that its moves take from, and that nobody but its moves
-    and stops changes.
+    and stops changes. (Who may be put somewhere else gets there for nothing.)
     """
+    if route.free:
+        return []
     found = (_level(model, route, state) for state in model.states.vars.values() if state.numeric)
     return [level for level in found if level is not None]
 

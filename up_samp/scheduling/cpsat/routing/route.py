@@ -107,6 +107,7 @@ class Route:
     def measure(self) -> None:
         """Compute the shortest travel times between places (Floyd and Warshall)."""
         places = {self.initial, *(m.to for m in self.moves), *self.free}
+        places = places.union(*(some for _, some in self.stops))
         for move in self.moves:
             places |= move.origins
             for origin in move.origins:

@@ -54,7 +54,11 @@ class Ways:
 
 
 def _told_apart(route: Route, axis: int, tasks: list[Task]) -> list[tuple[int, int]]:
-    """Return the direct ways of a single move that might be wanted twice."""
+    """Return the direct ways of a single move that might be wanted twice (none where something
+    else may put the traveller somewhere, too).
+    """
+    if route.free:
+        return []
     counts: Counter[int] = Counter()
     for task in tasks:
         counts.update({p for way, _, places in task.ways if way == axis for p in places})
