@@ -78,6 +78,23 @@ def test_the_leagues_own_problem(tmp_path):
     assert grid(tmp_path).size == (64.0, 64.0)
 
 
+def test_maps_of_the_league_mark_ends_of_tasks(tmp_path):
+    source = SHARED / "maps" / "lorr" / "warehouse_long_corridor_large.map"
+    if not source.is_file():
+        pytest.skip(f"the League's files are not in {source.parent}")
+    import_file(source, tmp_path, None, Options(cell=0.25))
+    text = source.read_text().split("map\n", 1)[1]
+    free = sum(text.count(c) for c in ".SE")
+    assert int((~grid(tmp_path).blocked).sum()) == free
+
+
+def test_marks_of_the_league_are_free_floor(tmp_path):
+    (tmp_path / "x.map").write_text("type octile\nheight 1\nwidth 4\nmap\n.SE@\n")
+    import_file(tmp_path / "x.map", tmp_path / "out")
+    states = [grid(tmp_path / "out").state_at(x + 0.5, 0.5) for x in range(4)]
+    assert states == ["free", "free", "free", "occupied"]
+
+
 def test_stations_and_nodes_of_a_lif_layout(tmp_path):
     records, found = imported("small.lif.json", tmp_path)
     assert records.places["Rack_7"].pose == (0.0, 0.0, 1.57)

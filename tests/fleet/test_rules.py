@@ -80,6 +80,14 @@ def test_capacity_is_kept_and_used(capacity):
     assert (max(picks)[0] < min(drops)[0]) == (capacity == 2)
 
 
+def test_no_time_is_lost_between_a_delivery_and_the_next_pickup():
+    fleet = one_room()
+    fleet.add_order("o1", "a", {"at": "b", "service": 3})
+    fleet.add_order("o2", "b", "c", after="o1")
+    _, times = solved(fleet)
+    assert times["pick_o2_r0"][0] == times["deliver_o1_r0"][1]
+
+
 def test_skills_and_names_choose_the_robot():
     fleet = one_room(2)
     fleet.add_place("home9", 2, 12)

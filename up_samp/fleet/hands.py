@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 
-from unified_planning.model import Fluent
+from unified_planning.model import Fluent, Timing
 from unified_planning.shortcuts import FALSE, TRUE, BoolType, IntType
 
 from up_samp.fleet.records import Order
@@ -31,7 +31,9 @@ def add_loads(site: Site, work: Work, robot: str) -> None:
 
 
 def _one_order(site: Site, work: Work, robot: str, orders: Sequence[Order]) -> None:
-    """One order at a time: the robot's hands are free or not."""
+    """One order at a time: the robot's hands are free or not. A delivery frees them a unit before
+    its end, which is seen from its end on: the next pickup may begin then.
+    """
     fluent = Fluent(f"{robot}_free", BoolType())
     site.problem.add_fluent(fluent, default_initial_value=TRUE())
     for order in orders:
@@ -40,7 +42,7 @@ def _one_order(site: Site, work: Work, robot: str, orders: Sequence[Order]) -> N
             pick.add_condition(at_start(pick), fluent())
             pick.add_effect(pick.end, fluent(), FALSE())
         for deliver in delivers:
-            deliver.add_effect(deliver.end, fluent(), TRUE())
+            deliver.add_effect(Timing(-1, deliver.end), fluent(), TRUE())
 
 
 def _level(site: Site, work: Work, robot: str, load: str, orders: Sequence[Order]) -> None:

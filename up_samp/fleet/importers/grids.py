@@ -19,7 +19,8 @@ from up_samp.geometry.maps import write_map
 from up_samp.model import UnsupportedError
 
 Cells = npt.NDArray[np.bool_]
-FREE, BLOCKED = ".GS", "@OTW"
+FREE, BLOCKED = ".GSE", "@OTW"
+"""The League marks ends of tasks on free floor: S and E."""
 SHARE = 0.8
 """A robot's length as a share of a cell."""
 
