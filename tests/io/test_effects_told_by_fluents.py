@@ -29,3 +29,9 @@ def test_a_fluent_tells_where_a_door_goes(tmp_path, late):
     again = read_plan(write_plan(tmp_path / "plan.json", data))
     assert contradictions(problem, again) == []
     assert validate_plan(problem, plan_from_dict(problem, again)).valid
+    # one of the other poses is not what the fluent told
+    wrong = "right0" if late else "aside"
+    pose = hall.poses[wrong].configuration
+    change["configuration"] = [pose.x, pose.y, pose.theta]
+    (said,) = contradictions(problem, data)
+    assert said.startswith("the change of 'door' by activity 'open' puts it at")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import os
@@ -15,11 +16,12 @@ from unified_planning.model.motion import SchedulingMotionProblem
 from up_samp.geometry import load_map
 from up_samp.geometry.atlas import in_world
 from up_samp.io.floors import map_number, maps_of
-from up_samp.io.plan_dict import PlanDict, described_objects, described_rides
+from up_samp.io.plan_dict import PlanDict, described_objects, described_rides, told_by_fluents
+from up_samp.io.restore import plan_from_dict
 from up_samp.io.sampling import DECIMALS
 from up_samp.model import ProblemError
 from up_samp.model.frames import PlacedMap
-from up_samp.model.snapshot import ChangeTask, Snapshot, TermKind
+from up_samp.model.snapshot import ChangeTask, Snapshot, Term, TermKind
 from up_samp.upio.read import read_problem
 
 MOST_TURNED = 1e4
@@ -212,9 +214,14 @@ def _changes(problem: SchedulingMotionProblem, plan: PlanDict, snapshot: Snapsho
     for entry in plan["changes"]:
         stated.setdefault((entry["activity"], entry["object"]), []).append(entry)
     rides = [ChangeTask(r.activity, r.load, r.goal) for r in snapshot.rides]
-    for change in (*snapshot.changes, *rides):
-        if change.activity not in ends:
-            continue
+    changes = [c for c in (*snapshot.changes, *rides) if c.activity in ends]
+    told = {}
+    if any(c.term.kind is TermKind.FLUENT for c in changes):
+        # where the schedule is broken no fluent has a value; that is the validator's to say
+        with contextlib.suppress(ProblemError):
+            told = told_by_fluents(problem, plan_from_dict(problem, plan))
+    for change in changes:
+        name = told.get((change.activity, change.object), _named(plan, change.term))
         where = f"'{change.object}' by activity '{change.activity}'"
         found = stated.pop((change.activity, change.object), [])
         if not found:
@@ -222,24 +229,23 @@ def _changes(problem: SchedulingMotionProblem, plan: PlanDict, snapshot: Snapsho
             continue
         if len(found) > 1:
             yield f"the plan has {len(found)} changes of {where}"
-        yield from _change(plan, snapshot, change, found[0], ends[change.activity], where)
+        wanted = ends[change.activity], name
+        yield from _change(snapshot, found[0], wanted, where)
     for activity, name in stated:
         yield f"the plan changes '{name}' by activity '{activity}', the problem does not"
 
 
+def _named(plan: PlanDict, term: Term) -> str:
+    return str(_parameter(plan, term.name)) if term.kind is TermKind.PARAMETER else term.name
+
+
 def _change(
-    plan: PlanDict,
-    snapshot: Snapshot,
-    change: ChangeTask,
-    stated: Mapping[str, Any],
-    end: float,
-    where: str,
+    snapshot: Snapshot, stated: Mapping[str, Any], wanted: tuple[float, str], where: str
 ) -> Iterator[str]:
+    """Compare a change with when (s) it is to be, and the configuration that it leads to."""
+    end, name = wanted
     if not math.isclose(stated["time"], end, rel_tol=1e-9, abs_tol=_CLOSE):
         yield f"the change of {where} is at {stated['time']} s in the plan, not at {end:g} s"
-    name = change.term.name
-    if change.term.kind is TermKind.PARAMETER:
-        name = str(_parameter(plan, change.term.name))
     pose = snapshot.configurations.get(name)
     if pose is not None and not _equal(stated["configuration"], list(pose)):
         yield f"the change of {where} puts it at {stated['configuration']}, not at {list(pose)}"

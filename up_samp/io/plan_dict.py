@@ -284,7 +284,7 @@ def _changes(
         if change.activity not in times:
             continue
         if change.term.kind is TermKind.FLUENT:
-            told = _told_by_fluents(problem, plan) if told is None else told
+            told = told_by_fluents(problem, plan) if told is None else told
             name = told[change.activity, change.object]
         else:
             name = _configuration_name(plan, change.term)
@@ -323,7 +323,7 @@ def _configuration_name(plan: Schedule, term: Term) -> str:
     return term.name
 
 
-def _told_by_fluents(problem: SchedulingProblem, plan: Schedule) -> dict[tuple[str, str], str]:
+def told_by_fluents(problem: SchedulingProblem, plan: Schedule) -> dict[tuple[str, str], str]:
     """Return the configuration that each motion effect (activity, object) means in a plan: fluents
     are read at their activity's end, by the validator's rules.
     """
