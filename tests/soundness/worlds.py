@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import random
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from PIL import Image
@@ -49,6 +49,15 @@ PLACES = {
     "gap": (4.4, 3.0, 0.0),
 }
 LEFT, RIGHT = ("a", "b", "b2", "m"), ("c", "d", "d2", "e")
+PACK = ((-0.15, -0.15), (0.15, -0.15), (0.15, 0.15), (-0.15, 0.15))
+AHEAD = 0.5
+"""Metres from a robot's middle to that of what it carries."""
+
+
+def pack_at(place):
+    """Return the pose of a pack whose robot is at a place."""
+    x, y, turn = PLACES[place]
+    return x + AHEAD * math.cos(turn), y + AHEAD * math.sin(turn), turn
 
 
 @dataclass(frozen=True)
@@ -82,7 +91,8 @@ class Change:
 @dataclass(frozen=True)
 class World:
     """A problem. ``before``: (x, y), x ends before y starts if both are present; ``either``: one
-    of them is present at least.
+    of them is present at least. ``carried``: the drives that a pack rides along with, one after the
+    other, ahead of its robot; it rests where the first begins until then, and where the last leads.
     """
 
     seed: int
@@ -94,6 +104,7 @@ class World:
     crate: str | None = None
     before: tuple[tuple[str, str], ...] = ()
     either: tuple[tuple[str, str], ...] = ()
+    carried: tuple[str, ...] = ()
 
     @property
     def activities(self) -> tuple[Drive | Change, ...]:
@@ -123,6 +134,28 @@ def random_world(seed: int) -> World:
     return World(
         seed, car, robots, tuple(drives), changes, door, crate, tuple(before), tuple(either)
     )
+
+
+def random_ride(seed: int) -> World | None:
+    """Return the world of a seed with a pack that rides along with some drives of one robot; None
+    where none of them surely happens.
+    """
+    world, rng = random_world(seed), random.Random(f"ride {seed}")
+    sure = [d for d in world.drives if not d.optional]
+    if not sure:
+        return None
+    first = rng.choice(sure)
+    own = [d for d in sure if d.robot == first.robot]
+    here = own.index(first)
+    carried = own[here : here + rng.choice((1, 2))]
+    names = tuple(d.name for d in carried)
+    drives = tuple(
+        d
+        if d.heeds is None or d.name in names or rng.random() < 0.5
+        else replace(d, heeds=(*d.heeds, "pack"))
+        for d in world.drives
+    )
+    return replace(world, drives=drives, carried=names)
 
 
 def _add_chain(rng, robot, place, drives, either):
@@ -193,8 +226,8 @@ def write_rooms(folder):
     return path
 
 
-def build(world, map_file):
-    """Return the UP problem of a world."""
+def build(world, map_file, *, pack=PACK):
+    """Return the UP problem of a world; ``pack``: the outline of its pack."""
     env = get_environment()
     types = env.type_manager
     kind = types.ConfigurationType(
@@ -228,7 +261,12 @@ def build(world, map_file):
         movable[name] = item
         problem.add_object(item)
         problem.set_initial_configuration(item, places[place])
+    if world.carried:
+        _add_pack(problem, world, kind, movable, places, pack)
     built = {a.name: _activity(problem, a, movable, places) for a in world.activities}
+    for drive in world.drives:
+        if drive.name in world.carried:
+            built[drive.name].add_motion_effect(movable["pack"], places[f"pack_{drive.goal}"])
     for x, y in world.before:
         problem.add_constraint(
             LT(built[x].end, built[y].start),
@@ -238,6 +276,24 @@ def build(world, map_file):
         problem.add_constraint(Or(built[x].present, built[y].present))
     problem.add_quality_metric(MinimizeMakespan())
     return problem
+
+
+def _add_pack(problem, world, kind, movable, places, outline):
+    env = problem.environment
+    drives = [d for d in world.drives if d.name in world.carried]
+    for place in dict.fromkeys((drives[0].start, *(d.goal for d in drives))):
+        name = f"pack_{place}"
+        places[name] = ConfigurationObject(name, kind, SE2(*pack_at(place)), env)
+        problem.add_object(places[name])
+    movable["pack"] = MovableObject(
+        "pack",
+        env.type_manager.MovableType("p_type"),
+        footprint=list(outline),
+        motion_model=MotionModels.SE2,
+        env=env,
+    )
+    problem.add_object(movable["pack"])
+    problem.set_initial_configuration(movable["pack"], places[f"pack_{drives[0].start}"])
 
 
 def _activity(problem, a, movable, places):
