@@ -89,3 +89,18 @@ print("pandas" in sys.modules, type(sys.modules["ortools.sat.python.cp_model"].p
 """
     )
     assert said == ["True", "module"]
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="threads are counted in /proc")
+def test_processes_of_our_own_start_no_threads_for_small_matrices():
+    said = _run(
+        """
+import os
+from up_samp.system.imports import own_the_process
+own_the_process()
+import numpy as np
+np.linalg.inv(np.random.default_rng(0).random((300, 300)))
+print(len(os.listdir("/proc/self/task")))
+"""
+    )
+    assert said == ["1"]

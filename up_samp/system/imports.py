@@ -10,6 +10,7 @@ is not as it is known here, its own imports run as they stand.
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 import types
 from collections.abc import Sequence
@@ -19,8 +20,13 @@ _ours = [False]
 
 
 def own_the_process() -> None:
-    """Say that this process runs a command or a worker of ours: imports may be put off."""
+    """Say that this process runs a command or a worker of ours: imports may be put off.
+
+    OpenBLAS gets one thread, unless somebody has decided otherwise: our matrices are small, and
+    where memory is short its threads end the process, or hang it, before Python can say so.
+    """
     _ours[0] = True
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def load_cp_model() -> None:
