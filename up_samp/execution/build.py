@@ -9,18 +9,18 @@ from functools import cached_property
 
 from unified_planning.model.scheduling import SchedulingProblem
 
-from up_samp.execution.differences import Planned
 from up_samp.execution.draft import Draft, why_of
 from up_samp.execution.graph import Choice, Graph, Task
 from up_samp.execution.lives import Life, lives_of
 from up_samp.execution.meetings import MARGIN, Meeting, meetings_of
-from up_samp.execution.orders import orders_of, performers
 from up_samp.execution.reduce import MEETING
 from up_samp.execution.staircase import Step, steps_of, switched
 from up_samp.execution.travel import Travel, travels_of
 from up_samp.io.plan_dict import PlanDict, snapshot_of
 from up_samp.model.snapshot import Snapshot
 from up_samp.scheduling.compilers.read import read_problem as read_plain
+from up_samp.scheduling.partial_order.differences import Planned
+from up_samp.scheduling.partial_order.orders import orders_of, performers
 
 STILL = 1e-6
 """A motion whose poses differ by less than this (m, rad) goes nowhere."""

@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from up_samp.execution.differences import Difference, Point
 from up_samp.execution.graph import (
     ORIGIN,
     STRICT,
@@ -23,9 +22,10 @@ from up_samp.execution.graph import (
 )
 from up_samp.execution.lives import Life
 from up_samp.execution.meetings import Meeting
-from up_samp.execution.orders import Order
 from up_samp.execution.reduce import MEETING, reduced
 from up_samp.execution.staircase import Step, steps_of
+from up_samp.scheduling.partial_order.differences import Difference, Point
+from up_samp.scheduling.partial_order.orders import Order
 
 EPSILON = 1e-6
 """Times (s) closer than this are the same."""

@@ -9,9 +9,9 @@ from typing import Any
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.plans import Schedule
 
-from up_samp.execution.differences import Planned
 from up_samp.execution.state import Phase, State
 from up_samp.model import Configuration, ProblemError
+from up_samp.scheduling.partial_order.differences import Planned
 
 Pose = tuple[float, float, float]
 

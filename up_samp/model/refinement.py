@@ -181,13 +181,15 @@ class Exclusive:
 
     ``arrivals`` are activities that bring an object there (at their end), ``departures`` those
     that take it away (at their start: it rests there until then); ``taken`` tells whether an
-    object is there at first.
+    object is there at first. ``leaving`` are departures (activity, variable, value) only where the
+    variable, which tells where they begin, has that value.
     """
 
     name: str
     arrivals: frozenset[str]
     departures: frozenset[str]
     taken: bool
+    leaving: frozenset[tuple[str, str, str]] = frozenset()
 
     def __str__(self) -> str:
         return f"place {self.name} holds one object"

@@ -72,6 +72,11 @@ def _fits_place(statement: Exclusive, schedule: CandidateSchedule) -> bool:
         for a in statement.departures
         if a in schedule.times
     ]
+    changes += [
+        (schedule.times[a][0] + (a not in statement.arrivals), -1)
+        for a, variable, value in statement.leaving
+        if a in schedule.times and schedule.parameters.get(variable) == value
+    ]
     level = 1 if statement.taken else 0
     for time in sorted({t for t, _ in changes}):
         level += sum(step for t, step in changes if t == time)

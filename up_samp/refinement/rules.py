@@ -194,10 +194,16 @@ def unless_longer(cut: Refinement, activity: str, units: int) -> Refinement:
 
 
 def unary_place(
-    name: str, arrivals: Iterable[str], departures: Iterable[str], taken: bool
+    name: str,
+    arrivals: Iterable[str],
+    departures: Iterable[str],
+    taken: bool,
+    leaving: Iterable[tuple[str, str, str]] = (),
 ) -> Refinement:
     """Return that poses which overlap can hold only one object at a time."""
-    statement = Exclusive(name, frozenset(arrivals), frozenset(departures), taken)
+    statement = Exclusive(
+        name, frozenset(arrivals), frozenset(departures), taken, frozenset(leaving)
+    )
     why = "objects that rest at these configurations would overlap"
     return Refinement(statement, Layer.BOUND, Strength.PROVEN, why)
 

@@ -11,6 +11,7 @@ from up_samp.model.refinement import Refinement
 from up_samp.search.check import Check, CheckAlone
 from up_samp.search.cuts.protocol import Cuts
 from up_samp.search.pace import Pace
+from up_samp.upio import Itinerary
 
 if TYPE_CHECKING:
     from up_samp.search.bounds import Incumbent
@@ -27,6 +28,8 @@ class Statement:
 
 Shaper = Callable[["Search", CandidateSchedule], CandidateSchedule]
 """Makes a candidate schedule easier to drive before its motions are checked."""
+Builder = Callable[["Search", Itinerary], "Incumbent | None"]
+"""Makes a plan of a candidate without asking whether its motions fit as scheduled, if it can."""
 Repair = Callable[["Search", CandidateSchedule, Check], "Incumbent | None"]
 """Makes a plan of a candidate whose motions do not fit, if it can."""
 Finisher = Callable[["Search", "Incumbent"], "Incumbent | None"]
@@ -47,6 +50,7 @@ class Components:
     cuts: Cuts
     pace: Pace
     shapers: tuple[Shaper, ...] = ()
+    builders: tuple[Builder, ...] = ()
     repairs: tuple[Repair, ...] = ()
     after_failure: tuple[Statement, ...] = ()
     for_proofs: tuple[Statement, ...] = ()

@@ -26,7 +26,7 @@ from up_samp.search.cuts.refused import cuts_from
 from up_samp.search.events import Phase
 from up_samp.search.history import Round
 from up_samp.search.search import Search
-from up_samp.search.stages import CHECKING, LEARNING, REPAIRING, SCHEDULING, STATING
+from up_samp.search.stages import BUILDING, CHECKING, LEARNING, REPAIRING, SCHEDULING, STATING
 from up_samp.search.start import motions_of, near
 from up_samp.upio import Itinerary, read_itinerary
 
@@ -58,12 +58,14 @@ def solve(search: Search, *, optimal: bool) -> Generator[Incumbent, None, Search
                 return ending
             continue
         itinerary = read_itinerary(search.knowledge.relaxation, shaped(search, report.schedule))
+        with search.history.stages.of(BUILDING):
+            built = build(search, itinerary)
         with search.history.stages.of(CHECKING):
-            check = check_motions(search, itinerary)  # lines 6 to 15
+            check = as_built(built) or check_motions(search, itinerary)  # lines 6 to 15
         with search.history.stages.of(LEARNING):
             learned = learn_from(search, itinerary, check)  # lines 31 and 35
         with search.history.stages.of(REPAIRING):
-            found = adopt_or_repair(search, itinerary, check)  # line 16
+            found = built or adopt_or_repair(search, itinerary, check)  # line 16
         refused = learn_from_refusal(search, found)
         learned += refused
         better = None if refused else keep_if_better(search, found)
@@ -154,6 +156,20 @@ def shaped(search: Search, schedule: CandidateSchedule) -> CandidateSchedule:
     for shape in search.components.shapers:
         schedule = shape(search, schedule)
     return schedule
+
+
+def build(search: Search, itinerary: Itinerary) -> Incumbent | None:
+    """Return a plan made of a candidate of many motions, if it is better than all before it."""
+    for builder in search.components.builders:
+        built = builder(search, itinerary)
+        if built is not None and search.bounds.improves(built.schedule):
+            return built
+    return None
+
+
+def as_built(built: Incumbent | None) -> Check | None:
+    """Return the check that a plan which was built from a candidate stands for."""
+    return None if built is None else Check(dict(built.trajectories))
 
 
 def check_motions(search: Search, itinerary: Itinerary) -> Check:

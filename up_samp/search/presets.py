@@ -23,6 +23,7 @@ from up_samp.search.cuts.resting import door_cuts, rest_cuts
 from up_samp.search.cuts.small import Attempt, SmallCuts
 from up_samp.search.events import Phase
 from up_samp.search.facts import Facts, just_this
+from up_samp.search.in_order import InOrder
 from up_samp.search.in_turn import InTurn
 from up_samp.search.pace import AtOnce, Staged
 from up_samp.search.params import SWITCHES, Parameters
@@ -123,6 +124,7 @@ def components_of(params: Parameters, *, native: bool) -> Components:
         if ideas >= {"native", "incumbents"}
         else AtOnce(),
         shapers=with_ideas((*lean, (slack, ("slack",)))),
+        builders=with_ideas(((InOrder(tuning.in_order), ("incumbents",)),)),
         repairs=with_ideas(((repair, ("incumbents",)), (InTurn(tuning.turns), ("incumbents",)))),
         after_failure=with_ideas(_after_failure(tuning)),
         for_proofs=() if native else with_ideas(((UNARY_PLACES, ("certificates",)),)),

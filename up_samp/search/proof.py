@@ -230,7 +230,8 @@ def activities_of(statement: Statement) -> set[str]:
     if isinstance(statement, Lasts | Requires):
         return {statement.activity}
     if isinstance(statement, Exclusive):
-        return {*statement.arrivals, *statement.departures}
+        leaving = {name for name, _, _ in statement.leaving}
+        return {*statement.arrivals, *statement.departures, *leaving}
     found: set[str] = set()
     assert isinstance(statement, Clause)
     for literal in statement.literals:

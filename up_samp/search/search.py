@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from up_samp.model import CandidateSchedule, Refusal, Trajectory
 from up_samp.model.refinement import Refinement, Strength
@@ -24,6 +25,9 @@ from up_samp.search.stages import VALIDATING
 from up_samp.search.stopping import Stop
 from up_samp.search.tuning import SearchTuning
 from up_samp.upio import Relaxation, SampSchedule, write_refinement
+
+if TYPE_CHECKING:
+    from up_samp.search.large import Large
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,8 @@ class Search:
     """Of our own scheduler, whatever engine is wrapped."""
     start: CandidateSchedule | None = None
     """What to begin from: see :mod:`up_samp.search.start`."""
+    large: Large | None = None
+    """The problem as one that is looked at in parts, if it is large."""
     _own: tuple[tuple[int, int], Relaxation] | None = None
 
     @property

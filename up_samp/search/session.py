@@ -30,6 +30,7 @@ from up_samp.search.events import Observer, State, Telling
 from up_samp.search.facts import Facts
 from up_samp.search.history import History
 from up_samp.search.knowledge import Knowledge
+from up_samp.search.large import large_of, solve_large
 from up_samp.search.loop import solve
 from up_samp.search.motions import Motions
 from up_samp.search.params import GROUP_PLANNERS, Parameters
@@ -46,6 +47,8 @@ from up_samp.search.trace import TraceObserver
 from up_samp.tuning import tuning_of
 from up_samp.upio import Relaxation, SampSchedule, build_plan, read_problem, relax, trajectory_key
 
+NEEDED = ("lower bounds on motions",)
+"""What is stated before a plan of a thinned problem is sought."""
 ScheduleCheck = Callable[[Any, Schedule], list[str]]
 PlanCheck = Callable[[SampSchedule], list[Refusal]]
 
@@ -109,9 +112,57 @@ def open_search(
     )
     with stages.of(READING):
         search = assemble(asked, service, params, deadline)
+        if wrapped.native and params.incumbents and params.components is None and start is None:
+            inner = partial(open_thin, wrapped, params, service)
+            search.large = large_of(problem, snapshot, inner, search.tuning.large)
     search.history.stages = stages
     search.start = None if start is None else start_of(problem, start)
     return search
+
+
+def open_thin(
+    wrapped: Wrapped,
+    params: Parameters,
+    service: MotionService,
+    problem: SchedulingMotionProblem,
+    deadline: Deadline,
+) -> Search:
+    """Return a search on a problem with few alternatives, for some plan soon: little is stated
+    before, motions are decided one after the other, and nobody is told. The plan is not judged.
+    """
+    tuning = tuning_of(params.tuning)
+    large = tuning.search.large
+    stages = replace(
+        tuning.cpsat.stages, tour_rounds=large.tour_rounds, relaxed_content=large.relaxed
+    )
+    in_order = replace(tuning.search.in_order, motions=2, share=1.0)
+    quick = replace(
+        tuning,
+        cpsat=replace(tuning.cpsat, stages=stages),
+        search=replace(tuning.search, in_order=in_order),
+    )
+    whole = components_of(params, native=True)
+    mine = replace(params, tuning=quick, progress=None, trace=None, observers=())
+    needed = tuple(s for s in whole.statements if s.name in NEEDED)
+    components = replace(components_of(mine, native=True), statements=needed, shapers=())
+    snapshot, _ = lay_out(read_problem(problem, params.seconds_per_unit))
+
+    def relax_anew() -> Relaxation:
+        return relax(problem, snapshot, hold_static=True)
+
+    def scheduler_for(relaxation: Relaxation, attempt: int) -> Scheduler:
+        return open_scheduler(
+            wrapped.engine,
+            relaxation.problem,
+            params={"tuning": quick.cpsat, **wrapped.params},
+            seed=params.seed + attempt,
+            check=wrapped.check,
+            environment=problem.environment,
+        )
+
+    build = partial(to_plan, problem, snapshot)
+    asked = Problem(relax_anew, scheduler_for, build, lambda plan: [], native=True)
+    return assemble(asked, service, replace(mine, components=components), deadline)
 
 
 def assemble(
@@ -220,8 +271,13 @@ def run(search: Search, *, optimal: bool) -> Generator[Incumbent, None, SearchRe
     """
     bounds = search.bounds
     try:
-        result = yield from solve(search, optimal=optimal)
-        for finish in search.components.finishers:
+        if search.large is None:
+            result = yield from solve(search, optimal=optimal)
+        else:
+            result = yield from solve_large(search, search.large, optimal=optimal)
+        # a large problem has too many motions for what is done about each of them in the end
+        finishers = search.components.finishers if search.large is None else ()
+        for finish in finishers:
             if bounds.incumbent is not None:
                 bounds.incumbent = finish(search, bounds.incumbent) or bounds.incumbent
         return result

@@ -14,8 +14,9 @@ except ImportError:  # not on Windows: memory is not told there
     resource = None  # type: ignore[assignment]
 
 READING, STATING, SCHEDULING = "reading", "stating", "scheduling"
+BUILDING = "building"
 CHECKING, REPAIRING, LEARNING, VALIDATING = "checking", "repairing", "learning", "validating"
-STAGES = (READING, STATING, SCHEDULING, CHECKING, REPAIRING, LEARNING, VALIDATING)
+STAGES = (READING, STATING, SCHEDULING, BUILDING, CHECKING, REPAIRING, LEARNING, VALIDATING)
 
 
 @dataclass

@@ -141,6 +141,49 @@ class TurnsTuning(Tunables):
 
 
 @dataclass(frozen=True)
+class InOrderTuning(Tunables):
+    """Motions of many robots decided one after the other (``search/in_order.py``)."""
+
+    motions: int = tunable(
+        14,
+        "motions",
+        "that may meet, from which on a candidate's motions are not first tried as scheduled",
+        least=2,
+    )
+    share: float = share_of(0.6, "of the remaining time, for one candidate")
+    effort: int = tunable(1, "effort", "for one motion: speeds, lanes and detours", least=0, most=3)
+    harder: int = tunable(
+        2, "effort", "for one motion where nobody finds a way: the plane", least=0, most=3
+    )
+    patience: float = tunable(
+        1.3, "factor", "over a motion's time alone, up to which no other way is sought", least=1
+    )
+    grace: float = tunable(3.0, "s", "more than that", least=0)
+    together: int = tunable(
+        4, "motions", "at most, that are decided at once where they wait for each other", least=2
+    )
+
+
+@dataclass(frozen=True)
+class LargeTuning(Tunables):
+    """Problems that are solved in parts (``search/large.py``)."""
+
+    activities: int = tunable(
+        240, "optional activities", "from which on jobs are dealt out first", least=1
+    )
+    share: float = share_of(0.8, "of the remaining time, for the first plan")
+    tour_rounds: int = tunable(
+        10, "rounds a task", "of annealing over tours of what was dealt out", least=0
+    )
+    relaxed: float = effort_of(0.1, "for the routing relaxation of what was dealt out")
+    again: float = share_of(
+        0.9, "of the time that is left after the first plan, for other shares of the jobs"
+    )
+    stale: int = tunable(30, "shares", "in a row that may bring no better plan", least=1)
+    noise: float = share_of(0.06, "of what a job costs, by which guesses differ at first")
+
+
+@dataclass(frozen=True)
 class SlackTuning(Tunables):
     """More time for motions than they need alone (``search/slack.py``)."""
 
@@ -187,6 +230,8 @@ class SearchTuning(Tunables):
     cuts: CutsTuning = field(default_factory=CutsTuning)
     repair: RepairTuning = field(default_factory=RepairTuning)
     turns: TurnsTuning = field(default_factory=TurnsTuning)
+    in_order: InOrderTuning = field(default_factory=InOrderTuning)
+    large: LargeTuning = field(default_factory=LargeTuning)
     start: StartTuning = field(default_factory=StartTuning)
     slack: SlackTuning = field(default_factory=SlackTuning)
     tidy: TidyTuning = field(default_factory=TidyTuning)

@@ -73,7 +73,7 @@ def restricted(
     """
     source = relaxation.problem
     target = source.clone()
-    fix = _PresenceFixer(source, schedule, free)
+    fix = PresenceFixer(source, schedule, free)
     target._activities = []
     for activity in source.activities:
         if activity.name not in schedule.times:
@@ -88,7 +88,7 @@ def restricted(
     return target
 
 
-class _PresenceFixer:
+class PresenceFixer:
     """Replaces presence by constants and drops what speaks of absent activities.
 
     Start, end and parameters of an absent activity have no value; a relation over them is neither
@@ -120,6 +120,7 @@ class _PresenceFixer:
                 target._constraints.append((fixed, [s for s in kept if not s.is_true()]))
 
     def __call__(self, expression: FNode, *, positive: bool = True) -> FNode:
+        """Return an expression with presence decided; ``positive``: not under a negation."""
         done = self.memo.get((expression, positive))
         if done is None:
             done = self.memo[expression, positive] = self._fix(expression, positive)

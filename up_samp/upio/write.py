@@ -106,6 +106,13 @@ def _write_exclusive(relaxation: Relaxation, place: Exclusive) -> None:
         # who goes from one of the configurations to another may be back at once
         back = Timing(0 if name in place.arrivals else 1, activity.start)
         activity.add_increase_effect(back, free, 1)
+    manager = problem.environment.expression_manager
+    for name, variable, value in sorted(place.leaving):
+        activity = relaxation.activities[name]
+        back = Timing(0 if name in place.arrivals else 1, activity.start)
+        origin = manager.ParameterExp(relaxation.variable(variable))
+        there = manager.Equals(origin, manager.ObjectExp(problem.object(value)))
+        activity.add_increase_effect(back, free, 1, there)
 
 
 def _absent(relaxation: Relaxation, literal: Absent) -> FNode:

@@ -175,6 +175,10 @@ class Workspace:
                 self._paths.put(key, known)
         return known if isinstance(known, Path) else None
 
+    def detours_quickly(self, body: Body) -> bool:
+        """Return whether there is a planner for detours of a body that stops after little work."""
+        return body.kinematics.model in self._quick
+
     @cached_property
     def _quick(self) -> dict[MotionModel, MotionPlanner]:
         """Planners that give up after little work, by motion model."""

@@ -5,10 +5,11 @@ from __future__ import annotations
 import itertools
 
 from up_samp.model.refinement import Refinement
-from up_samp.model.snapshot import TermKind
+from up_samp.model.snapshot import MotionTask, TermKind
 from up_samp.refinement import rules
 from up_samp.search.facts import Facts
 from up_samp.search.motions import Motions
+from up_samp.search.visits import near
 
 
 def unary_places(motions: Motions) -> list[Refinement]:
@@ -34,12 +35,23 @@ def _resting_nodes(facts: Facts) -> list[tuple[str, str]]:
     elsewise = {c.object for c in snapshot.changes} | {r.load for r in snapshot.rides}
     for name in sorted(facts.drivers):
         tasks = [t for t in snapshot.tasks if t.object == name]
-        constant = all(t.kind is TermKind.CONSTANT for task in tasks for t in task.terms)
+        constant = all(t.kind is TermKind.CONSTANT for task in tasks for t in task.terms[1:])
+        constant = constant and all(_origins(facts, task) for task in tasks)
         heeds = all(t.avoid is None or t.avoid >= facts.drivers - {name} for t in tasks)
         if constant and heeds and name not in elsewise:
-            nodes |= {(name, t.name) for task in tasks for t in (task.terms[0], task.terms[-1])}
+            nodes |= {(name, task.terms[-1].name) for task in tasks}
+            nodes |= {(name, place) for task in tasks for place in _origins(facts, task)}
             nodes.add((name, snapshot.initial[name]))
     return sorted(nodes)
+
+
+def _origins(facts: Facts, task: MotionTask) -> dict[str, str | None]:
+    """Return where a motion may begin, with the variable that tells it (None: it is no choice)."""
+    term = task.terms[0]
+    if term.kind is TermKind.CONSTANT:
+        return {term.name: None}
+    choice = facts.choices.get((task.activity, term, False))
+    return {} if choice is None else dict.fromkeys(choice.values, choice.variable)
 
 
 def _overlapping(motions: Motions, nodes: list[tuple[str, str]]) -> set[tuple[int, int]]:
@@ -47,11 +59,12 @@ def _overlapping(motions: Motions, nodes: list[tuple[str, str]]) -> set[tuple[in
     edges = set()
     for i, j in itertools.combinations(range(len(nodes)), 2):
         (a, place_a), (b, place_b) = nodes[i], nodes[j]
-        if a != b and motions.service.overlap(
-            snapshot.objects[a].body,
-            snapshot.configurations[place_a],
-            snapshot.objects[b].body,
-            snapshot.configurations[place_b],
+        if a == b:
+            continue
+        bodies = snapshot.objects[a].body, snapshot.objects[b].body
+        poses = snapshot.configurations[place_a], snapshot.configurations[place_b]
+        if near(bodies[0], poses[0], bodies[1], poses[1]) and motions.service.overlap(
+            bodies[0], poses[0], bodies[1], poses[1]
         ):
             edges.add((i, j))
     return edges
@@ -75,12 +88,17 @@ def _grow(
 
 def _place(facts: Facts, members: list[tuple[str, str]]) -> Refinement:
     inside = set(members)
-    arrivals, departures = set(), set()
+    arrivals, departures, leaving = set(), set(), set()
     for task in facts.snapshot.tasks:
         if (task.object, task.terms[-1].name) in inside:
             arrivals.add(task.activity)
-        if (task.object, task.terms[0].name) in inside:
-            departures.add(task.activity)
+        for place, variable in _origins(facts, task).items():
+            if (task.object, place) not in inside:
+                continue
+            if variable is None:
+                departures.add(task.activity)
+            else:
+                leaving.add((task.activity, variable, place))
     taken = any(facts.snapshot.initial[name] == place for name, place in members)
     name = "_".join(sorted({place for _, place in members}))
-    return rules.unary_place(name, arrivals, departures, taken)
+    return rules.unary_place(name, arrivals, departures, taken, leaving)

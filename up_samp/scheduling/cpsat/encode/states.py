@@ -353,7 +353,8 @@ class States:
             value = self.world.parameters.get(chosen)
             if state.key[0] in self.dynamic and state.values is not None and value is not None:
                 low, high = self.store.range(value)
-                allowed = frozenset(v for v in state.values if low <= v <= high)
+                # all effects are known by now
+                allowed = frozenset(v for v in state.held() if low <= v <= high)
                 self._read(state, Read(number, active, lo, hi, allowed, value, loose=loose))
                 return
         decided, rest = unless_decided(node)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -61,6 +62,14 @@ class StateVar:
                 self._by_owner.setdefault(write.owner, []).append(write)
             self._indexed = len(self.writes)
         return [*self._by_owner.get(None, ()), *self._by_owner.get(owner, ())]
+
+    def held(self) -> Iterable[int]:
+        """Return the values that it has at first or that something gives it (all, if that hangs on
+        decisions).
+        """
+        if self.initial is None or any(w.add or w.value.terms for w in self.writes):
+            return self.values or ()
+        return {self.initial, *(w.value.const for w in self.writes)}
 
     @property
     def numeric(self) -> bool:

@@ -332,6 +332,20 @@ class Store:
                 self.clause([x, ~found])
         return found
 
+    def value_known(self, var: int, value: int) -> Literal | None:
+        """Return the literal of ``var == value`` if something has asked for it before."""
+        low, high = self.bounds[var]
+        if low == high or (low, high) == (0, 1):
+            return self.is_value(var, value)
+        return self._is_value.get((var, value))
+
+    def conjunction_known(self, literals: Iterable[Literal]) -> Literal | None:
+        """Return the literal of a conjunction if something has asked for it before."""
+        some = tuple(sorted({x for x in literals if x != TRUE}))
+        if len(some) <= 1:
+            return some[0] if some else TRUE
+        return self._literals.get(("all", some))
+
     def any_of(self, literals: Iterable[Literal]) -> Literal:
         """Return a literal equivalent to the disjunction of ``literals``."""
         return ~self.all_of(~x for x in literals)

@@ -9,7 +9,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from up_samp.execution.differences import (
+from up_samp.model import ProblemError
+from up_samp.model.snapshot import Snapshot
+from up_samp.scheduling.compilers.plain import Effect, Expr, show, subexpressions
+from up_samp.scheduling.partial_order.differences import (
     HORIZON,
     MISSING,
     ZERO,
@@ -19,9 +22,6 @@ from up_samp.execution.differences import (
     kept,
     other_way,
 )
-from up_samp.model import ProblemError
-from up_samp.model.snapshot import Snapshot
-from up_samp.scheduling.compilers.plain import Effect, Expr, show, subexpressions
 
 
 @dataclass(frozen=True)

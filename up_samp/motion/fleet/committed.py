@@ -1,0 +1,96 @@
+"""Motions that are decided one after the other, each among those decided before.
+
+Whoever has made its last decided motion stays where that ended, until it is given another one: so
+a motion is only taken if it can end where nobody who is decided comes by later (the invariant of
+token passing; Ma et al., "Lifelong multi-agent path finding for online pickup and delivery tasks",
+AAMAS 2017). Thus nobody ever has to move on in a hurry, and the decided motions are valid at every
+step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+from up_samp.model import Deadline, Rest, TimedMotion
+from up_samp.motion.fleet.one_robot import Attempt, plan_one
+from up_samp.motion.fleet.priority_search import Group, alone, climb
+from up_samp.motion.fleet.timed_path import TimedPath
+from up_samp.motion.fleet.waiting import Window
+from up_samp.motion.fleet.workspace import PathPlanner, rest_run, workspace_of
+
+DETOURS = 1
+"""The effort (see :func:`plan_one`) at which other ways are planned."""
+
+
+class Committed:
+    """The decided runs of all objects on one floor.
+
+    :param service: plans single paths.
+    :param rests: everything that is there, where it is at first (or always).
+    """
+
+    def __init__(self, service: PathPlanner, rests: Iterable[Rest]) -> None:
+        self._workspace = workspace_of(service)
+        self._first = {rest.name: rest_run(self._workspace, rest) for rest in rests}
+        self._runs: dict[str, list[TimedPath]] = {}
+        self._placed: list[TimedPath] = []
+
+    def decided(self, name: str) -> int:
+        """Return how many motions of an object are decided."""
+        return len(self._runs.get(name, ()))
+
+    def arrival(self, name: str) -> float:
+        """Return when an object's last decided motion ends (s)."""
+        runs = self._runs.get(name)
+        return runs[-1].arrival if runs else -math.inf
+
+    def last(self) -> float:
+        """Return when the last of all decided motions ends (s)."""
+        return max((runs[-1].arrival for runs in self._runs.values()), default=0.0)
+
+    def place(self, rests: Sequence[Rest]) -> None:
+        """Let things that others move (doors) rest so for what is decided next."""
+        self._placed = [rest_run(self._workspace, rest) for rest in rests]
+
+    def plan(self, motion: TimedMotion, deadline: Deadline, effort: int) -> Attempt:
+        """Return a run of a motion among what is decided: on time, or else the earliest found."""
+        window = Window(self.arrival(motion.object), motion.release)
+        others = self._others({motion.object}, motion.release)
+        if effort == DETOURS and not self._workspace.detours_quickly(motion.body):
+            effort = DETOURS - 1  # waiting is found sooner than another way
+        return plan_one(self._workspace, motion, window, others, deadline, effort)
+
+    def together(
+        self, motions: Sequence[TimedMotion], deadline: Deadline, *, top: int
+    ) -> Mapping[str, TimedPath] | None:
+        """Return runs of motions of different objects that are decided at once, by name."""
+        release = min(m.release for m in motions)
+        world = self._others({m.object for m in motions}, release)
+        since = {m.name: replace(m, present_from=self.arrival(m.object)) for m in motions}
+        group = Group(self._workspace, since, world, deadline)
+        root, _, _ = alone(group)
+        if root is None:
+            return None
+        climb(group, root, top)
+        return None if group.best is None else group.best.runs
+
+    def add(self, run: TimedPath) -> None:
+        """Decide a run: its object leaves where its last one ended when it leaves."""
+        runs = self._runs.setdefault(run.object, [])
+        if runs:
+            runs[-1] = replace(runs[-1], until=run.since)
+        runs.append(run)
+
+    def trajectories(self) -> dict[str, TimedPath]:
+        """Return all decided runs by name."""
+        return {run.name: run for runs in self._runs.values() for run in runs}
+
+    def _others(self, mine: set[str], since: float) -> list[TimedPath]:
+        """Return what is there of others after ``since`` (s)."""
+        found = [r for n, r in self._first.items() if n not in mine and n not in self._runs]
+        for name, runs in self._runs.items():
+            if name not in mine:
+                found += [run for run in runs if run.until > since]
+        return [*found, *self._placed]

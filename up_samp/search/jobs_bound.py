@@ -1,0 +1,147 @@
+"""A lower bound from jobs: what has to be done at least, shared by all robots.
+
+Each job is done by one of its options, and a robot drives one way at a time. So no plan is shorter
+than what all jobs take their quickest robots, shared evenly, nor than what any one of them takes. A
+robot comes to a job from one of the places where it may be then; where whatever brings it to a
+place has a drive of its own away from there, no other drive begins there (there would be more
+departures than arrivals).
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from functools import cache
+
+from unified_planning.model.motion import SchedulingMotionProblem
+from unified_planning.model.scheduling import Activity
+
+from up_samp.model import Body, Configuration
+from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
+from up_samp.motion import MotionService
+from up_samp.scheduling.cpsat.encode.durations import least
+from up_samp.search.facts import Facts
+from up_samp.search.jobs import Jobs, Option
+
+
+def bound_by_jobs(
+    problem: SchedulingMotionProblem, facts: Facts, service: MotionService, jobs: Jobs
+) -> int:
+    """Return units that no plan can beat."""
+    work = _Work(problem, facts, service, jobs)
+    done: set[str] = set()
+    costs = []
+    for options in jobs.options:
+        leaders = {o.leader for o in options}
+        if leaders & done:
+            continue  # one activity may do two jobs
+        done |= leaders
+        costs.append(min(work.of(option) for option in options))
+    robots = {o.robot for options in jobs.options for o in options}
+    if not costs:
+        return 0
+    return max(max(costs), -(-sum(costs) // len(robots)))
+
+
+class _Work:
+    """What options take at least."""
+
+    def __init__(
+        self, problem: SchedulingMotionProblem, facts: Facts, service: MotionService, jobs: Jobs
+    ) -> None:
+        self._facts = facts
+        self._tasks: dict[str, list[MotionTask]] = defaultdict(list)
+        for task in facts.snapshot.tasks:
+            self._tasks[task.activity].append(task)
+        self._activities = {a.name: a for a in problem.activities}
+        self._uses = {name: _resources(a) for name, a in self._activities.items()}
+
+        @cache
+        def lasts(body: Body, start: Configuration, goal: Configuration) -> int:
+            return facts.units(service.lower_bound(body, start, goal))
+
+        self._lasts = lasts
+        self._jobs = jobs
+        self._left: dict[str, frozenset[str]] = {}
+        self._apart: dict[str, bool] = {}
+
+    def of(self, option: Option) -> int:
+        """Return units for which an option keeps its robot busy at least."""
+        driven = [t for name in sorted(option.members) for t in self._tasks.get(name, ())]
+        total = sum(self._drive(task) for task in driven)
+        if self._one_at_a_time(option.robot):
+            others = [n for n in option.members if n not in self._tasks]
+            total += sum(least(self._activities[n].duration) for n in others)
+        return total
+
+    def _one_at_a_time(self, robot: str) -> bool:
+        """Return whether all that a robot may do for jobs holds one resource for one."""
+        if robot not in self._apart:
+            mine = {
+                n for os in self._jobs.options for o in os if o.robot == robot for n in o.members
+            }
+            self._apart[robot] = bool(frozenset.intersection(*(self._uses[n] for n in mine)))
+        return self._apart[robot]
+
+    def _drive(self, task: MotionTask) -> int:
+        snapshot = self._facts.snapshot
+        poses = snapshot.configurations
+        body = snapshot.body(task.activity, task.index, task.object)
+        first, last = task.terms[0], task.terms[-1]
+        if last.kind is not TermKind.CONSTANT:
+            return 0
+        if first.kind is TermKind.CONSTANT:
+            origins: tuple[str, ...] = (first.name,)
+        else:
+            choice = self._facts.choices.get((task.activity, first, False))
+            if choice is None:
+                return 0
+            left = self._left_by_others(task.object)
+            origins = tuple(v for v in choice.values if v not in left)
+        return min((self._lasts(body, poses[o], poses[last.name]) for o in origins), default=0)
+
+    def _left_by_others(self, robot: str) -> frozenset[str]:
+        """Return the places of a robot that every arrival has a drive of its own away from: no
+        other drive begins there.
+        """
+        if robot not in self._left:
+            self._left[robot] = _places_left(self._facts.snapshot, robot, self._jobs)
+        return self._left[robot]
+
+
+def _places_left(snapshot: Snapshot, robot: str, jobs: Jobs) -> frozenset[str]:
+    tasks = [t for t in snapshot.tasks if t.object == robot]
+    known = all(t.terms[-1].kind is TermKind.CONSTANT for t in tasks)
+    if not known or any(c.object == robot for c in snapshot.changes):
+        return frozenset()
+    arrivals: dict[str, list[str]] = defaultdict(list)
+    leaving: dict[str, set[str]] = defaultdict(set)
+    for task in tasks:
+        first, last = task.terms[0], task.terms[-1]
+        arrivals[last.name].append(task.activity)
+        if first.kind is TermKind.CONSTANT and first.name != last.name:
+            leaving[first.name].add(task.activity)
+    found = set()
+    for place, coming in arrivals.items():
+        away = [jobs.drawn(name) & leaving[place] for name in coming]
+        own = set().union(*away)
+        if place != snapshot.initial[robot] and all(away) and len(own) == sum(map(len, away)):
+            found.add(place)
+    return frozenset(found)
+
+
+def _resources(activity: Activity) -> frozenset[str]:
+    """Return the resources of one unit that an activity holds from its start to its end."""
+    taken, given = set(), set()
+    for timing, effects in activity.effects.items():
+        for effect in effects:
+            tpe = effect.fluent.type
+            one = tpe.is_int_type() and (tpe.lower_bound, tpe.upper_bound) == (0, 1)
+            if not one or timing.delay or not effect.value.is_int_constant():
+                continue
+            if effect.value.constant_value() != 1 or not effect.condition.is_true():
+                continue
+            if effect.is_decrease() and timing.is_from_start():
+                taken.add(str(effect.fluent))
+            if effect.is_increase() and timing.is_from_end():
+                given.add(str(effect.fluent))
+    return frozenset(taken & given)
