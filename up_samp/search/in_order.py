@@ -10,7 +10,6 @@ its way; those that wait for each other in a ring are decided together.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 
@@ -131,6 +130,8 @@ class Line:
         self._must = ancestors(self._waiting, times)
         self._leave = others_first(self._facts, self._service, itinerary)
         self._floor = Committed(self._service, self._rests())
+        self._turns: dict[str, int] = {}
+        """When those that found no way are asked again (units)."""
         self._failed: dict[str, tuple[int, dict[str, int]]] = {}
         """Motions that found no way: at which effort, and how much was decided of whom then."""
 
@@ -161,20 +162,23 @@ class Line:
         return True
 
     def _decide_next(self, ready: Sequence[str], deadline: Deadline) -> bool:
-        """Decide the motion that starts first, or who is in its way, or the one after it."""
-        ranked = deque(sorted(ready, key=lambda m: (self._start(m), m)))
-        tried = set[str]()
-        while ranked:
-            name = ranked.popleft()
-            if name in tried:
-                continue
-            tried.add(name)
+        """Decide the motion that can begin first; who finds no way is asked again once one of those
+        in its way can have left. So all is decided in the order of time, and nobody far ahead.
+        """
+        for _ in range(self._tuning.turns * len(ready)):
+            name = min(ready, key=lambda m: (self._turn(m), m))
             blockers = self._decide_one(name, deadline)
             if blockers is None:
                 return True
-            urgent = [m for m in ready if self._waiting[m].object in blockers and m not in tried]
-            ranked.extendleft(sorted(urgent, key=lambda m: (-self._start(m), m)))
+            if deadline.expired():
+                return False
+            turns = (self._turn(m) for m in self._heads() if self._waiting[m].object in blockers)
+            self._turns[name] = 1 + max(self._turn(name), min(turns, default=0))
         return self._try_harder(ready, deadline)
+
+    def _turn(self, name: str) -> int:
+        """Return when it is a motion's turn to be decided (units)."""
+        return max(self._start(name), self._turns.get(name, 0))
 
     def _decide_one(self, name: str, deadline: Deadline) -> frozenset[str] | None:
         """Decide a motion and return None; or return who is in its way if it has to wait."""

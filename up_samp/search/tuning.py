@@ -155,6 +155,9 @@ class InOrderTuning(Tunables):
     harder: int = tunable(
         2, "effort", "for one motion where nobody finds a way: the plane", least=0, most=3
     )
+    turns: int = tunable(
+        4, "turns", "of each motion, before more effort is made for one of them", least=1
+    )
     patience: float = tunable(
         1.3, "factor", "over a motion's time alone, up to which no other way is sought", least=1
     )

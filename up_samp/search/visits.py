@@ -72,7 +72,7 @@ def _meeting(service: MotionService, visits: list[Visit]) -> list[tuple[Visit, V
     at: dict[tuple[Body, Configuration], list[Visit]] = defaultdict(list)
     for visit in visits:
         at[visit.body, visit.pose].append(visit)
-    found = []
+    found: list[tuple[Visit, Visit]] = []
     for (key, some), (other, others) in itertools.combinations_with_replacement(at.items(), 2):
         if not near(*key, *other) or not service.overlap(*key, *other):
             continue
