@@ -80,7 +80,7 @@ LIMITS = {
     "wide_functions": 44,
     "long_files": 24,
     "constants": 300,
-    "said_twice": 92,
+    "said_twice": 90,
 }
 """What the figures may be at most: lower them when they fall, never raise them for convenience."""
 

@@ -25,6 +25,7 @@ from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.plans import Schedule
 
 from up_samp.engines.direct import DirectFace
+from up_samp.engines.statuses import STATUSES
 from up_samp.model import (
     CandidateSchedule,
     Deadline,
@@ -87,15 +88,6 @@ _FEATURES = [
     "OVERSUBSCRIPTION",
     "INT_NUMBERS_IN_OVERSUBSCRIPTION",
 ]
-
-_STATUSES = {
-    ScheduleStatus.OPTIMAL: PlanGenerationResultStatus.SOLVED_OPTIMALLY,
-    ScheduleStatus.FOUND: PlanGenerationResultStatus.SOLVED_SATISFICING,
-    ScheduleStatus.INFEASIBLE: PlanGenerationResultStatus.UNSOLVABLE_PROVEN,
-    ScheduleStatus.NOT_FOUND: PlanGenerationResultStatus.UNSOLVABLE_INCOMPLETELY,
-    ScheduleStatus.OUT_OF_TIME: PlanGenerationResultStatus.TIMEOUT,
-    ScheduleStatus.ERROR: PlanGenerationResultStatus.INTERNAL_ERROR,
-}
 
 CREDITS = Credits(
     "cpsat",
@@ -308,7 +300,7 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
         from up_samp.upio.plan import build_schedule
         from up_samp.validation import validate_schedule
 
-        status, plan = _STATUSES[report.status], None
+        status, plan = STATUSES[report.status], None
         messages = [LogMessage(LogLevel.INFO, report.message)] if report.message else []
         metrics = {"engine_internal_time": f"{report.seconds:.3f}"}
         if report.bound is not None:

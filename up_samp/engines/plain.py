@@ -14,6 +14,7 @@ from unified_planning.engines.mixins.oneshot_planner import OptimalityGuarantee
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.plans import Plan, Schedule
 
+from up_samp.engines.statuses import STATUSES
 from up_samp.model import (
     Deadline,
     OutOfTimeError,
@@ -25,15 +26,6 @@ from up_samp.scheduling import open_scheduler
 from up_samp.search.start import start_of
 from up_samp.upio import build_schedule, read_problem, relax
 from up_samp.validation import validate_schedule
-
-_STATUSES = {
-    ScheduleStatus.OPTIMAL: PlanGenerationResultStatus.SOLVED_OPTIMALLY,
-    ScheduleStatus.FOUND: PlanGenerationResultStatus.SOLVED_SATISFICING,
-    ScheduleStatus.INFEASIBLE: PlanGenerationResultStatus.UNSOLVABLE_PROVEN,
-    ScheduleStatus.NOT_FOUND: PlanGenerationResultStatus.UNSOLVABLE_INCOMPLETELY,
-    ScheduleStatus.OUT_OF_TIME: PlanGenerationResultStatus.TIMEOUT,
-    ScheduleStatus.ERROR: PlanGenerationResultStatus.INTERNAL_ERROR,
-}
 
 
 def schedule_plainly(
@@ -71,7 +63,7 @@ def _check(problem: Any, schedule: Schedule) -> list[str]:
 
 
 def _to_result(engine: Any, problem: Any, report: ScheduleReport) -> PlanGenerationResult:
-    status, message, plan = _STATUSES[report.status], report.message, None
+    status, message, plan = STATUSES[report.status], report.message, None
     if report.schedule is not None:
         plan = build_schedule(problem, report.schedule)
         violations = _check(problem, plan)

@@ -26,7 +26,7 @@ from up_samp.model import (
 from up_samp.motion.budget import Budget
 from up_samp.motion.planners import ompl_edges as edges
 from up_samp.motion.planners.control_law import Piece, Roller, Shot, miss, shots, total
-from up_samp.motion.planners.ompl_planar import OmplSettings, PlanarWorld
+from up_samp.motion.planners.ompl_planar import OmplSettings, PlanarWorld, state_of
 from up_samp.motion.planners.ompl_solve import (
     Counter,
     OmplLeg,
@@ -114,15 +114,6 @@ class _Validity(ob.StateValidityChecker):  # type: ignore[misc]
         return bool(self._low[0] <= x <= self._high[0] and self._low[1] <= y <= self._high[1])
 
 
-def _state(si: Any, pose: Configuration) -> Any:
-    """Return a pose as a state of OMPL's."""
-    state = si.allocState()
-    state.setX(float(pose[0]))
-    state.setY(float(pose[1]))
-    state.setYaw((float(pose[2]) + math.pi) % (2 * math.pi) - math.pi)
-    return state
-
-
 def _search(
     world: ControlWorld,
     start: Configuration,
@@ -159,7 +150,7 @@ def _search(
     si.setMinMaxControlDuration(1, 12)
     si.setup()
     pdef = ob.ProblemDefinition(si)
-    pdef.setStartAndGoalStates(_state(si, start), _state(si, goal), world.near)
+    pdef.setStartAndGoalStates(state_of(si, start), state_of(si, goal), world.near)
     set_seed(seed)
     method = getattr(oc, name)(si)
     method.setProblemDefinition(pdef)

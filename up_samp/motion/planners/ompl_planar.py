@@ -182,7 +182,8 @@ class PlanarWorld:
         return si, max(self.settings.reach * size, self.settings.share * diagonal)
 
 
-def _state(si: Any, pose: Configuration) -> Any:
+def state_of(si: Any, pose: Configuration) -> Any:
+    """Return a pose as a state of OMPL's."""
     state = si.allocState()
     state.setX(float(pose[0]))
     state.setY(float(pose[1]))
@@ -210,7 +211,7 @@ def search(
     counter = Counter()
     si, reach = world.information(counter)
     pdef = ob.ProblemDefinition(si)
-    pdef.setStartAndGoalStates(_state(si, start), _state(si, goal), GOAL_TOLERANCE)
+    pdef.setStartAndGoalStates(state_of(si, start), state_of(si, goal), GOAL_TOLERANCE)
     samples = 1000
     set_seed(seed)
     while True:
