@@ -132,6 +132,14 @@ def test_ctrl_c_is_130(script, answer, capsys):
     assert capsys.readouterr().err.endswith("up-samp: stopped\n")
 
 
+def test_ctrl_c_while_a_library_is_loaded_is_130(script, answer, capsys):
+    wrapped = RuntimeError("Error calling __set_name__")
+    wrapped.__cause__ = KeyboardInterrupt()
+    answer(error=wrapped)
+    assert main(["solve", script()]) == 130
+    assert capsys.readouterr().err.endswith("up-samp: stopped\n")
+
+
 def test_bugs_are_one_line_unless_debugging(script, answer, capsys):
     answer(error=RuntimeError("spam"))
     assert main(["solve", script()]) == 2

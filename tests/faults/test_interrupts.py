@@ -6,9 +6,14 @@ import threading
 import time
 
 import pytest
+from unified_planning.shortcuts import OneshotPlanner
 
+from tests.fuzz.problems import SECONDS, build
+from tests.fuzz.small import small_case
 from up_samp import cli
+from up_samp.model.errors import InterruptedSearch
 from up_samp.scheduling.cpsat.solve.runner import _interruptible
+from up_samp.search import tidy
 from up_samp.system import child
 
 
@@ -111,3 +116,20 @@ def test_ctrl_c_waits_until_a_plan_is_written(tmp_path, number):
     )
     assert (tmp_path / "plan").read_text() == "whole"
     assert done.returncode in (-number, 1 if number is signal.SIGTERM else 130)
+
+
+def test_ctrl_c_behind_another_error_keeps_the_plan(tmp_path, monkeypatch):
+    """It came while a module was loaded, whose class could not be made then."""
+
+    def interrupted(*_):
+        raise RuntimeError("Error calling __set_name__") from KeyboardInterrupt()
+
+    monkeypatch.setattr(tidy, "_loose", interrupted)
+    case = small_case(279)  # its last pass has a drive to leave out
+    params = {"seconds_per_unit": SECONDS}
+    with (
+        OneshotPlanner(name="samp-refine[cpsat]", params=params) as planner,
+        pytest.raises(InterruptedSearch) as caught,
+    ):
+        planner.solve(build(case, tmp_path), timeout=30.0)
+    assert caught.value.result.plan is not None

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from up_samp.system.imports import load_unified_planning, own_the_process
+from up_samp.system.interrupts import interrupt_behind
 
 ERROR = 2
 INTERRUPTED = 130
@@ -141,6 +142,9 @@ def _run(args: argparse.Namespace) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return ERROR
     except Exception as error:
+        stop = interrupt_behind(error)
+        if stop is not None:
+            raise stop from None
         if args.debug:
             raise
         print(f"up-samp: {_message(error)}", file=sys.stderr)

@@ -128,7 +128,7 @@ def with_progress(params: Parameters, stream: IO[str]) -> Parameters:
     return replace(params, progress=write)
 
 
-def was_asked_for(error: Exception) -> bool:
+def was_asked_for(error: BaseException) -> bool:
     """Return whether an observer raised it: that is how one ends a search."""
     from up_samp.search import events
 
@@ -136,7 +136,7 @@ def was_asked_for(error: Exception) -> bool:
     return any(frame.f_globals is vars(events) for frame, _ in frames)
 
 
-def broke_down(error: Exception) -> str:
+def broke_down(error: BaseException) -> str:
     """Return what was raised and where, for a message."""
     place = traceback.extract_tb(error.__traceback__)[-1]
     said = short(str(error), 500) or "no further word"

@@ -45,6 +45,7 @@ from up_samp.model import (
 from up_samp.model.errors import InterruptedSearch
 from up_samp.scheduling.quirks import is_compatible
 from up_samp.search.params import split_parameters
+from up_samp.system.interrupts import interrupt_behind
 
 if TYPE_CHECKING:
     from up_samp.search.bounds import Incumbent
@@ -218,14 +219,16 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
 
         try:
             yield from self._plans(problem, search, steps, deadline)
-        except KeyboardInterrupt as stop:
-            if search.bounds.incumbent is None:
-                raise
-            best = SearchResult(Conclusion.SOLVED, "stopped; this is the best plan until then")
-            raise InterruptedSearch(self._final(problem, search, best)) from stop
-        except Exception as error:
+        except (KeyboardInterrupt, Exception) as error:
             planned = search.bounds.incumbent is not None
-            if was_asked_for(error) or (isinstance(error, SampError) and not planned):
+            stop = interrupt_behind(error)
+            if stop is not None and planned:
+                best = SearchResult(Conclusion.SOLVED, "stopped; this is the best plan until then")
+                raise InterruptedSearch(self._final(problem, search, best)) from stop
+            if stop is not None and stop is not error:
+                raise stop from None
+            asked = stop is not None or was_asked_for(error)
+            if asked or (isinstance(error, SampError) and not planned):
                 raise
             log.exception("the search broke down")
             yield self._failure(problem, search, broke_down(error))
