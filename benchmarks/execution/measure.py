@@ -5,7 +5,8 @@ python benchmarks/execution/measure.py runs   FOLDER [--runs 100]   execute them
 python benchmarks/execution/measure.py bound  FOLDER [--runs 10]    against the clairvoyant plan
 python benchmarks/execution/measure.py replan FOLDER [--runs 5]     re-planning from mid-way
 python benchmarks/execution/measure.py speed                        the executor's own time
-python benchmarks/execution/measure.py table  FOLDER                the tables of docs/execution.md
+python benchmarks/execution/measure.py table  FOLDER                the table of docs/execution.md
+python benchmarks/execution/measure.py bound-table FOLDER           the clairvoyant's table
 """
 
 from __future__ import annotations
@@ -71,6 +72,9 @@ BLOCK = 2
 """Seeds after which the next instance has its turn."""
 
 POLICIES = ("timed", "coarse", "reorder", "staircase")
+BOUNDED = ("coarse", "staircase", "reorder")
+"""What is compared with the clairvoyant, in this order."""
+
 HEADER = ("instance", "delays", "policy", "seed", "planned", "makespan", "waiting", "collisions",
           "deadlock", "finished", "overruns", "reorders")  # fmt: skip
 
@@ -164,6 +168,7 @@ def bound(args):
         for name, file in ((n, f) for n, f in files(args) if n in SMALL):
             plan = read_plan(file)
             fine = dependencies_from_plan(plan)
+            whole = coarse(fine)
             robots = [life.object for life in fine.lives.values() if life.drives]
             for seed in range(args.seed, args.seed + args.runs):
                 luck = draw(delays, robots, (), plan["makespan"], seed)
@@ -175,8 +180,9 @@ def bound(args):
                 known = result_to_dict(problem, result)
                 best = simulate(dependencies_of(problem, known), known, Delays(), 0, judged=False)
                 row = [name, seed, result.status.name, known["makespan"], round(best.makespan, 3)]
-                for policy in ("staircase", "reorder"):
-                    r = simulate(fine, plan, delays, seed, policy=policy, judged=False)
+                for policy in BOUNDED:
+                    graph = whole if policy == "coarse" else fine
+                    r = simulate(graph, plan, delays, seed, policy=policy, judged=False)
                     row.append(round(r.makespan, 3))
                 out.writerow(row)
                 stream.flush()
@@ -272,7 +278,9 @@ def speed(args):
         print(f"{robots} robots, {tasks} activities, {len(graph.events)} events, "
               f"{len(graph.edges)} edges")  # fmt: skip
         for what, times in spent.items():
+            most = sorted(times)[int(0.99 * len(times))]
             print(f"  {what}: median {1e3 * statistics.median(times):.3f} ms, "
+                  f"99 % under {1e3 * most:.3f} ms, "
                   f"worst {1e3 * max(times):.3f} ms of CPU in {len(times)} calls")  # fmt: skip
 
 
@@ -341,6 +349,14 @@ def table(args):
         waits = f"{statistics.mean(wait):.1%}" if wait else ""
         print(f"| {name} | {float(share):.0%} | {len(c)} | {mean(ratio('timed'))}: {unsafe} of "
               f"{len(timed)} | {mean(b)} | {mean(c)} | {mean(d)} | {gain} | {waits} |")  # fmt: skip
+    for share in sorted({k[1] for k in cells}, key=float):
+        each = {p: [statistics.mean(float(r["makespan"]) / float(r["planned"]) for r in found)
+                    for (_, s, policy), found in cells.items() if (s, policy) == (share, p)]
+                for p in POLICIES}  # fmt: skip
+        means = {p: statistics.mean(values) for p, values in each.items()}
+        print(f"\nmean of all instances at {float(share):.0%}: "
+              + ", ".join(f"{p} {m:.3f}" for p, m in means.items())
+              + f"; (d) to (b) {means['reorder'] / means['coarse'] - 1:+.0%}")  # fmt: skip
     safe = [r for r in rows if r["policy"] != "timed"]
     print(f"\n{len(safe)} runs of (b), (c) and (d): {sum(int(r['collisions']) for r in safe)} "
           f"collisions, {sum(int(r['deadlock']) for r in safe)} deadlocks, "
@@ -348,9 +364,28 @@ def table(args):
           f"{sum(int(r['overruns']) for r in safe)} overruns")  # fmt: skip
 
 
+def bound_table(args):
+    """Print how much longer than the clairvoyant's plan each policy took."""
+    with (args.folder / "bound.csv").open() as stream:
+        rows = [r for r in csv.reader(stream) if r[2] == "SOLVED_OPTIMALLY"]
+    print("| instance | draws | (b) over the clairvoyant: mean, worst | (c) | (d) |")
+    print("|---|---|---|---|---|")
+    for name in dict.fromkeys(r[0] for r in rows):
+        mine = [r for r in rows if r[0] == name]
+        cells = []
+        for k in range(len(BOUNDED)):
+            over = [float(r[5 + k]) / float(r[4]) for r in mine]
+            cells.append(f"{statistics.mean(over):.3f}, {max(over):.3f}")
+        print(f"| {name} | {len(mine)} | {' | '.join(cells)} |")
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=("plans", "runs", "bound", "replan", "speed", "table"))
+    steps = {
+        "plans": plans, "runs": runs, "bound": bound, "replan": replan, "speed": speed,
+        "table": table, "bound-table": bound_table,
+    }  # fmt: skip
+    parser.add_argument("what", choices=steps)
     parser.add_argument("folder", type=Path, nargs="?", default=Path("execution-runs"))
     parser.add_argument("names", nargs="*")
     parser.add_argument("--runs", type=int, default=100)
@@ -361,10 +396,6 @@ def main():
     args = parser.parse_args()
     get_environment().credits_stream = None
     args.folder.mkdir(parents=True, exist_ok=True)
-    steps = {
-        "plans": plans, "runs": runs, "bound": bound, "replan": replan, "speed": speed,
-        "table": table,
-    }  # fmt: skip
     steps[args.what](args)
 
 

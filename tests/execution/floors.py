@@ -30,11 +30,13 @@ from unified_planning.shortcuts import LT, TRUE, BoolType, ConfigurationType, Mo
 from up_samp.execution.judge import contacts_of
 from up_samp.io import plan_from_dict
 from up_samp.io.sampling import trajectory_rows
+from up_samp.validation.rides import carried_along
 from up_samp.validation.schedule import judge_schedule
 
 SIZE = 12.0
 BOX = ((-0.4, -0.25), (0.4, -0.25), (0.4, 0.25), (-0.4, 0.25))
 BAR = ((-0.1, -0.6), (0.1, -0.6), (0.1, 0.6), (-0.1, 0.6))
+CRATE = ((-0.25, -0.3), (0.25, -0.3), (0.25, 0.3), (-0.25, 0.3))
 CLEAR = 0.015
 """Clearance (m) of every motion as planned."""
 
@@ -52,8 +54,10 @@ def hall(folder):
 class Plan:
     """A plan dictionary under construction."""
 
-    def __init__(self, rng, yaml):
+    def __init__(self, rng, yaml, crates=None):
         self.rng = rng
+        self.crates = crates
+        """The generator of what is carried (``None``: nothing is)."""
         self.robots = [f"r{k}" for k in range(rng.choice((2, 3, 3, 4)))]
         self.speed = {r: rng.choice((0.8, 1.0, 1.5)) for r in self.robots}
         self.model = {r: rng.choice(("REEDSSHEPP", "SE2")) for r in self.robots}
@@ -122,12 +126,39 @@ class Plan:
                     "activities": [*self.data["activities"], entry],
                     "motions": [*self.data["motions"], motion],
                 }
-                if self.clear(data):
+                laden = self._laden(data, robot, motion, end)
+                if laden is not None and self.clear(laden):
+                    data = laden
+                if data is laden or self.clear(data):
                     self.data = data
                     self.ready[robot] = end + 1
                     self.pose[robot] = tuple(motion["samples"][-1][1:])
                     return True
         return False
+
+    def _laden(self, data, robot, motion, end):
+        """A crate before or behind the robot that it takes along, once."""
+        if self.crates is None or self.crates.random() < 0.4:
+            return None
+        offset = (self.crates.choice((0.75, -0.75)), 0.0, 0.0)
+        way = carried_along(np.array(motion["samples"])[:, 1:], offset)
+        if way[:, :2].min() < 0.5 or way[:, :2].max() > SIZE - 0.5:
+            return None
+        first, last = way[0].tolist(), way[-1].tolist()
+        name = f"crate{len(data.get('rides', ()))}"
+        crate = {
+            "name": name, "type": "crate", "footprint": [list(c) for c in CRATE], "model": "SE2",
+            "turning_radius": 1.0, "v_max": 1.0, "a_max": 0.5, "initial": first, "omega_max": 2.0,
+        }  # fmt: skip
+        activity = motion["activity"]
+        ride = {"activity": activity, "object": name, "carrier": robot, "offset": list(offset)}
+        change = {"activity": activity, "object": name, "time": end, "configuration": last}
+        return {
+            **data,
+            "objects": [*data["objects"], crate],
+            "changes": [*data["changes"], change],
+            "rides": [*data.get("rides", ()), ride],
+        }
 
     def _pieces(self, robot):
         # a free body also accelerates sideways in a bend
@@ -167,10 +198,10 @@ class Plan:
         self.ready[robot] = start + length + 1
 
 
-def random_floor(seed, yaml):
-    """Return (problem, plan dictionary)."""
+def random_floor(seed, yaml, *, crates=False):
+    """Return (problem, plan dictionary); with ``crates`` robots carry some along."""
     rng = random.Random(seed)
-    plan = Plan(rng, yaml)
+    plan = Plan(rng, yaml, random.Random(f"crates {seed}") if crates else None)
     if rng.random() < 0.4:
         plan.gate()
     for _ in range(rng.randint(3, 8)):
@@ -181,13 +212,14 @@ def random_floor(seed, yaml):
     data = plan.data
     data["activities"].sort(key=lambda a: a["start"])
     data["motions"].sort(key=lambda m: m["samples"][0][0])
+    data["changes"].sort(key=lambda c: c["time"])
     data["makespan"] = max(a["end"] for a in data["activities"])
     return _problem(rng, plan, yaml), data
 
 
 def _problem(rng, plan, yaml):
     problem = SchedulingMotionProblem("floor")
-    kinds = {"robot": MovableType("robot"), "gate": MovableType("gate")}
+    kinds = {name: MovableType(name) for name in ("robot", "gate", "crate")}
     pose_type = ConfigurationType("pose", OccupancyMap(str(yaml), (0, 0)), ConfigurationKind.SE2)
     items = {}
     for entry in plan.data["objects"]:
@@ -222,6 +254,11 @@ def _problem(rng, plan, yaml):
                 problem.add_object(place)
                 ends.append(place)
             a.add_motion_constraint(ActivityWaypoints(items[motion["object"]], ends[0], [ends[1]]))
+            for change in (c for c in plan.data["changes"] if c["activity"] == name):
+                set_down = SE2(*change["configuration"])
+                place = ConfigurationObject(f"{name}_{change['object']}", pose_type, set_down)
+                problem.add_object(place)
+                a.add_motion_effect(items[change["object"]], place)
         elif name == "set_aside":
             a = problem.add_motion_activity(name, 2)
             place = ConfigurationObject("aside", pose_type, SE2(0.3, 11.4, math.pi))

@@ -1,9 +1,13 @@
 """Plans in which robots carry loads: robot and load are one body on the floor, too."""
 
 import dataclasses
+import importlib.resources
+import json
 import math
 
+import floors
 import pytest
+from jsonschema import Draft202012Validator
 
 from tests.search.test_rides import carrying, solve
 from up_samp.execution import (
@@ -72,6 +76,8 @@ def test_without_the_edges_the_load_is_hit(world):
 def test_a_plan_file_is_followed_without_its_problem(world, tmp_path):
     problem, plan, found = world
     file = write_plan(tmp_path / "plan.json", with_dependencies(problem, plan))
+    schema = importlib.resources.files("up_samp.io").joinpath("plan.schema.json").read_text()
+    Draft202012Validator(json.loads(schema)).validate(json.loads(file.read_text()))
     again = dependencies_from_plan(read_plan(file))
     assert set(map(str, again.graph.events)) == set(map(str, found.graph.events))
     assert len(again.meetings) == len(found.meetings)
@@ -96,3 +102,46 @@ def test_what_is_left_in_the_middle_of_a_ride(world):
     rest = solve_remaining(left, seconds=60)
     assert {r["activity"] for r in rest["rides"]} == {"carry"}
     assert validate_plan(left.problem, plan_from_dict(left.problem, rest)).valid
+
+
+@pytest.fixture(scope="module")
+def yaml(tmp_path_factory):
+    return floors.hall(tmp_path_factory.mktemp("hall"))
+
+
+def check(seed, yaml):
+    """Random plans with crates under random delays: as without; returns how many rides."""
+    problem, plan = floors.random_floor(seed, yaml, crates=True)
+    verdict = validate_plan(problem, plan_from_dict(problem, plan))
+    assert verdict.valid, verdict.violations
+    found = dependencies_of(problem, plan)
+    run = simulate(found, plan, LATE, seed, policy="reorder" if seed % 2 else "staircase")
+    assert run.finished
+    assert run.contacts == ()
+    assert run.overruns == 0
+    assert floors.order_violations(problem, run.record) == []
+    return len(plan.get("rides", ())), found, plan
+
+
+def test_random_plans_with_crates(yaml):
+    assert sum(check(seed, yaml)[0] for seed in range(500, 505)) >= 3
+
+
+@pytest.mark.long
+def test_many_random_plans_with_crates(yaml):
+    """With the orders of crates taken out they are hit."""
+    rides = hit = 0
+    for seed in range(600, 660):
+        count, found, plan = check(seed, yaml)
+        rides += count
+        kept = tuple(e for e in found.graph.edges if not (e.kind == "meeting" and "crate" in e.why))
+        if len(kept) < len(found.graph.edges):
+            graph = dataclasses.replace(found.graph, edges=kept)
+            broken = dataclasses.replace(found, graph=graph)
+            for draw in range(3):
+                run = simulate(broken, plan, LATE, draw)
+                if any("crate" in c.one + c.other for c in run.contacts):
+                    hit += 1
+                    break
+    assert rides >= 30
+    assert hit >= 2

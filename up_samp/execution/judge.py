@@ -40,8 +40,10 @@ class _Piece:
     avoid: frozenset[str] | None
     carrier: str = ""
     """Who drives in the activity: the object itself, or who carries it."""
+    loads: frozenset[str] = frozenset()
+    """What travels with the object, and ..."""
     between: Shape | None = None
-    """What holds a carrier and its loads together."""
+    """what holds them together."""
 
     @cached_property
     def box(self) -> tuple[float, float, float, float]:
@@ -71,7 +73,14 @@ def contacts_of(record: dict[str, Any]) -> list[Contact]:
             low, high = max(a.since, b.since), min(a.until, b.until)
             heeded = (a.activity and _heeds(a, other)) or (b.activity and _heeds(b, one))
             together = a.activity and (a.activity, a.carrier) == (b.activity, b.carrier)
-            if together or not heeded or low > high or _far(a.box, b.box):
+            if (
+                other in a.loads
+                or one in b.loads
+                or together
+                or not heeded
+                or low > high
+                or _far(a.box, b.box)
+            ):
                 continue
             low, high = max(low, -1.0), min(high, max(a.track.times[-1], b.track.times[-1]))
             high = max(low, high)
@@ -125,13 +134,14 @@ def _life(record: dict[str, Any], name: str, shapes: Mapping[str, Shape]) -> lis
             activity = item["activity"]
             end = max(spans[activity][1] * unit, rows[-1, 0])
             avoid = frozenset(item["avoid"]) if "avoid" in item else None
-            poses, held = rows[:, 1:], None
-            if item["object"] != name:
+            carrier, poses = item["object"], rows[:, 1:]
+            mine = [r for r in rides if (r["activity"], r["carrier"]) == (activity, name)]
+            if carrier != name:
                 poses = carried_along(poses, tuple(carriers[activity]["offset"]))
-            else:
-                held = _between(name, activity, rides, shapes)
+            loads = frozenset(r["object"] for r in mine)
+            held = _between(shapes[name], mine, shapes)
             track = Track(rows[:, 0], poses, max(radius, held.radius if held else 0.0))
-            pieces.append(_Piece(track, time, end, activity, avoid, item["object"], held))
+            pieces.append(_Piece(track, time, end, activity, avoid, carrier, loads, held))
             pose, since = tuple(poses[-1]), end
         else:
             pose, since = tuple(item["configuration"]), time
@@ -141,12 +151,8 @@ def _life(record: dict[str, Any], name: str, shapes: Mapping[str, Shape]) -> lis
 
 
 def _between(
-    name: str, activity: str, rides: Sequence[dict[str, Any]], shapes: Mapping[str, Shape]
+    carrier: Shape, rides: Sequence[dict[str, Any]], shapes: Mapping[str, Shape]
 ) -> Shape | None:
-    """Return what holds a carrier and its loads together in an activity."""
-    loads = [
-        (shapes[r["object"]], tuple(r["offset"]))
-        for r in rides
-        if (r["activity"], r["carrier"]) == (activity, name)
-    ]
-    return between(shapes[name], loads) if loads else None
+    """Return what holds a carrier and its loads together."""
+    loads = [(shapes[r["object"]], tuple(r["offset"])) for r in rides]
+    return between(carrier, loads) if loads else None
