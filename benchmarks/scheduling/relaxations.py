@@ -118,9 +118,11 @@ def bounds(name: str, problem: Any) -> dict[str, Any]:
     built = time.process_time()
     work = find_work(model, routes)
     assert work is not None
-    bound = bound_by_work(model, work).value
+    found = bound_by_work(model, work)
+    bound = found.value
     bounded = time.process_time()
-    tour = improve(work, 60 * len(work.tasks), 0, lambda: False)
+    start = list(found.sequence)
+    tour = improve(work, 60 * len(work.tasks), 0, lambda: False, start=start, enough=bound)
     makespan = tour.schedule.makespan if tour is not None else None
     return {
         "instance": name,

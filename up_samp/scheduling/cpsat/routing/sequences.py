@@ -98,6 +98,15 @@ class Sequences:
             most,
         )
 
+    def plain(self) -> Sequences:
+        """Return the same with no regard to changes and to moves that happen once: it bounds less,
+        but its labels are fewer, and go further where they are too many. It may look at a fifth.
+        """
+        ways = [replace(w, hop=0 * w.hop, leading=0 * w.leading) for w in self.ways]
+        nothing: list[Change | None] = [None] * len(self.changes)
+        most = self.most // 5
+        return replace(self, ways=ways, changes=nothing, most=most, seen=[0], found=[])
+
     # -- proofs --------------------------------------------------------------------------------
     def refuted(self, end: int, over: Callable[[], bool]) -> bool:
         """Return whether it is proven that no schedule ends by ``end``."""

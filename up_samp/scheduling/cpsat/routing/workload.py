@@ -88,6 +88,7 @@ def bound_by_work(
     sequences = Sequences.of(work, programme, tables, labels) if labels else None
     if sequences is None:
         return WorkBound(known)
+    known = raised(sequences.plain(), known, over)
     known = raised(sequences, known, over)
     return WorkBound(known, tuple(_steps(work, sequences)))
 
