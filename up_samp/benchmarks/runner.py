@@ -211,7 +211,7 @@ def executor_for(jobs: int = 1, cluster: str | None = None) -> Iterator[Executor
         try:
             from distributed import Client
         except ImportError:
-            raise EngineError("--cluster needs Dask: pip install 'up-samp[dask]'") from None
+            raise EngineError("--cluster needs Dask: pip install distributed") from None
         with Client(cluster) as client:
             yield client.get_executor()
         return

@@ -31,7 +31,7 @@ def _serve(args: argparse.Namespace) -> int:
     except ImportError as error:
         raise UnsupportedError(
             f"the service needs the extra [server] ({error.name} is missing): "
-            "pip install 'up-samp[server]'"
+            "pip install fastapi uvicorn"
         ) from error
     limits = Limits(
         running=args.jobs,

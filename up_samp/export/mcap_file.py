@@ -36,7 +36,7 @@ def export(plan: PlanDict, folder: Path) -> list[Path]:
         from mcap_ros2.writer import Writer
     except ImportError as error:
         raise UnsupportedError(
-            "MCAP files need the extra [mcap] (pip install -e '.[mcap]' in the sources)"
+            "MCAP files need the extra [mcap] (pip install mcap mcap-ros2-support)"
         ) from error
     path = folder / "plan.mcap"
     with path.open("wb") as stream:

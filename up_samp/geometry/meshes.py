@@ -41,7 +41,7 @@ def _library(name: str) -> Any:
         return importlib.import_module(name)
     except ImportError as error:
         raise UnsupportedError(
-            f"bodies with meshes need the package '{name}': pip install 'up-samp[meshes]'"
+            f"bodies with meshes need the package '{name}': pip install trimesh coal"
         ) from error
 
 

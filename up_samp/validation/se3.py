@@ -64,7 +64,7 @@ def load_solid(name: str, file: str | None) -> Solid:
         trimesh = importlib.import_module("trimesh")
     except ImportError:
         raise UnsupportedError(
-            f"object {name}: meshes need trimesh (pip install 'up-samp[meshes]')"
+            f"object {name}: meshes need trimesh (pip install trimesh coal)"
         ) from None
     try:
         mesh = trimesh.load(file, force="mesh")
