@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Collection
 
-from unified_planning.model.motion import SchedulingMotionProblem
+from unified_planning.model.motion import MotionActivity, SchedulingMotionProblem
 
 from up_samp.model import CandidateSchedule
 from up_samp.upio.restrict import PresenceFixer
@@ -19,7 +19,7 @@ def thinned(problem: SchedulingMotionProblem, keep: Collection[str]) -> Scheduli
     """
     names = {a.name for a in problem.activities if not a.optional or a.name in keep}
     hollow = copy.copy(problem)
-    hollow._activities = []
+    hollow._activities, hollow._motion_activities = [], []
     target = hollow.clone()
     present = CandidateSchedule({name: (0, 0) for name in names})
     fix = PresenceFixer(problem, present, frozenset(names))
@@ -28,5 +28,7 @@ def thinned(problem: SchedulingMotionProblem, keep: Collection[str]) -> Scheduli
             kept = activity.clone()
             fix.constraints(activity, kept)
             target._activities.append(kept)
+            if isinstance(kept, MotionActivity):
+                target._motion_activities.append(kept)
     fix.constraints(problem._base, target._base)
     return target
