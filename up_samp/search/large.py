@@ -23,10 +23,17 @@ from up_samp.search.conclusion import SearchResult, conclude
 from up_samp.search.events import Phase
 from up_samp.search.jobs import Deal, Jobs, deal, decided, find_jobs, state_order
 from up_samp.search.jobs_bound import bound_by_jobs
-from up_samp.search.loop import InvalidPlanError, keep_if_better, solve
+from up_samp.search.loop import (
+    build,
+    get_schedule,
+    keep_if_better,
+    solve,
+    state_what_is_known,
+)
 from up_samp.search.search import Search
 from up_samp.search.stages import BUILDING, STATING
 from up_samp.search.tuning import LargeTuning
+from up_samp.upio import read_itinerary
 from up_samp.upio.thin import thinned
 
 OpenThin = Callable[[SchedulingMotionProblem, Deadline], Search]
@@ -71,7 +78,10 @@ def solve_large(
         yield better
         if not optimal:
             return conclude(search)
-    yield from deal_again(search, large)
+    for better in deal_again(search, large):
+        yield better
+        if not optimal:
+            return conclude(search)
     if search.bounds.met or search.budget.deadline.expired():
         return conclude(search)
     return (yield from solve(search, optimal=optimal))
@@ -105,9 +115,12 @@ def plan_of_deal(search: Search, large: Large, dealt: Deal) -> Incumbent | None:
     deadline = search.budget.share(large.tuning.share, float("inf"))
     inner = large.open_thin(problem, deadline)
     try:
-        found = next(solve(inner, optimal=False), None)
-    except InvalidPlanError:
-        return None
+        state_what_is_known(inner)
+        report = get_schedule(inner, optimal=False)
+        if report.schedule is None:
+            return None
+        # another share of the jobs is tried sooner than this one is mended
+        found = build(inner, read_itinerary(inner.knowledge.relaxation, report.schedule))
     finally:
         inner.history.take_times(inner.budget)
         inner.scheduler.close()
