@@ -143,7 +143,7 @@ def test_savings_count_where_robots_can_work_in_parallel():
 
 def parse(*arguments):
     parser = argparse.ArgumentParser()
-    cli.add_parser(parser.add_subparsers(dest="command"))
+    cli.add_bench(parser.add_subparsers(dest="command").add_parser("bench"))
     return parser.parse_args(["bench", *arguments])
 
 
