@@ -31,10 +31,10 @@ def bound_by_jobs(
     done: set[str] = set()
     costs = []
     for options in jobs.options:
-        leaders = {o.leader for o in options}
-        if leaders & done:
-            continue  # one activity may do two jobs
-        done |= leaders
+        members = set[str]().union(*(o.members for o in options))
+        if members & done:
+            continue  # one activity may be of use to two jobs
+        done |= members
         costs.append(min(work.of(option) for option in options))
     robots = {o.robot for options in jobs.options for o in options}
     if not costs:
@@ -111,7 +111,8 @@ class _Work:
 def _places_left(snapshot: Snapshot, robot: str, jobs: Jobs) -> frozenset[str]:
     tasks = [t for t in snapshot.tasks if t.object == robot]
     known = all(t.terms[-1].kind is TermKind.CONSTANT for t in tasks)
-    if not known or any(c.object == robot for c in snapshot.changes):
+    moved = {*(c.object for c in snapshot.changes), *(r.load for r in snapshot.rides)}
+    if not known or robot in moved:
         return frozenset()
     arrivals: dict[str, list[str]] = defaultdict(list)
     leaving: dict[str, set[str]] = defaultdict(set)
@@ -140,6 +141,8 @@ def _resources(activity: Activity) -> frozenset[str]:
                 continue
             if effect.value.constant_value() != 1 or not effect.condition.is_true():
                 continue
+            if not all(argument.is_object_exp() for argument in effect.fluent.args):
+                continue  # a parameter of this activity's own: another object elsewhere
             if effect.is_decrease() and timing.is_from_start():
                 taken.add(str(effect.fluent))
             if effect.is_increase() and timing.is_from_end():
