@@ -199,5 +199,5 @@ def test_warm_up_runs_each_engine_once(monkeypatch):
 
 def test_a_cluster_needs_dask(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "distributed", None)
-    with pytest.raises(EngineError, match="dask"), runner.executor_for(cluster="tcp://x:1"):
+    with pytest.raises(EngineError, match="distributed"), runner.executor_for(cluster="tcp://x:1"):
         pass

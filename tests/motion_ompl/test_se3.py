@@ -193,7 +193,7 @@ def test_clear_errors(bodies, tmp_path, monkeypatch):
 
     meshes._library.cache_clear()
     monkeypatch.setattr(meshes.importlib, "import_module", without)
-    with pytest.raises(UnsupportedError, match=r"up-samp\[meshes\]"):
+    with pytest.raises(UnsupportedError, match=r"pip install trimesh coal"):
         meshes.transform((0, 0, 0, *UPRIGHT))
 
 
