@@ -77,10 +77,10 @@ def test_this_package_has_no_circle(house):
 
 LIMITS = {
     "long_functions": 8,
-    "wide_functions": 44,
-    "long_files": 24,
-    "constants": 300,
-    "said_twice": 90,
+    "wide_functions": 42,
+    "long_files": 23,
+    "constants": 280,
+    "said_twice": 87,
 }
 """What the figures may be at most: lower them when they fall, never raise them for convenience."""
 
