@@ -393,11 +393,3 @@ def add_battery(drawn: RandomRoutes, t: int, r: random.Random) -> None:
     elif kind < 0.2:
         a = drawn.p.add_activity(f"swap{t}", 1, optional=True)
         a.add_increase_effect(a.end, level(), 1)
-
-
-def state_some_absent(problem: SchedulingProblem, seed: int) -> None:
-    """State of some optional activities that they never happen."""
-    r = random.Random(seed + 2 * 10**6)
-    optional = [a for a in problem.activities if a.optional]
-    for a in r.sample(optional, min(len(optional), r.choice([1, 2, 4]))):
-        problem.add_constraint(Not(a.present))

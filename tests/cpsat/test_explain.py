@@ -4,7 +4,8 @@ from unified_planning.model import TimePointInterval, Timing
 from unified_planning.shortcuts import Equals, OneshotPlanner
 
 from cpsat.sites import shop, store
-from cpsat.styles import Style, write
+from cpsat.styles import Style
+from cpsat.writer import write
 from up_samp.model import Deadline
 from up_samp.scheduling.cpsat import CpsatSession
 

@@ -19,8 +19,9 @@ from unified_planning.shortcuts import (
 
 from cpsat.odd_routes import odd_routes
 from cpsat.sites import small
-from cpsat.styles import Style, write
+from cpsat.styles import Style
 from cpsat.truth import answer, bound_without_search, collapsed_optimum, nothing_recognised
+from cpsat.writer import write
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel

@@ -4,13 +4,25 @@ Each random problem is solved with everything that is recognised in it, and cons
 constraint with nothing recognised; the collapsed problem's optimum must be a lower bound.
 """
 
-import pytest
+import random
 
-from cpsat.random_routes import random_routes, state_some_absent
+import pytest
+from unified_planning.model.scheduling import SchedulingProblem
+from unified_planning.shortcuts import Not
+
+from cpsat.random_routes import random_routes
 from cpsat.truth import answer, bound_without_search, collapsed_optimum, nothing_recognised
 
 FEW = 30
 MANY = 1500
+
+
+def state_some_absent(problem: SchedulingProblem, seed: int) -> None:
+    """State of some optional activities that they never happen."""
+    r = random.Random(seed + 2 * 10**6)
+    optional = [a for a in problem.activities if a.optional]
+    for a in r.sample(optional, min(len(optional), r.choice([1, 2, 4]))):
+        problem.add_constraint(Not(a.present))
 
 
 def disagreement(seed, *, absent=False, batteries=False):

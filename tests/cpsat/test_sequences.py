@@ -9,8 +9,9 @@ from unified_planning.model import ClosedTimeInterval, RightOpenTimeInterval, Ti
 from unified_planning.shortcuts import Equals, Not, UserType
 
 from cpsat.sites import Site, Task, shop
-from cpsat.styles import Style, Writer
+from cpsat.styles import Style
 from cpsat.truth import bound_without_search
+from cpsat.writer import Writer
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel

@@ -3,8 +3,9 @@
 import pytest
 
 from cpsat.sites import Site, shop, small, store
-from cpsat.styles import LOOSE, SPOILED, TIGHT, Style, write
+from cpsat.styles import LOOSE, SPOILED, TIGHT, Style
 from cpsat.truth import answer, bound_without_search, collapsed_optimum, nothing_recognised
+from cpsat.writer import write
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel

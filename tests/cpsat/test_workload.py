@@ -4,8 +4,9 @@ import pytest
 from unified_planning.shortcuts import IntType
 
 from cpsat.sites import Site, Task, shop, store
-from cpsat.styles import Style, write
+from cpsat.styles import Style
 from cpsat.truth import bound_without_search, collapsed_optimum
+from cpsat.writer import write
 from up_samp.model import Deadline
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel

@@ -7,31 +7,17 @@ import pytest
 from ortools.sat.python import cp_model
 
 from up_samp.execution.build import dependencies_of
-from up_samp.execution.decisions import open_decisions, settled
+from up_samp.execution.decisions import open_decisions
 from up_samp.execution.delays import Delays
-from up_samp.execution.graph import At, Event, topological
+from up_samp.execution.graph import topological
 from up_samp.execution.reorder import _solve
 from up_samp.execution.simulate import simulate
-from up_samp.execution.state import Phase
-from up_samp.execution.times import NOW, SCALE, Times
+from up_samp.execution.times import NOW, SCALE, tied
 
 
 @pytest.fixture(scope="module")
 def yaml(tmp_path_factory):
     return floors.hall(tmp_path_factory.mktemp("hall"))
-
-
-def tied(executor, decisions):
-    """The times with all their ties, and the numbers of the ends that are to come."""
-    times = Times(executor)
-    times.all_after(settled(executor, {d.key for d in decisions}))
-    for k, decision in enumerate(decisions):
-        times.all_after(decision.needs[True], k + 1)
-        times.all_after(decision.needs[False], -k - 1)
-    times.chain()
-    state = executor.state
-    names = [name for name, phase in state.phase.items() if phase is not Phase.DONE]
-    return times, [times.event(Event(At.END, name)) for name in names]
 
 
 def last_end(times, ends, chosen):

@@ -31,7 +31,8 @@ from unified_planning.shortcuts import (
     Plus,
 )
 
-from tests.cpsat.styles import Style, Writer
+from tests.cpsat.styles import Style
+from tests.cpsat.writer import Writer
 from tests.metamorphic.sites import GAP, PREPARE, ROBOT, MotionSite
 
 LEAF = GAP / 2 + 0.1

@@ -4,7 +4,7 @@ import pytest
 
 from up_samp.model import CandidateSchedule, ScheduledMotion
 from up_samp.model.refinement import Layer, Strength
-from up_samp.refinement import holds, rules, timed
+from up_samp.refinement import holds, paper_rules, rules, timed
 
 
 def motion(name, start, end, obj=None):
@@ -111,7 +111,7 @@ def test_requirements_over_their_spans():
 
 def test_the_papers_condition_gives_way_to_any_rival():
     group = [motion("a", 0, 5)]
-    cut = rules.paper_geometric(
+    cut = paper_rules.paper_geometric(
         group,
         ["a", "r"],
         {"box": "mid"},
@@ -127,7 +127,9 @@ def test_the_papers_condition_gives_way_to_any_rival():
 
 def test_the_papers_timing_cut():
     group = [motion("a", 0, 5), motion("b", 2, 6)]
-    cut = rules.paper_temporal(group, ["a", "b"], {"b": 8}, {}, "slow", layer=Layer.GROUP).statement
+    cut = paper_rules.paper_temporal(
+        group, ["a", "b"], {"b": 8}, {}, "slow", layer=Layer.GROUP
+    ).statement
     assert not holds(cut, schedule(a=(0, 5), b=(2, 6)), nowhere)
     assert holds(cut, schedule(a=(0, 5), b=(1, 6)), nowhere)
     assert holds(cut, schedule(a=(0, 5), b=(2, 8)), nowhere)

@@ -17,12 +17,11 @@ from typing import TYPE_CHECKING
 from ortools.sat.python import cp_model
 
 from up_samp.execution.build import with_sides
-from up_samp.execution.decisions import Decision, open_decisions, settled
+from up_samp.execution.decisions import Decision, open_decisions
 from up_samp.execution.forecast import Forecast, routes_of
-from up_samp.execution.graph import At, Event, Graph
+from up_samp.execution.graph import Graph
 from up_samp.execution.sides import Key
-from up_samp.execution.state import Phase
-from up_samp.execution.times import SCALE, Times
+from up_samp.execution.times import SCALE, tied
 from up_samp.model import ProblemError
 
 if TYPE_CHECKING:
@@ -95,14 +94,7 @@ def _missed(ahead: Forecast) -> float:
 def _solve(executor: Executor, ahead: Forecast, decisions: list[Decision]) -> dict[Key | int, bool]:
     """Return how each decision should be; empty where nothing better was found."""
     state, tuning = executor.state, executor.tuning.reorder
-    times = Times(executor)
-    times.all_after(settled(executor, {d.key for d in decisions}))
-    for k, decision in enumerate(decisions):
-        times.all_after(decision.needs[True], k + 1)
-        times.all_after(decision.needs[False], -k - 1)
-    times.chain()
-    left = [name for name, phase in state.phase.items() if phase is not Phase.DONE]
-    ends = [times.event(Event(At.END, name)) for name in left]
+    times, ends = tied(executor, decisions)
     low = times.earliest()
     latest = math.ceil((ahead.makespan - tuning.worth - state.now) * SCALE)
     if max((low[k] for k in ends), default=0) > latest:

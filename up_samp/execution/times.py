@@ -5,12 +5,12 @@ variables of CP-SAT no more of them than have to be told apart.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from ortools.sat.python import cp_model
 
-from up_samp.execution.decisions import happened
+from up_samp.execution.decisions import Decision, happened, settled
 from up_samp.execution.graph import At, Event, Precedence, topological
 from up_samp.execution.state import Phase
 from up_samp.model import ProblemError
@@ -187,3 +187,17 @@ class Times:
                     literal = literals[abs(tie.only_if) - 1]
                     stated.only_enforce_if(literal if tie.only_if > 0 else literal.negated())
         return found
+
+
+def tied(executor: Executor, decisions: Sequence[Decision]) -> tuple[Times, list[int]]:
+    """Return the times of events to come with all their ties, those of ``decisions`` by what is
+    decided, and the numbers of the ends to come.
+    """
+    times = Times(executor)
+    times.all_after(settled(executor, {d.key for d in decisions}))
+    for k, decision in enumerate(decisions):
+        times.all_after(decision.needs[True], k + 1)
+        times.all_after(decision.needs[False], -k - 1)
+    times.chain()
+    left = [name for name, phase in executor.state.phase.items() if phase is not Phase.DONE]
+    return times, [times.event(Event(At.END, name)) for name in left]

@@ -52,7 +52,7 @@ def differs(given: Given) -> list[Literal]:
     return [Differs(variable, value) for variable, value in given]
 
 
-def _other_motions(motions: Iterable[ScheduledMotion]) -> list[Literal]:
+def other_motions(motions: Iterable[ScheduledMotion]) -> list[Literal]:
     """Return that one of the motions is not made, or not between these configurations."""
     literals: dict[Literal, None] = {}
     for motion in motions:
@@ -271,7 +271,7 @@ def group_timing(
     """
     reference = min(motions, key=lambda m: (m.start, m.activity))
     only_late = next(iter(arrivals)) if len(arrivals) == 1 else None
-    literals = _other_motions(motions)
+    literals = other_motions(motions)
     for motion in motions:
         if motion is reference:
             continue
@@ -303,7 +303,7 @@ def group_fails(
     Nothing is proven by a search that ran out of time, so the cut is heuristic and narrow.
     """
     reference = min(motions, key=lambda m: (m.start, m.activity))
-    literals = _other_motions(motions)
+    literals = other_motions(motions)
     for motion in motions:
         earlier, later = start_of(reference.activity), start_of(motion.activity)
         if motion is not reference:
@@ -326,7 +326,7 @@ def not_together(
     one of them ends before another begins. Heuristic, as :func:`group_fails`.
     """
     names = tuple(m.activity for m in motions)
-    literals = _other_motions(motions)
+    literals = other_motions(motions)
     literals += [
         Apart(end_of(a.activity), start_of(b.activity), 0)
         for a in motions
@@ -346,72 +346,3 @@ def _moved_away(
         literals += [Elsewhere(n, obstacle, configuration) for n in names]
         literals += [Overlap(m, names) for m in sorted(movers[obstacle]) if m not in names]
     return literals
-
-
-def paper_condition(motions: Sequence[ScheduledMotion], rivals: Iterable[str]) -> list[Literal]:
-    """Return the negation of RCOND(G): the ways in which the paper's cut does not apply.
-
-    Some activity of the group absent or between other configurations, the first motion of an
-    object not first, or a rival that overlaps the group.
-    """
-    literals = _other_motions(motions)
-    for name in sorted({m.object for m in motions}):
-        own = sorted((m for m in motions if m.object == name), key=lambda m: m.start)
-        literals += [Apart(start_of(m.activity), end_of(own[0].activity), 1) for m in own[1:]]
-    names = tuple(m.activity for m in motions)
-    literals += [Overlap(r, names) for r in sorted(rivals) if r not in names]
-    return literals
-
-
-def paper_geometric(
-    motions: Sequence[ScheduledMotion],
-    rivals: Iterable[str],
-    blockers: Mapping[str, str],
-    why: str,
-    *,
-    layer: Layer,
-    strength: Strength,
-) -> Refinement:
-    """Return the paper's geometric refinement: RCOND(G) -> some blocker changes (CHCONF)."""
-    literals = paper_condition(motions, rivals)
-    literals += [
-        Elsewhere(m.activity, o, c)
-        for m in motions
-        for o, c in sorted(blockers.items())
-        if o != m.object
-    ]
-    return Refinement(Clause(tuple(literals)), layer, strength, why)
-
-
-def paper_temporal(
-    motions: Sequence[ScheduledMotion],
-    rivals: Iterable[str],
-    arrivals: Mapping[str, int],
-    places: Mapping[str, str],
-    why: str,
-    *,
-    layer: Layer,
-    strength: Strength = Strength.RELATIVE,
-) -> Refinement:
-    """Return the paper's temporal refinement: RCOND(G) -> CHTIME.
-
-    ``arrivals``: needed ends of the late motions after the group's first start; ``places``:
-    where every other object that may move is.
-    """
-    reference = min(motions, key=lambda m: (m.start, m.activity))
-    literals = paper_condition(motions, rivals)
-    literals += [
-        Elsewhere(m.activity, o, c)
-        for m in motions
-        for o, c in sorted(places.items())
-        if o != m.object
-    ]
-    for motion in motions:
-        if motion is not reference:
-            offset = motion.start - reference.start
-            literals.append(
-                Apart(start_of(motion.activity), start_of(reference.activity), 1 - offset)
-            )
-    for name, units in sorted(arrivals.items()):
-        literals.append(Apart(start_of(reference.activity), end_of(name), units))
-    return Refinement(Clause(tuple(literals)), layer, strength, why)

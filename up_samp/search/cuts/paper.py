@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 from up_samp.model import MotionModel, PathQuery, Placed, ScheduledMotion
 from up_samp.model.refinement import Layer, Refinement, Strength
-from up_samp.refinement import rules
+from up_samp.refinement import paper_rules
 from up_samp.search.cases import MotionCase
 from up_samp.search.cuts.alone import Alone
 from up_samp.search.cuts.failure import Failure
@@ -49,7 +49,7 @@ class PaperCuts:
         cases, blockers = self._explored(motions, motion, alone.obstacles)
         places = {n: c for n, c in alone.places.items() if n in blockers} or alone.places
         return [
-            rules.paper_geometric(
+            paper_rules.paper_geometric(
                 (_under(motion, case),),
                 _movers(facts, places),
                 places,
@@ -93,7 +93,7 @@ class PaperCuts:
         RCOND -> CHTIME.
         """
         return [
-            rules.paper_temporal(
+            paper_rules.paper_temporal(
                 (_under(alone.motion, case),),
                 _movers(motions.facts, alone.places),
                 {case.activity: units},
@@ -117,7 +117,7 @@ class PaperCuts:
         }
         if not failure.found:
             return [
-                rules.paper_geometric(
+                paper_rules.paper_geometric(
                     group,
                     _rivals(facts),
                     places,
@@ -129,7 +129,7 @@ class PaperCuts:
         changers = _changers(facts, places)
         meanwhile = {c for c in changers if _overlaps(failure, c)}
         return [
-            rules.paper_temporal(
+            paper_rules.paper_temporal(
                 group,
                 sorted({*_rivals(facts), *changers - meanwhile}),
                 failure.arrivals(group),

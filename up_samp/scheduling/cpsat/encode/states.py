@@ -8,7 +8,6 @@ the activity's own effects and the problem's own are not kept apart, the old val
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -17,6 +16,7 @@ from unified_planning.model import Effect, FNode, TimeInterval, Timing
 from unified_planning.model.timing import TimepointKind
 
 from up_samp.model import UnsupportedError, check_time
+from up_samp.scheduling.cpsat.encode.ground_fluents import GroundFluents, no_fluents
 from up_samp.scheduling.cpsat.encode.nodes import (
     conjuncts,
     equals_object,
@@ -25,7 +25,7 @@ from up_samp.scheduling.cpsat.encode.nodes import (
     has_decisions,
     unless_decided,
 )
-from up_samp.scheduling.cpsat.encode.statevars import Key, Read, StateVar, Write
+from up_samp.scheduling.cpsat.encode.statevars import Read, StateVar, Write
 from up_samp.scheduling.cpsat.encode.store import (
     FALSE,
     TRUE,
@@ -33,26 +33,18 @@ from up_samp.scheduling.cpsat.encode.store import (
     Form,
     Lin,
     Literal,
-    Store,
     compare,
     constant,
 )
-from up_samp.scheduling.cpsat.encode.terms import ActivityVars, Terms, World, int_bounds
-
-_MANY = 2000
+from up_samp.scheduling.cpsat.encode.terms import ActivityVars, Terms, World
 
 
-class States:
-    """All state variables of a problem."""
+class States(GroundFluents):
+    """All state variables of a problem, who writes and who reads them."""
 
     def __init__(self, world: World, problem: Any, far: Lin) -> None:
-        self.world = world
-        self.store: Store = world.store
-        self.problem = problem
+        super().__init__(world, problem)
         self.far = far
-        self.vars: dict[Key, StateVar] = {}
-        self.explicit = problem.explicit_initial_values
-        self.defaults = problem.fluents_defaults
         self.by_var: dict[int, ActivityVars] = {}
         self.activities: list[ActivityVars] = []
         self.dynamic: set[str] = set()
@@ -70,71 +62,6 @@ class States:
         """Return the activity with this index."""
         return self.activities[index]
 
-    # -- ground fluents ------------------------------------------------------------------------
-    def var(self, fluent: Any, args: tuple[int, ...]) -> StateVar:
-        """Return the state variable of ``fluent`` at ``args`` (codes of objects, numbers)."""
-        key = (fluent.name, *args)
-        found = self.vars.get(key)
-        if found is None:
-            found = self.vars[key] = self._make(key, fluent, args)
-        return found
-
-    def _make(self, key: Key, fluent: Any, args: tuple[int, ...]) -> StateVar:
-        tpe = fluent.type
-        if tpe.is_bool_type() or tpe.is_user_type():
-            values: list[int] | None = self.world.values_of(tpe)
-            bounds = (min(values), max(values)) if values else (0, 0)
-        else:
-            bounds = int_bounds(tpe)
-            few = bounds[1] - bounds[0] < _MANY
-            values = list(range(bounds[0], bounds[1] + 1)) if few else None
-        return StateVar(key, bounds, values, self._initial(fluent, args))
-
-    def _initial(self, fluent: Any, args: tuple[int, ...]) -> int | None:
-        names = {code: name for name, code in self.world.objects.items()}
-        manager = self.problem.environment.expression_manager
-        nodes = []
-        for parameter, code in zip(fluent.signature, args, strict=True):
-            if parameter.type.is_user_type():
-                nodes.append(manager.ObjectExp(self.problem.object(names[code])))
-            elif parameter.type.is_bool_type():
-                nodes.append(manager.Bool(bool(code)))
-            else:
-                nodes.append(manager.Int(code))
-        value = self.explicit.get(manager.FluentExp(fluent, tuple(nodes)))
-        if value is None:
-            value = self.defaults.get(fluent)
-        if value is None:
-            return None
-        return Terms(self.world, _no_fluents).linear(value).const
-
-    def grounds(self, node: FNode, terms: Terms) -> Iterator[tuple[Literal, StateVar]]:
-        """Yield (literal, variable) for each ground fluent that ``node`` may stand for."""
-        fluent = node.fluent()
-        choices: list[list[tuple[Literal, int]]] = []
-        for arg, parameter in zip(node.args, fluent.signature, strict=True):
-            lin = terms.linear(arg)
-            if not lin.terms:
-                choices.append([(TRUE, lin.const)])
-                continue
-            var = self._plain(lin)
-            choices.append(
-                [(self.store.is_value(var, v), v) for v in self.world.values_of(parameter.type)]
-            )
-        for combination in itertools.product(*choices):
-            literal = self.store.all_of(x for x, _ in combination)
-            if literal != FALSE:
-                yield literal, self.var(fluent, tuple(v for _, v in combination))
-
-    def _plain(self, lin: Lin) -> int:
-        if len(lin.terms) == 1 and lin.terms[0][1] == 1 and lin.const == 0:
-            return lin.terms[0][0]
-        low, high = self.store.range(lin)
-        var = self.store.integer(low, high)
-        self.store.enforce(compare(lin.plus(Lin(((var, 1),)), -1)._replace(needs=()), "=="))
-        return var
-
-    # -- effects -------------------------------------------------------------------------------
     def add_effect(self, timing: Timing, effect: Effect, owner: ActivityVars | None) -> None:
         """Register the writes of an effect."""
         if effect.forall:
@@ -144,7 +71,7 @@ class States:
         if timing.timepoint.kind is TimepointKind.GLOBAL_END:
             raise UnsupportedError(f"the effect '{effect}' at the global end is not supported")
         present = TRUE if owner is None else owner.present
-        terms = Terms(self.world, _no_fluents, owner)
+        terms = Terms(self.world, no_fluents, owner)
         time = terms.time(timing)
         active = self.store.all_of([present, *time.needs])
         time = time._replace(needs=())
@@ -175,7 +102,7 @@ class States:
         """Keep other activities' effects off the other fluents that an effect reads."""
         if owner is None:
             return
-        terms = Terms(self.world, _no_fluents, owner)
+        terms = Terms(self.world, no_fluents, owner)
         own = {id(state): literal for literal, state in self.grounds(effect.fluent, terms)}
         for node in (effect.condition, effect.value):
             for literal, state in self._all_grounds(node, owner):
@@ -192,7 +119,7 @@ class States:
     def add_condition(self, span: TimeInterval, node: FNode, owner: ActivityVars | None) -> None:
         """Register the reads of a condition."""
         check_time()
-        terms = Terms(self.world, _no_fluents, owner)
+        terms = Terms(self.world, no_fluents, owner)
         lo, hi, nonempty = self._instants(span, terms)
         needs = [*lo.needs, *hi.needs] + ([] if owner is None else [owner.present])
         lo, hi = lo._replace(needs=()), hi._replace(needs=())
@@ -321,7 +248,7 @@ class States:
             args_have_fluents = any(fluents_in(a) for a in fluent.args)
             if args_have_fluents:
                 raise UnsupportedError(f"the nested fluent '{fluent}' is not supported by cpsat")
-            yield from self.grounds(fluent, Terms(self.world, _no_fluents, owner))
+            yield from self.grounds(fluent, Terms(self.world, no_fluents, owner))
 
     def _hold(
         self,
@@ -342,14 +269,14 @@ class States:
             and all(a.is_constant() for a in single.args)
             and not has_decisions(node)
         ):
-            ((_, state),) = self.grounds(single, Terms(self.world, _no_fluents, owner))
+            ((_, state),) = self.grounds(single, Terms(self.world, no_fluents, owner))
             if state.values is not None:
                 allowed = self._values(node, state)
                 self._read(state, Read(number, active, lo, hi, allowed=allowed, loose=loose))
                 return
         chosen = equals_parameter(node)
         if chosen is not None and single is not None and all(a.is_constant() for a in single.args):
-            ((_, state),) = self.grounds(single, Terms(self.world, _no_fluents, owner))
+            ((_, state),) = self.grounds(single, Terms(self.world, no_fluents, owner))
             value = self.world.parameters.get(chosen)
             if state.key[0] in self.dynamic and state.values is not None and value is not None:
                 low, high = self.store.range(value)
@@ -362,7 +289,7 @@ class States:
             # whatever is decided, nobody may change meanwhile what is read
             for _, state in self._all_grounds(rest, owner):
                 self._read(state, Read(number, active, lo, hi, guard_only=True))
-            said = Terms(self.world, _no_fluents, owner)
+            said = Terms(self.world, no_fluents, owner)
             other = self._literals(said.form(decided, False), said.form(decided))
             self._hold(rest, owner, self.store.all_of([active, *other]), lo, hi)
             return
@@ -445,7 +372,3 @@ class States:
             else:
                 self.store.enforce(compare(value.shift(-state.initial), "=="), (when,))
         return value
-
-
-def _no_fluents(node: FNode) -> Lin:
-    raise UnsupportedError(f"the fluent '{node}' is read at no time; cpsat needs one")
