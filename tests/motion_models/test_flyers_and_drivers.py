@@ -2,6 +2,7 @@
 
 import math
 import random
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -28,9 +29,9 @@ def world(tmp_path):
     return World(tmp_path)
 
 
-def solved(world, seconds=240):
+def solved(world, seconds=240, **params):
     """Solve, and let the independent validator judge the plan."""
-    with OneshotPlanner(name="samp-refine[cpsat]") as planner:
+    with OneshotPlanner(name="samp-refine[cpsat]", params=params) as planner:
         result = planner.solve(world.problem, timeout=seconds)
     if result.status in FOUND:
         assert validate_plan(world.problem, result.plan).violations == ()
@@ -83,6 +84,25 @@ def test_what_hovers_too_low_is_proven_to_be_in_the_way(world):
     result = solved(standing(world, 1.3))
     assert result.status is Status.UNSOLVABLE_PROVEN
     assert any("drone" in message.message for message in result.log_messages)
+
+
+def test_many_drive_under_one_that_hovers(world):
+    """Two are many here: the motions of many are decided one after the other, in the plane."""
+    world.flyer("drone", (9, 6, 3, *UPRIGHT))
+    for k, y in enumerate((3, 6)):
+        cart = world.flat(f"cart{k}", (3, y, 0), motion_parameters=LOW)
+        world.move(f"drive{k}", cart, cart.home, world.place(7, y, 0))
+    result = solved(world, tuning={"search": {"in_order": {"motions": 2}}})
+    assert result.status in FOUND
+
+
+def test_workers_meet_shadows_too(world):
+    world.flyer("drone", (5, 9, 0.5, *UPRIGHT))
+    for k, y in enumerate((3, 6)):
+        cart = world.flat(f"cart{k}", (3, y, 0), motion_parameters=LOW)
+        world.move(f"drive{k}", cart, cart.home, world.place(7, 9 - y, 0))
+    with ThreadPoolExecutor(2) as pool:
+        assert solved(world, executor=pool).status in FOUND
 
 
 def test_a_driver_waits_until_a_drone_has_taken_off(world):

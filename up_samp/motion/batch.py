@@ -66,7 +66,7 @@ def precompute(
             report = service.plan(PathQuery(body, (start, goal), obstacles), deadline)
             done += report.outcome is Outcome.FOUND
         return done
-    queries = [LegQuery(*pair, obstacles) for pair in todo]
+    queries = [LegQuery(*pair, service.met_by(pair[0], obstacles)) for pair in todo]
     # dealt out like cards: neighbours in the list are often equally hard
     hands = [queries[i::processes] for i in range(min(processes, len(queries)))]
     answers = _in_children(service, hands, deadline)

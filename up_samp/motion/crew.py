@@ -134,11 +134,22 @@ class Crew:
     def __post_init__(self) -> None:
         self.scope = Scope.of(self.service)
 
+    def _legs_of(self, queries: Sequence[PathQuery]) -> list[LegQuery]:
+        """Return the legs of queries that any worker can plan, each once."""
+        found: dict[object, LegQuery] = {}
+        for query in queries:
+            if can_be_sent(query.body):
+                met = self.service.met_by(query.body, query.obstacles)
+                for start, goal in zip(query.poses, query.poses[1:], strict=False):
+                    leg = LegQuery(query.body, start, goal, met)
+                    found.setdefault((query.body, start, goal, met), leg)
+        return list(found.values())
+
     def plan_ahead(self, queries: Sequence[PathQuery], deadline: Deadline) -> int:
         """Find the legs of queries and put them into the service's cache, as far as time allows.
         Return how many were found.
         """
-        todo = _legs_of(queries)
+        todo = self._legs_of(queries)
         chunks = [todo[i : i + CHUNK] for i in range(0, len(todo), CHUNK)]
         answers = self._answers(find_legs, [(c,) for c in chunks], [deadline] * len(chunks))
         return sum(
@@ -212,13 +223,3 @@ def can_be_sent(body: Body) -> bool:
     machine, its control law no function of this process.
     """
     return body.kinematics.model not in (MotionModel.SE3, MotionModel.CONTROL)
-
-
-def _legs_of(queries: Sequence[PathQuery]) -> list[LegQuery]:
-    found: dict[object, LegQuery] = {}
-    for query in queries:
-        if can_be_sent(query.body):
-            for start, goal in zip(query.poses, query.poses[1:], strict=False):
-                leg = LegQuery(query.body, start, goal, tuple(query.obstacles))
-                found.setdefault((query.body, start, goal, leg.obstacles), leg)
-    return list(found.values())

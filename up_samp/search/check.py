@@ -155,7 +155,10 @@ class Checker:
         if crew is None or len(several) < 2:
             return {}
         queries = [group_query(self.motions.facts, itinerary, g) for g in several]
-        queries = [q for q in queries if all(can_be_sent(m.body) for m in q.motions)]
+        queries = [
+            q for q in queries
+            if all(can_be_sent(x.body) for part in (q.motions, q.rests, q.fixed) for x in part)
+        ]  # fmt: skip
         if not queries:
             return {}
         self.tell.stage(Phase.GROUP, count=sum(len(q.motions) for q in queries))

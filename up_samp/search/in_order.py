@@ -61,11 +61,11 @@ class InOrder:
 
 def _fits(search: Search, itinerary: Itinerary) -> bool:
     """Return whether this way of planning is for such a candidate: each activity drives one body
-    that stays the same, in the plane.
+    that stays the same, and nothing is in the air, not even at rest.
     """
     snapshot = search.facts.snapshot
     names = [m.activity for m in itinerary.motions]
-    flat = all(len(m.poses[0]) == 3 for m in itinerary.motions)
+    flat = not any(o.body.flies for o in snapshot.objects.values())
     return flat and not snapshot.rides and len(set(names)) == len(names)
 
 
