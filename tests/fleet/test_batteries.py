@@ -46,6 +46,21 @@ def test_a_robot_charges_where_it_has_to():
     assert course[-1][1] == pytest.approx(60 - driven + 20 * len(charges), abs=0.5)
 
 
+def test_a_full_battery_is_not_charged_as_one_drives_off():
+    """Both drives together take more than a battery holds, and there is no way back between."""
+    fleet = Fleet(MAPS / "two_rooms.yaml")
+    fleet.add_robot_type(
+        "agv", (1.2, 0.8), model="diff", v_max=2.0, a_max=1.0, omega_max=2.0,
+        battery={"capacity": 40, "per_metre": 1.0},
+    )  # fmt: skip
+    fleet.add_place("plug", 2, 12.5, charger={"per_second": 2.0, "step": 10})
+    fleet.add_place("b", 12, 12)
+    fleet.add_place("c", 25, 4)
+    fleet.add_robot("r", "agv", "plug")
+    fleet.add_order("o", "c", "b")
+    assert fleet.solve().status == "UNSOLVABLE_PROVEN"
+
+
 @pytest.mark.long
 def test_with_a_large_battery_nobody_charges():
     fleet = floor(100)

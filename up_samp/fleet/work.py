@@ -124,7 +124,9 @@ class Work:
         for step in range(1, steps_of(battery, charger) + 1):
             a = problem.add_activity(f"{visit.name}_{step}", site.up(charger.step), optional=True)
             a.add_condition(while_there(a), Equals(at, site.places[visit.what]))
-            a.add_increase_effect(a.end, level, step_of(battery, charger))
+            # A unit early: with a drive that starts at its end, the two would add up, and a step
+            # too much for a full battery would still be driven with.
+            a.add_increase_effect(a.end - 1, level, step_of(battery, charger))
             self.busy[visit.robot].append(a)
             if before is not None:
                 only_with(problem, a, before)
