@@ -78,9 +78,9 @@ def test_this_package_has_no_circle(house):
 LIMITS = {
     "long_functions": 8,
     "wide_functions": 42,
-    "long_files": 23,
-    "constants": 280,
-    "said_twice": 87,
+    "long_files": 21,
+    "constants": 240,
+    "said_twice": 80,
 }
 """What the figures may be at most: lower them when they fall, never raise them for convenience."""
 

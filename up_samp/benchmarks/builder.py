@@ -21,32 +21,26 @@ from unified_planning.model import (
     Fluent,
 )
 from unified_planning.model.motion import (
-    SE2,
     ActivityWaypoints,
-    ConfigurationKind,
     ConfigurationObject,
     MotionActivity,
     MotionModels,
     MovableObject,
-    OccupancyMap,
     SchedulingMotionProblem,
 )
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import (
-    ConfigurationType,
     Equals,
-    MinimizeMakespan,
     MovableType,
     Not,
     Or,
 )
 
+from up_samp.benchmarks.on_map import ProblemOnMap
 from up_samp.benchmarks.places import (
+    CAR,
     ROBOT_FOOTPRINT,
-    TURNING_RADIUS,
-    V_MAX,
     Door,
-    Pose,
     duration_bounds,
 )
 from up_samp.benchmarks.published.form import PUBLISHED, Published
@@ -80,7 +74,7 @@ def check_encoding(encoding: Encoding, known: Sequence[Encoding] = ENCODINGS) ->
         raise ProblemError(f"encoding must be one of {tuple(known)}, not {encoding!r}")
 
 
-class Family:
+class Family(ProblemOnMap):
     """A problem under construction: map, robots, doors, moves, and the rules they share."""
 
     def __init__(
@@ -93,30 +87,18 @@ class Family:
         metric: bool,
     ) -> None:
         check_encoding(encoding, LEAN)
-        self.problem = SchedulingMotionProblem(name)
+        super().__init__(name, map_yaml, metric=metric)
         self.a_max = a_max
         self.with_fluents = encoding == "lean"
-        occupancy = OccupancyMap(map_yaml, SE2(0.0, 0.0, 0.0))
-        self.pose_type = ConfigurationType("pose", occupancy, ConfigurationKind.SE2)
         self.robot_type = MovableType("robot")
         self.door_type = MovableType("door")
         self.robots: list[MovableObject] = []
         self.doors: list[MovableObject] = []
         self.busy: dict[str, list[Activity]] = {}
-        self._poses: dict[str, Pose] = {}
         self._door_at: Fluent | None = None
         self.routes: Routes = (FluentRoutes if self.with_fluents else PrecedenceRoutes)(
             self.problem, self.pose_type, self.robot_type
         )
-        if metric:
-            self.problem.add_quality_metric(MinimizeMakespan())
-
-    def place(self, name: str, pose: Pose) -> ConfigurationObject:
-        """Add a named configuration at ``pose`` (x, y, theta; m, rad; world frame)."""
-        place = ConfigurationObject(name, self.pose_type, SE2(*pose))
-        self.problem.add_object(place)
-        self._poses[name] = pose
-        return place
 
     def robot(self, name: str, start: ConfigurationObject) -> MovableObject:
         """Add a car that stands at ``start``."""
@@ -126,8 +108,8 @@ class Family:
             footprint=list(ROBOT_FOOTPRINT),
             motion_model=MotionModels.REEDSSHEPP,
             motion_parameters={
-                "turning_radius": TURNING_RADIUS,
-                "v_max": V_MAX,
+                "turning_radius": CAR.turning_radius,
+                "v_max": CAR.v_max,
                 "a_max": self.a_max,
             },
         )
@@ -177,7 +159,7 @@ class Family:
             name or f"move_{robot.name}_{origin.name}_to_{to.name}", optional=True
         )
         a.set_duration_bounds(
-            *duration_bounds(self._poses[origin.name], self._poses[to.name], self.a_max)
+            *duration_bounds(self.poses[origin.name], self.poses[to.name], self.a_max)
         )
         a.add_motion_constraint(
             ActivityWaypoints(

@@ -21,8 +21,8 @@ from unified_planning.model.scheduling import Activity
 
 from up_samp.benchmarks.builder import Encoding, Family, is_published
 from up_samp.benchmarks.maps import (
-    CELL_WIDTH,
     DATA,
+    SHOP,
     job_shop_map,
     job_shop_size,
     job_shop_walls,
@@ -31,14 +31,23 @@ from up_samp.benchmarks.places import Door, Pose, box, check_poses
 from up_samp.benchmarks.published.jobshop import published_job_shop
 from up_samp.model import ProblemError
 
-A_MAX = 1.0
-"""Acceleration limit of the job-shop robots, m/s^2."""
 
-MAX_ROBOTS = 5
-MAX_JOBS = 6
-MAX_MACHINES = 6
+@dataclass(frozen=True)
+class JobShopSizes:
+    """How large a job shop may be, and what its robots can do."""
+
+    a_max: float = 1.0
+    """Acceleration limit of the robots, m/s^2."""
+    robots: int = 5
+    jobs: int = 6
+    machines: int = 6
+    apart: float = 4.0
+    """Robots start at least so far apart, m."""
+
+
+SIZES = JobShopSizes()
+
 _UP = math.pi / 2
-_APART = 4.0
 
 
 @dataclass(frozen=True)
@@ -56,7 +65,7 @@ class Shop:
 
 def shop_door(i: int) -> Door:
     """Return door ``i``, in the gap of room ``i``."""
-    x = CELL_WIDTH * i
+    x = SHOP.room_width * i
     return Door(
         f"door{i}", box(1, 6), (25 + x, 32.0, _UP), (21 + x, 32.0, _UP), (25 + x, 29.0, _UP)
     )
@@ -70,9 +79,9 @@ def draw_shop(robots: int, jobs: int, machines: int, seed: int) -> Shop:
     rows y = 25 or y = 20, at least 4 m apart.
     """
     for what, n, most in (
-        ("robots", robots, MAX_ROBOTS),
-        ("jobs", jobs, MAX_JOBS),
-        ("machines", machines, MAX_MACHINES),
+        ("robots", robots, SIZES.robots),
+        ("jobs", jobs, SIZES.jobs),
+        ("machines", machines, SIZES.machines),
     ):
         if not 1 <= n <= most:
             raise ProblemError(f"a job shop takes 1 to {most} {what}, not {n}")
@@ -84,7 +93,7 @@ def draw_shop(robots: int, jobs: int, machines: int, seed: int) -> Shop:
         routes.append(tuple((m, rng.randint(1, 10)) for m in order))
     places = tuple(
         (
-            round(rng.uniform(22, 30) + CELL_WIDTH * i, 2),
+            round(rng.uniform(22, 30) + SHOP.room_width * i, 2),
             round(rng.uniform(35, 47), 2),
             rng.choice((_UP, -_UP)),
         )
@@ -94,7 +103,7 @@ def draw_shop(robots: int, jobs: int, machines: int, seed: int) -> Shop:
     while len(starts) < robots:
         x = round(rng.uniform(4, job_shop_size(machines)[0] - 4), 2)
         pose = (x, rng.choice((20.0, 25.0)), rng.choice((_UP, -_UP)))
-        if all(math.dist(pose[:2], other[:2]) >= _APART for other in starts):
+        if all(math.dist(pose[:2], other[:2]) >= SIZES.apart for other in starts):
             starts.append(pose)
     return Shop(tuple(routes), places, tuple(starts))
 
@@ -158,7 +167,7 @@ def job_shop(
     if is_published(encoding):
         return published_job_shop(title, data, doors, encoding, metric)
     yaml = str(job_shop_map(machines))
-    family = Family(title, yaml, a_max=A_MAX, encoding=encoding, metric=metric)
+    family = Family(title, yaml, a_max=SIZES.a_max, encoding=encoding, metric=metric)
     starts = [family.place(f"start{r}", pose) for r, pose in enumerate(data.starts)]
     for r, start in enumerate(starts):
         family.robot(f"r{r}", start)

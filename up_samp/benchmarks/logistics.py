@@ -31,8 +31,18 @@ from up_samp.benchmarks.published.logistics import published_logistics
 from up_samp.benchmarks.routes import at_start
 from up_samp.model import ProblemError
 
-A_MAX = 0.5
-"""Acceleration limit of the logistics robots, m/s^2."""
+
+@dataclass(frozen=True)
+class LogisticsSizes:
+    """How large an instance may be, and what its robots can do."""
+
+    a_max: float = 0.5
+    """Acceleration limit of the robots, m/s^2."""
+    robots: int = 10
+    items: int = 16
+
+
+SIZES = LogisticsSizes()
 
 DoorState = Literal["closed", "open"]
 Sides = Literal["all", "corridor"]
@@ -49,8 +59,6 @@ _DEPOTS = {
     4: (10.0, 20.0, 30.0, 40.0),
     5: (15.0, 20.0, 25.0, 30.0, 35.0),
 }
-MAX_ROBOTS = 10
-MAX_ITEMS = 16
 
 
 @dataclass(frozen=True)
@@ -68,10 +76,10 @@ def layout(robots: int, items: int, seed: int = 0) -> Layout:
     Seed 0 is the paper's order of items; any other seed deals the slots of the shelves (8 for up
     to 8 items, else 16) and the depots at random.
     """
-    if not 1 <= robots <= MAX_ROBOTS:
-        raise ProblemError(f"logistics takes 1 to {MAX_ROBOTS} robots, not {robots}")
-    if not 1 <= items <= MAX_ITEMS:
-        raise ProblemError(f"logistics takes 1 to {MAX_ITEMS} items, not {items}")
+    if not 1 <= robots <= SIZES.robots:
+        raise ProblemError(f"logistics takes 1 to {SIZES.robots} robots, not {robots}")
+    if not 1 <= items <= SIZES.items:
+        raise ProblemError(f"logistics takes 1 to {SIZES.items} items, not {items}")
     columns = [(x, 0) for x in _COLUMNS] + [(x, 1) for x in _COLUMNS]
     if items > len(columns):
         columns += [(x, 0) for x in _EXTRA_COLUMNS] + [(x, 1) for x in _EXTRA_COLUMNS]
@@ -129,7 +137,9 @@ def logistics(
     if is_published(encoding):
         leaf = DOOR if door == "closed" else None
         return published_logistics(title, spots, leaf, sides == "all", encoding, metric)
-    family = Family(title, str(logistics_map()), a_max=A_MAX, encoding=encoding, metric=metric)
+    family = Family(
+        title, str(logistics_map()), a_max=SIZES.a_max, encoding=encoding, metric=metric
+    )
     shelves = _shelf_places(family, spots, sides)
     depots = [family.place(f"depot{r}", pose) for r, pose in enumerate(spots.depots)]
     for r, depot in enumerate(depots):

@@ -10,14 +10,25 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-RESOLUTION = 0.1
-"""Metres per pixel."""
+
+@dataclass(frozen=True)
+class Drawing:
+    """How maps are drawn."""
+
+    resolution: float = 0.1
+    """Metres per pixel."""
+    wall: float = 0.5
+    """Thickness of an outer wall, m."""
+
+
+DRAWING = Drawing()
 
 DATA = Path(__file__).parent / "data"
 """Folder of the files that are frozen with the package."""
@@ -25,8 +36,6 @@ DATA = Path(__file__).parent / "data"
 Rectangle = tuple[float, float, float, float]
 """``(x_min, y_min, x_max, y_max)`` in m."""
 
-WALL = 0.5
-"""Thickness of an outer wall, m."""
 
 LOGISTICS_SIZE = (100.0, 65.0)
 LOGISTICS_SHELVES: tuple[Rectangle, ...] = ((52.0, 35.0, 100.0, 40.0), (52.0, 20.0, 100.0, 25.0))
@@ -34,11 +43,22 @@ LOGISTICS_SHELVES: tuple[Rectangle, ...] = ((52.0, 35.0, 100.0, 40.0), (52.0, 20
 HALL_SIZE = (40.0, 20.0)
 HALL_DIVIDER: tuple[Rectangle, ...] = ((19.5, 0.0, 20.5, 8.0), (19.5, 12.0, 20.5, 20.0))
 
-CELL_WIDTH = 50.0
-HALL_HEIGHT = 31.5
-ROOM_FLOOR = 32.5
-GAP = 5.0
-JOB_SHOP_HEIGHT = 50.0
+
+@dataclass(frozen=True)
+class JobShopPlan:
+    """The job shop's floor plan (m): rooms side by side above one hall."""
+
+    room_width: float = 50.0
+    hall_top: float = 31.5
+    """Where the hall ends and the wall begins (y)."""
+    room_floor: float = 32.5
+    """Where the wall ends and the rooms begin (y)."""
+    gap: float = 5.0
+    """Width of a gap in the wall."""
+    height: float = 50.0
+
+
+SHOP = JobShopPlan()
 
 
 def logistics_walls() -> list[Rectangle]:
@@ -58,31 +78,31 @@ def job_shop_walls(cells: int) -> list[Rectangle]:
 
     The wall between hall and rooms is 1 m thick around y = 32 and has one gap of 5 m per room.
     """
-    width = CELL_WIDTH * cells
-    walls = outer_wall(width, JOB_SHOP_HEIGHT)
+    width = SHOP.room_width * cells
+    walls = outer_wall(width, SHOP.height)
     left = 0.0
     for i in range(cells):
-        centre = CELL_WIDTH * i + CELL_WIDTH / 2
-        walls.append((left, HALL_HEIGHT, centre - GAP / 2, ROOM_FLOOR))
-        left = centre + GAP / 2
-    walls.append((left, HALL_HEIGHT, width, ROOM_FLOOR))
+        centre = SHOP.room_width * i + SHOP.room_width / 2
+        walls.append((left, SHOP.hall_top, centre - SHOP.gap / 2, SHOP.room_floor))
+        left = centre + SHOP.gap / 2
+    walls.append((left, SHOP.hall_top, width, SHOP.room_floor))
     for i in range(1, cells):
-        x = CELL_WIDTH * i
-        walls.append((x - WALL, ROOM_FLOOR, x + WALL, JOB_SHOP_HEIGHT))
+        x = SHOP.room_width * i
+        walls.append((x - DRAWING.wall, SHOP.room_floor, x + DRAWING.wall, SHOP.height))
     return walls
 
 
 def job_shop_size(cells: int) -> tuple[float, float]:
     """Return width and height, m, of a job-shop map with ``cells`` machine rooms."""
-    return (CELL_WIDTH * cells, JOB_SHOP_HEIGHT)
+    return (SHOP.room_width * cells, SHOP.height)
 
 
 def draw(size: tuple[float, float], walls: Sequence[Rectangle]) -> npt.NDArray[np.bool_]:
     """Return the occupancy grid of ``walls``: shape (rows, columns), row 0 at the *top*."""
-    columns, rows = (round(v / RESOLUTION) for v in size)
+    columns, rows = (round(v / DRAWING.resolution) for v in size)
     occupied = np.zeros((rows, columns), dtype=np.bool_)
     for x0, y0, x1, y1 in walls:
-        c0, c1, r0, r1 = (round(v / RESOLUTION) for v in (x0, x1, y0, y1))
+        c0, c1, r0, r1 = (round(v / DRAWING.resolution) for v in (x0, x1, y0, y1))
         occupied[rows - r1 : rows - r0, c0:c1] = True
     return occupied
 
@@ -99,7 +119,7 @@ def write_map(folder: Path, name: str, occupied: npt.NDArray[np.bool_]) -> Path:
     Image.fromarray(~occupied).save(scratch, format="PNG", optimize=True)
     os.replace(scratch, png)
     scratch.write_text(
-        f"image: {png.name}\nresolution: {RESOLUTION}\norigin: [0.0, 0.0, 0.0]\n"
+        f"image: {png.name}\nresolution: {DRAWING.resolution}\norigin: [0.0, 0.0, 0.0]\n"
         "negate: 0\noccupied_thresh: 0.3\nfree_thresh: 0.1\n",
         encoding="utf-8",
     )
@@ -147,8 +167,8 @@ def drawn_map(name: str, size: tuple[float, float], walls: Sequence[Rectangle]) 
 def outer_wall(width: float, height: float) -> list[Rectangle]:
     """Return the four sides of the wall around a map of that size (m)."""
     return [
-        (0.0, 0.0, width, WALL),
-        (0.0, height - WALL, width, height),
-        (0.0, 0.0, WALL, height),
-        (width - WALL, 0.0, width, height),
+        (0.0, 0.0, width, DRAWING.wall),
+        (0.0, height - DRAWING.wall, width, height),
+        (0.0, 0.0, DRAWING.wall, height),
+        (width - DRAWING.wall, 0.0, width, height),
     ]

@@ -16,10 +16,30 @@ Pose = tuple[float, float, float]
 """``(x, y, theta)``: m, m, rad, world frame."""
 
 ROBOT_FOOTPRINT = ((-1.0, -0.5), (1.0, -0.5), (1.0, 0.5), (-1.0, 0.5))
-TURNING_RADIUS = 1.0
-V_MAX = 2.0
-GUESS_SPEED = 20.0
-SLOWEST = 0.1
+
+
+@dataclass(frozen=True)
+class Car:
+    """What the robots of all families are: 2 x 1 m large, and this fast."""
+
+    turning_radius: float = 1.0
+    """m"""
+    v_max: float = 2.0
+    """m/s"""
+
+
+CAR = Car()
+
+
+@dataclass(frozen=True)
+class Guess:
+    """Speeds (m/s) from which bounds on durations are guessed."""
+
+    fastest: float = 20.0
+    slowest: float = 0.1
+
+
+GUESS = Guess()
 
 
 @dataclass(frozen=True)
@@ -47,13 +67,13 @@ def duration_bounds(a: Pose, b: Pose, a_max: float) -> tuple[int, int]:
     distance at 0.1 m/s, rounded up.
     """
     distance = math.hypot(b[0] - a[0], b[1] - a[1])
-    ramp = GUESS_SPEED**2 / a_max
+    ramp = GUESS.fastest**2 / a_max
     if distance < ramp:
         seconds = 2 * math.sqrt(distance / a_max)
     else:
-        seconds = distance / GUESS_SPEED + GUESS_SPEED / a_max
+        seconds = distance / GUESS.fastest + GUESS.fastest / a_max
     lower = max(1, math.floor(seconds))
-    return lower, max(lower, math.ceil(round(distance / SLOWEST, 9)))
+    return lower, max(lower, math.ceil(round(distance / GUESS.slowest, 9)))
 
 
 def outline(footprint: Sequence[tuple[float, float]], pose: Pose) -> shapely.Polygon:

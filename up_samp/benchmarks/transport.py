@@ -117,7 +117,7 @@ def transport(
     family = Family(
         title + (f"-s{seed}" if seed and not name else ""),
         str(job_shop_map(machines)),
-        a_max=jobshop.A_MAX,
+        a_max=jobshop.SIZES.a_max,
         encoding=encoding,
         metric=metric,
     )

@@ -5,49 +5,50 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from unified_planning.model.motion import (
     SE2,
     ActivityWaypoints,
-    ConfigurationKind,
     ConfigurationObject,
     MotionActivity,
     MotionModels,
     MovableObject,
-    OccupancyMap,
-    SchedulingMotionProblem,
     SE2WithControlsPath,
 )
 from unified_planning.plans import MotionSchedule
-from unified_planning.shortcuts import ConfigurationType, MinimizeMakespan, MovableType
+from unified_planning.shortcuts import MovableType
 
 from up_samp.benchmarks.maps import hall_map
+from up_samp.benchmarks.on_map import ProblemOnMap
 from up_samp.benchmarks.places import Door, Pose, box
 
-V_MAX = 2.0
-A_MAX = 1.0
-STEP = 0.04
+
+@dataclass(frozen=True)
+class Pace:
+    """What robots can do, and how finely their drives are cut."""
+
+    v_max: float = 2.0
+    """m/s"""
+    a_max: float = 1.0
+    """m/s^2"""
+    step: float = 0.04
+    """Longest piece of constant speed, s."""
+
+
+PACE = Pace()
+
 
 DOOR = Door("door", box(1, 5), (20.0, 10.0, 0.0), (20.0, 4.0, 0.0), (10.0, 10.0, 0.0))
 """Closes the opening between the two rooms; open it rests in the wall."""
 
 
-class SceneBuilder:
+class SceneBuilder(ProblemOnMap):
     """A problem in a hall of 40 x 20 m (``rooms``: with a wall across and an opening of 4 m)."""
 
     def __init__(self, name: str, *, rooms: bool = False, metric: bool = True) -> None:
-        self.problem = SchedulingMotionProblem(name)
-        occupancy = OccupancyMap(str(hall_map(divided=rooms)), SE2(0.0, 0.0, 0.0))
-        self.pose_type = ConfigurationType("hall_pose", occupancy, ConfigurationKind.SE2)
+        super().__init__(name, str(hall_map(divided=rooms)), metric=metric, poses="hall_pose")
         self.robot_type = MovableType("robot")
-        if metric:
-            self.problem.add_quality_metric(MinimizeMakespan())
-
-    def place(self, name: str, pose: Pose) -> ConfigurationObject:
-        """Add a configuration (x, y, theta; m, rad)."""
-        place = ConfigurationObject(name, self.pose_type, SE2(*pose))
-        self.problem.add_object(place)
-        return place
 
     def robot(
         self, name: str, start: ConfigurationObject, model: MotionModels = MotionModels.REEDSSHEPP
@@ -58,7 +59,7 @@ class SceneBuilder:
             self.robot_type,
             footprint=list(box(2, 1)),
             motion_model=model,
-            motion_parameters={"v_max": V_MAX, "a_max": A_MAX},
+            motion_parameters={"v_max": PACE.v_max, "a_max": PACE.a_max},
         )
         self.problem.add_object(robot)
         self.problem.set_initial_configuration(robot, start)
@@ -94,7 +95,7 @@ class SceneBuilder:
 
 
 def straight(
-    a: Pose, b: Pose, *, v_max: float = V_MAX, a_max: float = A_MAX
+    a: Pose, b: Pose, *, v_max: float = PACE.v_max, a_max: float = PACE.a_max
 ) -> SE2WithControlsPath:
     """Return the fastest drive straight ahead or back from ``a`` to ``b``, rest to rest.
 
@@ -105,7 +106,7 @@ def straight(
     ramp = min(v_max / a_max, math.sqrt(length / a_max))
     top = a_max * ramp
     total = length / top + ramp
-    pieces = math.ceil(total / STEP)
+    pieces = math.ceil(total / PACE.step)
     times = [total * i / pieces for i in range(pieces + 1)]
 
     def travelled(t: float) -> float:

@@ -18,20 +18,17 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
 
-from unified_planning.model import Fluent, FNode, GlobalEndTiming, TimePointInterval, Timing
+from unified_planning.model import Fluent, GlobalEndTiming, TimePointInterval, Timing
 from unified_planning.model.motion import (
-    SE2,
     ActivityWaypoints,
-    ConfigurationKind,
     ConfigurationObject,
     MotionActivity,
     MotionModels,
     MovableObject,
-    OccupancyMap,
     SchedulingMotionProblem,
 )
 from unified_planning.model.scheduling import Activity
@@ -39,17 +36,17 @@ from unified_planning.shortcuts import (
     GE,
     LE,
     And,
-    ConfigurationType,
     Equals,
     Implies,
-    MinimizeMakespan,
     MovableType,
     Not,
     Or,
 )
 
-from up_samp.benchmarks.places import ROBOT_FOOTPRINT, Door, Pose, duration_bounds
+from up_samp.benchmarks.on_map import ProblemOnMap
+from up_samp.benchmarks.places import ROBOT_FOOTPRINT, Door, duration_bounds
 from up_samp.benchmarks.published.bicycle import Bicycle
+from up_samp.benchmarks.published.members import Leaf, Precondition, Robot
 from up_samp.model import ProblemError
 
 Published = Literal[
@@ -60,94 +57,24 @@ Published = Literal[
     "fluents-sequential",
     "no-fluents-sequential",
 ]
-PUBLISHED: tuple[Published, ...] = (
-    "fluents",
-    "no-fluents",
-    "fluents-uses",
-    "no-fluents-uses",
-    "fluents-sequential",
-    "no-fluents-sequential",
-)
-
-V_MIN, V_MAX = 1.0, 20.0
-"""Speed limits of the published control models, m/s. ``V_MIN`` says how slow a move may be."""
-STEERING = 1.0
-"""Largest steering angle, rad."""
-HANDLING = 1
-"""Units that picking something and opening a door take."""
+PUBLISHED: tuple[Published, ...] = get_args(Published)
 
 
 @dataclass(frozen=True)
-class Precondition:
-    """What an activity needs, and who gives and takes it (for the form without fluents).
+class Figures:
+    """The figures of all published problems."""
 
-    ``helpers`` make it true, ``rivals`` may undo it; ``initially``: it holds from the beginning.
-    """
-
-    activity: Activity
-    helpers: Sequence[Activity]
-    rivals: Sequence[Activity]
-    initially: bool = False
-
-    def formula(self) -> FNode:
-        """Return the constraint over starts, ends and presences that says it."""
-        a = self.activity
-        rivals = [(r, r.present, GE(r.start, a.end)) for r in self.rivals if r is not a]
-        ways = []
-        for h in self.helpers:
-            if h is a:
-                continue
-            begin = h.start
-            kept = [
-                Implies(present, Or(LE(r.end, begin), after))
-                for r, present, after in rivals
-                if r is not h
-            ]
-            ways.append(And([h.present, LE(h.end, a.start), *kept]))
-        if self.initially:
-            ways.append(And([Implies(present, after) for _, present, after in rivals]))
-        return Or(ways)
+    v_min: float = 1.0
+    """Lowest speed of the control models, m/s: it says how slow a move may be."""
+    v_max: float = 20.0
+    """Highest speed, m/s."""
+    steering: float = 1.0
+    """Largest steering angle, rad."""
+    handling: int = 1
+    """Units that picking something and opening a door take."""
 
 
-@dataclass
-class Robot:
-    """A robot of the problem and all that it may do."""
-
-    body: MovableObject
-    start: ConfigurationObject
-    at: Fluent | None
-    token: Fluent | None
-    moves: list[tuple[MotionActivity, ConfigurationObject, ConfigurationObject]] = field(
-        default_factory=list
-    )
-    busy: list[Activity] = field(default_factory=list)
-    stands: list[tuple[Activity, Sequence[ConfigurationObject]]] = field(default_factory=list)
-
-    @property
-    def name(self) -> str:
-        """The object's name."""
-        return str(self.body.name)
-
-    def moves_to(self, places: Iterable[ConfigurationObject]) -> list[MotionActivity]:
-        """Return its moves that end at one of ``places``."""
-        names = {p.name for p in places}
-        return [a for a, _, to in self.moves if to.name in names]
-
-    def moves_from(self, place: ConfigurationObject) -> list[MotionActivity]:
-        """Return its moves that leave ``place``."""
-        return [a for a, origin, _ in self.moves if origin.name == place.name]
-
-
-@dataclass
-class Leaf:
-    """A door of the problem, and the activities that open it."""
-
-    body: MovableObject
-    opened: ConfigurationObject
-    button: ConfigurationObject
-    at: Fluent | None
-    token: Fluent | None
-    openings: list[Activity] = field(default_factory=list)
+FIGURES = Figures()
 
 
 @dataclass(frozen=True)
@@ -169,13 +96,13 @@ class Manner:
     bounds: tuple[int, int] | None = None
 
 
-class Form:
+class Form(ProblemOnMap):
     """A problem under construction in one of the published forms."""
 
     def __init__(self, name: str, manner: Manner, encoding: Published, metric: bool) -> None:
         if encoding not in PUBLISHED:
             raise ProblemError(f"encoding must be one of {PUBLISHED}, not {encoding!r}")
-        self.problem = SchedulingMotionProblem(name)
+        super().__init__(name, manner.map_yaml, metric=metric)
         self.manner = manner
         self.with_fluents = encoding.startswith("fluents")
         self.with_resources = encoding.endswith("-uses")
@@ -184,24 +111,12 @@ class Form:
             if encoding.endswith("-sequential")
             else None
         )
-        occupancy = OccupancyMap(manner.map_yaml, SE2(0.0, 0.0, 0.0))
-        self.pose_type = ConfigurationType("pose", occupancy, ConfigurationKind.SE2)
         self.robot_type, self.door_type = MovableType("robot"), MovableType("door")
         self.robots: list[Robot] = []
         self.doors: list[Leaf] = []
         self.needs: list[Precondition] = []
-        self._poses: dict[str, Pose] = {}
-        if metric:
-            self.problem.add_quality_metric(MinimizeMakespan())
 
     # ---------------------------------------------------------------- objects
-    def place(self, name: str, pose: Pose) -> ConfigurationObject:
-        """Add a named configuration at ``pose`` (x, y, theta; m, rad; world frame)."""
-        place = ConfigurationObject(name, self.pose_type, SE2(*pose))
-        self.problem.add_object(place)
-        self._poses[name] = pose
-        return place
-
     def robot(self, start: ConfigurationObject) -> Robot:
         """Add a robot that stands at ``start``."""
         name = f"robot{len(self.robots)}"
@@ -214,10 +129,10 @@ class Form:
             motion_parameters={"turning_radius": self.manner.turning_radius},
             control_model=Bicycle(max(xs) - min(xs)),
             control_parameters={
-                "v_min": V_MIN,
-                "v_max": V_MAX,
-                "phi_min": -STEERING,
-                "phi_max": STEERING,
+                "v_min": FIGURES.v_min,
+                "v_max": FIGURES.v_max,
+                "phi_min": -FIGURES.steering,
+                "phi_max": FIGURES.steering,
             },
         )
         self.problem.add_object(body)
@@ -277,9 +192,9 @@ class Form:
         return a
 
     def _bounds(self, origin: ConfigurationObject, to: ConfigurationObject) -> tuple[int, int]:
-        a, b = self._poses[origin.name], self._poses[to.name]
+        a, b = self.poses[origin.name], self.poses[to.name]
         low, _ = duration_bounds(a, b, self.manner.guess)
-        return low, max(low, math.ceil(round(math.dist(a[:2], b[:2]) / V_MIN, 9)))
+        return low, max(low, math.ceil(round(math.dist(a[:2], b[:2]) / FIGURES.v_min, 9)))
 
     def _obstacles(self, things: Sequence[Robot] | Sequence[Leaf]) -> Any:
         if self.with_fluents:
@@ -320,8 +235,8 @@ class Form:
         """Let every robot open every door, from its button, as often as it likes: once."""
         for robot, leaf in itertools.product(self.robots, self.doors):
             name = f"open_{leaf.body.name}_{robot.name}"
-            a = self.problem.add_motion_activity(name, HANDLING, optional=True)
-            a.set_fixed_duration(HANDLING)
+            a = self.problem.add_motion_activity(name, FIGURES.handling, optional=True)
+            a.set_fixed_duration(FIGURES.handling)
             a.add_motion_effect(leaf.body, leaf.opened)
             if leaf.at is not None:
                 a.add_effect(self.done(a), leaf.at, leaf.opened)
@@ -359,7 +274,7 @@ class Form:
         """State what is left: who is where without fluents, and one thing at a time."""
         if not self.with_fluents:
             for robot in self.robots:
-                self._stand_by_helpers(robot)
+                self.needs += robot.preconditions()
             for need in self.needs:
                 self.problem.add_constraint(need.formula(), scope=[need.activity.present])
         if not self.with_resources:
@@ -371,12 +286,3 @@ class Form:
             for a in self.problem.activities:
                 a.uses(self.line)
         return self.problem
-
-    def _stand_by_helpers(self, robot: Robot) -> None:
-        moves = [a for a, _, _ in robot.moves]
-        for a, places in robot.stands:
-            helpers = robot.moves_to(places)
-            same = {id(h) for h in helpers}
-            rivals = [m for m in moves if id(m) not in same]
-            initially = any(p.name == robot.start.name for p in places)
-            self.needs.append(Precondition(a, helpers, rivals, initially))

@@ -17,15 +17,12 @@ from up_samp.benchmarks.published.form import Form, Manner, Published
 if TYPE_CHECKING:
     from up_samp.benchmarks.jobshop import Shop
 
-GUESS = 1.0
-"""Acceleration in the lower bounds on durations, m/s^2."""
-
 
 def published_job_shop(
     name: str, shop: Shop, doors: Sequence[Door], encoding: Published, metric: bool
 ) -> SchedulingMotionProblem:
     """Build a job shop in a published form (what it asks: ``job_shop``)."""
-    form = Form(name, Manner(str(job_shop_map(len(doors))), GUESS), encoding, metric)
+    form = Form(name, Manner(str(job_shop_map(len(doors))), guess=1.0), encoding, metric)
     starts = [form.place(f"robot{r}_start", pose) for r, pose in enumerate(shop.starts)]
     for start in starts:
         form.robot(start)

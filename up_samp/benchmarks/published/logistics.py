@@ -12,13 +12,11 @@ from unified_planning.shortcuts import FALSE, LE, TRUE, And, BoolType, Or
 
 from up_samp.benchmarks.maps import logistics_map
 from up_samp.benchmarks.places import Door
-from up_samp.benchmarks.published.form import HANDLING, Form, Manner, Precondition, Published, Robot
+from up_samp.benchmarks.published.form import FIGURES, Form, Manner, Published
+from up_samp.benchmarks.published.members import Precondition, Robot
 
 if TYPE_CHECKING:
     from up_samp.benchmarks.logistics import Layout
-
-GUESS = 0.5
-"""Acceleration in the lower bounds on durations, m/s^2."""
 
 Shelves = list[list[ConfigurationObject]]
 """The poses from which each item can be picked."""
@@ -28,7 +26,7 @@ def published_logistics(
     name: str, spots: Layout, door: Door | None, both_sides: bool, encoding: Published, metric: bool
 ) -> SchedulingMotionProblem:
     """Build a logistics problem in a published form (what it asks: ``logistics``)."""
-    form = Form(name, Manner(str(logistics_map()), GUESS), encoding, metric)
+    form = Form(name, Manner(str(logistics_map()), guess=0.5), encoding, metric)
     depots = [form.place(f"robot{r}_depot", pose) for r, pose in enumerate(spots.depots)]
     for depot in depots:
         form.robot(depot)
@@ -68,7 +66,7 @@ def _moves(
 def _picks(form: Form, robot: Robot, shelves: Shelves) -> list[Activity]:
     """Add the robot's picks; its hands must be free, and are so again when it comes home."""
     picks = [
-        form.work(robot, f"pick_{robot.name}_item{i}", poses, HANDLING)
+        form.work(robot, f"pick_{robot.name}_item{i}", poses, FIGURES.handling)
         for i, poses in enumerate(shelves)
     ]
     homeward = robot.moves_to([robot.start])
