@@ -79,6 +79,22 @@ print(numba.njit(lambda a: np.linalg.det(a))(np.eye(3)))
     assert said == ["6.0", "False", "2.0", "1.0"]
 
 
+def test_loaded_kernels_need_no_compiler_and_others_get_it():
+    script = """
+import sys
+import numba
+import numpy as np
+from up_samp.geometry.cells import column_distances
+near = np.zeros((3, 4), dtype=np.int64)
+column_distances(np.eye(3, 4, dtype=np.bool_), near)
+print(int(near.sum()), "numba.np.npyimpl" in sys.modules)
+print(numba.njit(lambda a: np.sort(a)[0])(np.arange(4.0)))
+"""
+    near_columns = [0 + 1 + 2, 1 + 0 + 1, 2 + 1 + 0, 7 + 7 + 7]  # nothing lies in the last one
+    assert _run(script)[0::2] == [str(sum(near_columns)), "0.0"]
+    assert _run(script)[1] == "False"  # it was compiled by the first process at the latest
+
+
 def test_a_users_interpreter_is_left_alone():
     pytest.importorskip("pandas")
     said = _run(

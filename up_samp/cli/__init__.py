@@ -94,24 +94,36 @@ def main(argv: Sequence[str] | None = None) -> int:
         if own:
             _own_the_process()
         words = sys.argv[1:] if argv is None else argv
-        return _run(make_parser(words).parse_args(words))
+        args = make_parser(words).parse_args(words)
+        if own:
+            _collect_garbage()
+        return _run(args)
     except KeyboardInterrupt as stop:
         print("\nup-samp: stopped", file=sys.stderr)
         return TERMINATED if _was_terminated(stop) else INTERRUPTED
     finally:
         if own:
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
+            gc.freeze()  # else the end is a search through all that is left: a tenth of a second
 
 
 def _own_the_process() -> None:
     own_the_process()
-    # collect garbage less often, a sixth of a short command's time
-    gc.set_threshold(50_000, 20, 20)
+    gc.disable()  # what is imported stays
     _open_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # names in any script, on any terminal
             stream.reconfigure(errors="backslashreplace")
     signal.signal(signal.SIGTERM, _terminate)
+
+
+def _collect_garbage() -> None:
+    """Collect garbage from now on: seldom (else a sixth of a short command's time), and not among
+    what was imported.
+    """
+    gc.freeze()
+    gc.set_threshold(50_000, 20, 20)
+    gc.enable()
 
 
 def _open_streams() -> None:

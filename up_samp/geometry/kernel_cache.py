@@ -28,6 +28,7 @@ from typing import Any
 import llvmlite
 import numba
 from numba.core.compiler import CompileResult
+from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 
 from up_samp.model.deadline import clock, do_not_count
@@ -153,12 +154,12 @@ class KernelCache:
 
     def load_overload(self, types: Any, context: Any) -> Any:
         """Return the compiled kernel for argument ``types``, or ``None`` to have it compiled."""
-        load_numba_arrays()
-        context.refresh()
+        rtsys.initialize(context)  # all that loaded code needs; the compiler loads its registries
         path = self._path(types, context.codegen())
         found = None if path is None else self._read(path, context, types)
         if found is not None:
             return found
+        load_numba_arrays()
         self._missed.append(clock())
         if path is not None and path.parent.is_dir():
             self._lock(path)  # another process may be compiling it
