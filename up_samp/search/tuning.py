@@ -168,6 +168,24 @@ class InOrderTuning(Tunables):
 
 
 @dataclass(frozen=True)
+class ToursTuning(Tunables):
+    """Whole tours decided one robot after the other (``search/tours.py``)."""
+
+    share: float = share_of(0.8, "of the remaining time, for one candidate")
+    orders: int = tunable(
+        12, "orders", "of the robots; who finds no tour goes first in the next one", least=1
+    )
+    effort: int = tunable(1, "effort", "for one motion: speeds, lanes and detours", least=0, most=3)
+    tries: int = tunable(200, "motions", "tried for one tour", least=1)
+    stretch: float = tunable(
+        1.2,
+        "factor",
+        "over the longest tour's time alone: until then the others have time to spare",
+        least=1,
+    )
+
+
+@dataclass(frozen=True)
 class LargeTuning(Tunables):
     """Problems that are solved in parts (``search/large.py``)."""
 
@@ -234,6 +252,7 @@ class SearchTuning(Tunables):
     repair: RepairTuning = field(default_factory=RepairTuning)
     turns: TurnsTuning = field(default_factory=TurnsTuning)
     in_order: InOrderTuning = field(default_factory=InOrderTuning)
+    tours: ToursTuning = field(default_factory=ToursTuning)
     large: LargeTuning = field(default_factory=LargeTuning)
     start: StartTuning = field(default_factory=StartTuning)
     slack: SlackTuning = field(default_factory=SlackTuning)

@@ -83,6 +83,30 @@ class Committed:
             runs[-1] = replace(runs[-1], until=run.since)
         runs.append(run)
 
+    def withdraw(self, name: str) -> None:
+        """Undo the last decided motion of an object: it stays where that began."""
+        runs = self._runs[name]
+        runs.pop()
+        if runs:
+            runs[-1] = replace(runs[-1], until=math.inf)
+        else:
+            del self._runs[name]
+
+    def stays(self, motion: TimedMotion) -> list[tuple[float, float]]:
+        """Return when (from, until; s) the object of a motion may rest where that ends, after its
+        release, as far as all others are decided; ascending.
+        """
+        rest = self._workspace.resting(motion.body, motion.poses[-1])
+        others = self._others({motion.object}, motion.release)
+        rows = self._workspace.forbidden(rest, motion.object, motion.avoid, others)
+        taken = sorted((float(low), float(high)) for cell, low, high in rows if cell == 1)
+        found, free = [], motion.release
+        for low, high in taken:
+            if low > free:
+                found.append((free, low))
+            free = max(free, high)
+        return found if math.isinf(free) else [*found, (free, math.inf)]
+
     def trajectories(self) -> dict[str, TimedPath]:
         """Return all decided runs by name."""
         return {run.name: run for runs in self._runs.values() for run in runs}

@@ -6,6 +6,7 @@ points start at their earliest times, and whoever raises one raises what depends
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterable
 
@@ -36,6 +37,23 @@ class Earliest:
         """Return the points that may not come before a point."""
         return [then for then, lag in self._after[point] if lag >= 0]
 
+    def latest(self) -> dict[Point, float]:
+        """Return when each point may be at the latest, with all others free (inf: any time)."""
+        before: dict[Point, list[tuple[Point, int]]] = {point: [] for point in self._after}
+        for first, then in self._after.items():
+            for point, lag in then:
+                before[point].append((first, lag))
+        found = dict.fromkeys(self._after, math.inf)
+        found[ZERO] = 0.0
+        todo = deque([ZERO])
+        while todo:
+            point = todo.popleft()
+            for first, lag in before[point]:
+                if found[point] - lag < found[first]:
+                    found[first] = found[point] - lag
+                    todo.append(first)
+        return found
+
     def raised(self, wanted: dict[Point, int], *, pin: bool = False) -> bool:
         """Let points come no sooner than ``wanted``, and with ``pin`` exactly then, for good.
 
@@ -55,6 +73,15 @@ class Earliest:
             self.times.update(before)
             return False
         return True
+
+    def state(self) -> tuple[dict[Point, int], set[Point]]:
+        """Return all times, and which of them are pinned, to go back to (:meth:`restore`)."""
+        return dict(self.times), set(self._pinned)
+
+    def restore(self, state: tuple[dict[Point, int], set[Point]]) -> None:
+        """Go back to a state that was before."""
+        times, pinned = state
+        self.times, self._pinned = dict(times), set(pinned)
 
     def _push(self, since: list[Point]) -> dict[Point, int] | None:
         """Raise what depends on some points; return what was changed, or None (and nothing is) if
