@@ -16,7 +16,7 @@ from dataclasses import replace
 from up_samp.model import Deadline, Rest, TimedMotion
 from up_samp.motion.fleet.one_robot import Attempt, plan_one
 from up_samp.motion.fleet.priority_search import Group, alone, climb
-from up_samp.motion.fleet.timed_path import TimedPath
+from up_samp.motion.fleet.timed_path import TimedPath, pair_flags
 from up_samp.motion.fleet.waiting import Window
 from up_samp.motion.fleet.workspace import PathPlanner, rest_run, workspace_of
 
@@ -97,14 +97,18 @@ class Committed:
         release, as far as all others are decided; ascending.
         """
         rest = self._workspace.resting(motion.body, motion.poses[-1])
-        others = self._others({motion.object}, motion.release)
-        rows = self._workspace.forbidden(rest, motion.object, motion.avoid, others)
-        taken = sorted((float(low), float(high)) for cell, low, high in rows if cell == 1)
+        taken: list[tuple[float, float]] = []
+        for other in self._others({motion.object}, motion.release):
+            if pair_flags(motion.object, motion.avoid, other.object, other.avoid):
+                cells = self._workspace.conflicts(rest, other.path)
+                # nobody drives to where another one stands: rests count, too
+                taken += [(other.held[j], other.held[k + 1]) for i, j, k in cells if i == 1]
+        taken.sort()
         found, free = [], motion.release
         for low, high in taken:
             if low > free:
-                found.append((free, low))
-            free = max(free, high)
+                found.append((free, float(low)))
+            free = max(free, float(high))
         return found if math.isinf(free) else [*found, (free, math.inf)]
 
     def trajectories(self) -> dict[str, TimedPath]:

@@ -1,0 +1,107 @@
+"""Whole tours, one robot after the other: stays between visits of others, orders begun anew."""
+
+import math
+import random
+from dataclasses import replace
+from functools import partial
+
+import pytest
+from unified_planning.shortcuts import get_environment
+
+from tests.spacetime.spacetime_oracle import room
+from up_samp.benchmarks.warehouse import warehouse
+from up_samp.geometry import lay_out
+from up_samp.model import Body, Deadline, Kinematics, MotionModel, Rest, TimedMotion
+from up_samp.motion import MotionService
+from up_samp.motion.fleet.committed import Committed
+from up_samp.search import session
+from up_samp.search.jobs import deal, decided, find_jobs, state_order
+from up_samp.search.loop import get_schedule, state_what_is_known
+from up_samp.search.params import Parameters
+from up_samp.search.tours import ByTours
+from up_samp.upio import read_itinerary, read_problem
+from up_samp.upio.thin import thinned
+from up_samp.validation import validate_plan
+
+BOX = ((-0.6, -0.4), (0.6, -0.4), (0.6, 0.4), (-0.6, 0.4))
+
+
+def driver(name, start, goal, release):
+    body = Body(BOX, Kinematics(MotionModel.SE2, 1.0, 1.0, 1.0, 1.0))
+    return TimedMotion(name, name[0], body, (start, goal), release, math.inf)
+
+
+def decide(floor, motion, **changed):
+    run = floor.plan(replace(motion, **changed), Deadline.never(), 0).run
+    floor.add(run)
+    return run
+
+
+@pytest.fixture
+def floor():
+    """A hall in which "a" crosses the middle at 60 s and "b" stays there from 150 to 200 s."""
+    places = {"a": (3.0, 8.0, 0.0), "b": (10.0, 3.0, 0.0), "c": (3.0, 13.0, 0.0)}
+    body = driver("a", places["a"], places["a"], 0.0).body
+    service = MotionService(room(20, 17, [(0, 0, 20, 17)]))
+    found = Committed(service, [Rest(n, body, p) for n, p in places.items()])
+    decide(found, driver("a1", places["a"], (17.0, 8.0, 0.0), 60.0))
+    decide(found, driver("b1", places["b"], (10.0, 8.0, 0.0), 150.0))
+    decide(found, driver("b2", (10.0, 8.0, 0.0), places["b"], 200.0))
+    found.kept_alive = service
+    return found
+
+
+def test_stays_lie_between_the_visits_of_others(floor):
+    coming = driver("c1", (3.0, 13.0, 0.0), (10.0, 8.0, 0.0), 0.0)
+    (first, until), (again, last), (free, always) = floor.stays(coming)
+    assert first == 0.0
+    assert 60.0 < until < again < 80.0
+    assert 150.0 < last < 160.0
+    assert 200.0 < free < 210.0
+    assert always == math.inf
+    assert floor.plan(coming, Deadline.never(), 0).run.arrival > free, "it stays for good"
+    run = decide(floor, coming, present_until=until)
+    assert run.arrival < until
+    # from there it has to be gone in time
+    away = driver("c2", (10.0, 8.0, 0.0), (3.0, 13.0, 0.0), run.arrival)
+    assert floor.plan(away, Deadline.never(), 0).run.timing.trajectory.start < until
+    assert floor.plan(replace(away, release=until + 1.0), Deadline.never(), 0).run is None
+
+
+def test_what_was_decided_last_can_be_withdrawn(floor):
+    coming = driver("c1", (3.0, 13.0, 0.0), (10.0, 8.0, 0.0), 0.0)
+    before = floor.stays(coming)
+    decide(floor, coming, present_until=before[0][1])
+    assert floor.decided("c") == 1
+    floor.withdraw("c")
+    assert floor.decided("c") == 0
+    assert floor.stays(coming) == before
+
+
+def opened(problem, seed):
+    """Return a search on what was dealt out of a problem, and its first candidate."""
+    get_environment().credits_stream = None
+    snapshot, grid = lay_out(read_problem(problem))
+    service = session.open_service(snapshot, grid, Parameters())
+    jobs = find_jobs(problem, snapshot)
+    dealt = deal(jobs, snapshot, seed=seed)
+    thin = thinned(problem, decided(dealt, [a.name for a in problem.activities]))
+    state_order(thin, dealt)
+    wrapped = session.Wrapped("cpsat", {}, lambda problem, plan: [], True)
+    search = session.open_thin(wrapped, Parameters(), service, thin, Deadline.after(120))
+    state_what_is_known(search)
+    report = get_schedule(search, optimal=False)
+    search.scheduler.close()
+    build = partial(session.to_plan, problem, snapshot)
+    return search, read_itinerary(search.knowledge.relaxation, report.schedule), build
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_every_fleet_that_parks_out_of_the_way_gets_a_plan(seed):
+    rng = random.Random(seed)
+    problem = warehouse(rng.randint(3, 5), rng.randint(6, 9), encoding="compact", seed=seed)
+    search, itinerary, build = opened(problem, seed)
+    found = ByTours()(search, itinerary)
+    assert found is not None
+    whole = build(found.schedule, found.trajectories)
+    assert validate_plan(problem, whole).violations == ()
