@@ -76,18 +76,22 @@ def test_an_unknown_engine_is_part_of_the_record():
     json.dumps(record)
 
 
-def test_a_run_that_does_not_end_is_killed_with_its_children(monkeypatch, tmp_path):
+@pytest.mark.parametrize("begins", [True, False])
+def test_a_run_that_does_not_end_is_killed_with_its_children(monkeypatch, tmp_path, begins):
     pid_file = tmp_path / "pid"
     script = (
-        "import subprocess, sys, time;"
+        "import subprocess, sys, time, pathlib;"
+        f"out = pathlib.Path(sys.argv[1]); {begins} and out.with_suffix('.began').touch();"
         "p = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(60)']);"
         f"open({str(pid_file)!r}, 'w').write(str(p.pid)); time.sleep(60)"
     )
     monkeypatch.setattr(runner, "ENTRY", script)
     began = time.monotonic()
-    record = runner.execute(RunSpec("jobshop-r1-j1-m1", "x", timeout=0.5).to_dict(), grace=1.0)
+    spec = RunSpec("jobshop-r1-j1-m1", "x", timeout=0.5)
+    record = runner.execute(spec.to_dict(), grace=1.0, start=60.0 if begins else 1.5)
     assert time.monotonic() - began < 10
     assert record["status"] == "KILLED"
+    assert ("after its timeout" in record["error"]) == begins
     time.sleep(0.2)
     assert not is_running(int(pid_file.read_text()))
     assert not runner._running

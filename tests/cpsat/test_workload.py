@@ -13,6 +13,8 @@ from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.assignment import bound_by_assignment, shares
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
+from up_samp.scheduling.cpsat.routing.labels import Labels
+from up_samp.scheduling.cpsat.routing.workload import bound_by_work
 
 
 def optimum(problem):
@@ -81,3 +83,51 @@ def test_a_large_fleet_is_bounded_by_who_does_what():
     assert once < bound <= 2.5 * once
     report = CpsatSession(problem, workers=1, effort=1.0).solve(Deadline.after(60), optimal=False)
     assert 0.6 * report.schedule.makespan <= bound <= report.schedule.makespan
+
+
+class Looks:
+    """A clock on which the time is over after so many looks."""
+
+    def __init__(self, most):
+        self.most, self.done = most, 0
+
+    def __call__(self):
+        self.done += 1
+        return self.done > self.most
+
+
+@pytest.mark.parametrize("site", [line(2), shop(2, 2, 2)], ids=["line", "shop"])
+def test_a_bound_whose_time_is_over_ends_soon_and_claims_no_more(site):
+    model = ScheduleModel(write(site, Style()))
+    work = find_work(model, find_routes(model))
+    whole = Looks(10**9)
+    best = bound_by_work(model, work, 0, whole).value
+    last = 0
+    for most in (*range(0, whole.done, max(1, whole.done // 12)), whole.done):
+        looks = Looks(most)
+        bound = bound_by_work(model, work, 0, looks).value
+        assert last <= bound <= best
+        assert looks.done <= most + 6  # each stage looks once more
+        last = bound
+    assert last == best
+
+
+def test_a_large_fleets_bound_ends_soon_when_its_time_is_over():
+    model = ScheduleModel(write(store(4, 6), Style()))
+    work = find_work(model, find_routes(model))
+    whole = Looks(10**9)
+    best = bound_by_assignment(work, 0, over=whole)
+    bounds = [bound_by_assignment(work, 0, over=Looks(n)) for n in range(whole.done + 1)]
+    assert bounds == sorted(bounds)
+    assert bounds[0] < bounds[-1] == best
+
+
+def test_labels_that_are_compared_for_long_look_at_the_clock():
+    """A thousand labels, each worse than the one before: all but the first fall away in time."""
+    some = Labels.first([0]).rows([0] * 1000)
+    for row in range(1000):
+        some.free[row] = some.leave[row] = row
+    assert len(some.undominated(24)) == 1
+    looks = Looks(0)
+    assert len(some.undominated(24, looks)) == 1000
+    assert looks.done == 1

@@ -17,6 +17,7 @@ import sys
 import threading
 import time
 import traceback
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -69,12 +70,19 @@ def die_with_parent() -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def perform(spec: RunSpec) -> Record:
-    """Solve the instance and judge the plan; return what the run found."""
+def began_file(out: Path) -> Path:
+    """Return the file of a run that writes ``out``: it is there from the engine's call on."""
+    return out.with_suffix(".began")
+
+
+def perform(spec: RunSpec, begin: Callable[[], None] = lambda: None) -> Record:
+    """Solve the instance and judge the plan; return what the run found. ``begin`` is called when
+    everything is built, before the engine.
+    """
     record: Record = {}
     began = time.perf_counter()
     try:
-        _solve(spec, record)
+        _solve(spec, record, begin)
     except MemoryError:
         record |= {"status": "MEMOUT", "error": "out of memory"}
     except Exception as error:
@@ -85,7 +93,7 @@ def perform(spec: RunSpec) -> Record:
     return record
 
 
-def _solve(spec: RunSpec, record: Record) -> None:
+def _solve(spec: RunSpec, record: Record, begin: Callable[[], None]) -> None:
     import unified_planning
     from unified_planning.exceptions import UPNoRequestedEngineAvailableException
     from unified_planning.shortcuts import OneshotPlanner
@@ -106,6 +114,7 @@ def _solve(spec: RunSpec, record: Record) -> None:
     }
     if spec.tuning:
         parameters["tuning"] = json.loads(spec.tuning)
+    begin()
     began, cpu = time.perf_counter(), _cpu()
     try:
         planner = OneshotPlanner(name=spec.engine, params=parameters)
@@ -181,10 +190,11 @@ def main() -> None:
     die_with_parent()
     spec = RunSpec(**json.load(sys.stdin))
     limit_memory(spec.memory)
-    record = perform(spec)
+    out = Path(sys.argv[1])
+    record = perform(spec, began_file(out).touch)
     scratch = Path(sys.argv[1] + ".part")
     scratch.write_text(json.dumps(record), encoding="utf-8")
-    scratch.replace(sys.argv[1])
+    scratch.replace(out)
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ import signal
 import subprocess
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
 from dataclasses import replace
@@ -24,7 +25,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from up_samp.benchmarks.one_run import machine, versions
+from up_samp.benchmarks.one_run import began_file, machine, versions
 from up_samp.benchmarks.runs import Record, RunSpec
 from up_samp.model import EngineError
 from up_samp.system import child
@@ -36,7 +37,11 @@ WARM_UP = "logistics-dc-oc-r2-i2"
 """The instance that warms up."""
 
 GRACE = 60.0
-"""Seconds beyond its timeout that a run may take to start, build, validate and end."""
+"""Seconds beyond its engine's timeout that a run may take to compile, validate and end."""
+START = 120.0
+"""Seconds that a run may take to start and build: on a loaded machine many times what is usual."""
+POLL = 0.1
+"""Seconds between two looks at whether a run has begun."""
 
 ENTRY = "from up_samp.benchmarks.one_run import main\nmain()"
 """What a run's process does."""
@@ -47,16 +52,18 @@ _running: set[subprocess.Popen[bytes]] = set()
 _lock = threading.Lock()
 
 
-def execute(spec: dict[str, Any], grace: float = GRACE) -> Record:
+def execute(spec: dict[str, Any], grace: float = GRACE, start: float = START) -> Record:
     """Perform one run (:class:`RunSpec` as a dict) in a process of its own; return its record."""
     run = RunSpec(**spec)
     with tempfile.TemporaryDirectory(prefix="up-samp-run-") as folder:
         out = Path(folder) / "record.json"
-        status, stderr = _in_process(run, out, folder, run.timeout + grace)
+        status, stderr = _in_process(run, out, folder, start, grace)
         if out.exists():
             found: Record = json.loads(out.read_text(encoding="utf-8"))
         elif status is None:
-            found = {"status": "KILLED", "error": f"still running {grace:g} s after its timeout"}
+            late = f"still running {grace:g} s after its timeout"
+            told = late if began_file(out).exists() else f"not built {start:g} s after its start"
+            found = {"status": "KILLED", "error": told}
         else:
             found = {"status": "CRASH", "error": f"exit status {status}: {stderr[-2000:]}"}
     now = datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")
@@ -70,8 +77,10 @@ def execute(spec: dict[str, Any], grace: float = GRACE) -> Record:
     }
 
 
-def _in_process(run: RunSpec, out: Path, folder: str, limit: float) -> tuple[int | None, str]:
-    """Start the run and wait ``limit`` s at most; return exit status (None: killed) and stderr."""
+def _in_process(
+    run: RunSpec, out: Path, folder: str, start: float, grace: float
+) -> tuple[int | None, str]:
+    """Start the run and wait for its end; return exit status (None: killed) and stderr."""
     with open(Path(folder) / "stderr", "w+b") as errors:
         process = subprocess.Popen(
             child.command(ENTRY, [str(out)]),
@@ -85,8 +94,11 @@ def _in_process(run: RunSpec, out: Path, folder: str, limit: float) -> tuple[int
             _running.add(process)
         status: int | None
         try:
-            process.communicate(json.dumps(run.to_dict()).encode(), timeout=limit)
-            status = process.returncode
+            assert process.stdin is not None
+            with contextlib.suppress(BrokenPipeError), process.stdin as stream:
+                stream.write(json.dumps(run.to_dict()).encode())
+            _wait_until(process, start, begun=began_file(out))
+            status = process.wait(run.timeout + grace)
         except subprocess.TimeoutExpired:
             status = None
         finally:
@@ -95,6 +107,17 @@ def _in_process(run: RunSpec, out: Path, folder: str, limit: float) -> tuple[int
                 _running.discard(process)
         errors.seek(0)
         return status, errors.read().decode(errors="replace")
+
+
+def _wait_until(process: subprocess.Popen[bytes], limit: float, *, begun: Path) -> None:
+    """Return when a run's engine is called, or the run is over; a run's time counts from there: on
+    a loaded machine the imports alone may take as long as a small run.
+    """
+    until = time.monotonic() + limit
+    while not begun.exists() and process.poll() is None:
+        if time.monotonic() > until:
+            raise subprocess.TimeoutExpired(process.args, limit)
+        time.sleep(POLL)
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

@@ -9,6 +9,7 @@ ends by then (set covering, by CP-SAT). The first end that is not refuted is a b
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from ortools.sat.python import cp_model
@@ -96,18 +97,22 @@ def _share(
     return Share(first, later, min(way_back(route, place) for place in places))
 
 
-def bound_by_assignment(work: Work, known: int, seed: int = 0) -> int:
-    """Return a lower bound on the makespan, at least ``known``: the first that is not refuted."""
+def bound_by_assignment(
+    work: Work, known: int, seed: int = 0, over: Callable[[], bool] = lambda: False
+) -> int:
+    """Return a lower bound on the makespan, at least ``known``: the first that is not refuted, or
+    less if the time is ``over``.
+    """
     costs = shares(work)
     if not costs or any(not mine for mine in costs):
         return known
     most = max(known, sum(max(share.most for share in mine.values()) for mine in costs))
     low = max(known, max(min(s.least for s in mine.values()) for mine in costs))
     step = 1
-    while low < most and _refuted(costs, low + step - 1, seed):
+    while low < most and not over() and _refuted(costs, low + step - 1, seed):
         low, step = low + step, 2 * step
     high = low + step - 1
-    while low < high:
+    while low < high and not over():
         middle = (low + high - 1) // 2
         if _refuted(costs, middle, seed):
             low = middle + 1

@@ -7,6 +7,7 @@ it is at one of several ``spots`` and leaves it no sooner than ``leave``.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -64,12 +65,12 @@ class Labels:
         columns = zip(*(labels._columns() for labels in some), strict=True)
         return Labels(*(np.concatenate(column) for column in columns))
 
-    def undominated(self, nearby: int) -> Labels:
+    def undominated(self, nearby: int, over: Callable[[], bool] = lambda: False) -> Labels:
         """Return the labels without those that another one is at least as good as: the same is
         done by the same, nothing later, with no fewer spots and no more moves used up.
 
         Each is compared with the ``nearby`` ones before it in an order in which better ones come
-        first, so some that are dominated may be left.
+        first, so some that are dominated may be left; more of them, if the time is ``over``.
         """
         sums = self.free.sum(1) + self.leave.sum(1)
         order = np.lexsort((sums, *self.last.T, self.done))
@@ -79,7 +80,7 @@ class Labels:
         group = np.concatenate(([0], np.cumsum(~same)))
         for shift in range(1, min(nearby, len(mine) - 1) + 1):
             pairs = np.flatnonzero(group[shift:] == group[:-shift])
-            if not len(pairs):
+            if not len(pairs) or over():
                 break
             a, b = mine.rows(pairs), mine.rows(pairs + shift)
             better = (a.free <= b.free).all(1) & (a.leave <= b.leave).all(1)

@@ -19,6 +19,8 @@ from up_samp.scheduling.cpsat.routing.route import INFINITE, Route
 
 MOST_STATES = 2_000_000
 """States of the dynamic programme; more of them take longer than they are worth."""
+LOOK = 100
+"""Sets of tasks between two looks at the clock."""
 
 
 def cost(route: Route, here: int, place: int, stop: str, *, first: bool) -> int:
@@ -84,9 +86,9 @@ class Programme:
             end = end + self._along(axis, [0, *(way_back(route, p) for p in some)])
         tables = {self.layers[-1][0]: end}
         for layer in reversed(self.layers[:-1]):
-            if over():
-                return None
-            for done in layer:
+            for count, done in enumerate(layer):
+                if count % LOOK == 0 and over():
+                    return None
                 best = np.full(shape, INFINITE)
                 for number, needs in enumerate(self.before):
                     if done >> number & 1 or needs & ~done:

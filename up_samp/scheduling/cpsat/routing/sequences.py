@@ -124,7 +124,7 @@ class Sequences:
                     following += more
             if not following:
                 return True
-            layers.append(Labels.joined(following).undominated(NEARBY))
+            layers.append(Labels.joined(following).undominated(NEARBY, over))
         self.found[:] = self._path(layers)
         return False
 

@@ -73,7 +73,7 @@ def bound_by_work(
     """
     programme = Programme.of(work) or Programme.of(work, doors=False)
     if programme is None:
-        return WorkBound(bound_by_assignment(work, known))
+        return WorkBound(bound_by_assignment(work, known, over=over))
     tables = programme.tables(over)
     if tables is None or programme.start(tables) >= INFINITE:
         return WorkBound(known)
