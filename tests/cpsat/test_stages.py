@@ -5,9 +5,14 @@ import threading
 import pytest
 
 from cpsat.random_problems import random_problem
-from up_samp.model import Deadline, ScheduleStatus
-from up_samp.scheduling.cpsat import CpsatSession
-from up_samp.scheduling.cpsat.model import FAMILIES, OutOfTimeError, ScheduleModel
+from cpsat.sites import shop as small_shop
+from cpsat.styles import Style
+from cpsat.writer import write
+from up_samp.model import Deadline, OutOfTimeError, ScheduleStatus
+from up_samp.scheduling.cpsat import CpsatSession, model
+from up_samp.scheduling.cpsat.encode import timeline
+from up_samp.scheduling.cpsat.model import FAMILIES, ScheduleModel
+from up_samp.scheduling.cpsat.normal import clauses, precedences
 from up_samp.scheduling.cpsat.problem import Watcher
 from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders
 from up_samp.scheduling.cpsat.solve.runner import SolverRun
@@ -56,12 +61,36 @@ def test_tuning_changes_the_way_and_not_the_answer():
     assert other.whole.value == plain.whole.value
 
 
+@pytest.mark.parametrize("looks", [1, 2, 5, 20, 60, 200])
+def test_a_model_that_grows_while_the_time_ends_is_not_used_any_more(monkeypatch, looks):
+    """Wherever the time ends, the next answer is that of a whole model."""
+    problem = write(small_shop(1, 2, 2), Style())
+    session = CpsatSession(problem, workers=1)
+    best = session.solve(Deadline.after(60)).schedule.makespan
+    for activity in problem.activities:
+        late = problem.environment.expression_manager.LE(7, activity.start)
+        problem.add_constraint(late, [activity.present] if activity.optional else [])
+    left = iter(range(looks))
+
+    def look(grace=0.0):
+        if next(left, None) is None:
+            raise OutOfTimeError("no time is left")
+
+    with monkeypatch.context() as patched:
+        for module in (model, clauses, precedences, timeline):
+            patched.setattr(module, "check_time", look)
+        session.solve(Deadline.after(60))
+    report = session.solve(Deadline.after(60))
+    assert report.status is ScheduleStatus.OPTIMAL
+    assert report.schedule.makespan == report.bound == best + 7
+
+
 def test_a_model_is_whole_or_there_is_none():
     problem = random_problem(5)
     with pytest.raises(OutOfTimeError):
         ScheduleModel(problem, deadline=Deadline.after(0))
-    model = ScheduleModel(problem)
-    assert model.limit > 0
+    whole = ScheduleModel(problem)
+    assert whole.limit > 0
     assert len(FAMILIES) == len({name for name, _ in FAMILIES})
     report = CpsatSession(problem, workers=1).solve(Deadline.after(0))
     assert report.status is ScheduleStatus.OUT_OF_TIME

@@ -38,10 +38,6 @@ WARM_UP = "logistics-dc-oc-r2-i2"
 
 GRACE = 60.0
 """Seconds beyond its engine's timeout that a run may take to compile, validate and end."""
-START = 120.0
-"""Seconds that a run may take to start and build: on a loaded machine many times what is usual."""
-POLL = 0.1
-"""Seconds between two looks at whether a run has begun."""
 
 ENTRY = "from up_samp.benchmarks.one_run import main\nmain()"
 """What a run's process does."""
@@ -52,8 +48,12 @@ _running: set[subprocess.Popen[bytes]] = set()
 _lock = threading.Lock()
 
 
-def execute(spec: dict[str, Any], grace: float = GRACE, start: float = START) -> Record:
-    """Perform one run (:class:`RunSpec` as a dict) in a process of its own; return its record."""
+def execute(spec: dict[str, Any], grace: float = GRACE, start: float = 120.0) -> Record:
+    """Perform one run (:class:`RunSpec` as a dict) in a process of its own; return its record.
+
+    :param start: seconds that it may take to start and build: on a loaded machine many times what
+        is usual.
+    """
     run = RunSpec(**spec)
     with tempfile.TemporaryDirectory(prefix="up-samp-run-") as folder:
         out = Path(folder) / "record.json"
@@ -117,7 +117,7 @@ def _wait_until(process: subprocess.Popen[bytes], limit: float, *, begun: Path) 
     while not begun.exists() and process.poll() is None:
         if time.monotonic() > until:
             raise subprocess.TimeoutExpired(process.args, limit)
-        time.sleep(POLL)
+        time.sleep(0.1)
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

@@ -27,7 +27,7 @@ from unified_planning.model.timing import (
     TimePointInterval,
 )
 
-from up_samp.model import UnsupportedError
+from up_samp.model import UnsupportedError, check_time
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
 from up_samp.upio.choices import Choice, choose, constraints_on_one, every_effect, told_fluents
 from up_samp.upio.rewrite import Rewriter
@@ -270,6 +270,7 @@ def _hold_static(relaxation: Relaxation, task: MotionTask) -> None:
     for name in sorted(task.static or ()):
         if name not in relaxation.state:
             continue
+        check_time()
         state = relaxation.state[name]
         span = inner(activity, relaxation.early[name])
         activity.add_condition(span, manager.Equals(state, state))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
@@ -10,7 +11,7 @@ from typing import Any, TypeVar
 from unified_planning.model import FNode
 from unified_planning.model.scheduling import SchedulingProblem
 
-from up_samp.model import Deadline, UnsupportedError
+from up_samp.model import Deadline, OutOfTimeError, UnsupportedError, check_time, in_force
 from up_samp.scheduling.cpsat.encode.alternatives import Alternatives, find_groups, merge_forms
 from up_samp.scheduling.cpsat.encode.durations import constant_bounds, constants, least
 from up_samp.scheduling.cpsat.encode.histories import find_histories
@@ -29,10 +30,6 @@ from up_samp.scheduling.cpsat.normal.precedences import FollowUp, Precondition
 from up_samp.scheduling.cpsat.problem import Additions, Watcher
 
 T = TypeVar("T")
-
-
-class OutOfTimeError(Exception):
-    """The time was up while a model was being built."""
 
 
 @dataclass
@@ -87,6 +84,13 @@ class ScheduleModel:
         self._deadline = deadline or Deadline.never()
         self._is_exact = False
         """Whether the makespan variable is the latest end, not only at least that."""
+        # without a deadline of its own, the one that is in force goes on to be
+        with in_force(deadline) if deadline is not None else contextlib.nullcontext():
+            self._build(parts)
+        self._deadline = Deadline.never()
+
+    def _build(self, parts: Additions | None) -> None:
+        problem = self.problem
         form = normal_form(Watcher(problem).look() if parts is None else parts)
         self.follow_ups: list[FollowUp] = form.follow_ups
         for code, obj in enumerate(problem.all_objects):
@@ -105,7 +109,6 @@ class ScheduleModel:
         draft = Draft(form)
         for _, state in FAMILIES:
             state(self, draft)
-        self._deadline = Deadline.never()
 
     @property
     def parameters(self) -> dict[str, tuple[int, Any, str | None]]:
@@ -170,7 +173,7 @@ class ScheduleModel:
         """Yield parts of the problem until the time is up."""
         for part in parts:
             if self._deadline.expired():
-                raise OutOfTimeError
+                raise OutOfTimeError("no time is left to build the model")
             yield part
 
     # -- growing ---------------------------------------------------------------------------------
@@ -238,6 +241,7 @@ class ScheduleModel:
     def _forms(self, parts: Additions, first: bool = False) -> list[Form]:
         forms: list[Form] = []
         for constraint, scope, owner in parts.constraints:
+            check_time()
             if first and self.disjunctions.add_written(constraint, scope, self.world.activities):
                 continue
             terms = Terms(self.world, self._static, self.variables.of(owner))

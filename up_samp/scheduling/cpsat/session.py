@@ -9,8 +9,10 @@ from dataclasses import replace
 from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.model import CandidateSchedule, Deadline, ScheduleReport, ScheduleStatus
+from up_samp.model.deadline import in_force
+from up_samp.model.errors import OutOfTimeError
 from up_samp.scheduling.cpsat.explain import Explanation, explain
-from up_samp.scheduling.cpsat.model import OutOfTimeError, ScheduleModel
+from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.problem import Watcher
 from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders, Progress
 from up_samp.scheduling.cpsat.solve.runner import SolverRun
@@ -114,8 +116,12 @@ class CpsatSession:
         if self._model is None or not self._model.only_tightened(parts):
             self.bound = 0
         if self._model is not None and self._model.can_grow(parts):
-            self._model.grow(parts)
-            return self._model
+            # a model that the time ended in the middle of is not used any more
+            grown, self._model = self._model, None
+            with in_force(deadline):
+                grown.grow(parts)
+            self._model = grown
+            return grown
         self.rebuilds += 1
         self._model = None
         self._model = ScheduleModel(self.problem, deadline=deadline)

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 
+from up_samp.model import check_time
 from up_samp.scheduling.cpsat.encode.states import States
 from up_samp.scheduling.cpsat.encode.statevars import Read, StateVar, Write
 from up_samp.scheduling.cpsat.encode.store import (
@@ -235,6 +236,7 @@ class Timeline:
         arcs: list[tuple[int, int, object]] = []
         last = [store.boolean() for _ in range(n + 1)]
         for j, write in enumerate(writes):
+            check_time()
             arcs.append((j + 1, j + 1, store.raw(~write.active)))
             arcs.append((j + 1, 0, store.raw(last[j])))
             for i in range(-1, n):
@@ -286,6 +288,7 @@ class Timeline:
         if read.guard_only:
             self._guard(read)
             return
+        check_time()
         store = self.store
         after = read.hi.plus(self._margin(read))
         supporters: list[Literal] = []

@@ -13,12 +13,18 @@ from unified_planning.model import FNode
 from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.scheduling import Activity
 
+from up_samp.model import check_time
+
 Constraint = tuple[FNode, list[FNode], "Activity | None"]
 
 
 def split(constraints: Iterable[Constraint]) -> list[Constraint]:
     """Return ``constraints`` as clauses (idempotent; their order is kept)."""
-    return [clause for constraint in constraints for clause in _clauses(*constraint)]
+    clauses: list[Constraint] = []
+    for constraint in constraints:
+        check_time()
+        clauses += _clauses(*constraint)
+    return clauses
 
 
 def _clauses(node: FNode, scope: list[FNode], owner: Activity | None) -> Iterator[Constraint]:

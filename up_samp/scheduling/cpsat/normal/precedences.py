@@ -16,6 +16,7 @@ from unified_planning.model import FNode
 from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.timing import TimepointKind
 
+from up_samp.model import check_time
 from up_samp.scheduling.cpsat.normal.clauses import Constraint
 
 Before = tuple[str, str, int]
@@ -61,6 +62,7 @@ class Reader:
         """Return preconditions, follow-ups, and all constraints but the preconditions."""
         preconditions, follow_ups, others = [], [], []
         for constraint in constraints:
+            check_time()
             found = self._read(constraint)
             if isinstance(found, Precondition):
                 preconditions.append(found)

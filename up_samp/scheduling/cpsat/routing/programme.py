@@ -19,8 +19,6 @@ from up_samp.scheduling.cpsat.routing.route import INFINITE, Route
 
 MOST_STATES = 2_000_000
 """States of the dynamic programme; more of them take longer than they are worth."""
-LOOK = 100
-"""Sets of tasks between two looks at the clock."""
 
 
 def cost(route: Route, here: int, place: int, stop: str, *, first: bool) -> int:
@@ -87,7 +85,7 @@ class Programme:
         tables = {self.layers[-1][0]: end}
         for layer in reversed(self.layers[:-1]):
             for count, done in enumerate(layer):
-                if count % LOOK == 0 and over():
+                if count % 100 == 0 and over():  # a look costs, and some layers are large
                     return None
                 best = np.full(shape, INFINITE)
                 for number, needs in enumerate(self.before):

@@ -10,8 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
-from up_samp.model import CandidateSchedule, Deadline
-from up_samp.scheduling.cpsat.model import OutOfTimeError
+from up_samp.model import CandidateSchedule, Deadline, OutOfTimeError
 from up_samp.scheduling.cpsat.problem import Additions
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import Work, find_work
