@@ -20,7 +20,8 @@ from up_samp.io import (
     result_to_dict,
     write_plan,
 )
-from up_samp.io.sampling import FILE_STEP, path_trajectory, rows_trajectory, trajectory_rows
+from up_samp.io.precision import PRECISION
+from up_samp.io.sampling import path_trajectory, rows_trajectory, trajectory_rows
 from up_samp.model import ProblemError, Trajectory, interpolate
 
 ROOT = Path(__file__).parents[2]
@@ -84,7 +85,7 @@ def test_motions_are_dense_and_true(data, made):
     for motion in data["motions"]:
         rows = np.array(motion["samples"])
         moving = np.any(np.diff(rows[:, 1:], axis=0) != 0, axis=1)
-        assert np.all(np.diff(rows[:, 0])[moving] <= FILE_STEP + 1e-9)
+        assert np.all(np.diff(rows[:, 0])[moving] <= PRECISION.step + 1e-9)
         original = made.trajectories[motion["activity"]]
         for row in motion["samples"]:
             assert original.at(row[0]) == pytest.approx(row[1:], abs=2e-6)
@@ -215,7 +216,7 @@ def test_rows_follow_any_trajectory(steps):
     gaps = np.diff([r[0] for r in rows])
     moving = np.any(np.diff([r[1:] for r in rows], axis=0) != 0, axis=1)
     assert np.all(gaps > 0)
-    assert np.all(gaps[moving] <= FILE_STEP + 1e-9)
+    assert np.all(gaps[moving] <= PRECISION.step + 1e-9)
     for row in rows:
         # rounding of the time moves the pose by at most speed times half a digit
         assert trajectory.at(row[0]) == pytest.approx(row[1:], abs=1e-3)

@@ -13,7 +13,8 @@ from up_samp.execution.graph import At, Bound, Choice, Edge, Event, Graph, Prece
 from up_samp.execution.lives import Drive, lives_of
 from up_samp.execution.meetings import MARGIN, meetings_of
 from up_samp.execution.reduce import MEETING
-from up_samp.io.plan_dict import MINOR, MINOR_CHOICES, PlanDict, snapshot_of
+from up_samp.io.plan_dict import PlanDict, snapshot_of
+from up_samp.io.versions import VERSIONS
 from up_samp.model import ProblemError
 
 
@@ -33,10 +34,10 @@ def with_dependencies(
         if key not in ("minor", "dependencies"):
             data[key] = value
         if key == "version":
-            data["minor"] = max(MINOR, plan.get("minor", 0))
+            data["minor"] = max(VERSIONS.dependencies, plan.get("minor", 0))
     data["dependencies"] = graph_to_dict(dependencies.graph)
     if dependencies.choices:
-        data["minor"] = max(MINOR_CHOICES, data["minor"])
+        data["minor"] = max(VERSIONS.choices, data["minor"])
         data["dependencies"]["choices"] = [_choice_to_dict(c) for c in dependencies.choices]
     return data
 

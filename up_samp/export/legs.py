@@ -13,15 +13,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from up_samp.export.precision import PRECISION
 from up_samp.io import PlanDict
 from up_samp.model import UnsupportedError
 
 FloatArray = npt.NDArray[np.float64]
-
-STRAIGHT = 0.2
-"""Largest angle (rad) between heading and direction of travel that counts as driving forwards."""
-STILL = 1e-6
-"""Steps below this length (m) and turn (rad) are rests."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,13 +69,13 @@ def pieces_of(motion: dict[str, Any]) -> list[Piece]:
 def _direction(a: FloatArray, b: FloatArray) -> str:
     dx, dy = b[1] - a[1], b[2] - a[2]
     turn = b[3] - a[3]
-    if math.hypot(dx, dy) < STILL:
-        return "rest" if abs(turn) < STILL else "turn"
+    if math.hypot(dx, dy) < PRECISION.still:
+        return "rest" if abs(turn) < PRECISION.still else "turn"
     middle = (a[3] + b[3]) / 2
     angle = abs(_wrapped(math.atan2(dy, dx) - middle))
-    if angle < STRAIGHT:
+    if angle < PRECISION.straight:
         return "forward"
-    return "backward" if angle > math.pi - STRAIGHT else "any"
+    return "backward" if angle > math.pi - PRECISION.straight else "any"
 
 
 def _wrapped(angle: float) -> float:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from up_samp.export.legs import motions_of, quaternion, robots_of
+from up_samp.export.precision import PRECISION
 from up_samp.export.ros_messages import DEFINITIONS
 from up_samp.geometry.maps import OccupancyGrid, load_map
 from up_samp.io import PlanDict
@@ -22,8 +23,6 @@ from up_samp.model import UnsupportedError
 from up_samp.plotting.tracks import Track, horizon, tracks_of
 
 FRAME = "map"
-STEP = 0.1
-"""Seconds between two poses on ``/tf`` while something moves."""
 
 Message = dict[str, Any]
 Timed = tuple[float, str, str, Message]
@@ -128,10 +127,10 @@ def _outline(number: int, track: Track) -> Message:
 
 
 def _transforms(plan: PlanDict, tracks: list[Track]) -> Iterator[Timed]:
-    """Yield who is where, at steps of :data:`STEP` s; in between viewers interpolate."""
+    """Yield who is where, at steps of ``PRECISION.step`` s; in between viewers interpolate."""
     end = horizon(plan)
-    for k in range(math.ceil(end / STEP) + 1):
-        time = min(k * STEP, end)
+    for k in range(math.ceil(end / PRECISION.step) + 1):
+        time = min(k * PRECISION.step, end)
         placed = []
         for track in tracks:
             pose = track.at(time)

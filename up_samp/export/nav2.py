@@ -15,12 +15,10 @@ import numpy as np
 import yaml
 
 from up_samp.export.legs import FloatArray, quaternion
+from up_samp.export.precision import PRECISION
 from up_samp.export.steps import Step, steps_of
 from up_samp.export.vda5050 import file_names
 from up_samp.io import PlanDict
-
-SPACING = 0.05
-"""Distance (m) between poses of a path, about."""
 
 
 def export(plan: PlanDict, folder: Path) -> list[Path]:
@@ -55,9 +53,9 @@ def _leg(number: int, step: Step) -> dict[str, Any]:
 
 
 def _spaced(rows: FloatArray) -> FloatArray:
-    """Return rows (t, x, y, theta) about :data:`SPACING` m apart, with both ends."""
+    """Return rows (t, x, y, theta) about ``PRECISION.spacing`` m apart, with both ends."""
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(rows[:, 1:3], axis=0).T))])
-    count = max(1, math.ceil(float(along[-1]) / SPACING))
+    count = max(1, math.ceil(float(along[-1]) / PRECISION.spacing))
     wanted = np.linspace(0.0, float(along[-1]), count + 1)
     if along[-1] == 0.0:  # a turn on the spot
         return rows[[0, -1]]

@@ -16,13 +16,9 @@ from typing import Any
 import numpy as np
 
 from up_samp.export.legs import FloatArray, Piece, pieces_of
+from up_samp.export.precision import PRECISION
 from up_samp.io import PlanDict
 from up_samp.model import ProblemError
-
-NEAR = 1e-6
-"""Points of a path (m) that are the same."""
-AT_ONCE = 2e-3
-"""Lags (s) up to which a robot that does one thing after the other keeps them by itself."""
 
 
 @dataclass(frozen=True)
@@ -95,8 +91,8 @@ class _Reader:
             rows = [m["samples"] for m in self.motions.get(first[1], ())]
             driven = min((r[-1][0] - r[0][0] for r in rows), default=None)
             takes = float(self.tasks[first[1]]["expected"]) if driven is None else driven
-            return bool(takes >= lag - AT_ONCE)
-        if first[0] == "origin" or lag > AT_ONCE:
+            return bool(takes >= lag - PRECISION.at_once)
+        if first[0] == "origin" or lag > PRECISION.at_once:
             return False
         own = [self._robots(event) for event in (first, then)]
         return len(own[0]) == 1 and own[0] == own[1]
@@ -145,7 +141,7 @@ class _Reader:
 
     def _events(self, kind: str, name: str, robot: str, at: float) -> list[tuple[Any, ...]]:
         points = self.points.get((name, robot), ())
-        return [(kind, name, robot, p) for p in sorted(points) if abs(p - at) <= NEAR]
+        return [(kind, name, robot, p) for p in sorted(points) if abs(p - at) <= PRECISION.near]
 
     def _at(self, kind: str, name: str, robot: str, at: float) -> tuple[Wait, ...]:
         events = self._events(kind, name, robot, at)
@@ -159,7 +155,7 @@ def _stretches(motion: Mapping[str, Any], points: set[float]) -> list[tuple[Piec
     found = []
     for piece in pieces_of(dict(motion)):
         low, high = (float(np.interp(piece.rows[k, 0], rows[:, 0], progress)) for k in (0, -1))
-        inner = sorted(p for p in points if low + NEAR < p < high - NEAR)
+        inner = sorted(p for p in points if low + PRECISION.near < p < high - PRECISION.near)
         for a, b in itertools.pairwise([low, *inner, high]):
             found.append(
                 (
@@ -180,7 +176,7 @@ def _between(
 ) -> FloatArray:
     """Return the rows of a piece from progress ``low`` to ``high``, both ends included."""
     here = np.interp(piece[:, 0], times, progress)
-    inner = piece[(here > low + NEAR) & (here < high - NEAR)]
+    inner = piece[(here > low + PRECISION.near) & (here < high - PRECISION.near)]
     ends = [_row(piece, here, s) for s in (low, high)]
     return np.vstack([ends[0], inner, ends[1]])
 

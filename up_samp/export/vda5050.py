@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from up_samp.export.legs import FloatArray, Piece, simplified, wrapped
+from up_samp.export.precision import PRECISION
 from up_samp.export.steps import Step, Wait, steps_of
 from up_samp.io import PlanDict
 from up_samp.model import ProblemError
@@ -29,8 +30,6 @@ LATER = "3.0.0"
 MANUFACTURER = "unknown"
 EPOCH = "1970-01-01T00:00:00.00Z"
 """Time stamp of the messages: whoever sends them puts the time of sending there."""
-TOLERANCE = 0.01
-"""How far (m) an edge's polyline may be from the motion."""
 
 Message = dict[str, Any]
 Event = tuple[Any, ...]
@@ -178,11 +177,11 @@ def _edge(robot: str, number: int, piece: Piece | None) -> Message:
 
 
 def nurbs(points: FloatArray) -> Message:
-    """Return a path (n, 2) as a NURBS of degree 1: its polyline, within :data:`TOLERANCE`.
+    """Return a path (n, 2) as a NURBS of degree 1: its polyline, within ``PRECISION.nurbs``.
 
     Knots are clamped and go by arc length: n + degree + 1 of them.
     """
-    chosen = simplified(points, TOLERANCE)
+    chosen = simplified(points, PRECISION.nurbs)
     steps = np.hypot(*np.diff(chosen, axis=0).T)
     whole = float(steps.sum())
     inner = np.cumsum(steps)[:-1] / whole if whole > 0 else np.linspace(0, 1, len(chosen))[1:-1]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -23,11 +24,20 @@ from up_samp.io.sampling import rows_trajectory
 from up_samp.model import Deadline, PathQuery, Placed, Trajectory
 from up_samp.motion import MotionService
 
-GRAINS = 1000
-"""A full battery holds so many of the whole numbers that are counted in."""
-MOST_STEPS = 60
-SECONDS = 10.0
-"""Time for one drive whose way is asked for."""
+
+@dataclass(frozen=True)
+class Counting:
+    """How charges are counted."""
+
+    full: int = 1000
+    """A full battery holds so many of the whole numbers that are counted in."""
+    most_steps: int = 60
+    """Steps of a charger's activity, at most."""
+    way_seconds: float = 10.0
+    """Time for one drive whose way is asked for."""
+
+
+COUNTING = Counting()
 
 
 class Meter:
@@ -68,7 +78,7 @@ class Meter:
             if kind in zone.keep_out
         )
         query = PathQuery(body, poses, zones)
-        return self._service.plan(query, Deadline.after(SECONDS)).trajectory
+        return self._service.plan(query, Deadline.after(COUNTING.way_seconds)).trajectory
 
     @cached_property
     def _service(self) -> MotionService:
@@ -83,7 +93,7 @@ def taken(battery: Battery, way: Trajectory) -> float:
 
 def grains(battery: Battery, amount: float) -> float:
     """Return an amount in the whole numbers that are counted in (not yet rounded)."""
-    return amount * GRAINS / battery.capacity
+    return amount * COUNTING.full / battery.capacity
 
 
 def first_level(battery: Battery) -> int:
@@ -94,7 +104,7 @@ def first_level(battery: Battery) -> int:
 
 def usable(battery: Battery) -> int:
     """Return the grains that a full battery has above its reserve."""
-    return GRAINS - _reserve(battery)
+    return COUNTING.full - _reserve(battery)
 
 
 def _reserve(battery: Battery) -> int:
@@ -108,7 +118,7 @@ def step_of(battery: Battery, charger: Charger) -> int:
 
 def steps_of(battery: Battery, charger: Charger) -> int:
     """Return how many steps one visit may have: until an empty battery is full."""
-    return min(MOST_STEPS, max(1, usable(battery) // step_of(battery, charger)))
+    return min(COUNTING.most_steps, max(1, usable(battery) // step_of(battery, charger)))
 
 
 def levels(records: FleetRecords, plan: Mapping[str, Any]) -> dict[str, list[tuple[float, float]]]:
@@ -128,7 +138,7 @@ def levels(records: FleetRecords, plan: Mapping[str, Any]) -> dict[str, list[tup
         ]
         for name, place in records.places.items():
             if place.charger is not None:
-                given = step_of(battery, place.charger) * battery.capacity / GRAINS
+                given = step_of(battery, place.charger) * battery.capacity / COUNTING.full
                 prefix = f"charge_{robot}_at_{name}_"
                 changes += [(end, given) for a, end in ends.items() if a.startswith(prefix)]
         level = battery.capacity if battery.level is None else battery.level

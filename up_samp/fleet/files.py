@@ -10,12 +10,10 @@ from typing import Any
 import yaml
 
 from up_samp.fleet.faults import Fault, FleetError, Path, find_faults
+from up_samp.fleet.limits import LIMITS
 from up_samp.fleet.reading import read_record
 from up_samp.fleet.records import FleetRecords
 
-MOST_BYTES = 16_000_000
-MOST_ALIASES = 1_000
-DEEPEST = 40
 ENDINGS = (".yaml", ".yml", ".json")
 
 
@@ -85,8 +83,8 @@ def _text(path: File) -> str:
         raise FleetError(
             (), f"there is no file '{path}'; 'up-samp new DIR' writes one to begin with"
         )
-    if path.stat().st_size > MOST_BYTES:
-        raise FleetError((), f"{path}: larger than {MOST_BYTES // 1_000_000} MB")
+    if path.stat().st_size > LIMITS.file_bytes:
+        raise FleetError((), f"{path}: larger than {LIMITS.file_bytes // 1_000_000} MB")
     try:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
@@ -97,8 +95,8 @@ def _compose(path: File, text: str) -> yaml.Node:
     """Return the tree of nodes with their lines (JSON is YAML, too)."""
     try:
         aliases = sum(isinstance(t, yaml.AliasToken) for t in yaml.scan(text, yaml.SafeLoader))
-        if aliases > MOST_ALIASES:
-            raise FleetError((), f"{path}: more than {MOST_ALIASES} aliases")
+        if aliases > LIMITS.aliases:
+            raise FleetError((), f"{path}: more than {LIMITS.aliases} aliases")
         root = yaml.compose(text, yaml.SafeLoader)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
@@ -115,11 +113,11 @@ def _compose(path: File, text: str) -> yaml.Node:
 def _plain(path: File, root: yaml.Node) -> Any:
     """Return the tree as plain data. Every alias is expanded, up to a size."""
     loader = yaml.SafeLoader("")
-    budget = [MOST_BYTES // 16]
+    budget = [LIMITS.file_bytes // 16]
 
     def visit(node: yaml.Node, depth: int) -> Any:
         budget[0] -= 1
-        if budget[0] < 0 or depth > DEEPEST:
+        if budget[0] < 0 or depth > LIMITS.depth:
             line = node.start_mark.line + 1
             raise FleetError((), f"{path}:{line}: too large or nested too deeply (aliases?)")
         if isinstance(node, yaml.MappingNode):

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from up_samp.io.sampling import DECIMALS
+from up_samp.io.precision import PRECISION
 from up_samp.model.frames import Frame, PlacedMap
 
 PlanDict = dict[str, Any]
@@ -22,9 +22,9 @@ def described_map(placed: PlacedMap, path: str) -> dict[str, Any]:
     entry: dict[str, Any] = {"yaml": path}
     if not placed.frame.is_identity:
         frame = (placed.frame.x, placed.frame.y, placed.frame.yaw)
-        entry["frame"] = [round(v, DECIMALS) + 0.0 for v in frame]
+        entry["frame"] = [round(v, PRECISION.decimals) + 0.0 for v in frame]
     if placed.height:
-        entry["height"] = round(placed.height, DECIMALS)
+        entry["height"] = round(placed.height, PRECISION.decimals)
     return entry
 
 
@@ -54,7 +54,7 @@ def moved(plan: Mapping[str, Any], frames: Sequence[Frame]) -> PlanDict:
     def put(pose: Sequence[float], k: int) -> list[float]:
         if len(pose) != 3:  # in space: the frames are those of floors
             return list(pose)
-        return [round(v, DECIMALS) + 0.0 for v in frames[k].of(pose)]
+        return [round(v, PRECISION.decimals) + 0.0 for v in frames[k].of(pose)]
 
     objects = [
         o if o["initial"] is None else {**o, "initial": put(o["initial"], map_number(o))}

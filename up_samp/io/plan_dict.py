@@ -14,7 +14,9 @@ from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.plans import Schedule
 
 from up_samp.io.floors import described_map
-from up_samp.io.sampling import DECIMALS, path_trajectory, trajectory_rows
+from up_samp.io.precision import PRECISION
+from up_samp.io.sampling import path_trajectory, trajectory_rows
+from up_samp.io.versions import VERSIONS
 from up_samp.model import (
     Configuration,
     MotionModel,
@@ -27,17 +29,7 @@ from up_samp.upio.plan import trajectory_key
 from up_samp.upio.read import read_problem
 
 FORMAT = "up-samp-plan"
-VERSION = 1
-MINOR = 1
-"""Minor versions only add fields; 1 adds ``dependencies`` (see :mod:`up_samp.execution`) and
-``rides`` (loads that travel with robots).
-"""
 
-MINOR_MAPS = 2
-"""2 adds maps with frames and heights, and several maps."""
-
-MINOR_CHOICES = 3
-"""3 adds ``choices`` to the dependencies: orders that could be the other way round, too."""
 
 PlanDict = dict[str, Any]
 """A plan as JSON would hold it; see docs/plan-format.md."""
@@ -71,7 +63,7 @@ def plan_to_dict(
     maps = described_maps(snapshot)
     data: PlanDict = {
         "format": FORMAT,
-        "version": VERSION,
+        "version": VERSIONS.major,
         "problem": snapshot.name,
         "engine": engine,
         "status": status,
@@ -97,7 +89,7 @@ def plan_to_dict(
 def _tell_maps(data: PlanDict, maps: list[dict[str, Any]]) -> None:
     """Add what only plans on several maps, or on maps with frames of their own, have."""
     if len(maps) > 1 or "frame" in data["map"] or "height" in data["map"]:
-        data["minor"] = MINOR_MAPS
+        data["minor"] = VERSIONS.maps
     if len(maps) > 1:
         data["maps"] = maps
 
@@ -152,7 +144,7 @@ def _plain(value: float | None) -> float | int | None:
     """Return a whole number as an int, anything else rounded; bounds that say nothing as None."""
     if value is None or not math.isfinite(value):
         return None
-    return int(value) if float(value).is_integer() else round(float(value), DECIMALS)
+    return int(value) if float(value).is_integer() else round(float(value), PRECISION.decimals)
 
 
 def described_maps(snapshot: Snapshot) -> list[dict[str, Any]]:
@@ -195,7 +187,7 @@ def _object(movable: Movable, snapshot: Snapshot) -> dict[str, Any]:
 
 
 def _pose(configuration: Configuration) -> list[float]:
-    return [round(float(v), DECIMALS) + 0.0 for v in configuration]
+    return [round(float(v), PRECISION.decimals) + 0.0 for v in configuration]
 
 
 def _activities(problem: SchedulingProblem, plan: Schedule) -> list[dict[str, Any]]:

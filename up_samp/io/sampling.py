@@ -7,26 +7,16 @@ import math
 import numpy as np
 from unified_planning.model.motion import SE2Path, SE2WithControlsPath, SE3Path
 
+from up_samp.io.precision import PRECISION
 from up_samp.model import ProblemError, Trajectory, interpolate
-
-FILE_STEP = 0.1
-"""Largest gap in s between two samples of a plan file while the object moves."""
-
-DECIMALS = 6
-"""Digits after the point of times, coordinates and angles in a plan file."""
-
-SAMPLE_DECIMALS = 9
-"""Digits of the samples of motions. Where two curves meet, samples may lie 0.1 ms apart: rounded to
-a micrometre, a motion at its limits would seem to be beyond them there.
-"""
 
 
 def trajectory_rows(trajectory: Trajectory) -> list[list[float]]:
     """Return ``[[t, *pose], ...]``: every sample, with more where they lie further apart than
-    :data:`FILE_STEP` s, without those in the middle of a rest.
+    ``PRECISION.step`` s, without those in the middle of a rest.
 
-    Times in s, poses as in the trajectory, all rounded to :data:`SAMPLE_DECIMALS` digits; times
-    increase strictly.
+    Times in s, poses as in the trajectory, all rounded to
+    ``PRECISION.sample_decimals`` digits; times increase strictly.
     """
     times, poses = trajectory.times, trajectory.poses
     rows: list[list[float]] = []
@@ -49,7 +39,9 @@ def _fill_gap(rows: list[list[float]], trajectory: Trajectory, i: int) -> None:
     if np.array_equal(trajectory.poses[i - 1], trajectory.poses[i]):
         return
     # a hair below the step, so that rounding cannot push a gap above it
-    pieces = math.ceil((after - before) / (FILE_STEP - 2 * 10.0**-SAMPLE_DECIMALS) - 1e-12)
+    pieces = math.ceil(
+        (after - before) / (PRECISION.step - 2 * 10.0**-PRECISION.sample_decimals) - 1e-12
+    )
     for k in range(1, pieces):
         share = k / pieces
         pose = interpolate(trajectory.poses[i - 1], trajectory.poses[i], share)
@@ -67,8 +59,8 @@ def _append(rows: list[list[float]], t: float, pose: tuple[float, ...] | np.ndar
 
 
 def _rounded(value: float) -> float:
-    """Return ``value`` with :data:`SAMPLE_DECIMALS` digits and no negative zero."""
-    return round(value, SAMPLE_DECIMALS) + 0.0
+    """Return ``value`` with ``PRECISION.sample_decimals`` digits and no negative zero."""
+    return round(value, PRECISION.sample_decimals) + 0.0
 
 
 def rows_trajectory(rows: list[list[float]]) -> Trajectory:

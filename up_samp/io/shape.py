@@ -7,15 +7,9 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from up_samp.io.limits import LIMITS
 from up_samp.model import MotionModel, ProblemError
 from up_samp.model.errors import short
-
-LARGEST = 1e7
-"""Largest time (s or schedule units) and coordinate (m) in a plan file: more is a slip of the
-pen, and nothing could be drawn or checked in bounded time.
-"""
-
-LONGEST_NAME = 1000
 
 Check = Callable[[Any], str | None]
 """Returns what a value should be, if it is not that."""
@@ -25,7 +19,7 @@ def text(value: Any) -> str | None:
     """Check a name or another short text."""
     if not isinstance(value, str):
         return "a text"
-    return None if len(value) <= LONGEST_NAME else f"a text of at most {LONGEST_NAME} characters"
+    return None if len(value) <= LIMITS.name else f"a text of at most {LIMITS.name} characters"
 
 
 def number(value: Any) -> str | None:
@@ -34,7 +28,9 @@ def number(value: Any) -> str | None:
         return "a number"
     # comparing works for whole numbers of any size, converting does not
     return (
-        None if -LARGEST <= value <= LARGEST else f"a number between -{LARGEST:g} and {LARGEST:g}"
+        None
+        if -LIMITS.largest <= value <= LIMITS.largest
+        else f"a number between -{LIMITS.largest:g} and {LIMITS.largest:g}"
     )
 
 
@@ -224,7 +220,9 @@ def _check_samples(motion: Mapping[str, Any], label: str) -> None:
         raise ProblemError(f"{where} must be rows [t, x, y, theta]")
     wrong = next((v for r in rows for v in r if number(v)), None)
     if wrong is not None or any(v is None for r in rows for v in r):
-        raise ProblemError(f"{where} must be finite numbers up to {LARGEST:g}, not {short(wrong)}")
+        raise ProblemError(
+            f"{where} must be finite numbers up to {LIMITS.largest:g}, not {short(wrong)}"
+        )
     late = next((a[0] for a, b in itertools.pairwise(rows) if b[0] <= a[0]), None)
     if late is not None:
         raise ProblemError(f"{where} must have increasing times, not as after {late:g} s")

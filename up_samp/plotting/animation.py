@@ -16,10 +16,9 @@ from typing import Any
 from up_samp.plotting.background import ground_of
 from up_samp.plotting.names import with_short_names
 from up_samp.plotting.scene import scene_of
+from up_samp.plotting.sizes import SIZES
 from up_samp.plotting.tracks import stops_of, tracks_of
 from up_samp.system.files import write_whole
-
-_WIDEST = 1600
 
 
 def animation_html(
@@ -33,7 +32,7 @@ def animation_html(
     laid = ground_of(with_short_names(plan))
     plan, ground = laid.plan, laid.background
     buffer = io.BytesIO()
-    picture = ground.image(_WIDEST)
+    picture = ground.image(SIZES.map_width)
     picture.quantize(32).save(buffer, format="PNG", optimize=True)
     scene = scene_of(plan)
     scene["places"] = [

@@ -13,13 +13,11 @@ from matplotlib.ticker import MaxNLocator
 
 from up_samp.plotting.colors import INK, OTHER, color_of, mixed
 from up_samp.plotting.rows import Row, rows_of
+from up_samp.plotting.sizes import SIZES
 from up_samp.plotting.tracks import horizon
 
 WAIT = "#C1121F"
 """Colour of waiting for somebody."""
-
-SHORT = 0.5
-"""Waits shorter than this (s) are not drawn."""
 
 
 def plot_executed(plan: dict[str, Any], record: dict[str, Any], ax: Axes | None = None) -> Axes:
@@ -83,7 +81,7 @@ def _waits(ax: Axes, record: dict[str, Any], name: str, top: float) -> None:
     width = ax.get_xlim()[1]
     for wait in mine:
         length = wait["until"] - wait["since"]
-        if length < SHORT:
+        if length < SIZES.wait:
             continue
         ax.add_patch(Rectangle((wait["since"], top), length, 0.12, fc=WAIT, ec="none", zorder=4))
         if wait["since"] >= free:

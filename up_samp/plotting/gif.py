@@ -11,10 +11,9 @@ from PIL import Image, ImageDraw, ImageFont
 from up_samp.plotting.background import Background, ground_of
 from up_samp.plotting.colors import FIXTURE, INK, color_of, mixed
 from up_samp.plotting.names import with_short_names
+from up_samp.plotting.sizes import SIZES
 from up_samp.plotting.tracks import Track, horizon, tracks_of
 from up_samp.system.files import whole
-
-_STRIP = 26
 
 
 def write_gif(
@@ -74,7 +73,7 @@ def _draw_paths(still: Image.Image, ground: Background, tracks: list[Track]) -> 
 def _frame(
     still: Image.Image, ground: Background, tracks: list[Track], t: float, end: float
 ) -> Image.Image:
-    frame = Image.new("RGB", (still.width, still.height + _STRIP), "white")
+    frame = Image.new("RGB", (still.width, still.height + SIZES.strip), "white")
     frame.paste(still, (0, 0))
     pen = ImageDraw.Draw(frame)
     movers = [track for track in tracks if track.moves]

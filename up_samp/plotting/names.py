@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-LONGEST = 60
-"""Characters of a name in a picture."""
+from up_samp.plotting.sizes import SIZES
 
 
 def with_short_names(plan: dict[str, Any]) -> dict[str, Any]:
@@ -16,12 +15,12 @@ def with_short_names(plan: dict[str, Any]) -> dict[str, Any]:
     named = [*plan["objects"], *plan["activities"]]
     texts = [plan["problem"], plan["engine"], plan["status"]]
     texts += [entry["name"] for entry in named] + [o["type"] for o in plan["objects"]]
-    longer = {t for t in texts if len(t) > LONGEST}
+    longer = {t for t in texts if len(t) > SIZES.name}
     if not longer:
         return plan
     short: dict[str, str] = {}
     for i, text in enumerate(sorted(longer), 1):
-        short[text] = f"{text[: LONGEST - 6]}...{i}"
+        short[text] = f"{text[: SIZES.name - 6]}...{i}"
     keys = ("name", "type", "object", "activity")
     return {
         **plan,

@@ -7,10 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from up_samp.plotting.colors import FIXTURE, OTHER, color_of
+from up_samp.plotting.sizes import SIZES
 from up_samp.plotting.tracks import Track, tracks_of
-
-MOST_GROUPS = 10
-"""More groups of other activities than this are shown as one."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +65,7 @@ def rows_of(plan: dict[str, Any]) -> list[Row]:
         homes = motions.get(name) or _homes(activity, movers, plan["changes"])
         for row in [rows[home] for home in homes] or [_group(groups, name)]:
             row.bars.append(_bar(row, name, span, motion=name in motions))
-    if len(groups) > MOST_GROUPS:
+    if len(groups) > SIZES.groups:
         bars = sorted((b for g in groups.values() for b in g.bars), key=lambda b: b.start)
         groups = {"other": Row("other", OTHER, None, bars)}
     everything = [*rows.values(), *groups.values()]

@@ -29,6 +29,7 @@ from up_samp.model import (
 from up_samp.model.errors import short
 from up_samp.model.frames import PlacedMap
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
+from up_samp.upio.limits import LIMITS
 from up_samp.upio.read_maps import check_flat, map_driven, read_maps
 from up_samp.upio.read_movable import read_movable
 from up_samp.upio.rides import Floor, find_rides, laden_bodies
@@ -67,13 +68,6 @@ def read_problem(problem: SchedulingMotionProblem, seconds_per_unit: float = 1.0
         map_of=map_of,
         laden=laden_bodies(tasks, floor),
     )
-
-
-FARTHEST = 1e7
-"""Largest coordinate, m: further out, floating-point numbers do not tell 1 cm from 0."""
-
-MOST_TURNED = 1e4
-"""Largest heading, rad."""
 
 
 def _check_durations(problem: SchedulingMotionProblem) -> None:
@@ -130,10 +124,12 @@ def _pose(name: str, value: SE2 | SE3) -> Configuration:
         raise ProblemError(f"configuration '{name}' must be numbers: {short(str(error))}") from None
     if not all(math.isfinite(v) for v in pose):
         raise ProblemError(f"configuration '{name}' has a coordinate that is not finite")
-    if any(abs(v) > FARTHEST for v in pose) or (len(pose) == 3 and abs(pose[2]) > MOST_TURNED):
+    if any(abs(v) > LIMITS.farthest for v in pose) or (
+        len(pose) == 3 and abs(pose[2]) > LIMITS.turned
+    ):
         raise ProblemError(
-            f"configuration '{name}' is at {short(pose)}: coordinates up to {FARTHEST:g} m and "
-            f"headings up to {MOST_TURNED:g} rad make sense"
+            f"configuration '{name}' is at {short(pose)}: coordinates up to "
+            f"{LIMITS.farthest:g} m and headings up to {LIMITS.turned:g} rad make sense"
         )
     return pose
 

@@ -16,9 +16,7 @@ from unified_planning.model.motion import SchedulingMotionProblem
 from up_samp.model import Configuration, MotionModel, Movable, ProblemError, UnsupportedError
 from up_samp.model.errors import short
 from up_samp.model.frames import Frame, PlacedMap
-
-FARTHEST = 1e7
-"""Largest coordinate of a frame, m."""
+from up_samp.upio.limits import LIMITS
 
 
 def read_maps(
@@ -72,8 +70,8 @@ def _frame(type_name: str, given: Any) -> tuple[Frame, float]:
         raise ProblemError(f"{what} must be numbers, not {short(given)}") from error
     if len(values) not in (2, 3, 7):
         raise ProblemError(f"{what} has {len(values)} numbers; SE2 has 3, SE3 has 7")
-    if not all(math.isfinite(v) and abs(v) <= FARTHEST for v in values):
-        raise ProblemError(f"{what} is {short(values)}: up to {FARTHEST:g} m makes sense")
+    if not all(math.isfinite(v) and abs(v) <= LIMITS.farthest for v in values):
+        raise ProblemError(f"{what} is {short(values)}: up to {LIMITS.farthest:g} m makes sense")
     if len(values) < 7:
         return Frame(*values), 0.0
     x, y, z, qx, qy, qz, qw = values

@@ -18,13 +18,13 @@ from up_samp.model import (
     ProblemError,
 )
 from up_samp.model.errors import short
+from up_samp.upio.limits import LIMITS
 
 _MODELS = {
     MotionModels.REEDSSHEPP: MotionModel.REEDSSHEPP,
     MotionModels.SE2: MotionModel.SE2,
     MotionModels.SE3: MotionModel.SE3,
 }
-_LARGEST = 1e5
 _PARAMETERS = ("turning_radius", "v_max", "a_max", "omega_max")
 _HEIGHT = "height"
 _BICYCLE = {"v_min", "v_max", "phi_min", "phi_max"}
@@ -78,8 +78,8 @@ def _corners(name: str, footprint: Any) -> tuple[tuple[float, float], ...]:
         raise ProblemError(
             f"object '{name}': a footprint is a list of corners (x, y), not {short(footprint)}"
         ) from error
-    if any(abs(v) > _LARGEST for corner in corners for v in corner):
-        raise ProblemError(f"object '{name}': its footprint is larger than {_LARGEST:g} m")
+    if any(abs(v) > LIMITS.footprint for corner in corners for v in corner):
+        raise ProblemError(f"object '{name}': its footprint is larger than {LIMITS.footprint:g} m")
     return corners
 
 

@@ -18,22 +18,17 @@ import shapely
 
 from up_samp.model import ProblemError, check_time
 from up_samp.validation.maps import BlockedMap
+from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.tracks import Track
 from up_samp.validation.verdict import JUDGING_GRACE
 
 FloatArray = npt.NDArray[np.float64]
 
-PENETRATION = 1e-6
-"""Bodies may touch, and be into each other by this much (m): rounding is no crash."""
-
-RESOLUTION = 1e-3
-"""Where bodies nearly touch: no more than this way (m) is left unlooked at between two looks."""
-
 
 @dataclass(frozen=True)
 class Shape:
-    """A footprint polygon in the body frame, and the same one thinner by ``PENETRATION``; what is
-    above its ``height`` (m over the floor) does not meet it.
+    """A footprint polygon in the body frame, and the same one thinner by
+    ``TOLERANCES.penetration``; what is above its ``height`` (m over the floor) does not meet it.
     """
 
     name: str
@@ -44,7 +39,7 @@ class Shape:
 
     def __post_init__(self) -> None:
         polygon = shapely.Polygon(self.corners)
-        thin = polygon.buffer(-PENETRATION, join_style="mitre")
+        thin = polygon.buffer(-TOLERANCES.penetration, join_style="mitre")
         if not polygon.is_valid or thin.is_empty or thin.geom_type != "Polygon":
             raise ProblemError(f"the footprint of {self.name} is no simple polygon with an inside")
         object.__setattr__(self, "thin", np.array(thin.exterior.coords)[:-1])
@@ -67,8 +62,9 @@ def first_contact(
     """Return a time in [low, high] at which ``gap`` is 0, ``None`` if there is none.
 
     ``gap(t)`` are lower bounds on the distances at times t, 0 only on contact; ``travel(a, b)``
-    bounds how much they can shrink between a and b. Contacts that last less than ``RESOLUTION``
-    of way between two looks may be missed. All intervals of a generation are judged at once.
+    bounds how much they can shrink between a and b. Contacts that last less than
+    ``TOLERANCES.unseen_contact`` of way between two looks may be missed. All intervals of a
+    generation are judged at once.
     """
     a, b = np.array([low]), np.array([high])
     while len(a):
@@ -78,7 +74,7 @@ def first_contact(
         if (distance <= 0).any():
             return float(middle[distance <= 0][0])
         reach = np.maximum(travel(a, middle), travel(middle, b))
-        open_ = (distance <= reach) & (reach > RESOLUTION / 2)
+        open_ = (distance <= reach) & (reach > TOLERANCES.unseen_contact / 2)
         a, middle, b = a[open_], middle[open_], b[open_]
         a, b = np.column_stack((a, middle)).ravel(), np.column_stack((middle, b)).ravel()
     return None

@@ -10,12 +10,11 @@ import numpy.typing as npt
 
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.validation.limits import Limits
+from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.tracks import Pieces
 from up_samp.validation.verdict import Violation
 
 FloatArray = npt.NDArray[np.float64]
-_TOLERANCE = 0.02
-"""Rates may miss the model's by this share of the fastest one, plus 1e-3 (m/s, rad/s)."""
 
 
 def breaks_law(
@@ -41,7 +40,7 @@ def breaks_law(
         half = (poses[i] + poses[i + 1]) / 2
         state = np.array([half[0], half[1], middle[i]])
         miss, control = _nearest(limits, state, rate, control)
-        excess = miss - _TOLERANCE * float(np.abs(rate).max()) - 1e-3
+        excess = miss - TOLERANCES.control_rate * float(np.abs(rate).max()) - 1e-3
         if excess > worst:
             worst, where = excess, i
     if worst > 0:

@@ -3,8 +3,8 @@
 Speeds are means over a piece between two samples, so that a body within its limits always
 passes: a mean speed is at most the largest speed, and means over neighbouring pieces differ by at
 most the largest acceleration times the time between the pieces' middles. Beyond that, allowed are
-``SHARE`` of each limit, positions that are off by ``NOISE``, and what a car of that turning
-radius can do between two samples unseen (an arc and a straight inside one piece).
+``TOLERANCES.limits`` of each limit, positions that are off by ``TOLERANCES.noise``, and what a car
+of that turning radius can do between two samples unseen (an arc and a straight inside one piece).
 """
 
 from __future__ import annotations
@@ -17,19 +17,11 @@ import numpy.typing as npt
 
 from up_samp.validation.control import breaks_law
 from up_samp.validation.limits import Limits
+from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.tracks import Pieces, pieces_of
 from up_samp.validation.verdict import Violation
 
 FloatArray = npt.NDArray[np.float64]
-
-SHARE = 0.01
-"""Limits may be exceeded by one per cent."""
-NOISE = 1e-6
-"""Positions (m) and angles (rad) may be off by this much."""
-MAX_GAP = 0.1
-"""Samples are at most this far apart (s) while the body moves."""
-SLIP_WINDOW = 2.0
-"""Side slip may not add up to more than ``SHARE`` of any such stretch of way (m)."""
 
 
 def motion_violations(
@@ -67,7 +59,7 @@ def _worst(
     slack: FloatArray | float,
 ) -> Iterator[Violation]:
     """Yield one violation for where ``value`` exceeds ``limit`` by most beyond what is allowed."""
-    bound = np.broadcast_to(limit * (1 + SHARE) + slack, value.shape)
+    bound = np.broadcast_to(limit * (1 + TOLERANCES.limits) + slack, value.shape)
     excess = value - bound
     if len(value) and excess.max() > 0:
         i = int(excess.argmax())
@@ -78,7 +70,7 @@ def _worst(
 
 def _sampling(what: str, times: FloatArray, pieces: Pieces) -> Iterator[Violation]:
     gaps = np.where(pieces.at_rest, 0.0, pieces.dt)
-    if gaps.max() > MAX_GAP + 1e-9:
+    if gaps.max() > TOLERANCES.sampling + 1e-9:
         i = int(gaps.argmax())
         text = f"{what}: no sample for {gaps[i]:.3f} s after {times[i]:.3f} s while it moves"
         yield Violation("sampling", text)
@@ -96,16 +88,18 @@ def _car(what: str, limits: Limits, times: FloatArray, pieces: Pieces) -> Iterat
     # heading in the middle by at most length / (4 radius)
     unseen = length**2 / (4 * radius)
     slip = np.abs(pieces.across)
-    yield from _worst(what, "side-slip", "m sideways", times, slip, unseen, 10 * NOISE)
+    yield from _worst(what, "side-slip", "m sideways", times, slip, unseen, 10 * TOLERANCES.noise)
     yield from _drift(what, times, pieces)
     curl = np.abs(pieces.turn)
     tightest = length / radius
-    yield from _worst(what, "curvature", "rad turned", times, curl, tightest, 10 * NOISE)
+    yield from _worst(what, "curvature", "rad turned", times, curl, tightest, 10 * TOLERANCES.noise)
     speed = np.copysign(length, pieces.along) / dt
-    yield from _worst(what, "speed", "m/s", times, speed, limits.v_max, NOISE / dt)
-    yield from _worst(what, "speed", "m/s backwards", times, -speed, limits.v_back, NOISE / dt)
+    yield from _worst(what, "speed", "m/s", times, speed, limits.v_max, TOLERANCES.noise / dt)
+    yield from _worst(
+        what, "speed", "m/s backwards", times, -speed, limits.v_back, TOLERANCES.noise / dt
+    )
     # an S-bend inside a piece makes its arc look shorter than its way by length^3 / (96 radius^2)
-    fuzz = NOISE + length**3 / (96 * radius**2)
+    fuzz = TOLERANCES.noise + length**3 / (96 * radius**2)
     yield from _acceleration(what, limits, times, dt, speed[:, None], fuzz, pieces.at_rest)
 
 
@@ -115,30 +109,35 @@ def _pivoting(what: str, limits: Limits, times: FloatArray, pieces: Pieces) -> I
     # inside one piece it may turn and drive in any order: its chord then leaves the heading in
     # the middle by at most half of what it can turn
     unseen = length * np.minimum(1.0, 0.5 * limits.omega_max * dt)
-    yield from _worst(what, "side-slip", "m sideways", times, np.abs(pieces.across), unseen, NOISE)
+    yield from _worst(
+        what, "side-slip", "m sideways", times, np.abs(pieces.across), unseen, TOLERANCES.noise
+    )
     yield from _drift(what, times, pieces)
     rate = np.abs(pieces.turn) / dt
-    yield from _worst(what, "turn-rate", "rad/s", times, rate, limits.omega_max, NOISE / dt)
+    yield from _worst(
+        what, "turn-rate", "rad/s", times, rate, limits.omega_max, TOLERANCES.noise / dt
+    )
     speed = np.copysign(length, pieces.along) / dt
-    yield from _worst(what, "speed", "m/s", times, np.abs(speed), limits.v_max, NOISE / dt)
+    yield from _worst(
+        what, "speed", "m/s", times, np.abs(speed), limits.v_max, TOLERANCES.noise / dt
+    )
     # turning while driving makes its way look shorter than it is, by less than this
-    fuzz = NOISE + length * np.minimum(1.0, (limits.omega_max * dt) ** 2 / 8)
-    fuzz = np.where(np.abs(pieces.turn) < 1e-9, NOISE, fuzz)
+    fuzz = TOLERANCES.noise + length * np.minimum(1.0, (limits.omega_max * dt) ** 2 / 8)
+    fuzz = np.where(np.abs(pieces.turn) < 1e-9, TOLERANCES.noise, fuzz)
     yield from _acceleration(what, limits, times, dt, speed[:, None], fuzz, length < 1e-9)
 
 
 def _drift(what: str, times: FloatArray, pieces: Pieces) -> Iterator[Violation]:
-    """Small slips may not add up: within any ``SLIP_WINDOW`` of way, however slowly driven."""
+    """Small slips may not add up: within any such stretch of way, however slowly driven."""
     way = np.concatenate(([0.0], np.cumsum(pieces.length)))
     side = np.concatenate(([0.0], np.cumsum(pieces.across)))
-    until = np.searchsorted(way, way + SLIP_WINDOW, side="right") - 1
+    until = np.searchsorted(way, way + TOLERANCES.slip_window, side="right") - 1
     drift = np.abs(side[until] - side)
-    bound = SHARE * SLIP_WINDOW
+    bound = TOLERANCES.limits * TOLERANCES.slip_window
     if drift.max() > bound:
         i = int(drift.argmax())
-        text = (
-            f"{what}: slips {drift[i]:.3g} m sideways within {SLIP_WINDOW} m from {times[i]:.3f} s"
-        )
+        within = f"within {TOLERANCES.slip_window} m from {times[i]:.3f} s"
+        text = f"{what}: slips {drift[i]:.3g} m sideways {within}"
         yield Violation("side-slip", text)
 
 
@@ -153,10 +152,12 @@ def _free(
     """A body that moves in any direction: ``speed`` (n - 1, d) m/s, ``turn`` (n - 1,) rad."""
     size = np.linalg.norm(speed, axis=1)
     rate = np.abs(turn) / dt
-    yield from _worst(what, "speed", "m/s", times, size, limits.v_max, NOISE / dt)
-    yield from _worst(what, "turn-rate", "rad/s", times, rate, limits.omega_max, NOISE / dt)
+    yield from _worst(what, "speed", "m/s", times, size, limits.v_max, TOLERANCES.noise / dt)
+    yield from _worst(
+        what, "turn-rate", "rad/s", times, rate, limits.omega_max, TOLERANCES.noise / dt
+    )
     rests = (size * dt < 1e-9) & (np.abs(turn) < 1e-9)
-    fuzz = np.full(len(dt), NOISE)
+    fuzz = np.full(len(dt), TOLERANCES.noise)
     yield from _acceleration(what, limits, times, dt, speed, fuzz, rests)
 
 
@@ -217,7 +218,7 @@ def _flyer(what: str, limits: Limits, times: FloatArray, poses: FloatArray) -> I
     moves = np.diff(poses[:, :3], axis=0)
     resting = (np.linalg.norm(moves, axis=1) < 1e-9) & (turn < 1e-9)
     gaps = np.where(resting, 0.0, dt)
-    if gaps.max() > MAX_GAP + 1e-9:
+    if gaps.max() > TOLERANCES.sampling + 1e-9:
         i = int(gaps.argmax())
         text = f"{what}: no sample for {gaps[i]:.3f} s after {times[i]:.3f} s while it moves"
         yield Violation("sampling", text)

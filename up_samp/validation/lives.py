@@ -15,15 +15,13 @@ from up_samp.validation.paths import pose_gap
 from up_samp.validation.rides import Ride, between, carried_along
 from up_samp.validation.scene import JudgedMotion, JudgedScene, Jump
 from up_samp.validation.se3 import AnyTrack, SpaceTrack, track_of
+from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.tracks import Track
 from up_samp.validation.verdict import Violation
 
 FloatArray = npt.NDArray[np.float64]
 Motions = Mapping[str, tuple[FloatArray, FloatArray]]
 """Times (s) and poses of each task, by its name."""
-
-TOLERANCE = 1e-3
-"""Poses that are this near (m, rad) are the same."""
 
 
 def same_height(one: float, other: float) -> bool:
@@ -151,7 +149,7 @@ def _live(
             target = scene.pose(event.jump.place)
             if driven_by == event.jump.activity and here is not None:
                 moved = not same_height(height, scene.height(event.jump.place))
-                if moved or pose_gap(here, target) > TOLERANCE:
+                if moved or pose_gap(here, target) > TOLERANCES.pose:
                     text = f"{driven_by} drives {name} to {_show(here)} but sets it to"
                     found.append(Violation("teleport", f"{text} {_show(target)}"))
                 target = here
@@ -198,7 +196,7 @@ def _taken(
 ) -> Iterator[Violation]:
     """A load is taken from where it stands."""
     first = tuple(poses[0].tolist())
-    if here is None or pose_gap(here, first) > 2 * TOLERANCE or not same_height(*heights):
+    if here is None or pose_gap(here, first) > 2 * TOLERANCES.pose or not same_height(*heights):
         text = f"{task.what}: its load {ride.load} has to be at {_show(first)} but is "
         text += "nowhere" if here is None else f"at {_show(here)}"
         names = (task.object, ride.load)
@@ -223,7 +221,7 @@ def _continuity(
     if here is None:
         text = f"{task.what}: it is nowhere (no initial configuration)"
         yield Violation("continuity", text, (task.activity,), (task.object,))
-    elif pose_gap(here, first) > TOLERANCE:
+    elif pose_gap(here, first) > TOLERANCES.pose:
         text = f"{task.what}: its motion starts at {_show(first)} but it is at {_show(here)}"
         yield Violation("continuity", text, (task.activity,), (task.object,))
     elif not same_height(*heights):

@@ -11,17 +11,13 @@ import numpy.typing as npt
 from unified_planning.model.motion import SE2WithControlsPath
 
 from up_samp.model import Trajectory, check_time
-from up_samp.validation.kinematics import MAX_GAP
 from up_samp.validation.scene import JudgedMotion
+from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.tracks import Track, pieces_of
 from up_samp.validation.verdict import JUDGING_GRACE, Violation
 
 FloatArray = npt.NDArray[np.float64]
 
-AGREE = 1e-2
-"""A path and a trajectory of the same motion may differ by this much (m, rad)."""
-JOINT = 1e-3
-"""The end of one controlled piece of a path and the next pose may differ by this (m, rad)."""
 _STEP = 0.05
 _CHUNK = 20_000
 """Pieces of a path between two looks at the clock."""
@@ -88,7 +84,7 @@ def integrate(
         x, y, theta = poses[-1]
         miss = math.hypot(pose[0] - x, pose[1] - y)
         bend = abs(math.remainder(pose[2] - theta, math.tau))
-        if miss > JOINT or bend > JOINT:
+        if miss > TOLERANCES.joint or bend > TOLERANCES.joint:
             text = f"{what}: the controls of piece {number - 1} of its path do not lead to the next"
             found.append(Violation("path", f"{text} pose (off by {miss:.3g} m, {bend:.3g} rad)"))
             return None
@@ -98,7 +94,7 @@ def integrate(
         if duration <= 0:
             continue
         since = times[-1]
-        short = duration <= MAX_GAP + 1e-9 or (v == 0 and omega == 0)
+        short = duration <= TOLERANCES.sampling + 1e-9 or (v == 0 and omega == 0)
         count = 1 if short else math.ceil(duration / _STEP)
         for k in range(1, count + 1):
             t = duration * k / count
@@ -132,7 +128,7 @@ def _all_short(rows: FloatArray, start: float) -> tuple[FloatArray, FloatArray] 
     short pieces that join; ``None`` for others, that are looked at one by one.
     """
     x, y, theta, v, omega, duration = rows.T
-    short = (duration <= MAX_GAP + 1e-9) | ((v == 0) & (omega == 0))
+    short = (duration <= TOLERANCES.sampling + 1e-9) | ((v == 0) & (omega == 0))
     if not (short.all() and (duration[:-1] > 0).all() and np.isfinite(rows).all()):
         return None
     half = omega * duration / 2
@@ -142,7 +138,7 @@ def _all_short(rows: FloatArray, start: float) -> tuple[FloatArray, FloatArray] 
     miss = np.hypot(end[:-1, 0] - x[1:], end[:-1, 1] - y[1:])
     off = theta[1:] - theta[:-1] - 2 * half[:-1]
     bend = np.remainder(off + math.pi, math.tau) - math.pi
-    if (miss > JOINT).any() or (np.abs(bend) > JOINT).any():
+    if (miss > TOLERANCES.joint).any() or (np.abs(bend) > TOLERANCES.joint).any():
         return None
     heading = np.cumsum(np.concatenate((theta[:1], 2 * half[:-1] + bend)))
     times = np.cumsum(np.concatenate(([start], duration)))
@@ -173,7 +169,7 @@ def _disagreement(
         if len(stated) == 0 or stated.shape[1] != poses.shape[1]:
             return [Violation("path", f"{task.what}: its path does not fit its trajectory")]
         off = _in_order(stated, poses)
-    if off > AGREE:
+    if off > TOLERANCES.agreement:
         text = f"{task.what}: its path and its trajectory are {off:.3g} (m, rad) apart"
         return [Violation("path", text)]
     return []
@@ -230,7 +226,7 @@ def _in_order(stated: FloatArray, poses: FloatArray) -> float:
     """
     if len(stated) == len(poses):
         apart = float(_difference(stated, poses).max())
-        if apart <= AGREE / 2:  # pose by pose
+        if apart <= TOLERANCES.agreement / 2:  # pose by pose
             return apart
     share = np.linspace(0, 1, 11)[1:, None]
     steps = np.diff(poses, axis=0)
@@ -240,7 +236,7 @@ def _in_order(stated: FloatArray, poses: FloatArray) -> float:
     for pose in stated:
         for window in (dense[at : at + 200], dense[at:]):
             gaps = _difference(window, pose)
-            near = np.flatnonzero(gaps <= AGREE / 2)
+            near = np.flatnonzero(gaps <= TOLERANCES.agreement / 2)
             if len(near):
                 break
         step = int(near[0]) if len(near) else int(gaps.argmin())

@@ -15,7 +15,6 @@ from up_samp.model import ProblemError, Trajectory, check_time
 from up_samp.validation.collisions import Shape, hits_body, hits_map
 from up_samp.validation.kinematics import motion_violations
 from up_samp.validation.lives import (
-    TOLERANCE,
     FloatArray,
     Motions,
     Piece,
@@ -34,11 +33,9 @@ from up_samp.validation.se3 import (
     hits_body_in_space,
     hits_map_from_space,
 )
+from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.tracks import Track
 from up_samp.validation.verdict import JUDGING_GRACE, Verdict, Violation
-
-_LATE = 1e-6
-"""A trajectory may leave its activity's window by this much (s)."""
 
 
 def validate_plan(
@@ -129,7 +126,7 @@ def _motion_violations(
 def _window(task: JudgedMotion, times: FloatArray, seconds: float) -> Iterator[Violation]:
     """Rule 15: within the activity's start and end."""
     low, high = task.start * seconds, task.end * seconds
-    if times[0] < low - _LATE or times[-1] > high + _LATE:
+    if times[0] < low - TOLERANCES.late or times[-1] > high + TOLERANCES.late:
         text = (
             f"{task.what} from {times[0]:.3f} to {times[-1]:.3f} s, allowed {low:g} to {high:g} s"
         )
@@ -146,12 +143,12 @@ def _places(
         ("goal", task.places[-1], poses_of[-1], poses[-1]),
     ):
         gap = pose_gap(wanted, tuple(is_at))
-        if gap > TOLERANCE:
+        if gap > TOLERANCES.pose:
             text = f"{task.what}: it is {gap:.3g} (m, rad) off its {kind} {place}"
             yield Violation(kind, text)
     since = 0
     for place, pose in zip(task.places[1:-1], poses_of[1:-1], strict=True):
-        at, gap = passes(times, poses, np.array(pose), since, TOLERANCE)
+        at, gap = passes(times, poses, np.array(pose), since, TOLERANCES.pose)
         if at is None:
             text = f"{task.what}: it comes only within {gap:.3g} (m, rad) of {place}, in order"
             yield Violation("waypoint", text)
@@ -199,7 +196,8 @@ def _where_told(
             there += [(before, before.since), (pieces[i], pieces[i].until)]
     height = scene.height(obstacle.place)
     if not any(
-        same_height(height, piece.height) and pose_gap(wanted, piece.track.pose(when)) <= TOLERANCE
+        same_height(height, piece.height)
+        and pose_gap(wanted, piece.track.pose(when)) <= TOLERANCES.pose
         for piece, when in there
     ):
         where = "at rest at" if obstacle.static else "and was not last at"

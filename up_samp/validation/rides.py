@@ -11,14 +11,10 @@ import numpy.typing as npt
 import shapely
 
 from up_samp.validation.collisions import Shape, placed
+from up_samp.validation.tolerances import TOLERANCES
 
 FloatArray = npt.NDArray[np.float64]
 Pose = tuple[float, ...]
-
-RIGID = 1e-3
-"""A load that stands to its carrier at the end as at the start, this near (m, rad), travels."""
-JOINT = 1e-6
-"""Gaps in between that are below twice this (m) are rounding."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +41,7 @@ def is_same(one: Pose, other: Pose) -> bool:
     """Return whether two offsets are the same, but for rounding."""
     turned = abs(complex(math.cos(one[2]), math.sin(one[2])) - complex(
         math.cos(other[2]), math.sin(other[2])))  # fmt: skip
-    return max(math.hypot(one[0] - other[0], one[1] - other[1]), turned) <= RIGID
+    return max(math.hypot(one[0] - other[0], one[1] - other[1]), turned) <= TOLERANCES.rigid
 
 
 def carried_along(poses: FloatArray, offset: Pose) -> FloatArray:
@@ -67,9 +63,9 @@ def between(carrier: Shape, loads: Sequence[tuple[Shape, Pose]]) -> Shape | None
     parts = [shapely.Polygon(carrier.corners)]
     for shape, offset in loads:
         parts.append(shapely.Polygon(placed(shape.corners, np.array([offset]))[0]))
-    grown = shapely.union_all([p.buffer(JOINT, join_style="mitre") for p in parts])
+    grown = shapely.union_all([p.buffer(TOLERANCES.closed_gap, join_style="mitre") for p in parts])
     if grown.geom_type == "Polygon" and all(
-        shapely.Polygon(hole).buffer(-JOINT).is_empty for hole in grown.interiors
+        shapely.Polygon(hole).buffer(-TOLERANCES.closed_gap).is_empty for hole in grown.interiors
     ):
         return None
     hull = shapely.union_all(parts).convex_hull

@@ -22,10 +22,8 @@ from up_samp.validation.maps import BlockedMap, Ground, ground_of
 from up_samp.validation.rides import Ride, configurations_of, is_same, offset_between
 from up_samp.validation.se3 import Solid, load_solid
 from up_samp.validation.timeline import Reading, StateTimeline, show
+from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.values import MISSING, Key, Reader
-
-SAME_HEIGHT = 1e-3
-"""Maps whose heights differ by no more (m) are of one floor, for loads."""
 
 
 @dataclass(frozen=True)
@@ -189,7 +187,7 @@ class JudgedScene:
         ):
             return None
         floor = self.height(task.places[0])
-        if abs(self.height(effect.place) - floor) > SAME_HEIGHT:
+        if abs(self.height(effect.place) - floor) > TOLERANCES.height:
             return None
         start, goal = self.pose(task.places[0]), self.pose(task.places[-1])
         offset = offset_between(goal, self.pose(effect.place))
@@ -207,7 +205,7 @@ class JudgedScene:
                     values.append(place.object().name if place.is_object_exp() else None)
         every = [o.name for o in self.problem.all_objects if isinstance(o, ConfigurationObject)]
         places = configurations_of(values, every)
-        poses = (self.pose(n) for n in places if abs(self.height(n) - floor) <= SAME_HEIGHT)
+        poses = (self.pose(n) for n in places if abs(self.height(n) - floor) <= TOLERANCES.height)
         return [pose for pose in poses if len(pose) == 3]
 
     @cached_property

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from up_samp.fleet.importers.assumptions import ASSUMED
 from up_samp.fleet.importers.common import Imported, Options, finish, text_of, wrong
 from up_samp.geometry.maps import write_map
 from up_samp.model import UnsupportedError
@@ -21,8 +22,6 @@ from up_samp.model import UnsupportedError
 Cells = npt.NDArray[np.bool_]
 FREE, BLOCKED = ".GSE", "@OTW"
 """The League marks ends of tasks on free floor: S and E."""
-SHARE = 0.8
-"""A robot's length as a share of a cell."""
 
 
 def read_movingai_map(source: Path) -> Cells:
@@ -128,7 +127,7 @@ def _grid(source: Path, folder: Path, options: Options) -> dict[str, Any]:
     cells = max(1, round(options.cell / 0.25))
     fine = np.kron(blocked[::-1], np.ones((cells, cells), dtype=np.bool_))
     write_map(folder, "map", fine, options.cell / cells)
-    size = round(SHARE * options.cell, 6)
+    size = round(ASSUMED.cell_share * options.cell, 6)
     agent = {"footprint": [size, size], "model": "omni", "v_max": 1.0, "a_max": 1.0}
     return {"map": "map.yaml", "robot_types": {"agent": agent}, "robots": {}, "places": {}}
 
@@ -140,6 +139,7 @@ def _pose(row: int, col: int, height: int, cell: float) -> list[float]:
 
 def _notes(options: Options) -> list[str]:
     return [
-        f"a cell is {options.cell:g} m; robots are squares of {SHARE * options.cell:g} m",
+        f"a cell is {options.cell:g} m; "
+        f"robots are squares of {ASSUMED.cell_share * options.cell:g} m",
         f"at most {options.robots} robots and {options.jobs} tasks were taken",
     ]

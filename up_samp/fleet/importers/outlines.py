@@ -13,18 +13,15 @@ from shapely.geometry import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 from shapely.ops import unary_union
 
+from up_samp.fleet.importers.assumptions import ASSUMED
 from up_samp.fleet.importers.common import Imported, Options, finish, wrong
+from up_samp.fleet.limits import LIMITS
 from up_samp.geometry.maps import write_map
 from up_samp.model import ProblemError, UnsupportedError
 
-CELL = 0.05
-MOST_CELLS = 40_000_000
-LINE = 0.05
-"""Thickness of a wall that is drawn as a line, m."""
-
 
 def map_from_polygons(
-    free: BaseGeometry, folder: str | Path, name: str = "map", cell: float = CELL
+    free: BaseGeometry, folder: str | Path, name: str = "map", cell: float = ASSUMED.cell
 ) -> Path:
     """Write a ROS map on which only ``free`` (m, world frame) can be driven; return its YAML.
 
@@ -36,7 +33,7 @@ def map_from_polygons(
     left, low, right, top = free.bounds
     origin = (left - cell, low - cell)
     cols, rows = math.ceil((right - left) / cell) + 2, math.ceil((top - low) / cell) + 2
-    if cols * rows > MOST_CELLS:
+    if cols * rows > LIMITS.cells:
         raise ProblemError(f"{cols} x {rows} cells of {cell:g} m are too many; take a larger cell")
     shapely.prepare(free)
     xs = origin[0] + cell * np.arange(cols)
@@ -128,7 +125,9 @@ def _finish(
         raise wrong(source, None, "no closed outline: one has to be the floor")
     floor = max(shapes, key=lambda s: s.area)
     inside = [s for s in shapes if s is not floor]
-    walls = [LineString(points).buffer(LINE / 2) for points in lines if len(points) > 1]
+    walls = [
+        LineString(points).buffer(ASSUMED.drawn_wall / 2) for points in lines if len(points) > 1
+    ]
     free = floor.difference(unary_union([*inside, *walls])) if inside or walls else floor
     map_from_polygons(free, folder)
     kind = {"footprint": [1.0, 0.7], "model": "omni"}

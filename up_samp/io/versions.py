@@ -1,0 +1,22 @@
+"""Versions of the plan format, by what they added."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Versions:
+    """A file of another major version is refused; minor versions only add fields."""
+
+    major: int = 1
+    dependencies: int = 1
+    """Adds ``dependencies`` (see :mod:`up_samp.execution`) and ``rides`` (loads that travel with
+    robots)."""
+    maps: int = 2
+    """Adds maps with frames and heights, and several maps."""
+    choices: int = 3
+    """Adds ``choices`` to the dependencies: orders that could be the other way round, too."""
+
+
+VERSIONS = Versions()
