@@ -97,6 +97,12 @@ def test_large_reserves_and_small_steps_are_taken():
         floor(60, reserve=50)
 
 
+def test_steps_too_small_to_be_counted_are_refused():
+    """They were counted as a thousandth of the battery, more than they give."""
+    with pytest.raises(FleetError, match=r"gives 20, less than a thousandth .* \(30000\)"):
+        floor(30000)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(("robots", "orders"), [(2, 3), (3, 3)])
 def test_several_robots_that_have_to_charge(robots, orders):

@@ -172,3 +172,30 @@ def test_loads_that_overlap_at_first_are_told():
     fleet.add_order("o2", "near", "c", attached={"footprint": PALLET})
     text = "error: o1: the load of 'o1' and the load of 'o2' would overlap at first"
     assert text in [str(f) for f in fleet.check()]
+
+
+def laden(zone):
+    """A beam that rides across its robot, and a zone of one robot that only the beam touches."""
+    fleet = floor()
+    fleet.add_zone("z", zone, max_robots=1)
+    fleet.add_order("o", "a", "d", attached={"footprint": (0.7, 2.0)})
+    return fleet
+
+
+def test_a_load_in_a_zone_counts_its_robot_for_the_ride_only():
+    """Its robot does not touch the zone without it, neither before the ride nor after."""
+    fleet = laden([(6.5, 3.6), (7.5, 3.6), (7.5, 4.6), (6.5, 4.6)])
+    solved(fleet)
+    fleet = laden([(11.5, 4.6), (12.5, 4.6), (12.5, 6), (11.5, 6)])
+    fleet.add_place("in", 12, 6.2)
+    fleet.add_robot("other", "lift", "b")
+    fleet.add_task("t", "in", duration=2, robots="other", after="o")
+    solved(fleet)
+
+
+def test_who_stands_under_a_load_has_come_to_its_end():
+    fleet = floor()
+    fleet.add_robot("r", "lift", "b", end="d")
+    fleet.add_order("o", "a", "d", attached={"footprint": PALLET}, robots="r")
+    result, times = solved(fleet)
+    assert times["deliver_o_r"][1] == result.makespan

@@ -268,3 +268,18 @@ def test_a_zone_in_which_too_many_start_is_refused():
     fleet.add_task("t", "a", duration=1)
     with pytest.raises(FleetError, match="2 robots start in it; it takes 1"):
         fleet.problem  # noqa: B018
+
+
+def test_names_with_underscores_may_run_into_each_other():
+    """Two drives, and a task and a pickup, whose activities would be called alike."""
+    fleet = one_room()
+    for i, (name, y) in enumerate((("x", 5), ("home0_to_x", 7), ("x_to_b", 9))):
+        fleet.add_place(name, 4 + i, y)
+        fleet.add_task(f"t{i}", name, duration=1)
+    fleet.add_task("t3", "b", duration=1)
+    fleet.add_order("o", "a", "c")
+    fleet.add_task("pick_o", "b", duration=1)
+    names = [a.name for a in fleet.problem.activities]
+    assert {"move_r0_home0_to_x_to_b", "move_r0_home0_to_x_to_b~2"} <= set(names)
+    assert {"pick_o_r0", "pick_o_r0~2"} <= set(names)
+    assert len(names) == len(set(names))

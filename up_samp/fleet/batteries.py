@@ -8,6 +8,7 @@ given down.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,7 +19,7 @@ import numpy as np
 
 from up_samp.fleet.loads import load_of, place_of, ridden, with_load
 from up_samp.fleet.outlines import body_of, still
-from up_samp.fleet.records import Battery, Charger, FleetRecords
+from up_samp.fleet.records import GRAINS, Battery, Charger, FleetRecords
 from up_samp.geometry import load_map
 from up_samp.io.sampling import rows_trajectory
 from up_samp.model import Deadline, PathQuery, Placed, Trajectory
@@ -29,8 +30,6 @@ from up_samp.motion import MotionService
 class Counting:
     """How charges are counted."""
 
-    full: int = 1000
-    """A full battery holds so many of the whole numbers that are counted in."""
     most_steps: int = 60
     """Steps of a charger's activity, at most."""
     way_seconds: float = 10.0
@@ -93,7 +92,7 @@ def taken(battery: Battery, way: Trajectory) -> float:
 
 def grains(battery: Battery, amount: float) -> float:
     """Return an amount in the whole numbers that are counted in (not yet rounded)."""
-    return amount * COUNTING.full / battery.capacity
+    return amount * GRAINS / battery.capacity
 
 
 def first_level(battery: Battery) -> int:
@@ -104,7 +103,7 @@ def first_level(battery: Battery) -> int:
 
 def usable(battery: Battery) -> int:
     """Return the grains that a full battery has above its reserve."""
-    return COUNTING.full - _reserve(battery)
+    return GRAINS - _reserve(battery)
 
 
 def _reserve(battery: Battery) -> int:
@@ -113,7 +112,7 @@ def _reserve(battery: Battery) -> int:
 
 def step_of(battery: Battery, charger: Charger) -> int:
     """Return what one step of charging gives, in grains."""
-    return max(1, math.floor(grains(battery, charger.per_second * charger.step) + 1e-9))
+    return math.floor(grains(battery, charger.per_second * charger.step) + 1e-9)
 
 
 def steps_of(battery: Battery, charger: Charger) -> int:
@@ -138,9 +137,9 @@ def levels(records: FleetRecords, plan: Mapping[str, Any]) -> dict[str, list[tup
         ]
         for name, place in records.places.items():
             if place.charger is not None:
-                given = step_of(battery, place.charger) * battery.capacity / COUNTING.full
-                prefix = f"charge_{robot}_at_{name}_"
-                changes += [(end, given) for a, end in ends.items() if a.startswith(prefix)]
+                given = step_of(battery, place.charger) * battery.capacity / GRAINS
+                steps = re.compile(rf"charge_{re.escape(f'{robot}_at_{name}')}_\d+_\d+")
+                changes += [(end, given) for a, end in ends.items() if steps.fullmatch(a)]
         level = battery.capacity if battery.level is None else battery.level
         found[robot] = [(0.0, level)]
         for time, change in sorted(changes):

@@ -59,11 +59,14 @@ class Crowd:
     def _passing(self, kind: str, origin: str, to: str) -> Passing:
         order = ridden(self._records, origin, to)
         load = None if order is None else load_of(self._records, order)
-        leaves, comes = self._inside(kind, origin, load), self._inside(kind, to, load)
+        # the drives to and from the ride are made without the load: so the count is of robots alone
+        leaves, comes = self._inside(kind, origin), self._inside(kind, to)
         if leaves or comes:
             return {(True, True): Passing.WITHIN, (False, True): Passing.IN}.get(
                 (leaves, comes), Passing.OUT
             )
+        if load is not None and any(self._inside(kind, p, load) for p in (origin, to)):
+            return Passing.THROUGH
         poses = [self._records.places[place_of(p)].pose for p in (origin, to)]
         zone = self._records.zones[self.zone]
         area = Placed(self.zone, still(zone.polygon), (0.0, 0.0, 0.0))

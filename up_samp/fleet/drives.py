@@ -44,7 +44,7 @@ class Drives:
     def _drive(self, robot: str, origin: str, to: str, name: str, longest: int) -> Activity:
         site = self._site
         mover = site.robots[robot]
-        a = site.problem.add_motion_activity(name, optional=True)
+        a = site.problem.add_motion_activity(site.fresh(name), optional=True)
         a.set_duration_bounds(1, longest)
         areas = self._zones(a, robot, origin, to)
         a.add_motion_constraint(

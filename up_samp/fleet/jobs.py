@@ -104,7 +104,9 @@ class Jobs:
         ways = [*activities]
         if job.optional and job.penalty is not None:
             length = int(activities[0].duration.lower.constant_value())
-            skip = self._problem.add_activity(f"skip_{part}_{job.id}", length, optional=True)
+            skip = self._problem.add_activity(
+                self._site.fresh(f"skip_{part}_{job.id}"), length, optional=True
+            )
             together(self._problem, [skip], [self._leave(job.id, job.penalty)])
             ways.append(skip)
         exactly_one(self._problem, ways)
@@ -113,7 +115,8 @@ class Jobs:
         """Return the activity that stands for leaving a job out; it lasts as long as that costs."""
         if job not in self._leaving:
             units = self._site.up(penalty)
-            a = self._problem.add_activity(f"leave_out_{job}", duration=units, optional=True)
+            name = self._site.fresh(f"leave_out_{job}")
+            a = self._problem.add_activity(name, duration=units, optional=True)
             self._leaving[job] = a
         return self._leaving[job]
 

@@ -18,6 +18,9 @@ VERSION = 1
 STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 """Unknown keys are errors, and so are numbers that are none."""
 
+GRAINS = 1000
+"""A full battery holds so many of the whole numbers that levels are counted in."""
+
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_.-]*$", max_length=80)]
 Count = Annotated[int, Gt(0)]
 Positive = Annotated[float, Gt(0)]

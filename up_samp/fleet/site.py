@@ -15,7 +15,7 @@ from unified_planning.model.motion import (
     OccupancyMap,
     SchedulingMotionProblem,
 )
-from unified_planning.shortcuts import ConfigurationType, Equals, IntType, MovableType
+from unified_planning.shortcuts import ConfigurationType, Equals, IntType, MovableType, Or
 
 from up_samp.fleet.batteries import first_level, usable
 from up_samp.fleet.crowds import Crowd
@@ -51,6 +51,7 @@ class Site:
         self.keep_out: dict[str, list[MovableObject]] = {}
         self.crowds: list[Crowd] = []
         self.rooms: dict[str, tuple[MovableObject, FNode]] = {}
+        self._names: set[str] = set()
         for name, pose in poses_of(records).items():
             self.places[name] = self._pose(name, pose)
         for name, resource in records.resources.items():
@@ -63,6 +64,17 @@ class Site:
     def kind_of(self, robot: str) -> RobotType:
         """Return the type of a robot."""
         return self.records.robot_types[self.records.robots[robot].type]
+
+    def fresh(self, name: str) -> str:
+        """Return a name for an activity: ``name``, or one with a number that no other has. Names
+        of robots and places may hold underscores, and so two activities may want the same.
+        """
+        number, found = 1, name
+        while found in self._names:
+            number += 1
+            found = f"{name}~{number}"
+        self._names.add(found)
+        return found
 
     def up(self, seconds: float) -> int:
         """Return seconds as whole units, rounded up, at least one."""
@@ -96,8 +108,9 @@ class Site:
                 self.problem.add_fluent(level, default_initial_value=first_level(kind.battery))
                 self.batteries[name] = level()
             if robot.end is not None:
-                end = Equals(self.at[name], self.places[robot.end])
-                self.problem.add_condition(TimePointInterval(GlobalEndTiming()), end)
+                here = [p for n, p in self.places.items() if place_of(n) == robot.end]
+                ends = [Equals(self.at[name], p) for p in here]  # under a load it is there, too
+                self.problem.add_condition(TimePointInterval(GlobalEndTiming()), Or(ends))
 
     def _pallets(self) -> None:
         """Loads that travel with robots: they stand at their pickup at first."""

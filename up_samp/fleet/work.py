@@ -83,14 +83,14 @@ class Work:
         length, window, resources = self._figures(visit)
         units = site.up(length)
         if visit.role is Role.OPEN:
-            a: Any = site.problem.add_motion_activity(visit.name, units, optional=True)
+            a: Any = site.problem.add_motion_activity(site.fresh(visit.name), units, optional=True)
             opened, state = site.places[f"{visit.what}.open"], site.at[visit.what]
             a.add_motion_effect(site.doors[visit.what], opened)
             a.add_condition(at_start(a), Equals(state, site.places[f"{visit.what}.closed"]))
             a.add_effect(a.end, state, opened)
             self._shut(visit, a)
         else:
-            a = site.problem.add_activity(visit.name, duration=units, optional=True)
+            a = site.problem.add_activity(site.fresh(visit.name), duration=units, optional=True)
         here = [Equals(site.at[visit.robot], site.places[p]) for p in visit.places]
         a.add_condition(while_there(a), here[0] if len(here) == 1 else Or(here))
         self._limit(a, window, resources)
@@ -103,7 +103,7 @@ class Work:
         door = self._records.doors[visit.what]
         if door.closes is None:
             return
-        name = visit.name.replace(Role.OPEN.value, "close", 1)
+        name = site.fresh(visit.name.replace(Role.OPEN.value, "close", 1))
         a: Any = problem.add_motion_activity(name, site.up(door.closes), optional=True)
         only_with(problem, a, opening)
         problem.add_constraint(Equals(opening.end, a.start), present(opening, a))
@@ -122,7 +122,8 @@ class Work:
         level, at = site.batteries[visit.robot], site.at[visit.robot]
         before: Activity | None = None
         for step in range(1, steps_of(battery, charger) + 1):
-            a = problem.add_activity(f"{visit.name}_{step}", site.up(charger.step), optional=True)
+            name = site.fresh(f"{visit.name}_{step}")
+            a = problem.add_activity(name, site.up(charger.step), optional=True)
             a.add_condition(while_there(a), Equals(at, site.places[visit.what]))
             # A unit early: with a drive that starts at its end, the two would add up, and a step
             # too much for a full battery would still be driven with.
@@ -141,7 +142,7 @@ class Work:
             ways = [("", task.duration, ())]
         self.machines[task.id] = {}
         for mode, duration, resources in ways:
-            name = f"{task.id}_{mode}" if mode else task.id
+            name = self._site.fresh(f"{task.id}_{mode}" if mode else task.id)
             optional = task.optional or bool(mode)
             a = problem.add_activity(name, self._site.up(duration), optional=optional)
             self._limit(a, task.window, (*task.resources, *resources))
