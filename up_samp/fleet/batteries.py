@@ -19,7 +19,7 @@ import numpy as np
 
 from up_samp.fleet.loads import load_of, place_of, ridden, with_load
 from up_samp.fleet.outlines import body_of, still
-from up_samp.fleet.records import GRAINS, Battery, Charger, FleetRecords
+from up_samp.fleet.records import Battery, Charger, FleetRecords
 from up_samp.geometry import load_map
 from up_samp.io.sampling import rows_trajectory
 from up_samp.model import Deadline, PathQuery, Placed, Trajectory
@@ -92,7 +92,7 @@ def taken(battery: Battery, way: Trajectory) -> float:
 
 def grains(battery: Battery, amount: float) -> float:
     """Return an amount in the whole numbers that are counted in (not yet rounded)."""
-    return amount * GRAINS / battery.capacity
+    return amount * battery.grains / battery.capacity
 
 
 def first_level(battery: Battery) -> int:
@@ -103,7 +103,7 @@ def first_level(battery: Battery) -> int:
 
 def usable(battery: Battery) -> int:
     """Return the grains that a full battery has above its reserve."""
-    return GRAINS - _reserve(battery)
+    return battery.grains - _reserve(battery)
 
 
 def _reserve(battery: Battery) -> int:
@@ -137,7 +137,7 @@ def levels(records: FleetRecords, plan: Mapping[str, Any]) -> dict[str, list[tup
         ]
         for name, place in records.places.items():
             if place.charger is not None:
-                given = step_of(battery, place.charger) * battery.capacity / GRAINS
+                given = step_of(battery, place.charger) * battery.capacity / battery.grains
                 steps = re.compile(rf"charge_{re.escape(f'{robot}_at_{name}')}_\d+_\d+")
                 changes += [(end, given) for a, end in ends.items() if steps.fullmatch(a)]
         level = battery.capacity if battery.level is None else battery.level

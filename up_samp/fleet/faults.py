@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from up_samp.fleet.records import GRAINS, FleetRecords, Order, RobotType, Stop, Task
+from up_samp.fleet.records import FleetRecords, Order, RobotType, Stop, Task
 from up_samp.fleet.sequence import earlier_than
 from up_samp.model import ProblemError
 
@@ -126,7 +126,7 @@ def _chargers(records: FleetRecords) -> Iterator[Fault]:
                 text = f"a step gives {given:g}; the battery of '{kind}' takes {room:g} from its "
                 text += "reserve on: say step, in s"
                 yield Fault(("places", name, "charger"), text)
-            elif given * GRAINS < battery.capacity:
+            elif given * battery.grains < battery.capacity:
                 text = f"a step gives {given:g}, less than a thousandth of what the battery of "
                 text += f"'{kind}' holds ({battery.capacity:g}): say a longer step, in s"
                 yield Fault(("places", name, "charger"), text)

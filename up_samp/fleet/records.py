@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import Ge, Gt, MinLen
 from pydantic import BeforeValidator, ConfigDict, StringConstraints
@@ -17,9 +17,6 @@ VERSION = 1
 
 STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 """Unknown keys are errors, and so are numbers that are none."""
-
-GRAINS = 1000
-"""A full battery holds so many of the whole numbers that levels are counted in."""
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_.-]*$", max_length=80)]
 Count = Annotated[int, Gt(0)]
@@ -71,6 +68,8 @@ class Battery:
     per_second: Annotated[float, Ge(0)] = 0.0
     reserve: Annotated[float, Ge(0)] = 0.0
     level: Positive | None = None
+    grains: ClassVar[int] = 1000
+    """A full one holds so many of the whole numbers that levels are counted in."""
 
 
 @dataclass(frozen=True)
