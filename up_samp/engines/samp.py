@@ -257,8 +257,8 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         deadline: Deadline,
     ) -> Iterator[PlanGenerationResult]:
         """Yield each better plan, and what the search ends with, if it ends as it should."""
+        from up_samp.search.attempt import InvalidPlanError
         from up_samp.search.conclusion import conclude
-        from up_samp.search.loop import InvalidPlanError
 
         try:
             while True:

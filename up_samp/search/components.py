@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -32,6 +32,8 @@ Builder = Callable[["Search", Itinerary], "Incumbent | None"]
 """Makes a plan of a candidate without asking whether its motions fit as scheduled, if it can."""
 Repair = Callable[["Search", CandidateSchedule, Check], "Incumbent | None"]
 """Makes a plan of a candidate whose motions do not fit, if it can."""
+Improver = Callable[["Search"], "Iterator[Incumbent]"]
+"""Yields plans made of the best one, each better than all before it, for a share of the time."""
 Finisher = Callable[["Search", "Incumbent"], "Incumbent | None"]
 """Makes the best plan better in what no metric tells, in the end; None leaves it as it is."""
 
@@ -41,6 +43,7 @@ class Components:
     """The parts of a search, in the order in which they act.
 
     ``statements`` come before the first schedule; ``after_failure`` when a candidate failed;
+    ``improvers`` when the scheduler found nothing better than the best plan in its time;
     ``for_proofs`` are told to our own scheduler alone, when it judges another one's word. Without
     ``learns`` a search ends with its first candidate.
     """
@@ -54,5 +57,6 @@ class Components:
     repairs: tuple[Repair, ...] = ()
     after_failure: tuple[Statement, ...] = ()
     for_proofs: tuple[Statement, ...] = ()
+    improvers: tuple[Improver, ...] = ()
     finishers: tuple[Finisher, ...] = ()
     learns: bool = True

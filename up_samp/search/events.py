@@ -39,6 +39,7 @@ class Phase(enum.Enum):
     GROUP = "group"
     REPAIR = "repair"
     PROOF = "proof"
+    NEIGHBOURHOOD = "neighbourhood"
     TIDY = "tidy"
 
 

@@ -18,18 +18,13 @@ from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.model import Deadline
 from up_samp.model.snapshot import Snapshot
+from up_samp.search.attempt import build, keep_if_better
 from up_samp.search.bounds import Incumbent
 from up_samp.search.conclusion import SearchResult, conclude
 from up_samp.search.events import Phase
 from up_samp.search.jobs import Deal, Jobs, deal, decided, find_jobs, state_order
 from up_samp.search.jobs_bound import bound_by_jobs
-from up_samp.search.loop import (
-    build,
-    get_schedule,
-    keep_if_better,
-    solve,
-    state_what_is_known,
-)
+from up_samp.search.loop import get_schedule, solve, state_what_is_known
 from up_samp.search.search import Search
 from up_samp.search.stages import BUILDING, STATING
 from up_samp.search.tuning import LargeTuning

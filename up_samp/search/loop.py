@@ -6,13 +6,21 @@ Algorithm 1 (Tosello et al., ICAPS 2026).
 
 from __future__ import annotations
 
-from collections.abc import Generator
-from dataclasses import replace
+from collections.abc import Generator, Iterator
 
 from up_samp.model import CandidateSchedule, ScheduleReport, ScheduleStatus
-from up_samp.model.refinement import Refinement, Strength
+from up_samp.model.refinement import Strength
+from up_samp.search.attempt import (
+    Tried,
+    adopt_or_repair,
+    check_motions,
+    keep_if_better,
+    learn_from_refusal,
+    record,
+    shaped,
+    try_candidate,
+)
 from up_samp.search.bounds import Incumbent
-from up_samp.search.check import Check
 from up_samp.search.conclusion import (
     SearchResult,
     conclude,
@@ -21,14 +29,11 @@ from up_samp.search.conclusion import (
     conclude_without_schedule,
     restart,
 )
-from up_samp.search.cuts.exact import rejects
-from up_samp.search.cuts.refused import cuts_from
 from up_samp.search.events import Phase
-from up_samp.search.history import Round
 from up_samp.search.search import Search
-from up_samp.search.stages import BUILDING, CHECKING, LEARNING, REPAIRING, SCHEDULING, STATING
+from up_samp.search.stages import SCHEDULING, STATING
 from up_samp.search.start import motions_of, near
-from up_samp.upio import Itinerary, read_itinerary
+from up_samp.upio import read_itinerary
 
 
 def solve(search: Search, *, optimal: bool) -> Generator[Incumbent, None, SearchResult]:
@@ -56,23 +61,12 @@ def solve(search: Search, *, optimal: bool) -> Generator[Incumbent, None, Search
             ending = conclude_without_schedule(search, report)  # lines 18 to 20
             if ending is not None:
                 return ending
+            yield from improve(search)
             continue
-        itinerary = read_itinerary(search.knowledge.relaxation, shaped(search, report.schedule))
-        with search.history.stages.of(BUILDING):
-            built = build(search, itinerary)
-        with search.history.stages.of(CHECKING):
-            check = as_built(built) or check_motions(search, itinerary)  # lines 6 to 15
-        with search.history.stages.of(LEARNING):
-            learned = learn_from(search, itinerary, check)  # lines 31 and 35
-        with search.history.stages.of(REPAIRING):
-            found = built or adopt_or_repair(search, itinerary, check)  # line 16
-        refused = learn_from_refusal(search, found)
-        learned += refused
-        better = None if refused else keep_if_better(search, found)
-        record(search, replace(report, schedule=itinerary.schedule), check, learned)
-        if better is not None:
-            yield better
-        if not refused and is_done(search, check, learned, optimal=optimal):
+        tried = try_candidate(search, report)  # lines 6 to 16, 31 and 35
+        if tried.better is not None:
+            yield tried.better
+        if not tried.refused and is_done(search, tried, optimal=optimal):
             break
     return conclude(search)
 
@@ -146,125 +140,27 @@ def get_schedule(search: Search, *, optimal: bool) -> ScheduleReport:
     return report
 
 
+def improve(search: Search) -> Iterator[Incumbent]:
+    """Yield plans made of the best one, where the scheduler found nothing better in its time."""
+    for improver in search.components.improvers if search.bounds.incumbent is not None else ():
+        yield from improver(search)
+
+
 def is_better(search: Search, schedule: CandidateSchedule) -> bool:
     """Return whether a candidate would be worth more than the best plan, if its motions fit."""
     return not search.components.pace.staged or search.bounds.improves(schedule)
 
 
-def shaped(search: Search, schedule: CandidateSchedule) -> CandidateSchedule:
-    """Return the candidate as it is easier to drive."""
-    for shape in search.components.shapers:
-        schedule = shape(search, schedule)
-    return schedule
-
-
-def build(search: Search, itinerary: Itinerary) -> Incumbent | None:
-    """Return a plan made of a candidate of many motions, if it is better than all before it."""
-    for builder in search.components.builders:
-        built = builder(search, itinerary)
-        if built is not None and search.bounds.improves(built.schedule):
-            return built
-    return None
-
-
-def as_built(built: Incumbent | None) -> Check | None:
-    """Return the check that a plan which was built from a candidate stands for."""
-    return None if built is None else Check(dict(built.trajectories))
-
-
-def check_motions(search: Search, itinerary: Itinerary) -> Check:
-    """Check the candidate's motions (lines 8 to 15)."""
-    search.tell.stage(Phase.MOTIONS, count=len(itinerary.motions))
-    return search.checker.check(itinerary)
-
-
-def adopt_or_repair(search: Search, itinerary: Itinerary, check: Check) -> Incumbent | None:
-    """Return the candidate as a plan if its motions fit, else what can be made of it."""
-    if check.passed:
-        return search.plan_of(itinerary.schedule, check.trajectories)
-    for repair in search.components.repairs:
-        found = repair(search, itinerary.schedule, check)
-        if found is not None:
-            return found
-    return None
-
-
-def learn_from_refusal(search: Search, found: Incumbent | None) -> list[Refinement]:
-    """Let the independent validator judge a plan; learn cuts that forbid it if it is refused.
-
-    Raises :class:`InvalidPlanError` where nothing new can be learned from the refusal.
-    """
-    refusals = search.judged(found.plan) if found is not None else []
-    if found is None or not refusals:
-        return []
-    cuts = []
-    if search.components.learns:
-        itinerary = read_itinerary(search.knowledge.relaxation, found.schedule)
-        cuts = cuts_from(search.facts, itinerary, refusals)
-    texts = [f"{r.kind}: {r.what}" for r in refusals]
-    search.tell.refusal(refusals)
-    search.history.refused += texts
-    if not search.learn(cuts):
-        raise InvalidPlanError("; ".join(texts[:3]))
-    return cuts
-
-
-def keep_if_better(search: Search, found: Incumbent | None) -> Incumbent | None:
-    """Make a valid plan the incumbent and return it, if it is the best so far."""
-    if found is None or not search.bounds.keep(found):
-        return None
-    # its round is not in the history yet
-    search.history.planned(len(search.history.rounds) + 1, search.budget.deadline.elapsed())
-    search.tell.plan(found)
-    return found
-
-
-class InvalidPlanError(RuntimeError):
-    """The independent validator rejected a plan, and there is nothing new to learn from that."""
-
-
-def learn_from(search: Search, itinerary: Itinerary, check: Check) -> list[Refinement]:
-    """Write the candidate's refinements; return those that reject it."""
-    if not search.components.learns:
-        return []
-    search.learn(check.refinements)
-    for statement in search.components.after_failure if not check.passed else ():
-        search.learn(statement.find(search))
-    relaxation = search.knowledge.relaxation
-    return [r for r in check.refinements if rejects(relaxation, itinerary, r)]
-
-
-def record(search: Search, report: ScheduleReport, check: Check, learned: list[Refinement]) -> None:
-    """Write the round into the history."""
-    history, bounds = search.history, search.bounds
-    schedule = report.schedule
-    history.take_times(search.budget)
-    history.rounds.append(
-        Round(
-            number=len(history.rounds) + 1,
-            makespan=None if schedule is None else schedule.makespan,
-            lower_bound=bounds.lower,
-            upper_bound=bounds.upper,
-            refinements=len(learned),
-            seconds_scheduler=history.seconds_scheduler,
-            seconds_motion=history.seconds_motion,
-            elapsed=search.budget.deadline.elapsed(),
-            outcome="fits" if check.passed else "refined",
-        )
-    )
-    search.tell.round(report, check.refinements, learned, history)
-
-
-def is_done(search: Search, check: Check, learned: list[Refinement], *, optimal: bool) -> bool:
+def is_done(search: Search, tried: Tried, *, optimal: bool) -> bool:
     """Return whether there is all that was asked for, or nothing more to come."""
     if not search.components.learns:
         return True
     if search.bounds.incumbent is not None and (not optimal or search.bounds.met):
         return True
-    if check.passed and optimal and search.components.pace.staged:
+    if tried.check.passed and optimal and search.components.pace.staged:
         return False
-    if check.passed or learned:
-        return check.passed
+    if tried.check.passed or tried.learned:
+        return tried.check.passed
     if search.bounds.incumbent is None and search.restarts.may_begin(search.budget, planned=False):
         restart(search)
         return False

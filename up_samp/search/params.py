@@ -84,6 +84,8 @@ class Parameters:
     """Candidate schedules repaired into plans."""
     slack: bool = True
     """Motions given what time the candidate's makespan leaves them."""
+    neighbourhoods: bool = False
+    """Parts of a plan decided anew where the scheduler finds nothing better for the whole."""
     tidy: bool = True
     """Optional motions that nothing needs left out of the plan that is returned."""
     single_geometric: bool = True
@@ -151,6 +153,7 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
         "profiles": False,
         "incumbents": False,
         "slack": False,
+        "neighbourhoods": False,
         "tidy": False,
         "path_planner": "RRT",
         "group_planner": "ST-RRT*",
@@ -163,6 +166,7 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
         "profiles": False,
         "incumbents": False,
         "slack": False,
+        "neighbourhoods": False,
         "tidy": False,
     },
 }
@@ -177,6 +181,7 @@ SWITCHES = (
     "profiles",
     "incumbents",
     "slack",
+    "neighbourhoods",
     "tidy",
     "single_geometric",
     "single_temporal",

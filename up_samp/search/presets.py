@@ -25,6 +25,7 @@ from up_samp.search.events import Phase
 from up_samp.search.facts import Facts, just_this
 from up_samp.search.in_order import InOrder
 from up_samp.search.in_turn import InTurn
+from up_samp.search.neighbourhoods import Descent
 from up_samp.search.pace import AtOnce, Staged
 from up_samp.search.params import SWITCHES, Parameters
 from up_samp.search.repair import Repairing
@@ -128,6 +129,9 @@ def components_of(params: Parameters, *, native: bool) -> Components:
         repairs=with_ideas(((repair, ("incumbents",)), (InTurn(tuning.turns), ("incumbents",)))),
         after_failure=with_ideas(_after_failure(tuning)),
         for_proofs=() if native else with_ideas(((UNARY_PLACES, ("certificates",)),)),
+        improvers=with_ideas(
+            ((Descent(tuning.neighbourhoods), ("neighbourhoods", "native", "incumbents")),)
+        ),
         finishers=with_ideas(((Tidying(tuning.tidy), ("tidy",)),)),
         learns="refine" in ideas,
     )

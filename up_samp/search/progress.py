@@ -23,6 +23,7 @@ _TEXTS: dict[Phase, Callable[[StageEvent], str]] = {
     Phase.GROUP: lambda e: f"{e.count} motions together",
     Phase.REPAIR: lambda e: "giving motions the time they need",
     Phase.PROOF: lambda e: f"trying {e.count} proven facts alone",
+    Phase.NEIGHBOURHOOD: lambda e: f"deciding anew for {e.count} robots ({e.name})",
     Phase.TIDY: lambda e: "leaving out motions that nothing needs",
 }
 

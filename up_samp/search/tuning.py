@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 
 from up_samp.model.tunable import Tunables, effort_of, share_of, tunable
 
+ROPKE = "Ropke and Pisinger (2006), doubled: there are fewer tries here"
+
 
 @dataclass(frozen=True)
 class BudgetTuning(Tunables):
@@ -218,6 +220,30 @@ class SlackTuning(Tunables):
 
 
 @dataclass(frozen=True)
+class NeighbourhoodsTuning(Tunables):
+    """Parts of a plan decided anew (``search/neighbourhoods/``)."""
+
+    share: float = share_of(0.5, "of the remaining time, for neighbourhoods in a row")
+    effort: float = effort_of(0.5, "for one neighbourhood: a few seconds at most")
+    robots: int = tunable(3, "robots", "that are freed at first", least=1)
+    growth: float = tunable(
+        0.2,
+        "robots",
+        "more that are freed after a neighbourhood was searched wholly and brought nothing; twice "
+        "as many less after one whose search was cut short",
+        least=0,
+    )
+    stale: int = tunable(60, "neighbourhoods", "in a row that may bring no better plan", least=1)
+    reaction: float = share_of(
+        0.2, "of a neighbourhood's weight, that its last try decides", source=ROPKE
+    )
+    least_weight: float = share_of(0.1, "of the weight at first, that every neighbourhood keeps")
+    nearly: float = share_of(
+        0.3, "of a better plan's worth, of a better schedule whose motions did not fit"
+    )
+
+
+@dataclass(frozen=True)
 class TidyTuning(Tunables):
     """Needless motions left out in the end (``search/tidy.py``)."""
 
@@ -256,4 +282,5 @@ class SearchTuning(Tunables):
     large: LargeTuning = field(default_factory=LargeTuning)
     start: StartTuning = field(default_factory=StartTuning)
     slack: SlackTuning = field(default_factory=SlackTuning)
+    neighbourhoods: NeighbourhoodsTuning = field(default_factory=NeighbourhoodsTuning)
     tidy: TidyTuning = field(default_factory=TidyTuning)
