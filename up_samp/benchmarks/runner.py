@@ -48,11 +48,11 @@ _running: set[subprocess.Popen[bytes]] = set()
 _lock = threading.Lock()
 
 
-def execute(spec: dict[str, Any], grace: float = GRACE, start: float = 120.0) -> Record:
+def execute(spec: dict[str, Any], grace: float = GRACE, start: float = 600.0) -> Record:
     """Perform one run (:class:`RunSpec` as a dict) in a process of its own; return its record.
 
-    :param start: seconds that it may take to start and build: on a loaded machine many times what
-        is usual.
+    :param start: seconds that it may take to start and build: UP takes minutes for the largest
+        problems without fluents on a loaded machine.
     """
     run = RunSpec(**spec)
     with tempfile.TemporaryDirectory(prefix="up-samp-run-") as folder:

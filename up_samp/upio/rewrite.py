@@ -6,10 +6,12 @@ uses a plain user type for each, with objects of the same names.
 
 from __future__ import annotations
 
+from operator import is_
 from typing import Any
 
 from unified_planning.environment import Environment
 from unified_planning.model import Effect, Fluent, FNode, Object, Parameter
+from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.types import Type
 
 
@@ -27,7 +29,8 @@ class Rewriter:
         self._objects: dict[Object, Object] = {}
         self._fluents: dict[Fluent, Fluent] = {}
         self._parameters: dict[Parameter, Parameter] = {}
-        self._expressions: dict[FNode, FNode] = {}
+        self._expressions: dict[int, FNode] = {}
+        """By the number of a node, which is its own in the environment."""
 
     def type(self, tpe: Type) -> Type:
         """Return the plain type for ``tpe`` (itself where it is plain already)."""
@@ -68,27 +71,27 @@ class Rewriter:
 
     def __call__(self, expression: FNode) -> FNode:
         """Return ``expression`` over plain things."""
-        done = self._expressions.get(expression)
+        done = self._expressions.get(expression.node_id)
         if done is None:
-            done = self._expressions[expression] = self._rewrite(expression)
+            done = self._expressions[expression.node_id] = self._rewrite(expression)
         return done
 
     def _rewrite(self, expression: FNode) -> FNode:
-        manager = self.environment.expression_manager
-        if expression.is_object_exp():
+        manager, kind = self.environment.expression_manager, expression.node_type
+        if kind is Op.OBJECT_EXP:
             return manager.ObjectExp(self.object(expression.object()))
-        if expression.is_parameter_exp():
+        if kind is Op.PARAM_EXP:
             return manager.ParameterExp(self.parameter(expression.parameter()))
-        if expression.is_fluent_exp():
-            arguments = tuple(self(a) for a in expression.args)
-            return manager.FluentExp(self.fluent(expression.fluent()), arguments)
-        if not expression.args:
-            return expression
-        arguments = tuple(self(a) for a in expression.args)
-        if arguments == tuple(expression.args):
+        arguments = expression.args
+        known = self._expressions
+        # preconditions without fluents are millions of nodes: most arguments were seen before
+        plain = tuple([known.get(a.node_id) or self(a) for a in arguments])
+        if kind is Op.FLUENT_EXP:
+            return manager.FluentExp(self.fluent(expression.fluent()), plain)
+        if all(map(is_, plain, arguments)):
             return expression
         payload: Any = expression._content.payload
-        return manager.create_node(node_type=expression.node_type, args=arguments, payload=payload)
+        return manager.create_node(node_type=kind, args=plain, payload=payload)
 
     def effect(self, effect: Effect) -> Effect:
         """Return a plain effect."""
