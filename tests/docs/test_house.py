@@ -78,8 +78,8 @@ def test_this_package_has_no_circle(house):
 LIMITS = {
     "long_functions": 8,
     "wide_functions": 42,
-    "long_files": 20,
-    "constants": 181,
+    "long_files": 8,
+    "constants": 170,
     "said_twice": 80,
 }
 """What the figures may be at most: lower them when they fall, never raise them for convenience."""

@@ -10,7 +10,7 @@ from unified_planning.model.scheduling import SchedulingProblem as UpProblem
 from unified_planning.shortcuts import BoolType, MinimizeMakespan
 
 from up_samp.model import CandidateSchedule, Deadline, UnsupportedError
-from up_samp.scheduling.adapters import EngineScheduler, _engine_class
+from up_samp.scheduling.adapters import _engine_class
 from up_samp.scheduling.compilers.cliques import find_cliques
 from up_samp.scheduling.compilers.dense import compile_dense
 from up_samp.scheduling.compilers.differences import compile_differences
@@ -39,6 +39,7 @@ from up_samp.scheduling.compilers.stillness import compile_stillness
 from up_samp.scheduling.compilers.support import compile_support
 from up_samp.scheduling.compilers.tokens import compile_tokens
 from up_samp.scheduling.compilers.write import write_problem
+from up_samp.scheduling.engine_scheduler import EngineScheduler
 from up_samp.validation import validate_schedule
 
 from . import problems

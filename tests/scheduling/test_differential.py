@@ -12,7 +12,8 @@ from oracles.brute_force_schedule import solve as brute_force
 
 from up_samp.model import Deadline, ScheduleStatus, UnsupportedError
 from up_samp.scheduling import known_engines
-from up_samp.scheduling.adapters import EngineScheduler, _engine_class
+from up_samp.scheduling.adapters import _engine_class
+from up_samp.scheduling.engine_scheduler import EngineScheduler
 from up_samp.validation import validate_schedule
 
 ENGINES = tuple(name for name, _, _ in known_engines())

@@ -38,56 +38,11 @@ from up_samp.model.errors import short
 
 if TYPE_CHECKING:
     from up_samp.scheduling.cpsat import CpsatSession
+from up_samp.engines.cpsat_features import FEATURES
 
 # OR-Tools and the validator are imported when a problem is solved: UP imports this module when it
 # is asked for its engines
 
-_FEATURES = [
-    "SCHEDULING",
-    "OPTIONAL_ACTIVITIES",
-    "SCOPED_CONSTRAINTS",
-    "SIMPLE_NUMERIC_PLANNING",
-    "GENERAL_NUMERIC_PLANNING",
-    "BOUNDED_TYPES",
-    "DISCRETE_NUMBERS",
-    "DISCRETE_TIME",
-    "CONTINUOUS_TIME",
-    "INTERMEDIATE_CONDITIONS_AND_EFFECTS",
-    "EXTERNAL_CONDITIONS_AND_EFFECTS",
-    "TIMED_EFFECTS",
-    "TIMED_GOALS",
-    "DURATION_INEQUALITIES",
-    "SELF_OVERLAPPING",
-    "STATIC_FLUENTS_IN_DURATIONS",
-    "FLUENTS_IN_DURATIONS",
-    "INT_TYPE_DURATIONS",
-    "NEGATIVE_CONDITIONS",
-    "DISJUNCTIVE_CONDITIONS",
-    "EQUALITIES",
-    "CONDITIONAL_EFFECTS",
-    "INCREASE_EFFECTS",
-    "DECREASE_EFFECTS",
-    "STATIC_FLUENTS_IN_BOOLEAN_ASSIGNMENTS",
-    "STATIC_FLUENTS_IN_NUMERIC_ASSIGNMENTS",
-    "STATIC_FLUENTS_IN_OBJECT_ASSIGNMENTS",
-    "FLUENTS_IN_BOOLEAN_ASSIGNMENTS",
-    "FLUENTS_IN_NUMERIC_ASSIGNMENTS",
-    "FLUENTS_IN_OBJECT_ASSIGNMENTS",
-    "FLAT_TYPING",
-    "HIERARCHICAL_TYPING",
-    "INT_FLUENTS",
-    "OBJECT_FLUENTS",
-    "NUMERIC_FLUENTS",
-    "BOOL_FLUENT_PARAMETERS",
-    "BOUNDED_INT_FLUENT_PARAMETERS",
-    "BOOL_ACTION_PARAMETERS",
-    "BOUNDED_INT_ACTION_PARAMETERS",
-    "UNBOUNDED_INT_ACTION_PARAMETERS",
-    "MAKESPAN",
-    "FINAL_VALUE",
-    "OVERSUBSCRIPTION",
-    "INT_NUMBERS_IN_OVERSUBSCRIPTION",
-]
 
 CREDITS = Credits(
     "cpsat",
@@ -137,7 +92,7 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
     @staticmethod
     def supported_kind() -> ProblemKind:
         """Return the features that are supported (a new object at each call)."""
-        return ProblemKind(_FEATURES, version=LATEST_PROBLEM_KIND_VERSION)
+        return ProblemKind(FEATURES, version=LATEST_PROBLEM_KIND_VERSION)
 
     @staticmethod
     def supports(problem_kind: ProblemKind) -> bool:

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from up_samp.fleet.faults import NO_ROBOT, able, carries, needs_robot
+from up_samp.fleet.abilities import able, carries, needs_robot
+from up_samp.fleet.faults import NO_ROBOT
 from up_samp.fleet.loads import ends_of, load_of, load_pose, loads_of, place_of, with_load
 from up_samp.fleet.outlines import body_of, still
 from up_samp.fleet.records import Attached, FleetRecords, Order, Pose, Task

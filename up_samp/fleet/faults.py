@@ -7,7 +7,8 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from up_samp.fleet.records import FleetRecords, Order, RobotType, Stop, Task
+from up_samp.fleet.abilities import able, carries, needs_robot, with_skills
+from up_samp.fleet.records import FleetRecords, Order, Stop, Task
 from up_samp.fleet.sequence import earlier_than
 from up_samp.model import ProblemError
 
@@ -141,7 +142,7 @@ def _doors(records: FleetRecords) -> Iterator[Fault]:
         if door.times > 1 and door.closes is None:
             text = "a door that stays open is opened once; say closes, in s, if it shuts again"
             yield Fault(("doors", name, "times"), text)
-        if door.opened_from and records.robots and not _able(records, door.skills, ()):
+        if door.opened_from and records.robots and not with_skills(records, door.skills, ()):
             yield Fault(("doors", name, "skills"), f"no robot has {_and(door.skills)}")
 
 
@@ -264,7 +265,7 @@ def _job(records: FleetRecords, job: Order | Task, path: Path) -> Iterator[Fault
     if job.id in job.after:
         yield Fault((*path, "after"), f"'{job.id}' cannot come after itself")
     yield from _known(records.robots, "robot", job.robots, (*path, "robots"))
-    if records.robots and needs_robot(job) and not _able(records, job.skills, job.robots):
+    if records.robots and needs_robot(job) and not with_skills(records, job.skills, job.robots):
         text = f"it needs {_and(job.skills)}, which "
         text += f"{_and(job.robots)} does not have" if job.robots else "no robot has"
         yield Fault((*path, "skills"), text)
@@ -282,30 +283,6 @@ def _loads(records: FleetRecords, order: Order, path: Path) -> Iterator[Fault]:
         load = ", ".join(f"{n} {k}" for k, n in order.load.items())
         text = f"no robot that may do it can carry {load}; see capacity of its robot type"
         yield Fault((*path, "load"), text)
-
-
-def carries(kind: RobotType, order: Order) -> bool:
-    """Return whether a robot of this type can carry the order's load."""
-    return all(kind.capacity.get(k, 0) >= n for k, n in order.load.items())
-
-
-def needs_robot(job: Order | Task) -> bool:
-    """Return whether a robot does it."""
-    return not isinstance(job, Task) or bool(job.at)
-
-
-def able(records: FleetRecords, job: Order | Task) -> list[str]:
-    """Return the robots that have the skills and are among those named."""
-    return _able(records, job.skills, job.robots)
-
-
-def _able(records: FleetRecords, skills: Iterable[str], robots: Collection[str]) -> list[str]:
-    needed = set(skills)
-    return [
-        name
-        for name, robot in records.robots.items()
-        if (not robots or name in robots) and needed <= set(robot.skills)
-    ]
 
 
 def _known(names: Collection[str], kind: str, wanted: Iterable[str], path: Path) -> Iterator[Fault]:

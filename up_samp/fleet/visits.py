@@ -11,7 +11,7 @@ import enum
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from up_samp.fleet.faults import able, carries, needs_robot
+from up_samp.fleet.abilities import able, carries, needs_robot
 from up_samp.fleet.loads import options_of, ridden
 from up_samp.fleet.records import Charger, FleetRecords, Order, RobotType
 from up_samp.fleet.sequence import earlier_than

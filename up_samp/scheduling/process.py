@@ -15,14 +15,9 @@ import weakref
 from typing import IO, Any
 
 from up_samp.model import Deadline, EngineError
+from up_samp.scheduling.patience import PATIENCE
 from up_samp.scheduling.worker import _LENGTH, WorkerAnswer, WorkerTask, packed
 from up_samp.system import child
-
-_GRACE = 0.5
-"""Seconds that an engine gets beyond its deadline to hand over what it has."""
-
-_LONGEST_WAIT = 1e6
-"""Longest time (s) of one wait: the system counts milliseconds, in 32 bits."""
 
 
 class OverrunError(EngineError):
@@ -121,10 +116,10 @@ def _wait(descriptor: int, event: int, deadline: Deadline) -> None:
     waiting = select.poll()
     waiting.register(descriptor, event)
     while True:
-        left = deadline.remaining() + _GRACE if deadline.at != float("inf") else None
+        left = deadline.remaining() + PATIENCE.grace if deadline.at != float("inf") else None
         if deadline.expired():
-            left = max(0.0, deadline.moment + _GRACE - time.monotonic())
-        once = None if left is None else min(left, _LONGEST_WAIT)
+            left = max(0.0, deadline.moment + PATIENCE.grace - time.monotonic())
+        once = None if left is None else min(left, PATIENCE.one_wait)
         if waiting.poll(None if once is None else 1000.0 * once):
             return
         if once == left:

@@ -26,10 +26,8 @@ from dataclasses import dataclass, field
 from typing import IO, Any
 
 from up_samp.scheduling.compilers.plain import PlainProblem
+from up_samp.scheduling.patience import PATIENCE
 from up_samp.system import child
-
-_LONGEST = 2.0e6
-"""Longest time limit (s) for an engine: aries counts milliseconds in 32 bits."""
 
 _LENGTH = struct.Struct("!Q")
 
@@ -127,7 +125,7 @@ def run(task: WorkerTask, engines: _Engines) -> WorkerAnswer:
         engine.skip_checks = True  # just done, with the features' names
         timeout = None
         if task.until is not None:
-            timeout = min(max(0.1, task.until - time.monotonic()), _LONGEST)
+            timeout = min(max(0.1, task.until - time.monotonic()), PATIENCE.engine_limit)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             result = engine.solve(problem, timeout=timeout)

@@ -14,10 +14,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from unified_planning.model import Effect, Fluent, FNode, Parameter, Timing
-from unified_planning.model.mixins.timed_conds_effs import TimedCondsEffs
 from unified_planning.model.motion import MotionActivity, SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity, SchedulingProblem
-from unified_planning.model.scheduling.chronicle import Chronicle
 from unified_planning.model.timing import (
     ClosedTimeInterval,
     DurationInterval,
@@ -27,11 +25,11 @@ from unified_planning.model.timing import (
     TimePointInterval,
 )
 
-from up_samp.model import UnsupportedError, check_time
+from up_samp.model import check_time
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
 from up_samp.upio.choices import Choice, choose, constraints_on_one, every_effect, told_fluents
+from up_samp.upio.copies import copy_chronicle, copy_state
 from up_samp.upio.rewrite import Rewriter
-from up_samp.upio.spans import with_timings
 from up_samp.upio.told import hold_told
 
 
@@ -131,11 +129,11 @@ def relax(
     types = problem.environment.type_manager
     rewriter = Rewriter(problem.environment, types.UserType(_ANYWHERE) if lifts else None)
     plain = SchedulingProblem(problem.name, problem.environment)
-    _copy_state(problem, plain, rewriter)
-    _copy_chronicle(problem._base, plain._base, rewriter)
+    copy_state(problem, plain, rewriter)
+    copy_chronicle(problem._base, plain._base, rewriter)
     for activity in problem.activities:
         copy = Activity(activity.name, 1, activity.optional, _env=problem.environment)
-        _copy_chronicle(activity, copy, rewriter)
+        copy_chronicle(activity, copy, rewriter)
         bounds = activity.duration
         copy._set_duration_constraint(
             DurationInterval(
@@ -159,45 +157,6 @@ def relax(
         if isinstance(activity, MotionActivity):
             hold_told(relaxation, activity)
     return relaxation
-
-
-def _copy_state(
-    problem: SchedulingMotionProblem, plain: SchedulingProblem, rewriter: Rewriter
-) -> None:
-    plain.epsilon = problem.epsilon
-    plain.discrete_time = problem.discrete_time
-    plain.self_overlapping = problem.self_overlapping
-    for obj in problem.all_objects:
-        plain.add_object(rewriter.object(obj))
-    defaults = problem.fluents_defaults
-    for fluent in problem.fluents:
-        value = defaults.get(fluent)
-        plain.add_fluent(
-            rewriter.fluent(fluent),
-            default_initial_value=None if value is None else rewriter(value),
-        )
-    for fluent_exp, value in problem.explicit_initial_values.items():
-        plain.set_initial_value(rewriter(fluent_exp), rewriter(value))
-
-
-def _copy_chronicle(source: Chronicle, target: Chronicle, rewriter: Rewriter) -> None:
-    for name, parameter in source._parameters.items():
-        target._parameters[name] = rewriter.parameter(parameter)
-    for constraint, scope in source._constraints:
-        target._constraints.append((rewriter(constraint), [rewriter(s) for s in scope]))
-    _copy_timed(source, target, rewriter)
-
-
-def _copy_timed(source: TimedCondsEffs, target: TimedCondsEffs, rewriter: Rewriter) -> None:
-    for span, conditions in source.conditions.items():
-        # one interval written in two ways is one interval
-        same = target._conditions.setdefault(with_timings(span), [])
-        same += [c for c in map(rewriter, conditions) if c not in same]
-    for timing, effects in source.effects.items():
-        for effect in effects:
-            target._add_effect_instance(timing, rewriter.effect(effect))
-    if source._simulated_effects:
-        raise UnsupportedError("simulated effects are not supported in scheduling problems")
 
 
 def _add_state(relaxation: Relaxation, name: str) -> None:

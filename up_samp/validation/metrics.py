@@ -7,7 +7,7 @@ from typing import Any
 from unified_planning.model import metrics
 
 from up_samp.model import UnsupportedError
-from up_samp.validation.schedule import holds_throughout
+from up_samp.validation.conditions import holds_throughout
 from up_samp.validation.timeline import Reading, StateTimeline
 from up_samp.validation.values import Reader, Value, plain
 

@@ -27,12 +27,8 @@ from up_samp.validation.metrics import evaluate_metric
 from up_samp.validation.paths import passes, path_of, pose_gap, read_trajectory
 from up_samp.validation.scene import JudgedMotion, JudgedScene, Obstacle
 from up_samp.validation.schedule import JudgedSchedule, judge_schedule
-from up_samp.validation.se3 import (
-    AnyTrack,
-    Solid,
-    hits_body_in_space,
-    hits_map_from_space,
-)
+from up_samp.validation.se3 import AnyTrack, hits_body_in_space, hits_map_from_space
+from up_samp.validation.solids import Solid
 from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.tracks import Track
 from up_samp.validation.verdict import JUDGING_GRACE, Verdict, Violation

@@ -20,7 +20,7 @@ from up_samp.validation.collisions import Shape
 from up_samp.validation.limits import Limits, height_of, limits_of
 from up_samp.validation.maps import BlockedMap, Ground, ground_of
 from up_samp.validation.rides import Ride, configurations_of, is_same, offset_between
-from up_samp.validation.se3 import Solid, load_solid
+from up_samp.validation.solids import Solid, load_solid
 from up_samp.validation.timeline import Reading, StateTimeline, show
 from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.values import MISSING, Key, Reader

@@ -6,21 +6,25 @@ The numbered rules in comments are those of ``semantics.py``.
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 from unified_planning.model import OperatorKind, TimepointKind
 
 from up_samp.model import UnsupportedError
+from up_samp.validation.conditions import (
+    _reader_at,
+    broken_conditions,
+    interference,
+    present_activities,
+)
 from up_samp.validation.timeline import (
-    Change,
     Reading,
     StateTimeline,
     build_timeline,
     constant,
     in_type,
-    show,
 )
 from up_samp.validation.values import MISSING, Decisions, Key, Reader, Value
 from up_samp.validation.verdict import Verdict, Violation
@@ -57,9 +61,10 @@ def judge_schedule(problem: Any, plan: Any) -> JudgedSchedule:
         *timeline.violations,
     ]
     later, at_once = (
-        [*_durations(problem, timeline, r), *_conditions(problem, timeline, r)] for r in Reading
+        [*_durations(problem, timeline, r), *broken_conditions(problem, timeline, r)]
+        for r in Reading
     )
-    kept = [*common, *later, *_interference(problem, timeline)]
+    kept = [*common, *later, *interference(problem, timeline)]
     verdict = Verdict(tuple(kept), definition3=not common and not at_once)
     return JudgedSchedule(verdict, decisions, timeline)
 
@@ -145,7 +150,7 @@ def _times(
 
 def _durations(problem: Any, timeline: StateTimeline, reading: Reading) -> Iterator[Violation]:
     """Rule 2."""
-    for activity in _present(problem, timeline):
+    for activity in present_activities(problem, timeline):
         start, end = timeline.decisions.times[activity.name]
         reader = _reader_at(timeline, start, reading, activity.name)
         bounds = activity.duration
@@ -202,169 +207,3 @@ def _times_in(node: Any, timeline: StateTimeline) -> str:
 
 
 # ------------------------------------------------------------------ conditions
-
-
-@dataclass(frozen=True)
-class _Condition:
-    """A timed condition of an activity (``owner``) or of the problem, over integer instants.
-
-    ``seen`` is the last instant whose value it needs: ``last + 1`` for a half-open interval, in
-    whose last unit an effect at ``last`` is seen.
-    """
-
-    owner: str | None
-    node: Any
-    first: int
-    last: int
-    seen: int
-
-    @property
-    def what(self) -> str:
-        over = f"at {self.first}" if self.first == self.last else f"over {self.first}..{self.last}"
-        return f"condition '{self.node}' of {self.owner or 'the problem'} {over}"
-
-
-def _present(problem: Any, timeline: StateTimeline) -> list[Any]:
-    return [a for a in problem.activities if a.name in timeline.decisions.times]
-
-
-def _reader_at(
-    timeline: StateTimeline, instant: int, reading: Reading, owner: str | None
-) -> Reader:
-    return Reader(timeline.decisions, lambda k: timeline.value(k, instant, reading), owner)
-
-
-def _timed_conditions(
-    problem: Any, timeline: StateTimeline, reading: Reading
-) -> Iterator[_Condition]:
-    """Rules 10, 12 and 13: each condition with its first and last instant."""
-    chronicles = [(problem._base, None)] + [(a, a.name) for a in _present(problem, timeline)]
-    for chronicle, owner in chronicles:
-        for interval, nodes in chronicle.conditions.items():
-            found = _instants(interval, owner, timeline, reading)
-            if found is not None and found[0] <= found[1]:
-                half_open = interval.is_right_open() and reading is Reading.LATER
-                seen = found[1] + half_open
-                yield from (_Condition(owner, node, *found, seen) for node in nodes)
-
-
-def _instants(
-    interval: Any, owner: str | None, timeline: StateTimeline, reading: Reading
-) -> tuple[int, int] | None:
-    """Return the first and last instant of an interval (``None``: it hangs on an absent one)."""
-    end = timeline.global_end(reading)
-    first = timeline.decisions.timing(interval.lower, owner, end)
-    last = timeline.decisions.timing(interval.upper, owner, end)
-    if first is MISSING or last is MISSING:
-        return None
-    if not (isinstance(first, int) and isinstance(last, int)):
-        raise UnsupportedError(f"fractional time in the condition interval {interval}")
-    return first + interval.is_left_open(), last - interval.is_right_open()
-
-
-def _new_values(timeline: StateTimeline, reading: Reading) -> dict[str, set[int]]:
-    """Return for each fluent's name the instants at which a new value is seen first."""
-    times_of: dict[str, set[int]] = defaultdict(set)
-    for change in timeline.changes:
-        seen = change.time + 1 if reading is Reading.LATER else change.time
-        times_of[change.key[0]].add(seen)
-    return times_of
-
-
-def _conditions(problem: Any, timeline: StateTimeline, reading: Reading) -> Iterator[Violation]:
-    """Rule 9 and 10: every condition holds at every instant of its interval."""
-    times_of = _new_values(timeline, reading)
-    for condition in _timed_conditions(problem, timeline, reading):
-        instant = _first_failure(condition, timeline, reading, times_of)
-        if instant is not None:
-            yield Violation("condition", f"{condition.what} is false at {instant}")
-
-
-def _first_failure(
-    condition: _Condition,
-    timeline: StateTimeline,
-    reading: Reading,
-    times_of: Mapping[str, set[int]],
-) -> int | None:
-    """Return the first instant at which a condition is false. Looking at the first instant and
-    where a fluent that it mentions gets a new value is enough.
-    """
-    instants = {condition.first}
-    for name in _fluents_in(condition.node):
-        new = times_of.get(name, set())
-        instants |= {t for t in new if condition.first < t <= condition.seen}
-    for instant in sorted(instants):
-        reader = _reader_at(timeline, instant, reading, condition.owner)
-        if reader.value(condition.node) is False:
-            return instant
-    return None
-
-
-def holds_throughout(interval: Any, node: Any, timeline: StateTimeline, reading: Reading) -> bool:
-    """Return whether an expression holds at every instant of a global time interval."""
-    found = _instants(interval, None, timeline, reading)
-    if found is None:
-        return False
-    condition = _Condition(None, node, *found, found[1])
-    return _first_failure(condition, timeline, reading, _new_values(timeline, reading)) is None
-
-
-def _interference(problem: Any, timeline: StateTimeline) -> Iterator[Violation]:
-    """Rule 11: an activity's effects keep apart from what other activities read."""
-    by_name: dict[str, list[Change]] = defaultdict(list)
-    for change in timeline.changes:
-        if change.owner is not None:
-            by_name[change.key[0]].append(change)
-    for condition in _timed_conditions(problem, timeline, Reading.LATER):
-        if condition.owner is None:
-            continue
-        for name in sorted(_fluents_in(condition.node)):
-            for change in by_name[name]:
-                if change.owner == condition.owner:
-                    continue
-                if not condition.first <= change.time <= condition.last:
-                    continue
-                reader = _reader_at(timeline, change.time, Reading.LATER, condition.owner)
-                reader.value(condition.node)
-                if change.key in reader.reads:
-                    yield _clash(change, condition.what)
-    yield from _other_interference(problem, timeline, by_name)
-
-
-def _other_interference(
-    problem: Any, timeline: StateTimeline, by_name: dict[str, list[Change]]
-) -> Iterator[Violation]:
-    """Rule 11 for what effects and durations read."""
-    readings = [(r.time, r.owner, r.keys, r.what) for r in timeline.effect_reads]
-    for activity in _present(problem, timeline):
-        start = timeline.decisions.times[activity.name][0]
-        reader = _reader_at(timeline, start, Reading.LATER, activity.name)
-        reader.value(activity.duration.lower)
-        reader.value(activity.duration.upper)
-        if reader.reads:
-            what = f"the duration of {activity.name}, read at {start}"
-            readings.append((start, activity.name, frozenset(reader.reads), what))
-    for time, owner, keys, what in readings:
-        for change in (c for key in sorted(keys, key=str) for c in by_name[key[0]]):
-            same = change.time == time and change.key in keys
-            if same and owner is not None and change.owner != owner:
-                yield _clash(change, what)
-
-
-def _clash(change: Change, what: str) -> Violation:
-    return Violation(
-        "interference",
-        f"{change.what} changes {show(change.key)}, which the {what.removeprefix('the ')} reads",
-    )
-
-
-def _fluents_in(node: Any) -> set[str]:
-    """Return the names of all fluents that an expression mentions."""
-    names: set[str] = set()
-    stack = [node]
-    while stack:
-        item = stack.pop()
-        stack += item.args
-        if item.is_fluent_exp():
-            names.add(item.fluent().name)
-    return names

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 from up_samp.model import CandidateSchedule
 from up_samp.scheduling.compilers.ground import never_empty
+from up_samp.scheduling.compilers.limits import LIMITS
 from up_samp.scheduling.compilers.plain import (
     TRUE,
     Activity,
@@ -113,7 +114,7 @@ class _Compiler:
         upper = self.problem.activity(condition.owner).upper if condition.owner else None
         # an open end: no longer than the owner plus what the delays add
         most = abs(condition.low[3]) + abs(condition.high[3])
-        length = upper[1] + most if upper is not None and upper[0] == "int" else _FOREVER
+        length = upper[1] + most if upper is not None and upper[0] == "int" else LIMITS.span
         self.activities.append(Activity(name, True, integer(0), integer(length)))
         here, owner = ("pres", name), self._present(condition)
         empty = ("lt", condition.high, condition.low)
@@ -133,7 +134,3 @@ class _Compiler:
             ),
         ]
         self.conditions.append(Condition(start(name), end(name), condition.expression, name))
-
-
-_FOREVER = 10**6
-"""Upper bound for the length of a span whose owner's is not a constant."""

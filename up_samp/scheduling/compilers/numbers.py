@@ -8,6 +8,7 @@ from collections import defaultdict
 from dataclasses import replace
 
 from up_samp.model import UnsupportedError
+from up_samp.scheduling.compilers.limits import LIMITS
 from up_samp.scheduling.compilers.plain import (
     Compiled,
     Condition,
@@ -22,9 +23,6 @@ from up_samp.scheduling.compilers.plain import (
     subexpressions,
 )
 from up_samp.scheduling.compilers.values import evaluate
-
-MOST_VALUES = 100
-"""Largest domain whose values become objects."""
 
 
 def compile_numbers(problem: PlainProblem) -> Compiled:
@@ -84,7 +82,7 @@ def _numbers(problem: PlainProblem) -> list[Expr]:
             if counted and condition.low == condition.high:
                 continue
             constant = all(e.value[0] == "int" for e in changes[fluent[1]])
-            if counted or not constant or low is None or high is None or high - low > MOST_VALUES:
+            if counted or not constant or low is None or high is None or high - low > LIMITS.values:
                 raise UnsupportedError(
                     f"the condition {show(condition.expression)} over an interval on the number "
                     f"{show(fluent)}, which is counted, unbounded or not assigned constants"

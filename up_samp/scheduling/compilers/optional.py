@@ -14,12 +14,18 @@ Size: linear in the conditions and effects.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from dataclasses import replace
 
 from up_samp.model import CandidateSchedule, UnsupportedError
 from up_samp.scheduling.compilers.differences import NormalForm
+from up_samp.scheduling.compilers.idle import (
+    ground_fluents,
+    idle_values,
+    some_value,
+    touched_fluents,
+    wished_values,
+)
 from up_samp.scheduling.compilers.plain import (
     TRUE,
     Activity,
@@ -41,7 +47,6 @@ from up_samp.scheduling.compilers.plain import (
     start,
     subexpressions,
 )
-from up_samp.scheduling.compilers.values import evaluate, values_of
 
 
 def compile_optional(problem: PlainProblem) -> Compiled:
@@ -66,7 +71,7 @@ class _Compiler:
         self.present: dict[str, str] = {
             name: fresh(f"{name}.present", self.taken) for name in sorted(self.optional)
         }
-        self.slotted = _touched(problem, self.optional)
+        self.slotted = touched_fluents(problem, self.optional)
         self.slot_types = {f: fresh(f"Slot_{f}", self.taken) for f in self.slotted}
         self.main = {f: fresh(f"main_{f}", self.taken) for f in self.slotted}
         self.types: dict[str, str | None] = dict(problem.types)
@@ -88,7 +93,7 @@ class _Compiler:
         activities = [self._activity(a) for a in problem.activities]
         conditions = [self._condition(c) for c in problem.conditions]
         effects = [self._effect(e) for e in problem.effects]
-        for ground in _ground(problem, self.slotted):
+        for ground in ground_fluents(problem, self.slotted):
             self.initial[self._at_main(ground)] = problem.initial_value(ground)
         fluents = {
             name: replace(f, parameters=(*f.parameters, ("slot", ("user", self.slot_types[name]))))
@@ -124,7 +129,7 @@ class _Compiler:
         """Return the fluent with a default value, for copies whose value does not matter."""
         if fluent.default is not None:
             return fluent
-        return replace(fluent, default=_some_value(self.problem, fluent.type))
+        return replace(fluent, default=some_value(self.problem, fluent.type))
 
     def _map_back(self) -> Callable[[CandidateSchedule], CandidateSchedule]:
         present = self.present
@@ -214,10 +219,10 @@ class _Compiler:
             return replace(condition, expression=self._expression(condition.expression))
         assert owner is not None
         if owner not in self.idle:
-            self.idle[owner] = _idle_values(self.problem, owner)
+            self.idle[owner] = idle_values(self.problem, owner)
         condition = replace(condition, expression=self._with_own(owner, condition.expression))
         atoms = [e for e in subexpressions(condition.expression) if e[0] == "flu"]
-        wishes = _wishes(self.problem, condition, self.idle[owner])
+        wishes = wished_values(self.problem, condition, self.idle[owner])
         assert wishes is not None
         slots = {
             atom: self._slot(
@@ -270,7 +275,7 @@ class _Compiler:
         """Let the copy start with a value from which one can count."""
         _, low, high = self.problem.fluents[effect.fluent[1]].type
         value = (low or 0) if effect.kind == "increase" else (high or 0)
-        for ground in _ground(self.problem, {effect.fluent[1]}):
+        for ground in ground_fluents(self.problem, {effect.fluent[1]}):
             self.initial[(*ground, ("obj", copy))] = integer(value)
 
     def _reading_copy(self, atom: Expr, wish: Expr) -> str:
@@ -280,7 +285,7 @@ class _Compiler:
             copy = fresh(f"off_{atom[1]}", self.taken)
             self._copies[key] = copy
             self.objects[copy] = self.slot_types[atom[1]]
-            for ground in _ground(self.problem, {atom[1]}):
+            for ground in ground_fluents(self.problem, {atom[1]}):
                 self.initial[(*ground, ("obj", copy))] = wish
         return self._copies[key]
 
@@ -300,77 +305,3 @@ class _Compiler:
             disjunction([self.normal(happens), ("eq", slot, ("obj", off))]),
         ]
         return lambda expression: (*expression, slot)
-
-
-def _touched(problem: PlainProblem, optional: frozenset[str]) -> set[str]:
-    touched = {e.fluent[1] for e in problem.effects if e.owner in optional or e.condition != TRUE}
-    for condition in problem.conditions:
-        if condition.owner in optional:
-            touched.update(e[1] for e in subexpressions(condition.expression) if e[0] == "flu")
-    return touched
-
-
-def _ground(problem: PlainProblem, fluents: set[str]) -> list[Expr]:
-    """Return all ground expressions of these fluents."""
-    ground = []
-    for name in sorted(fluents):
-        domains = [values_of(problem, t) for _, t in problem.fluents[name].parameters]
-        ground += [("flu", name, *choice) for choice in itertools.product(*domains)]
-    return ground
-
-
-def _some_value(problem: PlainProblem, tpe: Type) -> Expr:
-    if tpe[0] == "int":
-        return integer(tpe[1] if tpe[1] is not None else tpe[2] if tpe[2] is not None else 0)
-    return values_of(problem, tpe)[0]
-
-
-def _idle_values(problem: PlainProblem, owner: str) -> dict[Expr, Expr]:
-    """Return values that the parameters of an absent activity may take so that all its conditions
-    hold on private copies. Nothing else asks anything of them then.
-    """
-    conditions = [c for c in problem.conditions if c.owner == owner]
-    used = {e: e for c in conditions for e in subexpressions(c.expression) if e[0] == "par"}
-    types = problem.parameter_types()
-    finite = [(p, types[p[1]]) for p in used]
-    finite = [(p, t) for p, t in finite if t[0] != "int" or None not in t[1:]]
-    domains = [values_of(problem, t) for _, t in finite]
-    for choice in itertools.islice(itertools.product(*domains), 10_000):
-        values = dict(zip((p for p, _ in finite), choice, strict=True))
-        if all(_wishes(problem, c, values) is not None for c in conditions):
-            return values
-    shown = ", ".join(show(c.expression) for c in conditions)
-    raise UnsupportedError(
-        f"the conditions of optional activity {owner} ({shown}): no values of its fluents and "
-        "parameters are known to satisfy them"
-    )
-
-
-def _wishes(
-    problem: PlainProblem, condition: Condition, idle: dict[Expr, Expr]
-) -> dict[Expr, Expr] | None:
-    """Return values of the fluents with which the condition holds if the parameters have their
-    ``idle`` values, whatever others do; None where none are known.
-    """
-    atoms = [e for e in subexpressions(condition.expression) if e[0] == "flu"]
-    distinct = list(dict.fromkeys(atoms))
-    expression = condition.expression
-    domains = [_candidates(problem, expression, atom) for atom in distinct]
-    for choice in itertools.islice(itertools.product(*domains), 100_000):
-        values = dict(zip(distinct, choice, strict=True))
-        if evaluate(rewrite(rewrite(expression, values.get), idle.get)) == TRUE:
-            return values
-    return None
-
-
-def _candidates(problem: PlainProblem, expression: Expr, atom: Expr) -> list[Expr]:
-    tpe = problem.fluents[atom[1]].type
-    if tpe[0] != "int":
-        return values_of(problem, tpe)
-    numbers = {e[1] + d for e in subexpressions(expression) if e[0] == "int" for d in (-1, 0, 1)}
-    numbers |= {0} | {bound for bound in tpe[1:] if bound is not None}
-    low, high = tpe[1], tpe[2]
-    inside = [
-        n for n in sorted(numbers) if (low is None or low <= n) and (high is None or n <= high)
-    ]
-    return [integer(n) for n in inside]

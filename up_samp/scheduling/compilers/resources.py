@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from up_samp.model import UnsupportedError
+from up_samp.scheduling.compilers.limits import LIMITS
 from up_samp.scheduling.compilers.plain import (
     TRUE,
     Activity,
@@ -29,9 +30,6 @@ from up_samp.scheduling.compilers.plain import (
     start,
     subexpressions,
 )
-
-MOST_SETS = 5000
-"""Most sets of activities that are forbidden one by one, per resource."""
 
 
 @dataclass(frozen=True)
@@ -50,15 +48,15 @@ def compile_resources(problem: PlainProblem) -> Compiled:
     duration of a user can vary: then engines count rightly.
 
     Raises:
-        UnsupportedError: more than :data:`MOST_SETS` such sets of users, some of whose durations
-            vary, or that may be absent.
+        UnsupportedError: more than ``LIMITS.forbidden_sets`` such sets of users, some of whose
+            durations vary, or that may be absent.
     """
     optional = problem.optional_names()
     constraints: list[Expr] = []
     gone: set[Expr] = set()
     for resource in find_resources(problem):
-        sets = list(itertools.islice(_minimal_sets(resource), MOST_SETS + 1))
-        if len(sets) <= MOST_SETS:
+        sets = list(itertools.islice(_minimal_sets(resource), LIMITS.forbidden_sets + 1))
+        if len(sets) <= LIMITS.forbidden_sets:
             gone.add(resource.fluent)
             constraints += [_not_all_at_once(problem, optional, users) for users in sets]
         elif not all(_fixed(problem.activity(name)) for name in resource.amounts):

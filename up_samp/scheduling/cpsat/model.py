@@ -5,47 +5,33 @@ from __future__ import annotations
 import contextlib
 import itertools
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from unified_planning.model import FNode
 from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.model import Deadline, OutOfTimeError, UnsupportedError, check_time, in_force
+from up_samp.scheduling.cpsat.draft import Draft
 from up_samp.scheduling.cpsat.encode.alternatives import Alternatives, find_groups, merge_forms
-from up_samp.scheduling.cpsat.encode.durations import constant_bounds, constants, least
+from up_samp.scheduling.cpsat.encode.durations import constant_bounds
+from up_samp.scheduling.cpsat.encode.forms import TRUE, Form, Lin, constant, disjunction
 from up_samp.scheduling.cpsat.encode.histories import find_histories
 from up_samp.scheduling.cpsat.encode.horizon import Horizon
+from up_samp.scheduling.cpsat.encode.limits import LIMITS
 from up_samp.scheduling.cpsat.encode.metrics import objective_of
 from up_samp.scheduling.cpsat.encode.numbers import NumericTimeline
 from up_samp.scheduling.cpsat.encode.pairs import Disjunctions
 from up_samp.scheduling.cpsat.encode.states import States
-from up_samp.scheduling.cpsat.encode.store import TRUE, Form, Lin, Store, constant, disjunction
+from up_samp.scheduling.cpsat.encode.store import Store
 from up_samp.scheduling.cpsat.encode.terms import Terms, World
 from up_samp.scheduling.cpsat.encode.timeline import Timeline
 from up_samp.scheduling.cpsat.encode.unary import find_unary
-from up_samp.scheduling.cpsat.encode.variables import PLACEHOLDER, Variables
-from up_samp.scheduling.cpsat.normal.form import NormalForm, normal_form
+from up_samp.scheduling.cpsat.encode.variables import Variables
+from up_samp.scheduling.cpsat.normal.form import normal_form
 from up_samp.scheduling.cpsat.normal.precedences import FollowUp, Precondition
 from up_samp.scheduling.cpsat.problem import Additions, Watcher
 
 T = TypeVar("T")
-
-
-@dataclass
-class Draft:
-    """What the families of a model hand on while it is built: the problem's parts in normal form,
-    ``forms`` that are read from its constraints, and the ``rest`` that nothing else says.
-    """
-
-    form: NormalForm
-    forms: list[Form] = field(default_factory=list)
-    rest: list[Form] = field(default_factory=list)
-
-    @property
-    def parts(self) -> Additions:
-        """All of the problem."""
-        return self.form.parts
 
 
 class ScheduleModel:
@@ -96,7 +82,7 @@ class ScheduleModel:
         for code, obj in enumerate(problem.all_objects):
             self.world.objects[obj.name] = code
             self.world.object_types.append(obj.type)
-        self.world.makespan = self.store.integer(0, PLACEHOLDER)
+        self.world.makespan = self.store.integer(0, LIMITS.placeholder)
         self.horizon.timepoint(self.world.makespan)
         self.states = States(self.world, problem, constant(0))
         groups = find_groups(form.parts, form.presences)
@@ -178,7 +164,7 @@ class ScheduleModel:
 
     # -- growing ---------------------------------------------------------------------------------
     def grow(self, parts: Additions) -> None:
-        """Add what was appended (no effects, no new objects; see :meth:`can_grow`)."""
+        """Add what was appended (no effects, no new objects; ``growth.can_grow``)."""
         for activity in parts.activities:
             self.variables.add_activity(activity, self.limit)
             self.variables.link_times(activity)
@@ -195,35 +181,6 @@ class ScheduleModel:
         if self.world.makespan_used:
             self._exact_makespan()  # perhaps what was appended is the first to mention it
         self.variables.make_decisions()
-
-    def only_tightened(self, parts: Additions) -> bool:
-        """Return whether every schedule of the problem was one before (bounds stay valid).
-
-        New effects may support conditions, new objects widen domains, longer durations may end
-        what shorter ones may not, and new activities move the global end for what speaks of it.
-        """
-        if parts.rewritten or parts.effects or parts.new_objects:
-            return False
-        if parts.activities and (self.states.final is not None or self.world.makespan_used):
-            return False
-        return all(self.variables.narrower(a) for a in parts.durations)
-
-    def can_grow(self, parts: Additions) -> bool:
-        """Return whether the additions fit into the model as it is."""
-        if not self.only_tightened(parts):
-            return False
-        if any(None in constant_bounds(a.duration) for a in parts.activities):
-            return False
-        horizon = self.horizon
-        before = horizon.bound()
-        for activity in parts.activities:
-            horizon.total += 2 * (4 + least(activity.duration))
-        for span, _, _ in parts.conditions:
-            horizon.beside(int(abs(span.lower.delay) + abs(span.upper.delay)))
-        for activity in parts.durations:
-            horizon.total += least(activity.duration)
-        horizon.total += sum(constants(c) for c, _, _ in parts.constraints)
-        return horizon.bound() <= max(self.limit, before)
 
     def _alternatives(self, groups: list[Alternatives]) -> dict[int, tuple[int, ...]]:
         """Tell who is never there together; return presence -> presences of its exact group."""

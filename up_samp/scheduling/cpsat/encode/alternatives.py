@@ -18,7 +18,7 @@ from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.scheduling import Activity
 from unified_planning.model.timing import TimepointKind
 
-from up_samp.scheduling.cpsat.encode.store import Cmp, Form, Literal, disjunction
+from up_samp.scheduling.cpsat.encode.forms import Cmp, Form, Literal, disjunction
 from up_samp.scheduling.cpsat.normal.presences import Presences, decided
 from up_samp.scheduling.cpsat.problem import Additions
 

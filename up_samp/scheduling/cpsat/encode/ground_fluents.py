@@ -9,11 +9,11 @@ from typing import Any
 from unified_planning.model import FNode
 
 from up_samp.model import UnsupportedError
+from up_samp.scheduling.cpsat.encode.forms import FALSE, TRUE, Lin, Literal, compare
+from up_samp.scheduling.cpsat.encode.limits import LIMITS
 from up_samp.scheduling.cpsat.encode.statevars import Key, StateVar
-from up_samp.scheduling.cpsat.encode.store import FALSE, TRUE, Lin, Literal, Store, compare
+from up_samp.scheduling.cpsat.encode.store import Store
 from up_samp.scheduling.cpsat.encode.terms import Terms, World, int_bounds
-
-_MANY = 2000
 
 
 class GroundFluents:
@@ -42,7 +42,7 @@ class GroundFluents:
             bounds = (min(values), max(values)) if values else (0, 0)
         else:
             bounds = int_bounds(tpe)
-            few = bounds[1] - bounds[0] < _MANY
+            few = bounds[1] - bounds[0] < LIMITS.domain
             values = list(range(bounds[0], bounds[1] + 1)) if few else None
         return StateVar(key, bounds, values, self._initial(fluent, args))
 

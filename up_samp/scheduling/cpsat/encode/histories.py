@@ -16,8 +16,8 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
+from up_samp.scheduling.cpsat.encode.forms import constant
 from up_samp.scheduling.cpsat.encode.statevars import Key, Read, StateVar, Write
-from up_samp.scheduling.cpsat.encode.store import constant
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.normal.precedences import Precondition
 

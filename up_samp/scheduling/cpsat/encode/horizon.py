@@ -11,8 +11,10 @@ from collections.abc import Iterable, Iterator
 
 from unified_planning.model import FNode
 
-from up_samp.scheduling.cpsat.encode.store import Cmp, Form, Lin, Store
-from up_samp.scheduling.cpsat.encode.terms import UNBOUNDED, ActivityVars, Terms, World, int_bounds
+from up_samp.scheduling.cpsat.encode.forms import Cmp, Form, Lin
+from up_samp.scheduling.cpsat.encode.limits import LIMITS
+from up_samp.scheduling.cpsat.encode.store import Store
+from up_samp.scheduling.cpsat.encode.terms import ActivityVars, Terms, World, int_bounds
 from up_samp.scheduling.cpsat.normal.precedences import Precondition
 
 
@@ -59,7 +61,7 @@ class Horizon:
             return Lin(((self.store.integer(*int_bounds(node.fluent().type)), 1),))
 
         longest = self.store.range(Terms(world, read).linear(least))[1] + 1
-        if longest >= UNBOUNDED:
+        if longest >= LIMITS.magnitude:
             self.certain = False
         else:
             self.total += max(0, longest)

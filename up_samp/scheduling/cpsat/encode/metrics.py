@@ -8,8 +8,8 @@ from typing import Any
 from unified_planning.model import metrics as up
 
 from up_samp.model import UnsupportedError
+from up_samp.scheduling.cpsat.encode.forms import TRUE, Lin, constant
 from up_samp.scheduling.cpsat.encode.states import States
-from up_samp.scheduling.cpsat.encode.store import TRUE, Lin, constant
 from up_samp.scheduling.cpsat.encode.terms import Terms, indicator, times
 
 

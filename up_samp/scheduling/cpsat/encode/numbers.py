@@ -8,9 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from up_samp.scheduling.cpsat.encode.states import States
-from up_samp.scheduling.cpsat.encode.statevars import Read, StateVar, Write
-from up_samp.scheduling.cpsat.encode.store import (
+from up_samp.scheduling.cpsat.encode.forms import (
     FALSE,
     TRUE,
     Lin,
@@ -20,7 +18,9 @@ from up_samp.scheduling.cpsat.encode.store import (
     constant,
     indicator_sum,
 )
-from up_samp.scheduling.cpsat.encode.timeline import guard
+from up_samp.scheduling.cpsat.encode.guards import guard
+from up_samp.scheduling.cpsat.encode.states import States
+from up_samp.scheduling.cpsat.encode.statevars import Read, StateVar, Write
 
 
 @dataclass

@@ -10,17 +10,15 @@ from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.timing import TimepointKind
 
 from up_samp.scheduling.cpsat.encode.cliques import clique_cover, graph_of
+from up_samp.scheduling.cpsat.encode.forms import TRUE, Cmp, Form, Lin, indicator_sum
+from up_samp.scheduling.cpsat.encode.limits import LIMITS
 from up_samp.scheduling.cpsat.encode.states import States
-from up_samp.scheduling.cpsat.encode.store import TRUE, Cmp, Form, Lin, Store, indicator_sum
+from up_samp.scheduling.cpsat.encode.store import Store
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.encode.unary import Unary
 
 Owners = dict[int, list[ActivityVars]]
 """Time variable -> the activities that have it (alternatives share theirs)."""
-
-
-NEVER = 10**9
-"""Gap between activities that are never both there."""
 
 
 class Disjunctions:
@@ -54,7 +52,7 @@ class Disjunctions:
     def gap(self, a: int, b: int) -> int:
         """Return how far apart two activities (indices) are when both are there; -1 if not."""
         pair = (min(a, b), max(a, b))
-        return NEVER if pair in self.exclusive else self.gaps.get(pair, -1)
+        return LIMITS.never if pair in self.exclusive else self.gaps.get(pair, -1)
 
     def add_written(
         self, constraint: FNode, scope: list[FNode], activities: dict[str, ActivityVars]

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-from up_samp.scheduling.cpsat.encode.store import Lin, Literal
+from up_samp.scheduling.cpsat.encode.forms import Lin, Literal
 
 Key = tuple[Any, ...]
 

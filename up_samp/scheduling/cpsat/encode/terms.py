@@ -14,21 +14,19 @@ from unified_planning.model.timing import TimepointKind
 from unified_planning.model.types import Type
 
 from up_samp.model import ProblemError, UnsupportedError
-from up_samp.scheduling.cpsat.encode.store import (
+from up_samp.scheduling.cpsat.encode.forms import (
     FALSE,
     TRUE,
     Form,
     Lin,
     Literal,
-    Store,
     compare,
     conjunction,
     constant,
     disjunction,
 )
-
-UNBOUNDED = 10**9
-"""Largest magnitude of an integer variable that the problem does not bound."""
+from up_samp.scheduling.cpsat.encode.limits import LIMITS
+from up_samp.scheduling.cpsat.encode.store import Store
 
 Reader = Callable[[FNode], Lin]
 """Gives the value of a fluent expression where one is read (its object's code, 0/1, or number)."""
@@ -75,8 +73,8 @@ def int_bounds(tpe: Type) -> tuple[int, int]:
     """Return the bounds of an integer type."""
     if not tpe.is_int_type():
         raise UnsupportedError(f"values of type '{tpe}' are not supported by cpsat (integers are)")
-    low = -UNBOUNDED if tpe.lower_bound is None else int(tpe.lower_bound)
-    high = UNBOUNDED if tpe.upper_bound is None else int(tpe.upper_bound)
+    low = -LIMITS.magnitude if tpe.lower_bound is None else int(tpe.lower_bound)
+    high = LIMITS.magnitude if tpe.upper_bound is None else int(tpe.upper_bound)
     return low, high
 
 

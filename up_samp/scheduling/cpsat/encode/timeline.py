@@ -17,22 +17,15 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from up_samp.model import check_time
+from up_samp.scheduling.cpsat.encode.forms import FALSE, TRUE, Lin, Literal, compare, constant
+from up_samp.scheduling.cpsat.encode.guards import guard
+from up_samp.scheduling.cpsat.encode.limits import LIMITS
 from up_samp.scheduling.cpsat.encode.states import States
 from up_samp.scheduling.cpsat.encode.statevars import Read, StateVar, Write
-from up_samp.scheduling.cpsat.encode.store import (
-    FALSE,
-    TRUE,
-    Lin,
-    Literal,
-    Store,
-    compare,
-    constant,
-)
+from up_samp.scheduling.cpsat.encode.store import Store
 
 Apart = Callable[[frozenset[int]], bool]
 """Whether activities are known never to overlap, any two of them."""
-
-MOST_CIRCUIT_ARCS = 60_000
 
 
 @dataclass
@@ -226,7 +219,7 @@ class Timeline:
             for i in range(-1, len(writes))
             if i != j
         )
-        return arcs <= MOST_CIRCUIT_ARCS
+        return arcs <= LIMITS.circuit_arcs
 
     def _circuit(self) -> None:
         """State the order of the writes as a circuit through a node for the initial value."""
@@ -349,14 +342,3 @@ class Timeline:
 
     def _guard(self, read: Read) -> None:
         guard(self.states, self.state, read)
-
-
-def guard(states: States, state: StateVar, read: Read) -> None:
-    """Keep the effects of other activities out of the instants of ``read``."""
-    store = states.store
-    for write in state.writes:
-        if read.owner is None or write.owner in (None, read.owner):
-            continue
-        before = store.literal(write.time.shift(1).le(read.lo))
-        after = store.literal(read.hi.shift(1).le(write.time))
-        store.clause([before, after, ~read.active, ~write.active])

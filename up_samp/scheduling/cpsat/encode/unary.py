@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from up_samp.scheduling.cpsat.encode.forms import Lin
 from up_samp.scheduling.cpsat.encode.numbers import pair_uses
 from up_samp.scheduling.cpsat.encode.states import States
 from up_samp.scheduling.cpsat.encode.statevars import Key, Read, StateVar, Write
-from up_samp.scheduling.cpsat.encode.store import Lin
 
 
 @dataclass(frozen=True)

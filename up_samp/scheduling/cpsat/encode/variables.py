@@ -9,15 +9,14 @@ from unified_planning.model.scheduling import Activity
 
 from up_samp.model import UnsupportedError
 from up_samp.scheduling.cpsat.encode.durations import constant_bounds
+from up_samp.scheduling.cpsat.encode.forms import TRUE, Lin, Literal, compare, constant
 from up_samp.scheduling.cpsat.encode.horizon import Horizon
+from up_samp.scheduling.cpsat.encode.limits import LIMITS
 from up_samp.scheduling.cpsat.encode.states import States
-from up_samp.scheduling.cpsat.encode.store import TRUE, Lin, Literal, Store, compare, constant
+from up_samp.scheduling.cpsat.encode.store import Store
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars, Terms, World, int_bounds
 from up_samp.scheduling.cpsat.normal.presences import Presences
 from up_samp.scheduling.cpsat.problem import Additions
-
-PLACEHOLDER = 10**7
-"""Latest time of variables until the horizon is known."""
 
 
 class Variables:
@@ -50,7 +49,7 @@ class Variables:
         """Return an activity's variables (None: of the problem itself)."""
         return None if activity is None else self.world.activities[activity.name]
 
-    def add_activity(self, activity: Activity, limit: int = PLACEHOLDER) -> None:
+    def add_activity(self, activity: Activity, limit: int = LIMITS.placeholder) -> None:
         """Make the variables of an activity that ends by ``limit``."""
         store = self.store
         present = self._decision(activity.name) if activity.optional else TRUE
@@ -69,7 +68,7 @@ class Variables:
         )
         self.world.activities[activity.name] = made
         self.states.register(made)
-        if limit == PLACEHOLDER:
+        if limit == LIMITS.placeholder:
             self.horizon.activity(made)
 
     def _decision(self, name: str) -> Literal:

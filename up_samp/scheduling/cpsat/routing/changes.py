@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from up_samp.scheduling.cpsat.encode.forms import Lin
 from up_samp.scheduling.cpsat.encode.statevars import Read, StateVar, Write
-from up_samp.scheduling.cpsat.encode.store import Lin
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.encode.timeline import Timeline
 

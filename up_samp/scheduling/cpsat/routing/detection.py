@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from up_samp.scheduling.cpsat.encode.forms import TRUE
 from up_samp.scheduling.cpsat.encode.statevars import Key, Read, StateVar
-from up_samp.scheduling.cpsat.encode.store import TRUE
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.encode.timeline import Timeline
 from up_samp.scheduling.cpsat.routing.changes import Change, changes_of

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from up_samp.scheduling.cpsat.encode.forms import TRUE, Cmp
 from up_samp.scheduling.cpsat.encode.statevars import Key
-from up_samp.scheduling.cpsat.encode.store import TRUE, Cmp
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.openings import Task, with_openings
 from up_samp.scheduling.cpsat.routing.route import Route

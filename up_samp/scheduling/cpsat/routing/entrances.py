@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 from typing import TYPE_CHECKING
 
+from up_samp.scheduling.cpsat.encode.forms import Literal
 from up_samp.scheduling.cpsat.encode.statevars import Key, Read, StateVar
-from up_samp.scheduling.cpsat.encode.store import Literal
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.routing.changes import Change
 from up_samp.scheduling.cpsat.routing.route import Entry, Move, Route, Still

@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 
+from up_samp.scheduling.cpsat.encode.forms import Form, Lin, Literal, constant, disjunction
 from up_samp.scheduling.cpsat.encode.statevars import Key, StateVar
-from up_samp.scheduling.cpsat.encode.store import Form, Lin, Literal, Store, constant, disjunction
+from up_samp.scheduling.cpsat.encode.store import Store
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.routing.route import Entry, Route, Still
 from up_samp.scheduling.cpsat.routing.unit_places import UnitPlace

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from unified_planning.model import FNode
 from unified_planning.model.operators import OperatorKind as Op
 
-from up_samp.scheduling.cpsat.encode.store import FALSE, Cmp, Form
+from up_samp.scheduling.cpsat.encode.forms import FALSE, Cmp, Form
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.routing.route import INFINITE
 

@@ -10,8 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from up_samp.scheduling.cpsat.encode.forms import Lin, Literal, constant
 from up_samp.scheduling.cpsat.encode.statevars import StateVar, Write
-from up_samp.scheduling.cpsat.encode.store import Lin, Literal, Store, constant
+from up_samp.scheduling.cpsat.encode.store import Store
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.legs import Arc

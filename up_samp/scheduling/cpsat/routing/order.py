@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from up_samp.scheduling.cpsat.encode.store import Cmp, Form
+from up_samp.scheduling.cpsat.encode.forms import Cmp, Form
 
 
 class Order:

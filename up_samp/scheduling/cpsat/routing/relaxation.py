@@ -19,8 +19,7 @@ from unified_planning.model.scheduling import Activity
 
 from up_samp.model import CandidateSchedule, Deadline
 from up_samp.scheduling.cpsat.encode.alternatives import merge_forms
-from up_samp.scheduling.cpsat.encode.statevars import Write
-from up_samp.scheduling.cpsat.encode.store import (
+from up_samp.scheduling.cpsat.encode.forms import (
     TRUE,
     Form,
     Lin,
@@ -29,6 +28,7 @@ from up_samp.scheduling.cpsat.encode.store import (
     disjunction,
     indicator_sum,
 )
+from up_samp.scheduling.cpsat.encode.statevars import Write
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.problem import Additions

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+from up_samp.scheduling.cpsat.encode.forms import Literal
 from up_samp.scheduling.cpsat.encode.statevars import Key, Write
-from up_samp.scheduling.cpsat.encode.store import Literal
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.routing.route import Route
 

@@ -12,7 +12,7 @@ from typing import Any
 from ortools.sat.python import cp_model
 
 from up_samp.model import CandidateSchedule, Deadline
-from up_samp.scheduling.cpsat.encode.store import TRUE, Lin
+from up_samp.scheduling.cpsat.encode.forms import TRUE, Lin
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.solve import options as profiles
 from up_samp.scheduling.cpsat.solve.options import Profile

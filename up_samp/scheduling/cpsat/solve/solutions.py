@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from up_samp.model import CandidateSchedule
-from up_samp.scheduling.cpsat.encode.store import TRUE, Lin
+from up_samp.scheduling.cpsat.encode.forms import TRUE, Lin
 from up_samp.scheduling.cpsat.model import ScheduleModel
 
 

@@ -12,14 +12,10 @@ from dataclasses import dataclass, field, replace
 
 from up_samp.model import CandidateSchedule, Deadline, OutOfTimeError
 from up_samp.scheduling.cpsat.problem import Additions
+from up_samp.scheduling.cpsat.routing.decoder import Step
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import Work, find_work
-from up_samp.scheduling.cpsat.routing.list_scheduling import (
-    Step,
-    decode,
-    improve,
-    sequence_of,
-)
+from up_samp.scheduling.cpsat.routing.list_scheduling import decode, improve, sequence_of
 from up_samp.scheduling.cpsat.routing.relaxation import RoutingRelaxation
 from up_samp.scheduling.cpsat.routing.route import Route
 from up_samp.scheduling.cpsat.routing.workload import bound_by_work

@@ -1,0 +1,142 @@
+"""Linear expressions and forms: what the CP-SAT model says, before it is in the model.
+
+A *literal* is an integer: ``i >= 0`` is Boolean variable ``i``, ``~i`` its negation; ``TRUE`` and
+``FALSE`` are constants. A *form* is what a Boolean expression becomes in negation normal form: a
+literal, a :class:`Cmp`, or a tuple ``("&" | "|", forms...)``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+TRUE = 0
+
+
+FALSE = ~0
+
+
+Literal = int
+
+
+class Cmp(NamedTuple):
+    """``sum(coef * var) + const  op  0`` where ``op`` is ``<=``, ``==`` or ``!=``.
+
+    ``needs`` are the presence literals of the activities whose times or parameters occur: the
+    comparison says nothing when one of them is absent (Kleene's *unknown*).
+    """
+
+    terms: tuple[tuple[int, int], ...]
+    const: int
+    op: str
+    needs: tuple[Literal, ...] = ()
+
+
+Form = Any
+"""A literal (int), a Cmp, or ("&", form, ...) or ("|", form, ...)."""
+
+
+class Lin(NamedTuple):
+    """A linear expression ``sum(coef * var) + const`` with the presences it needs."""
+
+    terms: tuple[tuple[int, int], ...] = ()
+    const: int = 0
+    needs: tuple[Literal, ...] = ()
+
+    def plus(self, other: Lin, factor: int = 1) -> Lin:
+        """Return ``self + factor * other``."""
+        if not other.terms:
+            const = self.const + factor * other.const
+            return Lin(self.terms, const, join(self.needs, other.needs))
+        if len(self.terms) == 1 and len(other.terms) == 1:
+            return self._plus_one(other, factor)
+        sums = dict(self.terms)
+        for var, coef in other.terms:
+            sums[var] = sums.get(var, 0) + factor * coef
+        terms = tuple(sorted((v, c) for v, c in sums.items() if c))
+        return Lin(terms, self.const + factor * other.const, join(self.needs, other.needs))
+
+    def _plus_one(self, other: Lin, factor: int) -> Lin:
+        """Do :meth:`plus` for one variable on each side, by far the most frequent case."""
+        (var, coef), (other_var, other_coef) = self.terms[0], other.terms[0]
+        more = factor * other_coef
+        terms: tuple[tuple[int, int], ...]
+        if var < other_var:
+            terms = ((var, coef), (other_var, more))
+        elif var > other_var:
+            terms = ((other_var, more), (var, coef))
+        else:
+            terms = ((var, coef + more),) if coef + more else ()
+        return Lin(terms, self.const + factor * other.const, join(self.needs, other.needs))
+
+    def shift(self, delay: int) -> Lin:
+        """Return ``self + delay``."""
+        return Lin(self.terms, self.const + delay, self.needs)
+
+    def le(self, other: Lin) -> Form:
+        """Return the form ``self <= other``."""
+        return compare(self.plus(other, -1), "<=")
+
+
+def constant(value: int) -> Lin:
+    """Return a constant expression."""
+    return Lin((), value)
+
+
+def join(some: tuple[Literal, ...], others: tuple[Literal, ...]) -> tuple[Literal, ...]:
+    """Return the union of two sorted tuples of literals."""
+    if some == others or not others:
+        return some
+    return tuple(sorted({*some, *others})) if some else others
+
+
+def compare(difference: Lin, op: str) -> Form:
+    """Return the form ``difference op 0``, folded where it is constant."""
+    if not difference.terms:
+        value = difference.const
+        holds = {"<=": value <= 0, "==": value == 0, "!=": value != 0}[op]
+        if holds:
+            return TRUE
+        return disjunction([~p for p in difference.needs])
+    return Cmp(difference.terms, difference.const, op, difference.needs)
+
+
+def conjunction(forms: Iterable[Form]) -> Form:
+    """Return the conjunction of ``forms``, flattened and folded."""
+    return _combine("&", TRUE, FALSE, forms)
+
+
+def disjunction(forms: Iterable[Form]) -> Form:
+    """Return the disjunction of ``forms``, flattened and folded."""
+    return _combine("|", FALSE, TRUE, forms)
+
+
+def _combine(op: str, neutral: Literal, absorbing: Literal, forms: Iterable[Form]) -> Form:
+    seen: dict[Form, None] = {}
+    for form in forms:
+        if form.__class__ is tuple and form[0] == op:
+            seen.update(dict.fromkeys(form[1:]))
+        elif form.__class__ is int and form == absorbing:
+            return absorbing
+        elif form.__class__ is not int or form != neutral:
+            seen[form] = None
+    if any(f.__class__ is int and ~f in seen for f in seen):
+        return absorbing
+    if not seen:
+        return neutral
+    return next(iter(seen)) if len(seen) == 1 else (op, *seen)
+
+
+def indicator_sum(weighted: Iterable[tuple[Literal, int]]) -> Lin:
+    """Return the sum of the weights of the literals that are true."""
+    sums: dict[int, int] = {}
+    const = 0
+    for literal, weight in weighted:
+        if literal == TRUE:
+            const += weight
+        elif literal >= 0:
+            sums[literal] = sums.get(literal, 0) + weight
+        elif literal != FALSE:
+            sums[~literal] = sums.get(~literal, 0) - weight
+            const += weight
+    return Lin(tuple(sorted((v, c) for v, c in sums.items() if c)), const)

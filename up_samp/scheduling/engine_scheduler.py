@@ -1,0 +1,311 @@
+"""A UP engine as a scheduler: compile for it, run it in a worker process, map back, check."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from up_samp.model import (
+    CandidateSchedule,
+    Deadline,
+    EngineError,
+    ScheduleReport,
+    ScheduleStatus,
+    UnsupportedError,
+)
+
+if TYPE_CHECKING:
+    from unified_planning.model.scheduling import SchedulingProblem
+    from unified_planning.plans import Schedule
+
+    from up_samp.scheduling.compilers.plain import Compiled, PlainProblem
+    from up_samp.scheduling.process import WorkerProcess
+    from up_samp.scheduling.worker import WorkerAnswer, WorkerTask
+
+
+Check = Callable[["SchedulingProblem", "Schedule"], list[str]]
+
+
+_STATUSES = {
+    "SOLVED_OPTIMALLY": ScheduleStatus.OPTIMAL,
+    "SOLVED_SATISFICING": ScheduleStatus.FOUND,
+    "INTERMEDIATE": ScheduleStatus.FOUND,
+    "UNSOLVABLE_PROVEN": ScheduleStatus.INFEASIBLE,
+    "UNSOLVABLE_INCOMPLETELY": ScheduleStatus.NOT_FOUND,
+    "TIMEOUT": ScheduleStatus.OUT_OF_TIME,
+}
+
+
+class _WrongScheduleError(Exception):
+    """The engine's schedule breaks the problem's rules; told otherwise, it may find a right one."""
+
+
+class EngineScheduler:
+    """Runs a UP engine on the compiled problem, in a worker process.
+
+    The worker lives until :meth:`close`. ``hint`` is not used: the engines at hand either take
+    none or were not faster with one.
+    """
+
+    def __init__(
+        self,
+        engine: Any,
+        problem: SchedulingProblem,
+        params: Mapping[str, Any],
+        check: Check | None,
+    ):
+        from up_samp.scheduling.process import WorkerProcess
+        from up_samp.scheduling.quirks import quirks_of
+
+        self._engine = engine
+        self._problem = problem
+        self._params = dict(params)
+        self._check = check
+        self._quirks = quirks_of(engine)
+        self._worker: WorkerProcess | None = WorkerProcess()  # starts while we compile
+
+    @property
+    def name(self) -> str:
+        """The engine's class name."""
+        return str(self._engine.__name__)
+
+    def solve(
+        self,
+        deadline: Deadline,
+        *,
+        optimal: bool = True,
+        hint: CandidateSchedule | None = None,
+        lower_bound: int | None = None,
+    ) -> ScheduleReport:
+        """Schedule the problem as it is now.
+
+        Raises:
+            UnsupportedError: the problem cannot be compiled to what the engine can do.
+        """
+        started = time.monotonic()
+        runner = self._engine if optimal else _satisficing(self._engine)
+        message = ""
+        for apart in (False, True):
+            try:
+                return self._attempt(runner, deadline, lower_bound, started, apart=apart)
+            except _WrongScheduleError as error:
+                message = str(error)
+        return _report(ScheduleStatus.ERROR, lower_bound, started, message)
+
+    def _attempt(
+        self,
+        runner: Any,
+        deadline: Deadline,
+        lower_bound: int | None,
+        started: float,
+        *,
+        apart: bool,
+    ) -> ScheduleReport:
+        from up_samp.scheduling.compilers.pipeline import chain, compilers_for
+        from up_samp.scheduling.compilers.read import read_problem
+        from up_samp.scheduling.process import OverrunError
+
+        try:
+            passes = compilers_for(self._quirks, apart=apart)
+            compiled = chain(read_problem(self._problem), passes)
+        except UnsupportedError as error:
+            raise UnsupportedError(f"engine {self.name}: {error}") from error
+        if deadline.expired():
+            return _report(ScheduleStatus.OUT_OF_TIME, lower_bound, started)
+        answer: WorkerAnswer | None = None
+        for task in self._tasks(runner, compiled, deadline):
+            try:
+                answer = self._ready_worker().ask(task, deadline)
+            except OverrunError:
+                message = f"engine {self.name} did not stop at its deadline and was ended"
+                return _report(ScheduleStatus.OUT_OF_TIME, lower_bound, started, message)
+            except EngineError as error:
+                message = f"engine {self.name}: {error}"
+                return _report(ScheduleStatus.ERROR, lower_bound, started, message)
+            if answer.status != "exception":
+                break
+        assert answer is not None
+        if answer.status == "exception":
+            answer = self._without_proof(runner, compiled, deadline) or answer
+        report = self._judge(answer, compiled, lower_bound, started)
+        late = task.until is not None and time.monotonic() > task.until
+        if report.status is ScheduleStatus.NOT_FOUND and late:  # cpse calls a timeout so
+            return replace(report, status=ScheduleStatus.OUT_OF_TIME)
+        if report.status is ScheduleStatus.FOUND and (late or answer.status == "TIMEOUT"):
+            return replace(report, late=True)  # aries-opt calls it satisficing
+        return report
+
+    def _tasks(self, runner: Any, compiled: Compiled, deadline: Deadline) -> Iterator[WorkerTask]:
+        """Yield the call of the engine, then (for engines that may crash on a problem and solve
+        the same one told otherwise) further tries.
+        """
+        from up_samp.scheduling.quirks import quirks_of
+
+        problem, quirks = compiled.problem, quirks_of(runner)
+        first = self._first_task(runner, problem, deadline)
+        yield first
+        if quirks.fallback is None:
+            return
+        turned = replace(problem, activities=problem.activities[::-1])
+        for environment in (quirks.environment, quirks.fallback):
+            if deadline.expired():
+                return
+            until = _engine_stops(deadline)
+            yield replace(first, problem=turned, until=until, environment=dict(environment))
+
+    def _first_task(self, runner: Any, problem: PlainProblem, deadline: Deadline) -> WorkerTask:
+        from up_samp.scheduling.quirks import quirks_of
+        from up_samp.scheduling.worker import WorkerTask
+
+        quirks = quirks_of(runner)
+        return WorkerTask(
+            runner.__module__,
+            runner.__qualname__,
+            self._params,
+            problem,
+            _engine_stops(deadline),
+            quirks.message_limit,
+            dict(quirks.environment),
+        )
+
+    def _without_proof(
+        self, runner: Any, compiled: Compiled, deadline: Deadline
+    ) -> WorkerAnswer | None:
+        """Return the best schedule of the class that seeks no proof, asked for shorter and shorter
+        ones: some problems crash the prover in whatever way they are told.
+        """
+        from up_samp.scheduling.compilers.plain import end, integer
+        from up_samp.scheduling.process import OverrunError
+
+        engine, problem = _satisficing(runner), compiled.problem
+        best: WorkerAnswer | None = None
+        while engine is not runner and not deadline.expired():
+            step = deadline if best is None else deadline.within(0.2 * deadline.remaining())
+            try:
+                answer = self._ready_worker().ask(self._first_task(engine, problem, step), step)
+            except (OverrunError, EngineError):
+                break
+            solved = _STATUSES.get(answer.status) in (ScheduleStatus.OPTIMAL, ScheduleStatus.FOUND)
+            if answer.times is None or not solved:
+                break
+            best = replace(answer, status="SOLVED_SATISFICING")
+            makespan = max((last for _, last in answer.times.values()), default=0)
+            if not problem.minimize_makespan or makespan <= compiled.floor:
+                break
+            sooner = (("le", end(a.name), integer(makespan - 1)) for a in problem.activities)
+            constraints = (*compiled.problem.constraints, *sooner)
+            problem = replace(compiled.problem, constraints=constraints)
+        return best
+
+    def _ready_worker(self) -> WorkerProcess:
+        from up_samp.scheduling.process import WorkerProcess
+
+        if self._worker is None or not self._worker.alive:
+            if self._worker is not None:
+                self._worker.close()
+            self._worker = WorkerProcess()
+        return self._worker
+
+    def _judge(
+        self, answer: WorkerAnswer, compiled: Compiled, lower_bound: int | None, started: float
+    ) -> ScheduleReport:
+        """Turn the worker's answer into a report that can be believed."""
+        from up_samp.scheduling.schedules import complete
+
+        if answer.status == "unsupported":
+            raise UnsupportedError(f"engine {self.name}: {answer.message}")
+        status = _STATUSES.get(answer.status, ScheduleStatus.ERROR)
+        proven = self._quirks.proves_unsolvable and compiled.exact
+        if status is ScheduleStatus.INFEASIBLE and not proven:
+            status = ScheduleStatus.NOT_FOUND
+        solved = status in (ScheduleStatus.OPTIMAL, ScheduleStatus.FOUND)
+        if solved and answer.times is None:
+            status = ScheduleStatus.ERROR
+        if answer.status == "TIMEOUT" and answer.times is not None:
+            status, solved = ScheduleStatus.FOUND, True  # the best until then
+        if answer.times is None or not solved:
+            message = f"engine {self.name}: {answer.status}. {answer.message}".strip()
+            if answer.status == "exception":
+                message = _broke_down(self.name, answer.message)
+            return _report(status, lower_bound, started, message)
+        try:
+            schedule = compiled.map_back(CandidateSchedule(answer.times, answer.parameters))
+            schedule = complete(self._problem, schedule)
+            wrong = self._violations(schedule)
+        except LookupError as error:
+            wrong = [f"{error} is missing in it, or not in the problem"]
+        if wrong:
+            told = "; ".join(wrong)
+            raise _WrongScheduleError(f"engine {self.name} returned a wrong schedule: {told}")
+        if status is ScheduleStatus.OPTIMAL:
+            if self._proven(schedule, compiled):
+                lower_bound = max(lower_bound or 0, schedule.makespan)
+            else:
+                status = ScheduleStatus.FOUND
+        if compiled.problem.minimize_makespan and lower_bound == schedule.makespan:
+            status = ScheduleStatus.OPTIMAL
+        return ScheduleReport(
+            status, schedule, lower_bound, answer.message, time.monotonic() - started
+        )
+
+    def _proven(self, schedule: CandidateSchedule, compiled: Compiled) -> bool:
+        return (
+            self._quirks.proves_optimal
+            and compiled.exact
+            and compiled.problem.minimize_makespan
+            and schedule.makespan > compiled.floor
+        )
+
+    def _violations(self, schedule: CandidateSchedule) -> list[str]:
+        from up_samp.scheduling.schedules import to_up_schedule
+
+        if self._check is None:
+            return []
+        return self._check(self._problem, to_up_schedule(self._problem, schedule))[:5]
+
+    def close(self) -> None:
+        """End the worker process."""
+        if self._worker is not None:
+            self._worker.close()
+            self._worker = None
+
+    def __enter__(self) -> EngineScheduler:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _satisficing(engine: Any) -> Any:
+    """Return the engine class that finds a first schedule sooner, if there is one."""
+    from up_samp.scheduling.quirks import quirks_of
+
+    name = quirks_of(engine).satisficing
+    # an engine derived from a known one lives elsewhere, and is asked itself
+    return engine if name is None else getattr(sys.modules[engine.__module__], name, engine)
+
+
+def _broke_down(engine: str, told: str) -> str:
+    """Return an engine's breakdown for people: the fault is the engine's, the rest goes on."""
+    what, _, where = told.partition("\n")
+    place = where.strip().rpartition("File ")[2].replace("\n", " ")
+    return (
+        f"engine {engine} broke down on this problem, in whatever way it was told ({what}; "
+        f"{place.strip()}); another engine may solve it, such as cpsat"
+    )
+
+
+def _engine_stops(deadline: Deadline) -> float | None:
+    """Return when the engine has to stop itself: early enough to read its answer in time."""
+    if deadline.at == float("inf"):
+        return None
+    return deadline.moment - min(0.3, 0.1 * deadline.remaining()) - 0.02 * deadline.remaining()
+
+
+def _report(
+    status: ScheduleStatus, bound: int | None, started: float, message: str = ""
+) -> ScheduleReport:
+    return ScheduleReport(status, None, bound, message, time.monotonic() - started)
