@@ -5,7 +5,8 @@ from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.shortcuts import OneshotPlanner, get_environment
 
 from up_samp.benchmarks.warehouse import warehouse
-from up_samp.search.jobs import deal, decided, find_jobs
+from up_samp.search.deals import Guess, deal, decided_by
+from up_samp.search.jobs import find_jobs
 from up_samp.upio import read_problem
 from up_samp.upio.thin import thinned
 from up_samp.validation import validate_plan
@@ -28,7 +29,7 @@ def test_jobs_are_dealt_out_once_each(problem):
         f"{what}_robot0_order0" for what in ("fetch", "load", "carry", "unload")
     }
     assert first.extras == {"leave_robot0_order0"}
-    dealt = deal(jobs, snapshot)
+    dealt = deal(jobs, Guess(snapshot))
     done = sorted(j for tour in dealt.tours.values() for j, _ in tour)
     assert done == list(range(len(jobs.options)))
     ends = [dealt.end(robot, tour) for robot, tour in dealt.tours.items()]
@@ -38,9 +39,9 @@ def test_jobs_are_dealt_out_once_each(problem):
 def test_a_thinned_problem_has_what_was_dealt_out_and_nothing_else(problem):
     snapshot = read_problem(problem)
     jobs = find_jobs(problem, snapshot)
-    dealt = deal(jobs, snapshot)
+    dealt = deal(jobs, Guess(snapshot))
     names = [a.name for a in problem.activities]
-    thin = thinned(problem, decided(dealt, names))
+    thin = thinned(problem, decided_by(dealt, names))
     kept = {a.name for a in thin.activities}
     assert dealt.leaders() <= kept < set(names)
     loads = {n for n in kept if n.startswith("load_")}

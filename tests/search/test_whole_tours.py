@@ -15,10 +15,11 @@ from up_samp.model import Body, Deadline, Kinematics, MotionModel, Rest, TimedMo
 from up_samp.motion import MotionService
 from up_samp.motion.fleet.committed import Committed
 from up_samp.search import session
-from up_samp.search.jobs import deal, decided, find_jobs, state_order
+from up_samp.search.deals import Guess, deal, decided_by, state_order
+from up_samp.search.jobs import find_jobs
 from up_samp.search.loop import get_schedule, state_what_is_known
 from up_samp.search.params import Parameters
-from up_samp.search.tours import ByTours
+from up_samp.search.tours import plan_tours
 from up_samp.upio import read_itinerary, read_problem
 from up_samp.upio.thin import thinned
 from up_samp.validation import validate_plan
@@ -84,8 +85,8 @@ def opened(problem, seed):
     snapshot, grid = lay_out(read_problem(problem))
     service = session.open_service(snapshot, grid, Parameters())
     jobs = find_jobs(problem, snapshot)
-    dealt = deal(jobs, snapshot, seed=seed)
-    thin = thinned(problem, decided(dealt, [a.name for a in problem.activities]))
+    dealt = deal(jobs, Guess(snapshot), seed=seed)
+    thin = thinned(problem, decided_by(dealt, [a.name for a in problem.activities]))
     state_order(thin, dealt)
     wrapped = session.Wrapped("cpsat", {}, lambda problem, plan: [], True)
     search = session.open_thin(wrapped, Parameters(), service, thin, Deadline.after(120))
@@ -101,7 +102,8 @@ def test_every_fleet_that_parks_out_of_the_way_gets_a_plan(seed):
     rng = random.Random(seed)
     problem = warehouse(rng.randint(3, 5), rng.randint(6, 9), encoding="compact", seed=seed)
     search, itinerary, build = opened(problem, seed)
-    found = ByTours()(search, itinerary)
+    found = plan_tours(search, itinerary, Deadline.after(100))
     assert found is not None
-    whole = build(found.schedule, found.trajectories)
+    done = found.decided()
+    whole = build(done.schedule, done.trajectories())
     assert validate_plan(problem, whole).violations == ()

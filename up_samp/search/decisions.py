@@ -93,7 +93,8 @@ class Decisions:
     ) -> None:
         self._facts, self._service = search.facts, search.motions.service
         self._itinerary, self._times, self._tuning = itinerary, times, tuning
-        self._waiting = {m.activity: m for m in itinerary.motions}
+        self._motions = {m.activity: m for m in itinerary.motions}
+        self._waiting = dict(self._motions)
         self._must = ancestors(self._waiting, times)
         self._leave = others_first(self._facts, self._service, itinerary)
         self._floor = Committed(self._service, self._rests())
@@ -135,9 +136,12 @@ class Decisions:
 
     def _timed(self, name: str) -> TimedMotion:
         """Return a motion as it is asked for now: good if it takes little more than alone."""
-        facts, motion = self._facts, self._waiting[name]
-        release = facts.seconds(self._start(name))
-        least = facts.seconds(self._end(name)) - release
+        return self._timed_as(name, self._facts.seconds(self._start(name)))
+
+    def _timed_as(self, name: str, release: float) -> TimedMotion:
+        """Return a motion as it is asked for from ``release`` (s) on."""
+        facts, motion = self._facts, self._motions[name]
+        least = facts.seconds(self._end(name) - self._start(name))
         return TimedMotion(
             name=name,
             object=motion.object,

@@ -1,25 +1,20 @@
-"""Jobs of which one robot or another does each, as constraints on presence say, and a quick guess
-of who should do which.
+"""Jobs of which one robot or another does each, as constraints on presence say.
 
 A *job* is an unconditional disjunction of presences. Each of its options draws along what has to be
 present with it; together they are a robot's share of work, from where it first has to be to where
-it ends. Jobs are dealt out by insertion where they end soonest, with straight lines for ways, and
-then moved and swapped as long as that helps (Potvin and Rousseau 1993). It proves nothing: it says
-which activities are worth a look.
+it ends.
 """
 
 from __future__ import annotations
 
 import math
-import random
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from unified_planning.model import FNode
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.model.operators import OperatorKind as Op
-from unified_planning.model.scheduling import Activity
 
 from up_samp.model import Configuration
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
@@ -28,8 +23,8 @@ from up_samp.scheduling.cpsat.encode.durations import least
 
 @dataclass(frozen=True)
 class Option:
-    """One way to do a job: ``leader`` is present, and ``members`` with it. ``robot`` is busy for
-    ``work`` s from being at ``entry`` until it is at ``exit``.
+    """One way to do a job: ``leader`` is present, and ``members`` with it. ``robot``
+    comes to ``entry``, drives ``legs`` (from, to), works for ``work`` s beside that, and is at ``exit`` in the end.
     """
 
     leader: str
@@ -38,6 +33,7 @@ class Option:
     work: float
     entry: Configuration
     exit: Configuration
+    legs: tuple[tuple[Configuration, Configuration], ...] = ()
     due: float = math.inf
     """When it has to be done at the latest (s)."""
     extras: frozenset[str] = frozenset()
@@ -171,153 +167,11 @@ def _option(
         return None
     unit, pose = snapshot.seconds_per_unit, snapshot.configurations
     work = sum(lengths[name] * unit for name in members if name not in tasks)
-    legs = [t for t in driven if t.terms[0].kind is TermKind.CONSTANT]
-    for task in legs:
-        work += ride(snapshot, task.object, pose[task.terms[0].name], pose[task.terms[-1].name])
+    known = [t for t in driven if t.terms[0].kind is TermKind.CONSTANT]
+    legs = tuple((pose[t.terms[0].name], pose[t.terms[-1].name]) for t in known)
     ends = {task.terms[-1].name for task in driven}
-    begins = {task.terms[0].name for task in legs}
+    begins = {task.terms[0].name for task in known}
     first = sorted(ends & begins) or sorted(begins - ends) or sorted(ends)
     last = sorted(ends - begins) or sorted(ends)
     (robot,) = robots
-    return Option(leader, frozenset(members), robot, work, pose[first[0]], pose[last[0]])
-
-
-def ride(snapshot: Snapshot, robot: str, a: Configuration, b: Configuration) -> float:
-    """Return a guess (s) of a drive between two poses in the plane: along the axes, with a turn."""
-    limits = snapshot.objects[robot].body.kinematics
-    length = abs(a[0] - b[0]) + abs(a[1] - b[1])
-    return length / limits.v_max + limits.v_max / limits.a_max + 2.0
-
-
-LATE = 10.0
-"""Weight of a second too late against a second of work."""
-TRAFFIC = 1.4
-"""How much longer than guessed a tour is expected to take, where something is due."""
-
-
-@dataclass
-class Deal:
-    """Who does which jobs in which order: (job, option) by robot."""
-
-    snapshot: Snapshot
-    jobs: Jobs
-    tours: dict[str, list[tuple[int, int]]]
-    bias: Mapping[tuple[int, int], float] = field(default_factory=dict)
-    """What (job, option) is taken to cost more or less than guessed (share)."""
-
-    def cost(self, robot: str, tour: Sequence[tuple[int, int]]) -> float:
-        """Return a guess of when a robot has done a tour (s), and what is late counts more."""
-        end, late = self._guess(robot, tour)
-        return end + LATE * late
-
-    def end(self, robot: str, tour: Sequence[tuple[int, int]]) -> float:
-        """Return a guess of when a robot has done a tour (s)."""
-        return self._guess(robot, tour)[0]
-
-    def _guess(self, robot: str, tour: Sequence[tuple[int, int]]) -> tuple[float, float]:
-        here = self.snapshot.configurations[self.snapshot.initial[robot]]
-        total = late = 0.0
-        for job, number in tour:
-            option = self.jobs.options[job][number]
-            total += ride(self.snapshot, robot, here, option.entry)
-            total += option.work * (1.0 + self.bias.get((job, number), 0.0))
-            here = option.exit
-            # traffic takes time, too
-            late += max(0.0, TRAFFIC * total - option.due * self.snapshot.seconds_per_unit)
-        return total, late
-
-    def leaders(self) -> set[str]:
-        """Return the options that are taken."""
-        return {self.jobs.options[j][k].leader for tour in self.tours.values() for j, k in tour}
-
-
-def deal(
-    jobs: Jobs, snapshot: Snapshot, rounds: int = 4, *, seed: int = 0, noise: float = 0.0
-) -> Deal:
-    """Return a quick and balanced share of all jobs, by guesses with ``noise`` (a share)."""
-    rng = random.Random(seed)
-    bias = {
-        (j, k): rng.uniform(-noise, noise)
-        for j, options in enumerate(jobs.options)
-        for k in range(len(options))
-    }
-    robots = sorted({o.robot for options in jobs.options for o in options})
-    found = Deal(snapshot, jobs, {robot: [] for robot in robots}, bias)
-    work = [min(o.work for o in options) for options in jobs.options]
-    due = [min(o.due for o in options) for options in jobs.options]
-    for job in sorted(range(len(jobs.options)), key=lambda j: (due[j], -work[j], j)):
-        _insert(found, job)
-    for _ in range(rounds):
-        if not _shifted(found):
-            break
-    return found
-
-
-def _insert(found: Deal, job: int) -> None:
-    """Give a job to who has done everything soonest then."""
-    best: tuple[float, float, str, list[tuple[int, int]]] | None = None
-    for number, option in enumerate(found.jobs.options[job]):
-        tour = found.tours[option.robot]
-        before = found.cost(option.robot, tour)
-        for at in range(len(tour) + 1):
-            longer = [*tour[:at], (job, number), *tour[at:]]
-            end = found.cost(option.robot, longer)
-            key = (end, end - before, option.robot, longer)
-            if best is None or key[:3] < best[:3]:
-                best = key
-    assert best is not None
-    found.tours[best[2]] = best[3]
-
-
-def _shifted(found: Deal) -> bool:
-    """Take jobs from who ends last and give them anew; return whether that helped."""
-    helped = False
-    for robot in sorted(found.tours, key=lambda r: -found.cost(r, found.tours[r])):
-        tour = found.tours[robot]
-        worst = found.cost(robot, tour)
-        for job, _ in list(tour):
-            kept = dict(found.tours)
-            found.tours[robot] = [step for step in found.tours[robot] if step[0] != job]
-            _insert(found, job)
-            changed = [r for r in kept if kept[r] != found.tours[r]]
-            if math.fsum(found.cost(r, found.tours[r]) ** 4 for r in changed) < math.fsum(
-                found.cost(r, kept[r]) ** 4 for r in changed
-            ):
-                helped |= found.cost(robot, found.tours[robot]) < worst
-            else:
-                found.tours = kept
-    return helped
-
-
-def decided(deal: Deal, names: Sequence[str]) -> frozenset[str]:
-    """Return the activities that may be present if everybody does what was dealt out, and makes use
-    of what may come of a job only in the end (to go home).
-    """
-    jobs = deal.jobs
-    chosen = {(j, k) for tour in deal.tours.values() for j, k in tour}
-    gone = {o.leader for j, options in enumerate(jobs.options) for k, o in enumerate(options)
-            if (j, k) not in chosen}  # fmt: skip
-    for tour in deal.tours.values():
-        for j, k in tour[:-1]:
-            gone |= jobs.options[j][k].extras
-    return frozenset(names) - jobs.without(gone)
-
-
-def state_order(problem: SchedulingMotionProblem, deal: Deal) -> None:
-    """State in a thinned problem that everything is done as it was dealt out, in that order."""
-    manager = problem.environment.expression_manager
-    activities = {a.name: a for a in problem.activities}
-    for tour in deal.tours.values():
-        before: list[Activity] = []
-        for j, k in tour:
-            option = deal.jobs.options[j][k]
-            mine = [
-                activities[n] for n in sorted(option.members | option.extras) if n in activities
-            ]
-            for a in mine:
-                problem.add_constraint(a.present)
-                for earlier in before:
-                    problem.add_constraint(
-                        manager.LE(earlier.end, a.start), [earlier.present, a.present]
-                    )
-            before = mine
+    return Option(leader, frozenset(members), robot, work, pose[first[0]], pose[last[0]], legs)

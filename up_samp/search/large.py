@@ -2,33 +2,37 @@
 
 A fleet of dozens has tens of thousands of optional activities, of which a plan has hundreds. A
 scheduler's model of all of them takes longer to build than a plan takes to be found. So it is first
-guessed who does which job (:mod:`up_samp.search.jobs`); the problem without everything that this
-leaves out is solved by the usual search, its motions decided one after the other
-(:mod:`up_samp.search.in_order`), and what comes of it is a plan of the whole problem. It is judged
-as that.
+guessed who does which job (:mod:`up_samp.search.deals`); the problem without everything that this
+leaves out is scheduled, whole tours are decided robot by robot (:mod:`up_samp.search.tours`), or else its
+motions one after the other (:mod:`up_samp.search.in_order`), and what comes of it is a plan of the
+whole problem. It is judged as that. Then some tours are planned anew among the others, with other
+jobs or before others (:mod:`up_samp.search.better_tours`).
 """
 
 from __future__ import annotations
 
-import itertools
+import random
 from collections.abc import Callable, Generator, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.model import Deadline
 from up_samp.model.snapshot import Snapshot
 from up_samp.search.attempt import build, keep_if_better
+from up_samp.search.better_tours import Better
 from up_samp.search.bounds import Incumbent
 from up_samp.search.conclusion import SearchResult, conclude
+from up_samp.search.deals import Deal, Guess, deal, decided_by, state_order
 from up_samp.search.events import Phase
-from up_samp.search.jobs import Deal, Jobs, deal, decided, find_jobs, state_order
+from up_samp.search.jobs import Jobs, find_jobs
 from up_samp.search.jobs_bound import bound_by_jobs
 from up_samp.search.loop import get_schedule, solve, state_what_is_known
 from up_samp.search.search import Search
 from up_samp.search.stages import BUILDING, STATING
+from up_samp.search.tours import Decided, Tours, plan_tours, undecided_tours
 from up_samp.search.tuning import LargeTuning
-from up_samp.upio import read_itinerary
+from up_samp.upio import Itinerary, read_itinerary
 from up_samp.upio.thin import thinned
 
 OpenThin = Callable[[SchedulingMotionProblem, Deadline], Search]
@@ -59,13 +63,18 @@ def large_of(
 def solve_large(
     search: Search, large: Large, *, optimal: bool
 ) -> Generator[Incumbent, None, SearchResult]:
-    """Solve a large problem: a first plan by dealing out jobs, then the search as for any other
-    problem, from that plan on.
+    """Solve a large problem: plans by dealing out jobs, better and better ones if that is asked
+    for, then the search as for any other problem, from the best one on.
     """
+    first = search.budget.share(large.tuning.share, float("inf"))
     search.tell.stage(Phase.PREPARE, "who does which job", len(large.jobs.options))
-    with search.history.stages.of(BUILDING):
-        found = plan_of_deal(search, large, deal(large.jobs, large.snapshot))
-    better = None if found is None else keep_if_better(search, found)
+    found = None
+    for dealt in deals_of(search, large):
+        with search.history.stages.of(BUILDING):
+            found = plan_of_deal(search, large, dealt, first)
+        if found is not None or first.expired():
+            break
+    better = None if found is None else keep_if_better(search, found.plan)
     with search.history.stages.of(STATING):
         proven = bound_by_jobs(large.problem, search.facts, search.motions.service, large.jobs)
     search.bounds.lower = max(search.bounds.lower, proven)
@@ -73,53 +82,108 @@ def solve_large(
         yield better
         if not optimal:
             return conclude(search)
-    for better in deal_again(search, large):
-        yield better
-        if not optimal:
-            return conclude(search)
+    if found is not None and found.tours is not None:
+        yield from improve(search, large, found, found.tours)
     if search.bounds.met or search.budget.deadline.expired():
         return conclude(search)
     return (yield from solve(search, optimal=optimal))
 
 
-def deal_again(search: Search, large: Large) -> Iterator[Incumbent]:
-    """Yield better plans of other shares of the jobs, until the time is over that there is for it.
-
-    Each share is drawn with other guesses of what drives take, more and more different.
+def deals_of(search: Search, large: Large) -> Iterator[Deal]:
+    """Yield shares of the jobs: the best one found, then others, by guesses that are more and more
+    different.
     """
-    deadline = search.budget.share(large.tuning.again, float("inf"))
-    stale = 0
-    for number in itertools.count(1):
-        if deadline.expired() or search.bounds.met or stale >= large.tuning.stale:
-            return
-        noise = large.tuning.noise * min(number, 5)
-        dealt = deal(large.jobs, large.snapshot, seed=search.seed + number, noise=noise)
-        with search.history.stages.of(BUILDING):
-            found = plan_of_deal(search, large, dealt)
-        better = None if found is None else keep_if_better(search, found)
-        stale = stale + 1 if better is None else 0
-        if better is not None:
-            yield better
+    tuning, service = large.tuning, search.motions.service
+    guess = Guess(large.snapshot, service.lower_bound)
+    for number in range(tuning.deals):
+        noise = tuning.noise * min(number, 5)
+        yield deal(large.jobs, guess, tuning.exchanges, seed=search.seed + number, noise=noise)
 
 
-def plan_of_deal(search: Search, large: Large, dealt: Deal) -> Incumbent | None:
-    """Return a valid plan of the whole problem in which everybody does what was dealt out."""
+@dataclass(frozen=True)
+class Found:
+    """A valid plan of what was ``dealt`` out; with its ``tours``, where it is made of some."""
+
+    dealt: Deal
+    plan: Incumbent
+    tours: tuple[Tours, Decided] | None
+
+
+def plan_of_deal(search: Search, large: Large, dealt: Deal, first: Deadline) -> Found | None:
+    """Return a valid plan of the whole problem in which everybody does what was dealt out.
+
+    It takes no more than a share of the time that there is for a ``first`` plan.
+    """
+    deadline = first.within(large.tuning.turn * first.remaining())
+    opened = candidate_of(large, dealt, deadline)
+    if opened is None:
+        return None
+    inner, itinerary = opened
+    tours = plan_tours(inner, itinerary, deadline, homes=homes_of(large.jobs))
+    if tours is None:
+        built = build(inner, itinerary)
+        plan = None if built is None else search.plan_of(built.schedule, built.trajectories)
+        return None if plan is None or search.judged(plan.plan) else Found(dealt, plan, None)
+    decided = tours.decided()
+    plan = plan_of_tours(search, decided)
+    return None if plan is None else Found(dealt, plan, (tours, decided))
+
+
+def plan_of_tours(search: Search, decided: Decided) -> Incumbent | None:
+    """Return a valid plan of the whole problem from tours: lean, or else with all that was dealt
+    out.
+    """
+    plan = search.plan_of(decided.lean(), decided.trajectories())
+    if not search.judged(plan.plan):
+        return plan
+    whole = replace(decided, needless=frozenset())
+    plan = search.plan_of(whole.schedule, whole.trajectories())
+    return None if search.judged(plan.plan) else plan
+
+
+def homes_of(jobs: Jobs) -> frozenset[str]:
+    """Return what may come of a job and nobody needs."""
+    needed = frozenset[str]().union(*jobs.needs.values())
+    return frozenset(n for options in jobs.options for o in options for n in o.extras) - needed
+
+
+def candidate_of(large: Large, dealt: Deal, deadline: Deadline) -> tuple[Search, Itinerary] | None:
+    """Return a search on the problem thinned to what was dealt out, and its candidate."""
     names = [a.name for a in large.problem.activities]
-    problem = thinned(large.problem, decided(dealt, names))
+    problem = thinned(large.problem, decided_by(dealt, names))
     state_order(problem, dealt)
-    deadline = search.budget.share(large.tuning.share, float("inf"))
     inner = large.open_thin(problem, deadline)
     try:
         state_what_is_known(inner)
         report = get_schedule(inner, optimal=False)
-        if report.schedule is None:
-            return None
-        # another share of the jobs is tried sooner than this one is mended
-        found = build(inner, read_itinerary(inner.knowledge.relaxation, report.schedule))
     finally:
         inner.history.take_times(inner.budget)
         inner.scheduler.close()
-    if found is None:
+    if report.schedule is None:
         return None
-    whole = search.plan_of(found.schedule, found.trajectories)
-    return None if search.judged(whole.plan) else whole
+    return inner, read_itinerary(inner.knowledge.relaxation, report.schedule)
+
+
+def improve(
+    search: Search, large: Large, found: Found, tours: tuple[Tours, Decided]
+) -> Iterator[Incumbent]:
+    """Yield better plans made of tours, until the time is over that there is for it."""
+    deadline = search.budget.share(large.tuning.again, float("inf"))
+    homes = homes_of(large.jobs)
+
+    def open_tours(dealt: Deal, until: Deadline) -> Tours | None:
+        opened = candidate_of(large, dealt, until)
+        return None if opened is None else undecided_tours(*opened, homes)
+
+    rng = random.Random(search.seed)
+    better = Better(found.dealt, *tours, open_tours, large.tuning, rng)
+    changes = better.improved(deadline)
+    while not search.bounds.met:
+        with search.history.stages.of(BUILDING):
+            decided = next(changes, None)
+        if decided is None:
+            return
+        plan = plan_of_tours(search, decided)
+        kept = None if plan is None else keep_if_better(search, plan)
+        if kept is not None:
+            yield kept

@@ -25,7 +25,6 @@ from up_samp.scheduling import Scheduler, open_scheduler
 from up_samp.search.bounds import Bounds, Incumbent
 from up_samp.search.budget import Budget
 from up_samp.search.check import Checker
-from up_samp.search.components import Builder
 from up_samp.search.conclusion import SearchResult
 from up_samp.search.events import Observer, State, Telling
 from up_samp.search.facts import Facts
@@ -44,7 +43,6 @@ from up_samp.search.stages import READING, Stages
 from up_samp.search.start import start_of
 from up_samp.search.start_poses import check_start_poses
 from up_samp.search.stopping import runtime_of
-from up_samp.search.tours import ByTours
 from up_samp.search.trace import TraceObserver
 from up_samp.tuning import tuning_of
 from up_samp.upio import Relaxation, SampSchedule, build_plan, read_problem, relax, trajectory_key
@@ -147,8 +145,7 @@ def open_thin(
     mine = replace(params, tuning=quick, progress=None, trace=None, observers=())
     needed = tuple(s for s in whole.statements if s.name in NEEDED)
     usual = components_of(mine, native=True)
-    builders: tuple[Builder, ...] = (ByTours(tuning.search.tours, in_order), *usual.builders)
-    components = replace(usual, statements=needed, shapers=(), builders=builders)
+    components = replace(usual, statements=needed, shapers=())
     snapshot, _ = lay_out(read_problem(problem, params.seconds_per_unit))
 
     def relax_anew() -> Relaxation:

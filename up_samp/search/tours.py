@@ -21,17 +21,18 @@ from __future__ import annotations
 import enum
 import math
 from collections import defaultdict
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
-from up_samp.model import Deadline
+from up_samp.model import CandidateSchedule, Deadline, Trajectory
+from up_samp.motion.fleet.committed import Committed
 from up_samp.motion.fleet.timed_path import TimedPath
 from up_samp.scheduling.partial_order import Earliest
-from up_samp.search.bounds import Incumbent
+from up_samp.search.deals import STEEP
 from up_samp.search.decisions import QUICK, Decisions, can_decide, times_of
 from up_samp.search.events import Phase
 from up_samp.search.search import Search
-from up_samp.search.tuning import InOrderTuning, ToursTuning
+from up_samp.search.world import motion_key
 from up_samp.upio import Itinerary
 
 
@@ -45,58 +46,150 @@ class End(enum.Enum):
 
 
 @dataclass(frozen=True)
-class ByTours:
-    """The component: see the module."""
+class Decided:
+    """All tours of a candidate: its ``schedule`` and, by activity, ``runs`` and when they are
+    (start, end; units). ``needless`` are last motions that nobody needs: their robots are in
+    nobody's way where they stand before.
+    """
 
-    tuning: ToursTuning = field(default_factory=ToursTuning)
-    motions: InOrderTuning = field(default_factory=InOrderTuning)
+    schedule: CandidateSchedule
+    runs: Mapping[str, TimedPath]
+    pins: Mapping[str, tuple[int, int]]
+    keys: Mapping[str, str]
+    """What their trajectories are called in a plan."""
+    needless: frozenset[str] = frozenset()
 
-    def __call__(self, search: Search, itinerary: Itinerary) -> Incumbent | None:
-        """Return a plan with the activities of a candidate, or None where none is found."""
-        if not can_decide(search, itinerary):
+    def ends(self) -> dict[str, float]:
+        """Return when each robot's last motion that is needed ends (s)."""
+        found: dict[str, float] = defaultdict(float)
+        for name, run in self.runs.items():
+            arrival = 0.0 if name in self.needless else run.arrival
+            found[run.object] = max(found[run.object], arrival)
+        return dict(found)
+
+    def cost(self) -> tuple[int, float]:
+        """Return the makespan of what is needed and the sum of its steep ends: less is better."""
+        ends = self.ends()
+        return self.lean().makespan, math.fsum(end**STEEP for end in ends.values())
+
+    def lean(self) -> CandidateSchedule:
+        """Return the schedule without what is needless."""
+        times = {n: t for n, t in self.schedule.times.items() if n not in self.needless}
+        return CandidateSchedule(times, self.schedule.parameters)
+
+    def trajectories(self) -> dict[str, Trajectory]:
+        """Return all motions that are needed by their names in a plan."""
+        return {
+            self.keys[name]: run.timing.trajectory
+            for name, run in self.runs.items()
+            if name not in self.needless
+        }
+
+
+def plan_tours(
+    search: Search,
+    itinerary: Itinerary,
+    deadline: Deadline,
+    *,
+    homes: frozenset[str] = frozenset(),
+) -> Tours | None:
+    """Return all tours of a candidate, decided; None where none are found.
+
+    :param homes: motions at the end of tours that may be left out where nobody needs them.
+    """
+    search.tell.stage(Phase.GROUP, count=len(itinerary.motions))
+    with search.budget.motion_time():
+        tours = undecided_tours(search, itinerary, homes)
+        if tours is None:
             return None
-        search.tell.stage(Phase.GROUP, count=len(itinerary.motions))
-        deadline = search.budget.share(self.tuning.share, float("inf"))
-        with search.budget.motion_time():
-            found = self._decided(search, itinerary, deadline)
-        return None if found is None else search.plan_of(found.schedule(), found.trajectories())
-
-    def _decided(self, search: Search, itinerary: Itinerary, deadline: Deadline) -> Tours | None:
-        times = times_of(search, itinerary)
-        if times is None:
-            return None
-        begun, first = times.state(), list[str]()
-        for _ in range(self.tuning.orders):
-            times.restore(begun)
-            tours = Tours(search, itinerary, times, self.motions, self.tuning)
+        first: list[str] = []
+        for _ in range(search.tuning.tours.orders):
             stuck = tours.decide(first, deadline)
             if stuck is None:
                 return tours
             if deadline.expired() or first[:1] == [stuck]:
                 return None
             first = [stuck, *(name for name in first if name != stuck)]
+            tours.reset()
+    return None
+
+
+def undecided_tours(search: Search, itinerary: Itinerary, homes: frozenset[str]) -> Tours | None:
+    """Return the tours of a candidate, none of them decided; None where it is none that motions
+    are decided one by one for.
+    """
+    if not can_decide(search, itinerary):
         return None
+    times = times_of(search, itinerary)
+    return None if times is None else Tours(search, itinerary, times, homes)
 
 
 class Tours(Decisions):
     """Tours that wait to be decided, and those that are."""
 
     def __init__(
-        self,
-        search: Search,
-        itinerary: Itinerary,
-        times: Earliest,
-        motions: InOrderTuning,
-        tuning: ToursTuning,
+        self, search: Search, itinerary: Itinerary, times: Earliest, homes: frozenset[str]
     ) -> None:
-        super().__init__(search, itinerary, times, motions)
-        self._tours = tuning
+        super().__init__(search, itinerary, times, search.tuning.in_order)
+        self._tours, self._homes = search.tuning.tours, homes
+        self._begun = times.state()
         self._chains: dict[str, list[str]] = defaultdict(list)
         for motion in itinerary.motions:
             self._chains[motion.object].append(motion.activity)
         self._dead: set[tuple[str, float]] = set()
         """Stays (motion, until) of the present tour from which there is no way on."""
         self._tries = 0
+
+    @property
+    def robots(self) -> list[str]:
+        """All robots that drive."""
+        return sorted(self._chains)
+
+    def reset(self) -> None:
+        """Let nothing be decided."""
+        self._times.restore(self._begun)
+        self._waiting = dict(self._motions)
+        self._floor = Committed(self._service, self._rests())
+
+    def adopt(self, decided: Decided, but: Collection[str]) -> bool:
+        """Let everything be decided that was (perhaps for another candidate), but for some robots;
+        return whether that keeps what is asked.
+        """
+        self.reset()
+        for robot in self.robots:
+            for name in self._chains[robot] if robot not in but else ():
+                if name not in decided.runs:
+                    return False
+                start, end = decided.pins[name]
+                pins = {("start", name): start, ("end", name): end}
+                if not self._times.raised(pins, pin=True):
+                    return False
+                self._floor.add(replace(decided.runs[name], until=math.inf))
+                del self._waiting[name]
+        return True
+
+    def decided(self) -> Decided:
+        """Return what is decided, when all is."""
+        runs = self._floor.trajectories()
+        pins = {name: (self._start(name), self._end(name)) for name in runs}
+        keys = {name: motion_key(motion) for name, motion in self._motions.items()}
+        return Decided(self.schedule(), runs, pins, keys, self._needless())
+
+    def _needless(self) -> frozenset[str]:
+        """Return the last motions, of those that may be left out, that nobody needs; the latest are
+        left out first. They are not decided any more then.
+        """
+        runs, found = self._floor.trajectories(), set[str]()
+        last = [(chain[-2:], runs[chain[-1]].arrival) for chain in self._chains.values()]
+        for (*before, name), _ in sorted(last, key=lambda item: (-item[1], item[0])):
+            if name not in self._homes or not before:
+                continue
+            arrival = runs[before[0]].arrival
+            here = self._timed_as(before[0], arrival)
+            if any(a <= arrival and b == math.inf for a, b in self._floor.stays(here)):
+                self._floor.withdraw(runs[name].object)
+                found.add(name)
+        return frozenset(found)
 
     def decide(self, first: Sequence[str], deadline: Deadline) -> str | None:
         """Decide all tours, those of ``first`` before the others; return None, or the robot that
@@ -181,7 +274,7 @@ class Tours(Decisions):
         run = self._run(name, since, until, deadline)
         if run is None:
             return End.STUCK
-        motion, before = self._waiting[name], self._times.state()
+        motion, before = self._motions[name], self._times.state()
         if not self._take(name, run):
             return End.LATE
         end = End.STUCK

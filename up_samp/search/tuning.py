@@ -173,7 +173,6 @@ class InOrderTuning(Tunables):
 class ToursTuning(Tunables):
     """Whole tours decided one robot after the other (``search/tours.py``)."""
 
-    share: float = share_of(0.8, "of the remaining time, for one candidate")
     orders: int = tunable(
         12, "orders", "of the robots; who finds no tour goes first in the next one", least=1
     )
@@ -194,16 +193,24 @@ class LargeTuning(Tunables):
     activities: int = tunable(
         240, "optional activities", "from which on jobs are dealt out first", least=1
     )
-    share: float = share_of(0.8, "of the remaining time, for the first plan")
+    share: float = share_of(
+        0.6, "of all time, for a first plan by dealing out jobs; then the usual search has its turn"
+    )
+    turn: float = share_of(0.6, "of what is left of that, for one share of the jobs")
+    deals: int = tunable(20, "shares of the jobs", "at most, until there is a plan", least=1)
+    exchanges: int = tunable(200, "changes a job", "of annealing over who does what", least=0)
+    noise: float = share_of(0.06, "of what a job costs, by which guesses differ at first")
     tour_rounds: int = tunable(
         10, "rounds a task", "of annealing over tours of what was dealt out", least=0
     )
     relaxed: float = effort_of(0.1, "for the routing relaxation of what was dealt out")
-    again: float = share_of(
-        0.9, "of the time that is left after the first plan, for other shares of the jobs"
+    again: float = share_of(0.9, "of the time that is left after the first plan, for better tours")
+    stale: int = tunable(150, "changes", "of tours in a row that may bring nothing", least=1)
+    jobs: float = share_of(0.5, "of the changes, that give a job to another robot")
+    together: int = tunable(3, "tours", "at most, that the last one is decided before", least=1)
+    choice: int = tunable(
+        6, "exchanges of jobs", "that look best, of which one is tried at random", least=1
     )
-    stale: int = tunable(30, "shares", "in a row that may bring no better plan", least=1)
-    noise: float = share_of(0.06, "of what a job costs, by which guesses differ at first")
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,130 @@
+"""Better plans of a fleet: some tours are withdrawn and decided anew among the others.
+
+Large-neighbourhood search (Shaw 1998; for paths of many robots: Li et al., "Anytime Multi-Agent
+Path Finding via Large Neighborhood Search", IJCAI 2021). Whose tour ends last goes first now,
+before some others; or it gives a job to another robot, or exchanges one with it. What is not
+withdrawn stays as it is, motions and times. A change is kept if the plan gets shorter, or if it
+does not and its tours do on the whole.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+from up_samp.model import Deadline
+from up_samp.search.deals import Deal, Step
+from up_samp.search.tours import Decided, Tours
+from up_samp.search.tuning import LargeTuning
+
+OpenTours = Callable[[Deal, Deadline], Tours | None]
+"""Opens tours of what was dealt out, with nothing decided; None where they cannot be."""
+
+
+@dataclass
+class Better:
+    """The best tours so far of a fleet, and the search for better ones."""
+
+    dealt: Deal
+    tours: Tours
+    best: Decided
+    open_tours: OpenTours
+    tuning: LargeTuning
+    rng: random.Random
+    tried: set[tuple[object, ...]] = field(default_factory=set)
+    """Exchanges of jobs that did not help since the last change."""
+
+    def improved(self, deadline: Deadline) -> Iterator[Decided]:
+        """Yield tours that are over sooner than all before."""
+        stale = 0
+        while stale < self.tuning.stale and not deadline.expired():
+            change = self._other_jobs if self.rng.random() < self.tuning.jobs else self._other_order
+            found, before = change(deadline), self.best
+            stale += 1
+            if found is None or found.cost() >= before.cost():
+                continue
+            self.best, stale = found, 0
+            self.tried.clear()
+            if found.lean().makespan < before.lean().makespan:
+                yield found
+
+    def _ranked(self) -> list[str]:
+        """Return the robots, those that end last first."""
+        ends = self.best.ends()
+        return sorted(self.tours.robots, key=lambda r: (-ends.get(r, 0.0), r))
+
+    def _other_order(self, deadline: Deadline) -> Decided | None:
+        """Return what comes of deciding the last tour before some others."""
+        worst, *others = self._ranked()
+        some = self.rng.sample(others, min(len(others), self.rng.randint(1, self.tuning.together)))
+        return self._anew(self.tours, [worst, *some], deadline)
+
+    def _other_jobs(self, deadline: Deadline) -> Decided | None:
+        """Return what comes of giving a job of the last tour to another robot."""
+        options = self._exchanges()
+        if not options:
+            return self._other_order(deadline)
+        _, key, changed = options[self.rng.randrange(min(len(options), self.tuning.choice))]
+        self.tried.add(key)
+        dealt = self.dealt.with_tours(changed)
+        tours = self.open_tours(dealt, deadline)
+        found = None if tours is None else self._anew(tours, list(changed), deadline)
+        if tours is not None and found is not None and found.cost() < self.best.cost():
+            self.dealt, self.tours = dealt, tours
+        return found
+
+    def _anew(self, tours: Tours, some: list[str], deadline: Deadline) -> Decided | None:
+        """Return what comes of deciding some tours anew, in that order."""
+        if not tours.adopt(self.best, some) or tours.decide(some, deadline) is not None:
+            return None
+        return tours.decided()
+
+    def _exchanges(self) -> list[tuple[float, tuple[object, ...], dict[str, list[Step]]]]:
+        """Return ways to take a job from the last tour, those first that are over soonest as far as
+        driving alone tells: (s, key, tours).
+        """
+        ends, (worst, *_) = self.best.ends(), self._ranked()
+        found = []
+        for key, changed in _changes(self.dealt, worst):
+            if key in self.tried:
+                continue
+            then = max(
+                ends.get(r, 0.0)
+                + self.dealt.cost(r, changed[r])
+                - self.dealt.cost(r, self.dealt.tours[r])
+                for r in changed
+            )
+            if then < ends[worst]:
+                found.append((then, key, changed))
+        found.sort(key=lambda option: (option[0], str(option[1])))
+        return found
+
+
+def _changes(dealt: Deal, worst: str) -> Iterator[tuple[tuple[object, ...], dict[str, list[Step]]]]:
+    """Yield tours in which a job of one robot is done by another one, with or without one in
+    exchange.
+    """
+    jobs, tours = dealt.jobs.options, dealt.tours
+    for at, step in enumerate(tours.get(worst, ())):
+        left = [s for s in tours[worst] if s != step]
+        for number, option in enumerate(jobs[step[0]]):
+            other, mine = option.robot, (step[0], number)
+            if other == worst:
+                continue
+            theirs = tours[other]
+            for place in range(len(theirs) + 1):
+                moved = [*theirs[:place], mine, *theirs[place:]]
+                yield ("move", step, other, place), {worst: left, other: moved}
+            for place, back in enumerate(theirs):
+                mirrored = _option_of(dealt, back, worst)
+                if mirrored is not None:
+                    swapped = [*theirs[:place], mine, *theirs[place + 1 :]]
+                    taken = [*tours[worst][:at], mirrored, *tours[worst][at + 1 :]]
+                    yield ("swap", step, back), {worst: taken, other: swapped}
+
+
+def _option_of(dealt: Deal, step: Step, robot: str) -> Step | None:
+    """Return how a robot would do the job of a step, if it can."""
+    options: Mapping[int, str] = {k: o.robot for k, o in enumerate(dealt.jobs.options[step[0]])}
+    return next(((step[0], k) for k, who in options.items() if who == robot), None)
