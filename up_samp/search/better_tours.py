@@ -76,6 +76,7 @@ class Better:
 
     def _anew(self, tours: Tours, some: list[str], deadline: Deadline) -> Decided | None:
         """Return what comes of deciding some tours anew, in that order."""
+        tours.limit = self.best.lean().makespan
         if not tours.adopt(self.best, some) or tours.decide(some, deadline) is not None:
             return None
         return tours.decided()

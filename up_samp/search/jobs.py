@@ -23,8 +23,9 @@ from up_samp.scheduling.cpsat.encode.durations import least
 
 @dataclass(frozen=True)
 class Option:
-    """One way to do a job: ``leader`` is present, and ``members`` with it. ``robot``
-    comes to ``entry``, drives ``legs`` (from, to), works for ``work`` s beside that, and is at ``exit`` in the end.
+    """One way to do a job: ``leader`` is present, and ``members`` with it. ``robot`` comes to
+    ``entry``, drives ``legs`` (from, to) and works for ``work`` s beside that; then it is at
+    ``exit``.
     """
 
     leader: str

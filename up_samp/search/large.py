@@ -3,10 +3,10 @@
 A fleet of dozens has tens of thousands of optional activities, of which a plan has hundreds. A
 scheduler's model of all of them takes longer to build than a plan takes to be found. So it is first
 guessed who does which job (:mod:`up_samp.search.deals`); the problem without everything that this
-leaves out is scheduled, whole tours are decided robot by robot (:mod:`up_samp.search.tours`), or else its
-motions one after the other (:mod:`up_samp.search.in_order`), and what comes of it is a plan of the
-whole problem. It is judged as that. Then some tours are planned anew among the others, with other
-jobs or before others (:mod:`up_samp.search.better_tours`).
+leaves out is scheduled, whole tours are decided robot by robot (:mod:`up_samp.search.tours`), or
+else its motions one after the other (:mod:`up_samp.search.in_order`), and what comes of it is a
+plan of the whole problem. It is judged as that. Then some tours are planned anew among the others,
+with other jobs or before others (:mod:`up_samp.search.better_tours`).
 """
 
 from __future__ import annotations

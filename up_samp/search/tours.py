@@ -139,6 +139,8 @@ class Tours(Decisions):
         self._dead: set[tuple[str, float]] = set()
         """Stays (motion, until) of the present tour from which there is no way on."""
         self._tries = 0
+        self.limit = math.inf
+        """When all tours have to be over (units)."""
 
     @property
     def robots(self) -> list[str]:
@@ -278,7 +280,9 @@ class Tours(Decisions):
         if not self._take(name, run):
             return End.LATE
         end = End.STUCK
-        if not rest or self._facts.seconds(self._start(rest[0])) <= until:
+        if self._done(stretch) > self.limit:
+            end = End.LATE
+        elif not rest or self._facts.seconds(self._start(rest[0])) <= until:
             end = self._drive(rest, deadline)
         if end is not End.DECIDED:
             # whoever comes there later can leave no sooner
@@ -304,6 +308,13 @@ class Tours(Decisions):
                 attempt, late = other, other.run.arrival > due
         run = attempt.run
         return None if run is None or run.arrival > until else run
+
+    def _done(self, stretch: Sequence[str]) -> int:
+        """Return when (units) motions are over at the soonest, without a last one that may turn out
+        to be needless: then, when it can begin.
+        """
+        last = stretch[-1]
+        return self._start(last) if last in self._homes else self._end(last)
 
     def _stay(self, stretch: Sequence[str]) -> float:
         """Return how long (s) a robot stays at least where its first of some motions ends."""
