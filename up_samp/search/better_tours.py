@@ -42,12 +42,15 @@ class Better:
             change = self._other_jobs if self.rng.random() < self.tuning.jobs else self._other_order
             found, before = change(deadline), self.best
             stale += 1
-            if found is None or found.cost() >= before.cost():
+            if found is None or self._cost(found) >= self._cost(before):
                 continue
             self.best, stale = found, 0
             self.tried.clear()
             if found.lean().makespan < before.lean().makespan:
                 yield found
+
+    def _cost(self, decided: Decided) -> tuple[int, float]:
+        return decided.cost(self.dealt.tuning.steep)
 
     def _ranked(self) -> list[str]:
         """Return the robots, those that end last first."""
@@ -70,7 +73,7 @@ class Better:
         dealt = self.dealt.with_tours(changed)
         tours = self.open_tours(dealt, deadline)
         found = None if tours is None else self._anew(tours, list(changed), deadline)
-        if tours is not None and found is not None and found.cost() < self.best.cost():
+        if tours is not None and found is not None and self._cost(found) < self._cost(self.best):
             self.dealt, self.tours = dealt, tours
         return found
 

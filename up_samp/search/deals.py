@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity
@@ -18,22 +18,15 @@ from unified_planning.model.scheduling import Activity
 from up_samp.model import Body, Configuration
 from up_samp.model.snapshot import Snapshot
 from up_samp.search.jobs import Jobs
+from up_samp.search.tuning import DealsTuning
 
 Lasts = Callable[[Body, Configuration, Configuration], float]
 """How long a body takes at least from one pose to another (s)."""
 Step = tuple[int, int]
 """A job and which of its options is taken."""
 
-LATE = 10.0
-"""Weight of a second too late against a second of work."""
-TRAFFIC = 1.3
-"""How much longer than alone a tour is expected to take, where something is due."""
-STEEP = 6
-"""The power of a tour's cost that counts."""
 FOREVER = 1e6
 """What counts for a drive that is known to be impossible (s)."""
-WARM, COLD = 0.03, 0.0003
-"""Share of all cost by which a change may be worse, at first and in the end of annealing."""
 
 
 class Guess:
@@ -67,6 +60,7 @@ class Deal:
     guess: Guess
     jobs: Jobs
     tours: dict[str, list[Step]]
+    tuning: DealsTuning = field(default_factory=DealsTuning)
     bias: Mapping[Step, float] = field(default_factory=dict)
     """What a step is taken to cost more or less than guessed (share)."""
     _work: dict[Step, float] = field(default_factory=dict)
@@ -74,7 +68,7 @@ class Deal:
     def cost(self, robot: str, tour: Sequence[Step]) -> float:
         """Return a guess of when a robot has done a tour (s), and what is late counts more."""
         end, late = self._guess(robot, tour)
-        return end + LATE * late
+        return end + self.tuning.late * late
 
     def end(self, robot: str, tour: Sequence[Step]) -> float:
         """Return a guess of when a robot has done a tour (s)."""
@@ -90,7 +84,9 @@ class Deal:
             here = option.exit
             if option.due < math.inf:
                 # traffic takes time, too
-                late += max(0.0, TRAFFIC * total - option.due * snapshot.seconds_per_unit)
+                late += max(
+                    0.0, self.tuning.traffic * total - option.due * snapshot.seconds_per_unit
+                )
         return total, late
 
     def _busy(self, step: Step) -> float:
@@ -108,17 +104,22 @@ class Deal:
 
     def with_tours(self, changed: Mapping[str, list[Step]]) -> Deal:
         """Return the same with other tours of some robots."""
-        return Deal(self.guess, self.jobs, {**self.tours, **changed}, self.bias, self._work)
+        return replace(self, tours={**self.tours, **changed})
 
 
 def deal(
-    jobs: Jobs, guess: Guess, exchanges: int = 200, *, seed: int = 0, noise: float = 0.0
+    jobs: Jobs,
+    guess: Guess,
+    tuning: DealsTuning | None = None,
+    *,
+    seed: int = 0,
+    noise: float = 0.0,
 ) -> Deal:
     """Return a quick and balanced share of all jobs.
 
-    :param exchanges: changes that are tried, for each job.
     :param noise: share by which guesses of what jobs take are changed.
     """
+    tuning = tuning or DealsTuning()
     rng = random.Random(seed)
     bias = {
         (j, k): rng.uniform(-noise, noise)
@@ -126,12 +127,12 @@ def deal(
         for k in range(len(options))
     }
     robots = sorted({o.robot for options in jobs.options for o in options})
-    found = Deal(guess, jobs, {robot: [] for robot in robots}, bias)
+    found = Deal(guess, jobs, {robot: [] for robot in robots}, tuning, bias)
     work = [min(o.work for o in options) for options in jobs.options]
     due = [min(o.due for o in options) for options in jobs.options]
     for job in sorted(range(len(jobs.options)), key=lambda j: (due[j], -work[j], j)):
         found.tours = {**found.tours, **inserted(found, job)}
-    return exchanged(found, exchanges * len(jobs.options), rng)
+    return exchanged(found, tuning.exchanges * len(jobs.options), rng)
 
 
 def inserted(found: Deal, job: int) -> dict[str, list[Step]]:
@@ -152,18 +153,18 @@ def inserted(found: Deal, job: int) -> dict[str, list[Step]]:
 
 def exchanged(found: Deal, tries: int, rng: random.Random) -> Deal:
     """Return the best share that annealing comes by: jobs moved, or exchanged by two robots."""
-    robots = sorted(found.tours)
+    robots, tuning = sorted(found.tours), found.tuning
     tours = {robot: list(tour) for robot, tour in found.tours.items()}
-    weigh = {robot: found.cost(robot, tours[robot]) ** STEEP for robot in robots}
+    weigh = {robot: found.cost(robot, tours[robot]) ** tuning.steep for robot in robots}
     total = math.fsum(weigh.values())
     best, least = dict(tours), total
     for number in range(tries):
         changed = _changed(found, tours, rng)
         if changed is None:
             continue
-        after = {robot: found.cost(robot, tour) ** STEEP for robot, tour in changed.items()}
+        after = {robot: found.cost(robot, tour) ** tuning.steep for robot, tour in changed.items()}
         worse = sum(after[r] - weigh[r] for r in sorted(after))
-        heat = WARM * (COLD / WARM) ** (number / tries)
+        heat = tuning.warm * (tuning.cold / tuning.warm) ** (number / tries)
         if worse > 0 and rng.random() >= math.exp(-worse / (heat * total)):
             continue
         tours.update(changed)

@@ -93,11 +93,11 @@ def deals_of(search: Search, large: Large) -> Iterator[Deal]:
     """Yield shares of the jobs: the best one found, then others, by guesses that are more and more
     different.
     """
-    tuning, service = large.tuning, search.motions.service
+    tuning, service = search.tuning, search.motions.service
     guess = Guess(large.snapshot, service.lower_bound)
-    for number in range(tuning.deals):
-        noise = tuning.noise * min(number, 5)
-        yield deal(large.jobs, guess, tuning.exchanges, seed=search.seed + number, noise=noise)
+    for number in range(large.tuning.deals):
+        noise = tuning.deals.noise * min(number, 5)
+        yield deal(large.jobs, guess, tuning.deals, seed=search.seed + number, noise=noise)
 
 
 @dataclass(frozen=True)

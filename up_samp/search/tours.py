@@ -28,7 +28,6 @@ from up_samp.model import CandidateSchedule, Deadline, Trajectory
 from up_samp.motion.fleet.committed import Committed
 from up_samp.motion.fleet.timed_path import TimedPath
 from up_samp.scheduling.partial_order import Earliest
-from up_samp.search.deals import STEEP
 from up_samp.search.decisions import QUICK, Decisions, can_decide, times_of
 from up_samp.search.events import Phase
 from up_samp.search.search import Search
@@ -67,10 +66,12 @@ class Decided:
             found[run.object] = max(found[run.object], arrival)
         return dict(found)
 
-    def cost(self) -> tuple[int, float]:
-        """Return the makespan of what is needed and the sum of its steep ends: less is better."""
+    def cost(self, steep: int) -> tuple[int, float]:
+        """Return the makespan of what is needed and the sum of its ends to the power ``steep``:
+        less is better.
+        """
         ends = self.ends()
-        return self.lean().makespan, math.fsum(end**STEEP for end in ends.values())
+        return self.lean().makespan, math.fsum(end**steep for end in ends.values())
 
     def lean(self) -> CandidateSchedule:
         """Return the schedule without what is needless."""

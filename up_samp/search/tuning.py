@@ -187,6 +187,24 @@ class ToursTuning(Tunables):
 
 
 @dataclass(frozen=True)
+class DealsTuning(Tunables):
+    """Who does which job, before any motion is known (``search/deals.py``)."""
+
+    exchanges: int = tunable(200, "changes a job", "of annealing over who does what", least=0)
+    warm: float = share_of(0.03, "of all cost, by which a change may be worse at first")
+    cold: float = share_of(0.0003, "of all cost, by which a change may be worse in the end")
+    steep: int = tunable(6, "power", "of a tour's end that counts: the last one most", least=1)
+    late: float = tunable(10.0, "factor", "by which a second too late counts more", least=0)
+    traffic: float = tunable(
+        1.3,
+        "factor",
+        "by which tours are expected to take longer than alone, if one is due",
+        least=1,
+    )
+    noise: float = share_of(0.06, "of what a job costs, by which guesses differ at first")
+
+
+@dataclass(frozen=True)
 class LargeTuning(Tunables):
     """Problems that are solved in parts (``search/large.py``)."""
 
@@ -198,8 +216,6 @@ class LargeTuning(Tunables):
     )
     turn: float = share_of(0.6, "of what is left of that, for one share of the jobs")
     deals: int = tunable(20, "shares of the jobs", "at most, until there is a plan", least=1)
-    exchanges: int = tunable(200, "changes a job", "of annealing over who does what", least=0)
-    noise: float = share_of(0.06, "of what a job costs, by which guesses differ at first")
     tour_rounds: int = tunable(
         10, "rounds a task", "of annealing over tours of what was dealt out", least=0
     )
@@ -286,6 +302,7 @@ class SearchTuning(Tunables):
     turns: TurnsTuning = field(default_factory=TurnsTuning)
     in_order: InOrderTuning = field(default_factory=InOrderTuning)
     tours: ToursTuning = field(default_factory=ToursTuning)
+    deals: DealsTuning = field(default_factory=DealsTuning)
     large: LargeTuning = field(default_factory=LargeTuning)
     start: StartTuning = field(default_factory=StartTuning)
     slack: SlackTuning = field(default_factory=SlackTuning)
