@@ -68,10 +68,7 @@ def test_cells_in_conflict_are_found_and_no_others(seed):
     bodies = [CAR, ELL] if seed % 2 else [CAR, CAR]
     a, b = (random_path(rng, body, 6.0) for body in bodies)
     margin = 0.01
-    runs = conflict_runs(
-        a.table, a.hull.verts, a.hull.counts, a.hull.radius,
-        b.table, b.hull.verts, b.hull.counts, b.hull.radius, margin, a.hull.core + b.hull.core,
-    )  # fmt: skip
+    runs = conflict_runs(a.swept, b.swept, margin)
     found = np.zeros((a.cells + 2, b.cells + 2), dtype=bool)
     for i, j0, j1 in runs:
         found[i, j0 : j1 + 1] = True

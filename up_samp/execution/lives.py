@@ -22,7 +22,8 @@ from up_samp.execution.loads import hold_of, laden_bodies
 from up_samp.io.floors import side_by_side
 from up_samp.io.sampling import rows_trajectory
 from up_samp.model import Body, Configuration, Kinematics, MotionModel, UnsupportedError
-from up_samp.motion.fleet.paths import Hull, Path, hull_of, path_of, resting_path
+from up_samp.motion.fleet.paths import Path, hull_of, path_of, resting_path
+from up_samp.motion.fleet.swept import Hull
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -21,6 +21,7 @@ from up_samp.execution.lives import Drive, Life, Piece, Stay, concerned, pairs_o
 from up_samp.model import ProblemError
 from up_samp.motion.fleet.conflicts import conflict_runs
 from up_samp.motion.fleet.paths import Path
+from up_samp.motion.fleet.swept import Swept
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -134,16 +135,12 @@ def _cut(piece: Piece, level: int) -> Path:
 
 
 def _runs(path_a: Path, path_b: Path, margin: float) -> IntArray:
-    ha, hb = path_a.hull, path_b.hull
     # without the rests: these are pieces of their own; a rest's table has only rests
-    ta = path_a.table[1:-1] if path_a.cells else path_a.table[:1]
-    tb = path_b.table[1:-1] if path_b.cells else path_b.table[:1]
-    rows = conflict_runs(
-        np.ascontiguousarray(ta), ha.verts, ha.counts, ha.radius,
-        np.ascontiguousarray(tb), hb.verts, hb.counts, hb.radius,
-        margin, ha.core + hb.core,
-    )  # fmt: skip
-    return np.asarray(rows)
+    moving: list[Swept] = []
+    for path in (path_a, path_b):
+        table = path.swept.table[1:-1] if path.cells else path.swept.table[:1]
+        moving.append(Swept(np.ascontiguousarray(table), path.hull))
+    return np.asarray(conflict_runs(moving[0], moving[1], margin))
 
 
 def cell_times(piece: Piece, path: Path) -> tuple[FloatArray, FloatArray]:

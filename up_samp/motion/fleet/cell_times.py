@@ -7,10 +7,12 @@ behind it.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.geometry.compiled import kernel
+from up_samp.geometry.compiled import inner, kernel
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -25,6 +27,13 @@ A_AVOIDS = 1
 """Bit of a pair's flags: the first body, moving, must keep clear of the second."""
 B_AVOIDS = 2
 """Bit of a pair's flags: the second body, moving, must keep clear of the first."""
+
+
+class Safe(NamedTuple):
+    """When cells are free: cell ``i`` in ``intervals[head[i]:head[i + 1]]`` (rows begin, end)."""
+
+    head: IntArray
+    intervals: FloatArray
 
 
 @kernel
@@ -91,7 +100,7 @@ def forbidden(
     return used
 
 
-@kernel
+@inner
 def _moment(times: FloatArray, poses: FloatArray, t: float) -> tuple[float, float]:
     """Return the position at time ``t`` (rest before and after), along chords."""
     n = len(times)
@@ -190,9 +199,9 @@ def shared_stretch(runs: IntArray, a: FloatArray, b: FloatArray, after: float) -
 
 
 @kernel
-def safe_intervals(rows: FloatArray, cells: int) -> tuple[IntArray, FloatArray]:
-    """Return the safe time intervals of all extended cells: ``head`` (cells + 3,) and ``safe``
-    (k, 2) such that cell ``i`` has ``safe[head[i]:head[i + 1]]``, ascending.
+def safe_intervals(rows: FloatArray, cells: int) -> Safe:
+    """Return the safe time intervals of all extended cells, ascending, outside of ``rows`` (cell,
+    from, until).
     """
     count = np.zeros(cells + 3, dtype=np.int64)
     for r in range(len(rows)):
@@ -226,7 +235,7 @@ def safe_intervals(rows: FloatArray, cells: int) -> tuple[IntArray, FloatArray]:
             safe[used, 0], safe[used, 1] = free_from, np.inf
             used += 1
         head[cell + 1] = used
-    return head, safe[:used]
+    return Safe(head, safe[:used])
 
 
 @kernel

@@ -138,7 +138,7 @@ def _virtual_obstacles(
     for other, cell, _ in met:
         runs = workspace.conflicts(path, other.path)
         hits = np.unique(np.concatenate([np.arange(a, b + 1) for _, a, b in runs]))
-        table = other.path.table
+        table = other.path.swept.table
         reach = other.path.hull.radius + path.hull.radius
         centre = table[cell, 1, :2]
         last = np.full(2, math.inf)

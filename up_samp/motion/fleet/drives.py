@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from up_samp.geometry.compiled import inner
 from up_samp.geometry.kernels import advance
-from up_samp.motion.fleet.movers import Me, Movers, visits
+from up_samp.motion.curves.reeds_shepp import Pose
+from up_samp.motion.fleet.movers import VISITS, Me, Movers, visits
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -46,30 +47,40 @@ class Drive(NamedTuple):
 
 
 @inner
-def sample(
-    me: Me,
-    movers: Movers,
-    label: FloatArray,
-    arcs: FloatArray,
-    n: int,
-    brake: bool,
-    drive: Drive,
-    end: FloatArray,
-) -> tuple[int, float]:
-    """Sample ``n`` arcs from a label; return the number of poses and the last run's signed length.
+def new_drive() -> Drive:
+    """Return room for a drive."""
+    return Drive(
+        np.empty(PIECES),
+        np.empty(PIECES),
+        np.empty((PIECES, VISITS, 2)),
+        np.zeros(PIECES, dtype=np.int64),
+    )
 
-    ``end`` (3,) is filled with the last pose. With ``brake`` the drive ends at rest, otherwise it
-    may go on.
+
+class Begin(NamedTuple):
+    """Where a drive begins: at a ``pose``, in a run of signed length ``run`` (m)."""
+
+    pose: Pose
+    run: float
+
+
+@inner
+def sample(
+    me: Me, movers: Movers, begin: Begin, arcs: FloatArray, n: int, brake: bool, drive: Drive
+) -> tuple[int, float, Pose]:
+    """Sample ``n`` arcs; return the number of poses, the last run's signed length, and the end.
+
+    With ``brake`` the drive ends at rest, otherwise it may go on.
     """
-    v, a = me.numbers[3], me.numbers[4]
+    v, a = me.car.v, me.car.a
     total = 0.0
     for i in range(n):
         total += abs(arcs[i, 1])
     step = max(PIECE, total / (PIECES - n))
-    x, y, th = label[0], label[1], label[2]
+    pose = begin.pose
     count = 0
     rest, on, run, ahead = 0.0, 0.0, 0.0, 0.0
-    moving = abs(label[4]) if label[4] * arcs[0, 1] > 0 else 0.0
+    moving = abs(begin.run) if begin.run * arcs[0, 1] > 0 else 0.0
     for i in range(n):
         kappa, s = arcs[i, 0], arcs[i, 1]
         if i == 0 or run * s < 0:
@@ -86,7 +97,7 @@ def sample(
         braked = brake or ahead < abs(total) - 1e-9
         pieces = max(1, math.ceil(abs(s) / step))
         for k in range(1, pieces + 1):
-            px, py, pth = advance(x, y, th, kappa, s * k / pieces)
+            there = advance(pose[0], pose[1], pose[2], kappa, s * k / pieces)
             gone = abs(run) + abs(s) * k / pieces
             first, second = ramp(gone, v, a), rolling(moving, gone, v, a)
             left = max(0.0, ahead - gone)
@@ -96,12 +107,11 @@ def sample(
                 whole = rolling(moving, ahead, v, a) + stop(moving + ahead, v, a)
                 second = max(second, whole - late)
             drive.at[count], drive.on[count] = rest + first, on + second
-            drive.many[count] = visits(me, movers, px, py, pth, False, drive.busy[count])
+            drive.many[count] = visits(me, movers, there, False, drive.busy[count])
             count += 1
-        x, y, th = advance(x, y, th, kappa, s)
+        pose = advance(pose[0], pose[1], pose[2], kappa, s)
         run += s
-    end[0], end[1], end[2] = x, y, th
-    return count, run
+    return count, run, pose
 
 
 @inner

@@ -120,12 +120,7 @@ class Joint:
         key = (i, a.number, j, b.number) if i < j else (j, b.number, i, a.number)
         known = self._conflicts.get(key)
         if known is None:
-            g, h = a.hull, b.hull
-            known = in_step(
-                a.table, g.verts, g.counts, g.radius,
-                b.table, h.verts, h.counts, h.radius, self.margin,
-            )  # fmt: skip
-            self._conflicts[key] = known
+            known = self._conflicts[key] = in_step(a.swept, b.swept, self.margin)
         return known
 
     def _valid(self, state: State) -> bool:
@@ -213,11 +208,7 @@ class Joint:
             return False
         key = (i, a.number, j, b.number) if i < j else (j, b.number, i, a.number)
         if key not in self._overlaps:
-            g, h = a.hull, b.hull
-            self._overlaps[key] = sweeps_meet(
-                a.table, g.verts, g.counts, g.radius,
-                b.table, h.verts, h.counts, h.radius, self.margin,
-            )  # fmt: skip
+            self._overlaps[key] = sweeps_meet(a.swept, b.swept, self.margin)
         return self._overlaps[key]
 
     def _near(self, a: Edge, b: Edge) -> bool:

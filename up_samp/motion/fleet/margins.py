@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from up_samp.geometry.scene import Scene
 from up_samp.motion.fleet.conflicts import separation
-from up_samp.motion.fleet.paths import Hull
+from up_samp.motion.fleet.swept import Hull
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -29,7 +29,7 @@ def kept(wish: float, a: Iterable[FloatArray], g: Hull, b: Iterable[FloatArray],
     """
     margin = wish
     for p, q in product(a, b):
-        gap = separation(p, g.verts, g.counts, q, h.verts, h.counts, 2 * margin)
+        gap = separation(p, g, q, h, 2 * margin)
         if 0.0 < gap < 2 * margin:
             margin = 0.5 * gap
     return margin

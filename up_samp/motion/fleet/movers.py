@@ -9,8 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry.compiled import inner, kernel
+from up_samp.motion.curves.reeds_shepp import CarLimits, Pose
 from up_samp.motion.fleet.cell_times import A_AVOIDS, B_AVOIDS
-from up_samp.motion.fleet.conflicts import _apart
+from up_samp.motion.fleet.conflicts import Part, apart
+from up_samp.motion.fleet.swept import Hull, Piece, piece, standing
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -41,28 +43,28 @@ class Movers(NamedTuple):
 
 
 class Me(NamedTuple):
-    """The body that is planned: convex parts, and ``numbers``: radius, margin, turning radius, v,
-    a, release, time after which the goal stays free, time until which it must rest there.
+    """The body that is planned: its ``hull``, the ``margin`` (m) it keeps, its limits as a ``car``
+    (the turning radius in m, m/s, m/s^2), when it may leave (``release``, s), and after which time
+    its goal stays free (``goal_free``, s).
     """
 
-    verts: FloatArray
-    counts: IntArray
-    numbers: FloatArray
+    hull: Hull
+    margin: float
+    car: CarLimits
+    release: float
+    goal_free: float
 
 
 @kernel
-def visits(
-    me: Me, movers: Movers, x: float, y: float, th: float, resting: bool, out: FloatArray
-) -> int:
+def visits(me: Me, movers: Movers, pose: Pose, resting: bool, out: FloatArray) -> int:
     """Fill ``out`` (VISITS, 2) with the times at which movers are at a pose; return how many."""
-    row = np.zeros(9)
-    row[0], row[1], row[2], row[3] = x, y, math.cos(th), math.sin(th)
+    here = standing(pose[0], pose[1], pose[2])
     count = 0
     for k in range(len(movers.hull)):
         flags, hull = movers.flags[k], movers.hull[k]
         low, high = movers.first[k], movers.first[k + 1]
         shift = k
-        reach = me.numbers[0] + me.numbers[1] + movers.radii[hull]
+        reach = me.hull.radius + me.margin + movers.radii[hull]
         step = movers.steps[k]
         j = low
         if resting or not flags & A_AVOIDS:
@@ -72,11 +74,11 @@ def visits(
             high -= 1
         open_from = -1
         while j < high:
-            b = movers.rows[j]
-            gap = math.sqrt((x - b[0]) ** 2 + (y - b[1]) ** 2) - reach
+            b = piece(movers.rows[j])
+            gap = math.sqrt((here.x - b.x) ** 2 + (here.y - b.y) ** 2) - reach
             hit = False
             if gap <= 0.0:
-                hit = _touch(row, me, b, movers, hull)
+                hit = _touch(here, me, b, movers, hull)
             if hit and open_from < 0:
                 open_from = j
             if not hit and open_from >= 0:
@@ -89,22 +91,15 @@ def visits(
 
 
 @inner
-def _touch(row: FloatArray, me: Me, b: FloatArray, movers: Movers, hull: int) -> bool:
-    for i in range(len(me.counts)):
+def _touch(here: Piece, me: Me, b: Piece, movers: Movers, hull: int) -> bool:
+    for i in range(len(me.hull.counts)):
+        mine = Part(me.hull.verts[i], me.hull.counts[i], me.hull.radius)
         for j in range(movers.counts.shape[1]):
             n = movers.counts[hull, j]
-            if n > 0 and not _apart(
-                row,
-                me.verts[i],
-                me.counts[i],
-                0.0,
-                b,
-                movers.verts[hull, j],
-                n,
-                0.0,
-                me.numbers[1],
-            ):
-                return True
+            if n > 0:
+                other = Part(movers.verts[hull, j], n, movers.radii[hull])
+                if apart(here, mine, b, other, me.margin) == 0:
+                    return True
     return False
 
 

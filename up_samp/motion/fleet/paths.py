@@ -21,7 +21,7 @@ from up_samp.model import Body, Configuration, MotionModel, Trajectory
 from up_samp.motion.curves.twists import partway, twists
 from up_samp.motion.fleet.abilities import abilities_of
 from up_samp.motion.fleet.cell_times import occupancy
-from up_samp.motion.fleet.conflicts import DEPTH, sweep_table
+from up_samp.motion.fleet.swept import Hull, Swept, sweep_table
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -47,19 +47,6 @@ LEVELS = 20
 """Speed levels that the tuning aims at (see :mod:`up_samp.motion.fleet.speed`)."""
 
 _numbers = itertools.count()
-
-
-@dataclass(frozen=True, eq=False)
-class Hull:
-    """A planar body's convex parts for the compiled checks: ``verts`` (p, m, 2) padded by repeating
-    the last corner, ``counts`` (p,), circumscribed ``radius`` and inscribed radius ``core`` about
-    the reference point (m).
-    """
-
-    verts: FloatArray
-    counts: IntArray
-    radius: float
-    core: float
 
 
 def hull_of(body: Body) -> Hull:
@@ -129,9 +116,9 @@ class Path:
         return hull_of(self.body)
 
     @cached_property
-    def table(self) -> FloatArray:
-        """Swept bounds of all extended cells and their halves (see ``sweep_table``)."""
-        return sweep_table(self.s, self.poses, self.edges, DEPTH)
+    def swept(self) -> Swept:
+        """Swept bounds of all extended cells and their halves."""
+        return Swept(sweep_table(self.s, self.poses, self.edges), self.hull)
 
     @cached_property
     def natural_held(self) -> FloatArray:

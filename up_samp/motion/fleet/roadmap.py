@@ -22,19 +22,17 @@ from up_samp.geometry.scene import Scene
 from up_samp.geometry.shapes import shape_of
 from up_samp.model import Body, Configuration, Placed, check_time
 from up_samp.motion.fleet.abilities import abilities_of
-from up_samp.motion.fleet.conflicts import sweep_table
 from up_samp.motion.fleet.lanes import arcs_between
 from up_samp.motion.fleet.lattices import Box, Key, box_around, lattice_of
 from up_samp.motion.fleet.moves import Move, steer, straight_move
-from up_samp.motion.fleet.paths import Hull, Path, hull_of
+from up_samp.motion.fleet.paths import Path, hull_of
+from up_samp.motion.fleet.swept import Hull, Swept, sweep_table
 from up_samp.motion.guides.search_space import widest_shape
 
 FloatArray = npt.NDArray[np.float64]
 
 CELLS = 4
 """Cells of a move: two robots in step are compared cell by cell."""
-DEPTH = 2
-"""Times that a cell may be halved."""
 NODES = 30_000
 """Places of a roadmap at most."""
 LINKS = 6
@@ -60,14 +58,15 @@ class Edge:
     """Seconds at top speed, and a little for each move."""
 
     @cached_property
-    def table(self) -> FloatArray:
-        """Swept bounds of the cells (see ``sweep_table``), all of them for rests, too."""
+    def swept(self) -> Swept:
+        """Swept bounds of the cells, all of them for rests, too."""
         rows = self.move.rows
         if len(rows) == 1:
-            one = sweep_table(np.zeros(1), rows, np.zeros(1), DEPTH)
-            return np.ascontiguousarray(np.repeat(one[:1], CELLS + 2, axis=0))
+            one = sweep_table(np.zeros(1), rows, np.zeros(1))
+            table = np.ascontiguousarray(np.repeat(one[:1], CELLS + 2, axis=0))
+            return Swept(table, self.hull)
         s = np.concatenate([[0.0], np.cumsum(steps_of(rows, self.hull.radius))])
-        return sweep_table(s, rows, np.linspace(0.0, s[-1], CELLS + 1), DEPTH)
+        return Swept(sweep_table(s, rows, np.linspace(0.0, s[-1], CELLS + 1)), self.hull)
 
     @cached_property
     def circle(self) -> tuple[float, float, float]:

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry.scene import Scene
-from up_samp.model import Deadline, MotionModel, Placed, TimedMotion
+from up_samp.model import Configuration, Deadline, MotionModel, Placed, TimedMotion
 from up_samp.motion.curves.arcs import merged, nodes_of
-from up_samp.motion.curves.reeds_shepp import fastest
+from up_samp.motion.curves.reeds_shepp import Pose, fastest
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.fleet import sipp_kernel as search
 from up_samp.motion.fleet import strrt
@@ -25,6 +25,8 @@ from up_samp.motion.planners.car_shortcuts import Effort, improve, settle
 from up_samp.motion.tuning import PlaneTuning
 
 FloatArray = npt.NDArray[np.float64]
+
+Corner = tuple[float, float]
 
 STEPS = (0.7, 0.35)
 """Lengths of an arc, in turning radii, coarse to fine."""
@@ -84,19 +86,19 @@ class SafeIntervalPlanner:
         world = self.scene.world(self.scene.shape(body), static)
         me = self._me(motion, others, release, goal_free)
         movers = movers_of(motion, others, release)
-        start, goal = (np.array(p[:3], dtype=np.float64) for p in motion.poses)
+        start, goal = (_pose(p) for p in motion.poses)
         fastest_time, _ = fastest(motion.poses[0], motion.poses[1], *limits_of(body.kinematics))
         earliest = max(goal_free, release + fastest_time)
         forest = strrt.new_forest(self.tuning.vertices)
         forest.state[0, 0] = (*start, release)
         forest.size[0] = 1
-        box = self._box(motion)
+        low, high = self._box(motion)
         for batch in range(self.tuning.batches):
             latest = earliest + max(10.0, fastest_time) * 2.0**batch
-            strrt.grow(
-                forest, world, me, movers, goal, box, earliest, latest,
-                self.tuning.batch, 1000 * seed + batch,
-            )  # fmt: skip
+            growth = strrt.Growth(
+                world, me, movers, goal, low, high, float(earliest), float(latest)
+            )
+            strrt.grow(forest, growth, self.tuning.batch, 1000 * seed + batch)
             if deadline.expired() or (
                 forest.best[0] < np.inf and batch >= self.tuning.batches // 2
             ):
@@ -114,29 +116,27 @@ class SafeIntervalPlanner:
             return [path_of(trajectory_of(motion.poses, arcs, body.kinematics), body, motion.poses)]
         return self._finished(motion, tuple(static), np.concatenate(rows))
 
-    def _box(self, motion: TimedMotion) -> FloatArray:
-        """Return the area that samples are drawn from (x low, y low, x high, y high)."""
+    def _box(self, motion: TimedMotion) -> tuple[Corner, Corner]:
+        """Return the area that samples are drawn from: its lower left and upper right corner."""
         grid = self.scene.grid
         if grid is None:
             points = np.array([pose[:2] for pose in motion.poses])
             reach = 8 * motion.body.kinematics.turning_radius + 4 * hull_of(motion.body).radius
-            return np.concatenate([points.min(axis=0) - reach, points.max(axis=0) + reach])
+            return _corner(points.min(axis=0) - reach), _corner(points.max(axis=0) + reach)
         rows, cols = grid.shape
         corners = [(r, c) for r in (-0.5, rows - 0.5) for c in (-0.5, cols - 0.5)]
         points = np.array([grid.point_of(r, c) for r, c in corners])
-        return np.concatenate([points.min(axis=0), points.max(axis=0)])
+        return _corner(points.min(axis=0)), _corner(points.max(axis=0))
 
     def _me(
         self, motion: TimedMotion, others: Sequence[TimedPath], release: float, goal_free: float
     ) -> Me:
         hull = hull_of(motion.body)
-        radius, v, a = limits_of(motion.body.kinematics)
         margin, ends = self.scene.margin, [np.array(p[:3]) for p in motion.poses]
         for other in others:
             if other.object != motion.object:
                 margin = kept(margin, ends, hull, other.path.poses[[0, -1]], other.path.hull)
-        numbers = np.array([hull.radius, margin, radius, v, a, release, goal_free])
-        return Me(hull.verts, hull.counts, numbers)
+        return Me(hull, margin, limits_of(motion.body.kinematics), float(release), float(goal_free))
 
     def _search(
         self,
@@ -156,22 +156,20 @@ class SafeIntervalPlanner:
         radius = limits_of(body.kinematics).radius
         me = self._me(motion, others, release, goal_free)
         movers = movers_of(motion, others, release)
-        start, goal = (np.array(p[:3], dtype=np.float64) for p in motion.poses)
+        start, goal = (_pose(p) for p in motion.poses)
         field = self.fields.toward(self.scene.shape(body), motion.poses[1], static)
         step = STEPS[level] * radius
         arcs = [[kappa, s] for kappa in (0.0, 1 / radius, -1 / radius) for s in (step, -step)]
         steps = np.array([*arcs, [0.0, 4 * step], [0.0, -4 * step]])
-        grain = np.array([step / 1.5, math.ceil(2 * math.pi / (step / radius / 1.5))])
+        grain = search.Grain(step / 1.5, math.ceil(2 * math.pi / (step / radius / 1.5)))
+        quest = search.Quest(world, field, me, movers, goal, steps, grain)
         labels = self._room(self.tuning.labels[level])
         search.plant(labels, me, movers, start)
         state = 0
         tuning = self.tuning
         most = tuning.expansions[level]
         while state == 0 and not deadline.expired() and labels.counters[2] < most:
-            state = search.expand(
-                labels, world, field, me, movers, steps, goal, grain,
-                tuning.slice, tuning.extra,
-            )  # fmt: skip
+            state = search.expand(labels, quest, tuning.slice, tuning.extra)
         full = labels.counters[0] >= len(labels.heap)
         return (
             search.chain(labels) if labels.counters[3] >= 0 else None,
@@ -207,6 +205,14 @@ class SafeIntervalPlanner:
         return found
 
 
+def _corner(xy: FloatArray) -> Corner:
+    return float(xy[0]), float(xy[1])
+
+
+def _pose(pose: Configuration) -> Pose:
+    return float(pose[0]), float(pose[1]), float(pose[2])
+
+
 def _end(pose: FloatArray, arcs: FloatArray) -> FloatArray:
     return np.ascontiguousarray(nodes_of(pose, arcs)[-1])
 
@@ -230,7 +236,7 @@ def movers_of(motion: TimedMotion, others: Sequence[TimedPath], release: float) 
         verts[i, :n, :m] = hull.verts
         counts[i, :n] = hull.counts
         radii[i] = hull.radius
-    rows = [o.path.table[:, 1].copy() for o, _ in seen]
+    rows = [o.path.swept.table[:, 1].copy() for o, _ in seen]
     first = np.cumsum([0, *(len(r) for r in rows)])
     steps = [max(1e-3, float(2 * r[:, 7].max())) for r in rows]
     for row in rows:

@@ -19,12 +19,13 @@ import numpy.typing as npt
 from up_samp.geometry.compiled import inner, kernel
 from up_samp.geometry.kernels import WorldData, advance
 from up_samp.geometry.sweeps import arc_free
-from up_samp.motion.curves.reeds_shepp import CarLimits, connect
+from up_samp.motion.curves.reeds_shepp import Pose, connect
 from up_samp.motion.fleet.drives import (
-    PIECES,
+    Begin,
     Drive,
     clash,
     delayed,
+    new_drive,
     ramp,
     safe_until,
     sample,
@@ -59,6 +60,39 @@ class Labels(NamedTuple):
     tail: FloatArray
 
 
+class Label(NamedTuple):
+    """One label: a pose, the time (s), the signed length of the run it is in (m), until when it is
+    safe to stay, and when the goal is reached at best.
+    """
+
+    pose: Pose
+    time: float
+    run: float
+    until: float
+    estimate: float
+
+
+class Grain(NamedTuple):
+    """Poses in one ``cell`` (m) and one of ``bins`` of the headings count as one."""
+
+    cell: float
+    bins: int
+
+
+class Quest(NamedTuple):
+    """What one search is about: a body that drives among movers to ``goal`` by arcs ``steps``
+    (n, 2: curvature, signed length).
+    """
+
+    world: WorldData
+    field: Field
+    me: Me
+    movers: Movers
+    goal: Pose
+    steps: FloatArray
+    grain: Grain
+
+
 def new_labels(cap: int) -> Labels:
     """Return room for ``cap`` labels."""
     size = 1 << math.ceil(math.log2(2 * cap))
@@ -75,52 +109,53 @@ def new_labels(cap: int) -> Labels:
 
 
 @inner
-def _key(x: float, y: float, th: float, run: float, cell: float, bins: int) -> int:
-    col, row = math.floor(x / cell), math.floor(y / cell)
-    k = int((th % (2 * math.pi)) / (2 * math.pi) * bins + 0.5) % bins
-    return ((int(row) * 1_000_003 + int(col)) * bins + k) * 2 + (1 if run < 0 else 0)
+def _label(labels: Labels, i: int) -> Label:
+    row = labels.state[i]
+    return Label((row[0], row[1], row[2]), row[3], row[4], row[5], row[6])
+
+
+@inner
+def _key(pose: Pose, run: float, grain: Grain) -> int:
+    col, row = math.floor(pose[0] / grain.cell), math.floor(pose[1] / grain.cell)
+    k = int((pose[2] % (2 * math.pi)) / (2 * math.pi) * grain.bins + 0.5) % grain.bins
+    return ((int(row) * 1_000_003 + int(col)) * grain.bins + k) * 2 + (1 if run < 0 else 0)
 
 
 @inner
 def _offer(
-    labels: Labels,
-    field: Field,
-    me: Me,
-    goal: FloatArray,
-    grain: FloatArray,
-    end: FloatArray,
-    t: float,
-    run: float,
-    until: float,
-    parent: int,
-    arcs: FloatArray,
-    stopped: bool,
+    labels: Labels, quest: Quest, new: Label, parent: int, arcs: FloatArray, stopped: bool
 ) -> None:
-    """Add a label unless another one at its key came earlier and may stay as long."""
+    """Add a label unless another one at its key came earlier and may stay as long (``new`` comes
+    without its estimate).
+    """
     n = labels.counters[0]
     if n >= len(labels.heap):
         return
-    key = _key(end[0], end[1], end[2], run, grain[0], int(grain[1]))
+    me, field, goal = quest.me, quest.field, quest.goal
+    key = _key(new.pose, new.run, quest.grain)
     slot = (key * 0x9E3779B1) & (len(labels.table) - 1)
-    state, link = labels.state, labels.link
-    other = labels.table[slot]
-    while other >= 0:
-        same = link[other, 1] == key
-        if same and state[other, 3] <= t + 1e-6 and state[other, 5] >= until - 1e-6:
-            return
-        other = link[other, 2]
-    far = math.hypot(goal[0] - end[0], goal[1] - end[1])
+    link = labels.link
+    at = labels.table[slot]
+    while at >= 0:
+        if link[at, 1] == key:
+            other = _label(labels, at)
+            if other.time <= new.time + 1e-6 and other.until >= new.until - 1e-6:
+                return
+        at = link[at, 2]
+    far = math.hypot(goal[0] - new.pose[0], goal[1] - new.pose[1])
     if field.values.shape[0] > 0:
-        far = max(far, field_value(field, end[0], end[1]))
+        far = max(far, field_value(field, new.pose[0], new.pose[1]))
         if far == math.inf:
             return
-    v, a, moving = me.numbers[3], me.numbers[4], abs(run)
+    v, a, moving = me.car.v, me.car.a, abs(new.run)
     left = ramp(moving + far, v, a) - ramp(moving, v, a) + stop(moving + far, v, a)
-    estimate = max(t + left, me.numbers[6])
+    estimate = max(new.time + left, me.goal_free)
     if estimate >= labels.best[0]:
         return
-    state[n, 0], state[n, 1], state[n, 2], state[n, 3] = end[0], end[1], end[2], t
-    state[n, 4], state[n, 5], state[n, 6] = run, until, estimate
+    state = labels.state
+    state[n, 0], state[n, 1], state[n, 2] = new.pose[0], new.pose[1], new.pose[2]
+    state[n, 3], state[n, 4], state[n, 5] = new.time, new.run, new.until
+    state[n, 6] = estimate
     labels.arc[n, 0], labels.arc[n, 1] = arcs[0, 0], arcs[0, 1]
     labels.arc[n, 2], labels.arc[n, 3] = 1.0 if stopped else 0.0, 0.0
     link[n, 0], link[n, 1], link[n, 2] = parent, key, labels.table[slot]
@@ -129,80 +164,82 @@ def _offer(
     push(labels.heap, state, labels.counters, n)
 
 
-def plant(labels: Labels, me: Me, movers: Movers, start: FloatArray) -> None:
+def plant(labels: Labels, me: Me, movers: Movers, start: Pose) -> None:
     """Put the start into the labels, which are emptied."""
     labels.table[:] = -1
     labels.counters[:] = 0
     labels.counters[3] = -1
     labels.best[0] = math.inf
     busy = np.empty((VISITS, 2))
-    many = visits(me, movers, start[0], start[1], start[2], True, busy)
-    release = float(me.numbers[5])
-    soon = busy[:many][busy[:many, 1] - GUARD > release]
+    many = visits(me, movers, start, True, busy)
+    soon = busy[:many][busy[:many, 1] - GUARD > me.release]
     until = float(np.min(soon[:, 0] + GUARD, initial=math.inf))
-    if until >= release:
+    if until >= me.release:
         # its order and key do not matter: it is taken first, and nothing is compared with it
-        labels.state[0] = (*start[:3], release, 0.0, until, release)
+        labels.state[0] = (*start, me.release, 0.0, until, me.release)
         labels.arc[0] = 0.0
         labels.link[0] = (-1, -1, -1)
         labels.heap[0] = 0
         labels.counters[:2] = 1
 
 
+class Way(NamedTuple):
+    """A sampled way from a label: its ``arcs``, the sampled ``drive`` of so ``many`` poses,
+    the signed length of its last ``run`` (m), and its ``end``.
+    """
+
+    arcs: FloatArray
+    drive: Drive
+    many: int
+    run: float
+    end: Pose
+
+
 @inner
-def _offers(
-    labels: Labels,
-    label: int,
-    field: Field,
-    me: Me,
-    goal: FloatArray,
-    grain: FloatArray,
-    arcs: FloatArray,
-    drive: Drive,
-    count: int,
-    run: float,
-    end: FloatArray,
-) -> None:
+def _offers(labels: Labels, label: int, quest: Quest, way: Way) -> None:
     """Offer what can be reached along one sampled arc: at once, and later after a stop."""
-    state = labels.state
-    now, before, latest = state[label, 3], state[label, 4], state[label, 5]
-    takes, begin = drive.at[count - 1], now + stop(before, me.numbers[3], me.numbers[4])
+    drive, last = way.drive, way.many - 1
+    here = _label(labels, label)
+    takes = drive.at[last]
+    begin = here.time + stop(here.run, quest.me.car.v, quest.me.car.a)
     after = -math.inf
     for attempt in range(4):
         stopped = attempt > 0
         if not stopped:
-            if before * arcs[0, 1] <= 0 or clash(drive, count, drive.on, now) > 0.0:
+            turns = here.run * way.arcs[0, 1] <= 0
+            if turns or clash(drive, way.many, drive.on, here.time) > 0.0:
                 continue
-            t = now + drive.on[count - 1]
+            t = here.time + drive.on[last]
         else:
             # the next safe interval at the end of the arc begins when a visit ends
             if after > -math.inf:
                 begin = max(begin, after - takes + 1e-6)
-            begin = delayed(drive, count, begin, latest)
+            begin = delayed(drive, way.many, begin, here.until)
             if begin == math.inf:
                 return
             t = begin + takes
-        after = safe_until(drive, count - 1, t)
-        length = run if stopped else before + run
-        _offer(labels, field, me, goal, grain, end, t, length, after, label, arcs, stopped)
+        after = safe_until(drive, last, t)
+        length = way.run if stopped else here.run + way.run
+        new = Label(way.end, t, length, after, 0.0)
+        _offer(labels, quest, new, label, way.arcs, stopped)
         if after == math.inf:
             return
 
 
 @inner
-def _finish(
-    labels: Labels, label: int, me: Me, arcs: FloatArray, n: int, drive: Drive, count: int
-) -> None:
-    """Keep a sampled way to the goal if it arrives earlier than what is known: at once, or else
-    after a stop.
+def _finish(labels: Labels, label: int, me: Me, way: Way, n: int) -> None:
+    """Keep a sampled way of ``n`` arcs to the goal if it arrives earlier than what is known: at
+    once, or else after a stop.
     """
-    now, before, latest = labels.state[label, 3], labels.state[label, 4], labels.state[label, 5]
-    free, stopped = me.numbers[6], False
-    arrival = now + drive.on[count - 1]
-    if before * arcs[0, 1] <= 0 or arrival < free or clash(drive, count, drive.on, now) > 0.0:
-        takes = drive.at[count - 1]
-        wish = max(now + stop(before, me.numbers[3], me.numbers[4]), free - takes)
-        arrival, stopped = delayed(drive, count, wish, latest) + takes, True
+    drive, last = way.drive, way.many - 1
+    here = _label(labels, label)
+    stopped = False
+    arrival = here.time + drive.on[last]
+    blocked = here.run * way.arcs[0, 1] <= 0 or arrival < me.goal_free
+    if blocked or clash(drive, way.many, drive.on, here.time) > 0.0:
+        takes = drive.at[last]
+        wish = max(here.time + stop(here.run, me.car.v, me.car.a), me.goal_free - takes)
+        arrival, stopped = delayed(drive, way.many, wish, here.until) + takes, True
     if arrival < labels.best[0] - 1e-6:
         if labels.best[0] == math.inf:
             labels.counters[6] = labels.counters[2]
@@ -210,67 +247,47 @@ def _finish(
         labels.counters[3], labels.counters[4] = label, n
         labels.counters[5] = 1 if stopped else 0
         for i in range(n):
-            labels.tail[i, 0], labels.tail[i, 1] = arcs[i, 0], arcs[i, 1]
+            labels.tail[i, 0], labels.tail[i, 1] = way.arcs[i, 0], way.arcs[i, 1]
 
 
 @kernel
-def expand(
-    labels: Labels,
-    world: WorldData,
-    field: Field,
-    me: Me,
-    movers: Movers,
-    steps: FloatArray,
-    goal: FloatArray,
-    grain: FloatArray,
-    rounds: int,
-    extra: int,
-) -> int:
+def expand(labels: Labels, quest: Quest, rounds: int, extra: int) -> int:
     """Expand up to ``rounds`` labels; return 0 to go on, 1 if solved, 2 if nothing is left.
 
-    ``steps`` (n, 2) are the arcs (curvature, signed length) that a label may drive, ``grain`` is
-    (cell (m), heading bins). Each callee has one call site: that keeps compiling short.
+    Each callee has one call site: that keeps compiling short.
     """
-    drive = Drive(
-        np.empty(PIECES),
-        np.empty(PIECES),
-        np.empty((PIECES, VISITS, 2)),
-        np.zeros(PIECES, dtype=np.int64),
-    )
-    end, arcs = np.empty(3), np.empty((5, 2))
-    radius, v, a = me.numbers[2], me.numbers[3], me.numbers[4]
-    car, target = CarLimits(radius, v, a), (goal[0], goal[1], goal[2])
+    world, me, goal, steps = quest.world, quest.me, quest.goal, quest.steps
+    drive, arcs = new_drive(), np.empty((5, 2))
     for _ in range(rounds):
         solved = labels.counters[3] >= 0
         if labels.counters[1] == 0:
             return 1 if solved else 2
-        label = pop(labels.heap, labels.state, labels.counters)
-        state = labels.state[label]
+        number = pop(labels.heap, labels.state, labels.counters)
+        label = _label(labels, number)
         spent = labels.counters[2] - labels.counters[6]
-        if solved and (state[6] >= labels.best[0] or spent >= extra):
+        if solved and (label.estimate >= labels.best[0] or spent >= extra):
             return 1
-        away = math.hypot(goal[0] - state[0], goal[1] - state[1])
-        guides = away < 12 * radius and labels.arc[label, 3] == 0.0
-        shoots = away < 8 * radius or labels.counters[2] % 8 == 0
+        away = math.hypot(goal[0] - label.pose[0], goal[1] - label.pose[1])
+        guides = away < 12 * me.car.radius and labels.arc[number, 3] == 0.0
+        shoots = away < 8 * me.car.radius or labels.counters[2] % 8 == 0
         n = 0
         if guides or shoots:
-            pose = state[0], state[1], state[2]
-            time, n = connect(pose, target, car, (state[4], 0.0), arcs)
+            time, n = connect(label.pose, goal, me.car, (label.run, 0.0), arcs)
             if guides:
                 # estimates that know the curve are made when a label's turn comes, not before
-                labels.arc[label, 3] = 1.0
-                estimate = state[3] + time - ramp(abs(state[4]), v, a)
-                if estimate > state[6]:
-                    state[6] = estimate
+                labels.arc[number, 3] = 1.0
+                estimate = label.time + time - ramp(abs(label.run), me.car.v, me.car.a)
+                if estimate > label.estimate:
+                    labels.state[number, 6] = estimate
                     if estimate < labels.best[0]:
-                        push(labels.heap, labels.state, labels.counters, label)
+                        push(labels.heap, labels.state, labels.counters, number)
                     continue
         labels.counters[2] += 1
         for k in range(-1 if shoots and n > 0 else 0, len(steps)):
             if k >= 0:
                 n = 1
                 arcs[0, 0], arcs[0, 1] = steps[k, 0], steps[k, 1]
-            x, y, th = state[0], state[1], state[2]
+            x, y, th = label.pose
             free = True
             for i in range(n):
                 if not arc_free(world, x, y, th, arcs[i, 0], arcs[i, 1]):
@@ -279,11 +296,13 @@ def expand(
                 x, y, th = advance(x, y, th, arcs[i, 0], arcs[i, 1])
             if not free:
                 continue
-            count, run = sample(me, movers, state, arcs, n, k < 0, drive, end)
+            begin = Begin(label.pose, label.run)
+            count, run, end = sample(me, quest.movers, begin, arcs, n, k < 0, drive)
+            way = Way(arcs, drive, count, run, end)
             if k < 0:
-                _finish(labels, label, me, arcs, n, drive, count)
+                _finish(labels, number, me, way, n)
             else:
-                _offers(labels, label, field, me, goal, grain, arcs, drive, count, run, end)
+                _offers(labels, number, quest, way)
     return 0
 
 

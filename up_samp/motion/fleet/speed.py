@@ -10,14 +10,15 @@ intervals; waiting is allowed at level 0. Nothing but the lattice itself is appr
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.geometry.compiled import kernel
-from up_samp.motion.fleet.cell_times import SAME
+from up_samp.geometry.compiled import inner, kernel
+from up_samp.motion.fleet.cell_times import SAME, Safe
 from up_samp.motion.fleet.paths import Path
-from up_samp.motion.fleet.timings import Timing, sampled, speed_of
+from up_samp.motion.fleet.timings import Levels, Speeds, Timing, sampled, speed_of
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -33,7 +34,27 @@ MOST = 64
 """Intervals kept for one (vertex, level); later ones are dropped (sound, maybe later arrivals)."""
 
 
-@kernel
+class Reached(NamedTuple):
+    """When vertices can be reached: slot ``i * width + k`` of (vertex i, level k) holds the
+    intervals ``sets[slots[slot]:slots[slot + 1]]``. Each vertex's last slot is level 0 *with*
+    waiting.
+    """
+
+    slots: IntArray
+    sets: FloatArray
+
+
+@inner
+def _times(reached: Reached, slot: int) -> FloatArray:
+    return reached.sets[reached.slots[slot] : reached.slots[slot + 1]]
+
+
+@inner
+def _free(safe: Safe, cell: int) -> FloatArray:
+    return safe.intervals[safe.head[cell] : safe.head[cell + 1]]
+
+
+@inner
 def _crossing(v0: float, v1: float, a: float, ds: float) -> float:
     """Return the least time (s) over ``ds`` between two adjacent speed levels."""
     low, high = min(v0, v1), max(v0, v1)
@@ -41,7 +62,7 @@ def _crossing(v0: float, v1: float, a: float, ds: float) -> float:
     return (high - low) / a + max(0.0, ds - ramp) / high
 
 
-@kernel
+@inner
 def _merge(lo: FloatArray, hi: FloatArray, count: int) -> int:
     """Sort and merge the first ``count`` intervals in place; return how many remain."""
     for i in range(1, count):
@@ -61,7 +82,7 @@ def _merge(lo: FloatArray, hi: FloatArray, count: int) -> int:
     return min(kept, MOST)
 
 
-@kernel
+@inner
 def _grown(rows: FloatArray) -> FloatArray:
     out = np.empty((2 * len(rows), 2))
     for i in range(len(rows)):
@@ -69,30 +90,35 @@ def _grown(rows: FloatArray) -> FloatArray:
     return out
 
 
-@kernel
-def _advance(
-    begin: FloatArray,
-    free: FloatArray,
-    tau: float,
-    horizon: float,
-    lo: FloatArray,
-    hi: FloatArray,
-    count: int,
-) -> int:
-    """Append the times at which a cell that takes ``tau`` s and is ``free`` in these intervals can
-    have been crossed, for crossings that begin in ``begin``; return the new count.
+class Cell(NamedTuple):
+    """A cell on the way: its length ``ds`` (m), when it is ``free``, the ``latest`` time (s) at
+    which its end is worth reaching.
     """
+
+    ds: float
+    free: FloatArray
+    latest: float
+
+
+@inner
+def _advance(
+    begin: FloatArray, cell: Cell, tau: float, lo: FloatArray, hi: FloatArray, count: int
+) -> int:
+    """Append the times at which a cell that takes ``tau`` s can have been crossed, for crossings
+    that begin in ``begin``; return the new count.
+    """
+    free = cell.free
     for q in range(len(begin)):
         for r in range(len(free)):
             x = max(begin[q, 0], free[r, 0]) + tau
             y = min(begin[q, 1] + tau, free[r, 1])
-            if x <= y and x <= horizon and count < len(lo):
+            if x <= y and x <= cell.latest and count < len(lo):
                 lo[count], hi[count] = x, y
                 count += 1
     return count
 
 
-@kernel
+@inner
 def _waits(came: FloatArray, free: FloatArray, lo: FloatArray, hi: FloatArray) -> int:
     """Extend arrivals to the end of the interval in which the cell behind is free."""
     count = 0
@@ -105,72 +131,61 @@ def _waits(came: FloatArray, free: FloatArray, lo: FloatArray, hi: FloatArray) -
     return count
 
 
-@kernel
+@inner
 def _arrivals(
-    index: IntArray,
-    sets: FloatArray,
-    level: int,
-    a: float,
-    v_max: float,
-    ds: float,
-    free: FloatArray,
-    latest: float,
-    lo: FloatArray,
-    hi: FloatArray,
+    before: Reached, level: int, can: Speeds, cell: Cell, lo: FloatArray, hi: FloatArray
 ) -> int:
-    """Fill ``lo``, ``hi`` with arrivals at ``level`` from the vertex before, whose slots are
-    ``index``; return how many.
+    """Fill ``lo``, ``hi`` with arrivals at ``level`` from the vertex ``before``; return how
+    many.
     """
-    count, width = 0, len(index) - 1
-    v1 = speed_of(level, a, ds, v_max)
+    count, width = 0, len(before.slots) - 1
+    v1 = speed_of(level, can, cell.ds)
     # a level up or down or the same; never from rest to rest
-    for before in range(abs(level - 1), min(level + 1, width - 2) + 1):
-        source = before if before > 0 else width - 1
-        begin = sets[index[source] : index[source + 1]]
+    for other in range(abs(level - 1), min(level + 1, width - 2) + 1):
+        begin = _times(before, other if other > 0 else width - 1)
         if len(begin) > 0:
-            tau = _crossing(speed_of(before, a, ds, v_max), v1, a, ds)
-            count = _advance(begin, free, tau, latest, lo, hi, count)
+            tau = _crossing(speed_of(other, can, cell.ds), v1, can.a, cell.ds)
+            count = _advance(begin, cell, tau, lo, hi, count)
     return count
 
 
-@kernel
-def _top(edges: FloatArray, halt: BoolArray, a: float, v_max: float) -> int:
-    """Return the highest speed level anywhere: that of ``v_max``, or from which the cells to the
-    next halt are just enough. (Two stops a hair apart make tiny cells, of which ``v_max`` would be
+@inner
+def _levels(can: Speeds, ds: float) -> int:
+    """Return the level of top speed over cells of ``ds`` m."""
+    return int(np.ceil(can.v * can.v / (2 * can.a * ds) - 1e-9))
+
+
+@inner
+def _top(edges: FloatArray, halt: BoolArray, can: Speeds) -> int:
+    """Return the highest speed level anywhere: that of top speed, or from which the cells to the
+    next halt are just enough. (Two stops a hair apart make tiny cells, of which top speed would be
     millions of levels.)
     """
     m, top, left = len(edges) - 1, 1, 0
     for i in range(m - 1, 0, -1):
         left = 0 if halt[i] else left + 1
         ds = edges[i] - edges[i - 1]
-        top = max(top, min(left, int(np.ceil(v_max * v_max / (2 * a * ds) - 1e-9))))
+        top = max(top, min(left, _levels(can, ds)))
     return top
 
 
 @kernel
 def reachable(
-    edges: FloatArray,
-    halt: BoolArray,
-    a: float,
-    v_max: float,
-    head: IntArray,
-    safe: FloatArray,
-    release: float,
-    horizon: float,
-) -> tuple[IntArray, FloatArray]:
-    """Return the reachable times: slot ``i * width + k`` of (vertex i, level k) holds the intervals
-    ``sets[index[slot]:index[slot + 1]]``. Each vertex's last slot is level 0 *with* waiting.
+    edges: FloatArray, halt: BoolArray, can: Speeds, safe: Safe, release: float, horizon: float
+) -> Reached:
+    """Return the reachable times.
 
     What cannot arrive until ``horizon`` (s) even at top speed from there is left out.
     """
     m = len(edges) - 1
-    width = _top(edges, halt, a, v_max) + 2
+    width = _top(edges, halt, can) + 2
     index = np.zeros((m + 1) * width + 1, dtype=np.int64)
     sets = np.empty((4096, 2))
     used = 0
-    for k in range(head[0], head[1]):
-        if safe[k, 0] <= release + SAME and release < safe[k, 1]:
-            sets[0, 0], sets[0, 1] = release, safe[k, 1]
+    first = _free(safe, 0)
+    for k in range(len(first)):
+        if first[k, 0] <= release + SAME and release < first[k, 1]:
+            sets[0, 0], sets[0, 1] = release, first[k, 1]
             used = 1
     index[width] = used
     lo, hi = np.empty(8 * MOST), np.empty(8 * MOST)
@@ -182,17 +197,15 @@ def reachable(
         else:
             left -= 1
         ds = edges[i] - edges[i - 1]
-        cap = min(left, int(np.ceil(v_max * v_max / (2 * a * ds) - 1e-9)))
-        free = safe[head[i] : head[i + 1]]
-        latest = horizon - (edges[m] - edges[i]) / v_max
+        cap = min(left, _levels(can, ds))
+        cell = Cell(ds, _free(safe, i), horizon - (edges[m] - edges[i]) / can.v)
         for k in range(width):
             count = 0
             if k == width - 1:
-                came = sets[index[i * width] : index[i * width + 1]]
-                count = _waits(came, free, lo, hi)
+                count = _waits(_times(Reached(index, sets), i * width), cell.free, lo, hi)
             elif k <= cap:
-                before = index[(i - 1) * width : i * width + 1]
-                count = _arrivals(before, sets, k, a, v_max, ds, free, latest, lo, hi)
+                before = Reached(index[(i - 1) * width : i * width + 1], sets)
+                count = _arrivals(before, k, can, cell, lo, hi)
             count = _merge(lo, hi, count)
             if used + count > len(sets):
                 sets = _grown(sets)
@@ -203,10 +216,10 @@ def reachable(
         if used == index[i * width]:
             index[(i + 1) * width + 1 :] = used  # nobody comes here in time
             break
-    return index, sets[:used]
+    return Reached(index, sets[:used])
 
 
-@kernel
+@inner
 def _spans(intervals: FloatArray, begin: float, end: float) -> bool:
     """Return whether one interval contains [begin, end], but for rounding."""
     for r in range(len(intervals)):
@@ -215,7 +228,7 @@ def _spans(intervals: FloatArray, begin: float, end: float) -> bool:
     return False
 
 
-@kernel
+@inner
 def _came(came: FloatArray, free: FloatArray, t: float) -> float:
     """Return the latest arrival up to ``t`` from which one can wait until ``t`` (-inf: none)."""
     low = -np.inf
@@ -231,56 +244,47 @@ def _came(came: FloatArray, free: FloatArray, t: float) -> float:
 
 @kernel
 def backtrack(
-    edges: FloatArray,
-    a: float,
-    v_max: float,
-    head: IntArray,
-    safe: FloatArray,
-    index: IntArray,
-    sets: FloatArray,
-    arrival: float,
-) -> tuple[bool, IntArray, FloatArray, FloatArray]:
-    """Return (found, level, reached, left) per vertex of a timing that arrives at ``arrival``.
+    edges: FloatArray, can: Speeds, safe: Safe, reachable: Reached, arrival: float
+) -> tuple[bool, Levels]:
+    """Return whether there is a timing that arrives at ``arrival``, and that.
 
     Of several predecessors the fastest is taken, so waits fall as early as they can.
     """
     m = len(edges) - 1
-    width = (len(index) - 1) // (m + 1)
+    width = (len(reachable.slots) - 1) // (m + 1)
     level = np.zeros(m + 1, dtype=np.int64)
     reached, left = np.empty(m + 1), np.empty(m + 1)
     reached[m] = left[m] = arrival
+    levels = Levels(level, reached, left)
     t, k = arrival, 0
     for i in range(m, 0, -1):
         ds = edges[i] - edges[i - 1]
-        v1 = speed_of(k, a, ds, v_max)
-        free = safe[head[i] : head[i + 1]]
+        v1 = speed_of(k, can, ds)
+        free = _free(safe, i)
         found = False
         for before in range(min(k + 1, width - 2), abs(k - 1) - 1, -1):
-            begin = t - _crossing(speed_of(before, a, ds, v_max), v1, a, ds)
+            begin = t - _crossing(speed_of(before, can, ds), v1, can.a, ds)
             source = (i - 1) * width + (before if before > 0 else width - 1)
-            options = sets[index[source] : index[source + 1]]
+            options = _times(reachable, source)
             if _spans(free, begin, t) and _spans(options, begin, begin):
                 found = True
                 k, t = before, begin
                 break
         if not found:
-            return False, level, reached, left
+            return False, levels
         level[i - 1] = k
         reached[i - 1] = left[i - 1] = t
         if k == 0 and i > 1:
-            source = (i - 1) * width
-            came = sets[index[source] : index[source + 1]]
-            t = _came(came, safe[head[i - 1] : head[i]], t)
+            t = _came(_times(reachable, (i - 1) * width), _free(safe, i - 1), t)
             if t == -np.inf:
-                return False, level, reached, left
+                return False, levels
             reached[i - 1] = t
-    return True, level, reached, left
+    return True, levels
 
 
 def tune(
     path: Path,
-    head: IntArray,
-    safe: FloatArray,
+    safe: Safe,
     release: float,
     goal_free: float,
     horizon: float = math.inf,
@@ -290,15 +294,13 @@ def tune(
     It leaves not before ``release`` and arrives not before ``goal_free`` nor after ``horizon`` (s).
     """
     kin = path.body.kinematics
-    a, v_max = kin.a_max * SHARE, kin.v_max * SHARE
-    index, sets = reachable(path.edges, path.halt, a, v_max, head, safe, release, horizon)
-    width = (len(index) - 1) // (path.cells + 1)
+    can = Speeds(kin.v_max * SHARE, kin.a_max * SHARE)
+    reached = reachable(path.edges, path.halt, can, safe, release, horizon)
+    width = (len(reached.slots) - 1) // (path.cells + 1)
     last = path.cells * width
-    arrivals = sets[index[last] : index[last + 1]]
+    arrivals = reached.sets[reached.slots[last] : reached.slots[last + 1]]
     times = [max(float(lo), goal_free) for lo, hi in arrivals if hi >= goal_free]
     if not times or min(times) > horizon:
         return None
-    found, level, reached, left = backtrack(
-        path.edges, a, v_max, head, safe, index, sets, min(times)
-    )
-    return sampled(path, level, reached, left, a, v_max) if found else None
+    found, levels = backtrack(path.edges, can, safe, reached, min(times))
+    return sampled(path, levels, can) if found else None

@@ -20,8 +20,8 @@ import numpy.typing as npt
 from up_samp.geometry.compiled import inner, kernel
 from up_samp.geometry.kernels import WorldData, advance
 from up_samp.geometry.sweeps import arc_free
-from up_samp.motion.curves.reeds_shepp import CarLimits, connect
-from up_samp.motion.fleet.drives import PIECES, Drive, clash, sample
+from up_samp.motion.curves.reeds_shepp import Pose, connect
+from up_samp.motion.fleet.drives import Begin, Drive, clash, new_drive, sample
 from up_samp.motion.fleet.movers import GUARD, VISITS, Me, Movers, visits
 
 FloatArray = npt.NDArray[np.float64]
@@ -49,6 +49,28 @@ class Forest(NamedTuple):
     best: FloatArray
 
 
+class Vertex(NamedTuple):
+    """A ``pose`` at a ``time`` (s)."""
+
+    pose: Pose
+    time: float
+
+
+class Growth(NamedTuple):
+    """What the trees grow for: a body that drives among movers to ``goal``, by samples from a box
+    (``low`` and ``high`` corner, m), with arrivals in [``earliest``, ``latest``] (s).
+    """
+
+    world: WorldData
+    me: Me
+    movers: Movers
+    goal: Pose
+    low: tuple[float, float]
+    high: tuple[float, float]
+    earliest: float
+    latest: float
+
+
 def new_forest(cap: int) -> Forest:
     """Return empty trees with room for ``cap`` vertices each."""
     return Forest(
@@ -61,54 +83,44 @@ def new_forest(cap: int) -> Forest:
 
 
 @inner
-def _duration(me: Me, p: FloatArray, q: FloatArray, arcs: FloatArray) -> tuple[float, int]:
-    """Return the least time (s) from rest at ``p`` to rest at ``q`` and the number of ``arcs``."""
-    car = CarLimits(me.numbers[2], me.numbers[3], me.numbers[4])
-    time, n = connect((p[0], p[1], p[2]), (q[0], q[1], q[2]), car, (0.0, 0.0), arcs)
-    return time, n
+def _vertex(forest: Forest, tree: int, i: int) -> Vertex:
+    row = forest.state[tree, i]
+    return Vertex((row[0], row[1], row[2]), row[3])
 
 
 @inner
-def _still(me: Me, movers: Movers, p: FloatArray, low: float, high: float) -> bool:
+def _still(me: Me, movers: Movers, p: Pose, low: float, high: float) -> bool:
     """Return whether it is safe to stand at ``p`` all through [low, high]."""
     if high <= low:
         return True
     busy = np.empty((VISITS, 2))
-    for q in range(visits(me, movers, p[0], p[1], p[2], False, busy)):
+    for q in range(visits(me, movers, p, False, busy)):
         if busy[q, 0] + GUARD < high and low < busy[q, 1] - GUARD:
             return False
     return True
 
 
 @inner
-def _edge(
-    world: WorldData,
-    me: Me,
-    movers: Movers,
-    p: FloatArray,
-    q: FloatArray,
-    drive: Drive,
-) -> bool:
+def _edge(growth: Growth, p: Vertex, q: Vertex, drive: Drive) -> bool:
     """Return whether one can stand at ``p`` at its time and at ``q`` at its time."""
+    me, movers = growth.me, growth.movers
     arcs = np.empty((5, 2))
-    takes, n = _duration(me, p, q, arcs)
-    if takes > q[3] - p[3] + 1e-9:
+    takes, n = connect(p.pose, q.pose, me.car, (0.0, 0.0), arcs)
+    if takes > q.time - p.time + 1e-9:
         return False
-    x, y, th = p[0], p[1], p[2]
+    x, y, th = p.pose
     for i in range(n):
-        if not arc_free(world, x, y, th, arcs[i, 0], arcs[i, 1]):
+        if not arc_free(growth.world, x, y, th, arcs[i, 0], arcs[i, 1]):
             return False
         x, y, th = advance(x, y, th, arcs[i, 0], arcs[i, 1])
     count = 0
     if n > 0:
-        label, end = np.zeros(7), np.empty(3)
-        label[0], label[1], label[2] = p[0], p[1], p[2]
-        count, _ = sample(me, movers, label, arcs, n, True, drive, end)
+        count, _, _ = sample(me, movers, Begin(p.pose, 0.0), arcs, n, True, drive)
     for late in range(2):
         # drive at once and wait at the end, or wait first
-        begin = q[3] - takes if late else p[3]
-        rest = p if late else q
-        low, high = (p[3], begin) if late else (begin + takes, q[3])
+        begin = q.time - takes if late else p.time
+        rest = p.pose if late else q.pose
+        low, high = (p.time, begin) if late else (begin + takes, q.time)
         clear = clash(drive, count, drive.at, begin) == 0.0
         if clear and _still(me, movers, rest, low, high):
             return True
@@ -116,20 +128,20 @@ def _edge(
 
 
 @inner
-def _nearest(forest: Forest, tree: int, me: Me, q: FloatArray, out: IntArray) -> int:
+def _nearest(forest: Forest, tree: int, me: Me, q: Vertex, out: IntArray) -> int:
     """Fill ``out`` with the vertices of a tree that can be joined with ``q`` in time and lie
     nearest over the plane; return how many.
     """
     count = 0
     far = np.full(len(out), np.inf)
     for i in range(forest.size[tree]):
-        p = forest.state[tree, i]
-        d = math.sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2)
-        gap = q[3] - p[3] if tree == 0 else p[3] - q[3]
-        if d > gap * me.numbers[3] or (tree == 1 and forest.root[1, i] >= forest.best[0]):
+        p = _vertex(forest, tree, i)
+        d = math.sqrt((p.pose[0] - q.pose[0]) ** 2 + (p.pose[1] - q.pose[1]) ** 2)
+        gap = q.time - p.time if tree == 0 else p.time - q.time
+        if d > gap * me.car.v or (tree == 1 and forest.root[1, i] >= forest.best[0]):
             continue
-        turn = (p[2] - q[2] + math.pi) % (2 * math.pi) - math.pi
-        d += me.numbers[2] * abs(turn)
+        turn = (p.pose[2] - q.pose[2] + math.pi) % (2 * math.pi) - math.pi
+        d += me.car.radius * abs(turn)
         k = count
         while k > 0 and far[k - 1] > d:
             k -= 1
@@ -143,68 +155,71 @@ def _nearest(forest: Forest, tree: int, me: Me, q: FloatArray, out: IntArray) ->
 
 
 @inner
-def _steer(me: Me, tree: int, near: FloatArray, q: FloatArray) -> None:
-    """Pull ``q`` towards ``near`` until the edge is within range, its time in proportion."""
+def _steer(me: Me, tree: int, near: Vertex, q: Vertex) -> Vertex:
+    """Return ``q``, pulled towards ``near`` until the edge is within range, its time in
+    proportion.
+    """
     arcs = np.empty((5, 2))
     for cut in range(2):
         a, b = (near, q) if tree == 0 else (q, near)
-        takes, n = _duration(me, a, b, arcs)
+        takes, n = connect(a.pose, b.pose, me.car, (0.0, 0.0), arcs)
         if cut == 1:
             # from rest to rest a part takes more than its share
-            q[3] = max(q[3], near[3] + takes) if tree == 0 else min(q[3], near[3] - takes)
-            return
+            least = near.time + takes if tree == 0 else near.time - takes
+            return Vertex(q.pose, max(q.time, least) if tree == 0 else min(q.time, least))
         length = 0.0
         for i in range(n):
             length += abs(arcs[i, 1])
-        share = RANGE * me.numbers[2] / max(length, 1e-9)
+        share = RANGE * me.car.radius / max(length, 1e-9)
         if share >= 1.0:
-            return
+            return q
         left = share * length if tree == 0 else (1.0 - share) * length
-        x, y, th = a[0], a[1], a[2]
+        x, y, th = a.pose
         for i in range(n):
             part = min(left, abs(arcs[i, 1]))
             x, y, th = advance(x, y, th, arcs[i, 0], math.copysign(part, arcs[i, 1]))
             left -= part
             if left <= 1e-12:
                 break
-        q[0], q[1], q[2], q[3] = x, y, th, near[3] + share * (q[3] - near[3])
+        q = Vertex((x, y, th), near.time + share * (q.time - near.time))
+    return q
 
 
 @inner
-def _insert(forest: Forest, tree: int, q: FloatArray, parent: int, root: float) -> int:
+def _insert(forest: Forest, tree: int, q: Vertex, parent: int, root: float) -> int:
     n = forest.size[tree]
-    for k in range(4):
-        forest.state[tree, n, k] = q[k]
+    for k in range(3):
+        forest.state[tree, n, k] = q.pose[k]
+    forest.state[tree, n, 3] = q.time
     forest.parent[tree, n], forest.root[tree, n] = parent, root
     forest.size[tree] += 1
     return n
 
 
 @inner
-def _draw(
-    forest: Forest, me: Me, goal: FloatArray, box: FloatArray, latest: float, q: FloatArray
-) -> bool:
-    """Draw a pose and, between what start and goal allow, a time."""
-    start = forest.state[0, 0]
-    q[0] = box[0] + np.random.random() * (box[2] - box[0])
-    q[1] = box[1] + np.random.random() * (box[3] - box[1])
-    q[2] = (2 * np.random.random() - 1) * math.pi
-    v = me.numbers[3]
-    low = start[3] + math.hypot(q[0] - start[0], q[1] - start[1]) / v
-    high = min(latest, forest.best[0]) - math.hypot(q[0] - goal[0], q[1] - goal[1]) / v
-    q[3] = low + np.random.random() * (high - low)
-    return low < high
+def _draw(forest: Forest, growth: Growth) -> Vertex:
+    """Draw a pose and, between what start and goal allow, a time (nan: they allow none)."""
+    start, goal, low, high = _vertex(forest, 0, 0), growth.goal, growth.low, growth.high
+    x = low[0] + np.random.random() * (high[0] - low[0])
+    y = low[1] + np.random.random() * (high[1] - low[1])
+    th = (2 * np.random.random() - 1) * math.pi
+    v = growth.me.car.v
+    first = start.time + math.hypot(x - start.pose[0], y - start.pose[1]) / v
+    last = min(growth.latest, forest.best[0]) - math.hypot(x - goal[0], y - goal[1]) / v
+    time = first + np.random.random() * (last - first)
+    return Vertex((x, y, th), time if first < last else math.nan)
 
 
 @inner
-def _rewirable(forest: Forest, me: Me, q: FloatArray, root: float, out: IntArray) -> int:
+def _rewirable(forest: Forest, me: Me, q: Vertex, root: float, out: IntArray) -> int:
     """Fill ``out`` with vertices of the goal tree near ``q`` that have a later root than
     ``root``; return how many.
     """
     count = 0
     for i in range(forest.size[1]):
-        p = forest.state[1, i]
-        close = math.hypot(p[0] - q[0], p[1] - q[1]) < 0.5 * RANGE * me.numbers[2]
+        p = _vertex(forest, 1, i)
+        away = math.hypot(p.pose[0] - q.pose[0], p.pose[1] - q.pose[1])
+        close = away < 0.5 * RANGE * me.car.radius
         if close and forest.parent[1, i] >= 0 and forest.root[1, i] > root and count < len(out):
             out[count] = i
             count += 1
@@ -212,62 +227,40 @@ def _rewirable(forest: Forest, me: Me, q: FloatArray, root: float, out: IntArray
 
 
 @kernel
-def grow(
-    forest: Forest,
-    world: WorldData,
-    me: Me,
-    movers: Movers,
-    goal: FloatArray,
-    box: FloatArray,
-    earliest: float,
-    latest: float,
-    rounds: int,
-    seed: int,
-) -> None:
-    """Grow both trees for ``rounds`` samples; arrivals are sought in [earliest, latest] (s)."""
+def grow(forest: Forest, growth: Growth, rounds: int, seed: int) -> None:
+    """Grow both trees for ``rounds`` samples."""
     np.random.seed(seed)
-    drive = Drive(
-        np.empty(PIECES),
-        np.empty(PIECES),
-        np.empty((PIECES, VISITS, 2)),
-        np.zeros(PIECES, dtype=np.int64),
-    )
+    me, drive = growth.me, new_drive()
     near = np.empty(NEAREST, dtype=np.int64)
-    q = np.empty(4)
     cap = forest.state.shape[1]
     for turn in range(rounds):
-        bound = min(latest, forest.best[0])
-        if forest.size[0] >= cap or forest.size[1] >= cap - 1 or bound <= earliest:
+        bound = min(growth.latest, forest.best[0])
+        full = forest.size[0] >= cap or forest.size[1] >= cap - 1
+        if full or bound <= growth.earliest:
             return
         if turn % 10 == 0:
-            q[0], q[1], q[2] = goal[0], goal[1], goal[2]
-            q[3] = earliest + np.random.random() * (bound - earliest)
-            tree, new = 1, _insert(forest, 1, q, -1, q[3])
+            time = growth.earliest + np.random.random() * (bound - growth.earliest)
+            q = Vertex(growth.goal, time)
+            tree, new = 1, _insert(forest, 1, q, -1, time)
         else:
             tree, new = turn % 2, -1
-            if not _draw(forest, me, goal, box, latest, q):
+            q = _draw(forest, growth)
+            if math.isnan(q.time) or _nearest(forest, tree, me, q, near) == 0:
                 continue
-            if _nearest(forest, tree, me, q, near) == 0:
-                continue
-            _steer(me, tree, forest.state[tree, near[0]], q)
-        _stages(forest, world, me, movers, tree, new, q, near, drive)
+            q = _steer(me, tree, _vertex(forest, tree, near[0]), q)
+        _stages(forest, growth, (tree, new), q, near, drive)
 
 
 @inner
 def _stages(
-    forest: Forest,
-    world: WorldData,
-    me: Me,
-    movers: Movers,
-    tree: int,
-    new: int,
-    q: FloatArray,
-    near: IntArray,
-    drive: Drive,
+    forest: Forest, growth: Growth, at: tuple[int, int], q: Vertex, near: IntArray, drive: Drive
 ) -> None:
-    """Insert ``q`` (unless it is the vertex ``new``), rewire the goal tree to it, and join it with
-    the other tree if that gives an earlier arrival. One place tests edges: compiling stays short.
+    """Insert ``q`` into a tree (``at``: the tree, and which vertex it is there already, or -1),
+    rewire the goal tree to it, and join it with the other tree if that gives an earlier arrival.
+    One place tests edges: compiling stays short.
     """
+    me = growth.me
+    tree, new = at
     for stage in range(JOIN if new >= 0 else EXTEND, JOIN + 1):
         side = tree if stage == EXTEND else 1 - tree
         if stage == REWIRE:
@@ -285,10 +278,10 @@ def _stages(
                 continue
             if stage == JOIN and arrival >= forest.best[0]:
                 continue
-            p = forest.state[side, i]
+            p = _vertex(forest, side, i)
             earlier = stage == REWIRE or (stage == EXTEND) == (tree == 0)
             a, b = (p, q) if earlier else (q, p)
-            if not _edge(world, me, movers, a, b, drive):
+            if not _edge(growth, a, b, drive):
                 continue
             if stage == EXTEND:
                 parent, root = i, forest.root[tree, i]

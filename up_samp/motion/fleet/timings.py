@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.geometry.compiled import kernel
+from up_samp.geometry.compiled import inner, kernel
 from up_samp.model import Trajectory
 from up_samp.motion.fleet.cell_times import SAME
 from up_samp.motion.fleet.paths import Path
@@ -19,10 +20,27 @@ CLOSE = 1e-4
 """Forced samples nearer than this (s) to a stop, and shorter waits, are left out."""
 
 
-@kernel
-def speed_of(level: int, a: float, ds: float, v_max: float) -> float:
+class Speeds(NamedTuple):
+    """What a body may do along its path: top speed ``v`` (m/s), acceleration ``a`` (m/s^2)."""
+
+    v: float
+    a: float
+
+
+@inner
+def speed_of(level: int, can: Speeds, ds: float) -> float:
     """Return the speed (m/s) at a level: one cell of ``ds`` m at full acceleration apart."""
-    return min(v_max, np.sqrt(2 * a * ds * level))
+    return min(can.v, np.sqrt(2 * can.a * ds * level))
+
+
+class Levels(NamedTuple):
+    """How a path is driven: by vertex the speed ``level``, and when it is ``reached`` and ``left``
+    (s).
+    """
+
+    level: IntArray
+    reached: FloatArray
+    left: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +56,9 @@ def natural_timing(path: Path, start: float) -> Timing:
     return Timing(path.natural.shifted(start), path.natural_s)
 
 
-def sampled(
-    path: Path, level: IntArray, reached: FloatArray, left: FloatArray, a: float, v_max: float
-) -> Timing:
-    """Return the trajectory for speed levels and times per vertex (see :func:`backtrack`)."""
-    phases, forced = _phases(path.edges, level, reached, left, a, v_max)
+def sampled(path: Path, levels: Levels, can: Speeds) -> Timing:
+    """Return the trajectory for speed levels and times per vertex."""
+    phases, forced = _phases(path.edges, levels, can)
     t, s, v, acc = phases.T
     # kinks must be samples: solve s + v dt + acc dt^2 / 2 = kink in the phase that passes it
     kinks = path.s[path.kink][1:-1]
@@ -71,17 +87,11 @@ def sampled(
 
 
 @kernel
-def _phases(
-    edges: FloatArray,
-    level: IntArray,
-    reached: FloatArray,
-    left: FloatArray,
-    a: float,
-    v_max: float,
-) -> tuple[FloatArray, FloatArray]:
+def _phases(edges: FloatArray, levels: Levels, can: Speeds) -> tuple[FloatArray, FloatArray]:
     """Return phases of constant acceleration (begin, s, v, acceleration; a wait has speed 0), shape
     (k, 4), and the times at which it stops or starts.
     """
+    level, left, a = levels.level, levels.left, can.a
     m = len(edges) - 1
     rows, forced = np.empty((3 * m, 4)), np.empty(2 * m + 1)
     now = left[0]
@@ -89,7 +99,7 @@ def _phases(
     n, stops = 0, 1
     for i in range(1, m + 1):
         ds = edges[i] - edges[i - 1]
-        v0, v1 = speed_of(level[i - 1], a, ds, v_max), speed_of(level[i], a, ds, v_max)
+        v0, v1 = speed_of(level[i - 1], can, ds), speed_of(level[i], can, ds)
         high = max(v0, v1)
         ramp, length = abs(v1 - v0) / a, abs(v1 * v1 - v0 * v0) / (2 * a)
         cruise = max(0.0, ds - length) / high

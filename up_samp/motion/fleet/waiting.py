@@ -116,13 +116,13 @@ def _earliest(
         best = natural_timing(path, start)
         limit = best.trajectory.end
     if start > window.release and path.tunable and path.cells > 0:
-        head, safe = safe_intervals(rows, path.cells)
+        safe = safe_intervals(rows, path.cells)
         # at the end it must be able to rest, so it arrives after the last visit of another
         ends = rows[(rows[:, 0] == path.cells + 1) & (rows[:, 1] < until)]
         goal_free = float(np.max(ends[:, 2], initial=-math.inf))
         if goal_free < limit:
             # hundredths of a second are not worth a timing that stops and goes
-            tuned = tune(path, head, safe, window.release, goal_free, limit - WORTH)
+            tuned = tune(path, safe, window.release, goal_free, limit - WORTH)
             best = tuned or best
     return best
 

@@ -230,20 +230,8 @@ class Workspace:
         if p[0] > q[2] or q[0] > p[2] or p[1] > q[3] or q[1] > p[3]:
             return self._conflicts.put(key, NOTHING)
         check_time()
-        g, h = a.hull, b.hull
-        rows = conflict_runs(
-            a.table,
-            g.verts,
-            g.counts,
-            g.radius,
-            b.table,
-            h.verts,
-            h.counts,
-            h.radius,
-            kept(self.margin, a.poses[[0, -1]], g, b.poses[[0, -1]], h),
-            g.core + h.core,
-        )
-        return self._conflicts.put(key, rows)
+        margin = kept(self.margin, a.poses[[0, -1]], a.hull, b.poses[[0, -1]], b.hull)
+        return self._conflicts.put(key, conflict_runs(a.swept, b.swept, margin))
 
     def forbidden(
         self, path: Path, name: str, avoid: frozenset[str] | None, others: Iterable[TimedPath]
