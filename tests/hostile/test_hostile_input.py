@@ -18,7 +18,15 @@ from unified_planning.model.motion import (
     OccupancyMap,
     SchedulingMotionProblem,
 )
-from unified_planning.shortcuts import ConfigurationType, MovableType, OneshotPlanner
+from unified_planning.model.scheduling import SchedulingProblem
+from unified_planning.shortcuts import (
+    ConfigurationType,
+    Fluent,
+    MovableType,
+    OneshotPlanner,
+    TimePointInterval,
+    Timing,
+)
 
 from up_samp.geometry import load_map
 from up_samp.model import Deadline, ProblemError, SampError
@@ -214,3 +222,43 @@ def test_an_activity_may_be_called_like_a_further_motion(tmp_path):
     with OneshotPlanner(name="samp-refine[cpsat]") as planner:
         result = planner.solve(problem(tmp_path, name="go#1"), timeout=60)
     assert result.status.name.startswith("SOLVED"), result.log_messages
+
+
+def stray(found, drive):
+    drive.add_condition(TimePointInterval(Timing(0, drive.start)), Fluent("free")())
+
+
+def set_only(found, drive):
+    drive.add_effect(Timing(0, drive.end), Fluent("free"), True)
+
+
+def borrowed(found, drive):
+    drive.uses(SchedulingProblem("other").add_resource("free", 1))
+
+
+def empty(found, drive):
+    found.add_fluent(free := Fluent("free"))
+    drive.add_condition(TimePointInterval(Timing(0, drive.start)), free())
+
+
+@pytest.mark.parametrize("engine", ["cpsat", "aries"])
+@pytest.mark.parametrize("harm", [stray, set_only, borrowed, empty])
+def test_fluents_that_have_no_value_are_refused_by_name(harm, engine, tmp_path):
+    """They made a problem "unsolvable", proven, or an engine break down."""
+    found = problem(tmp_path)
+    harm(found, found.activities[0])
+    with (
+        OneshotPlanner(name=f"samp-refine[{engine}]") as planner,
+        pytest.raises(ProblemError, match="the fluent 'free' "),
+    ):
+        planner.solve(found, timeout=20)
+
+
+def test_a_body_without_a_motion_model_is_refused_by_name(tmp_path):
+    found = problem(tmp_path)
+    found.object("car")._motion_model = None
+    with (
+        OneshotPlanner(name="samp-refine[cpsat]") as planner,
+        pytest.raises(ProblemError, match="'car'"),
+    ):
+        planner.solve(found, timeout=20)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from unified_planning.model.motion import MovableObject, SchedulingMotionProblem
+from unified_planning.model.motion import MotionModels, MovableObject, SchedulingMotionProblem
 
 from up_samp.model import MotionModel
 
@@ -19,7 +19,8 @@ def begin_compiling(problem: SchedulingMotionProblem) -> Compilation:
     from up_samp.motion.compile import begin
 
     movers = _movers(problem)
-    models = {MotionModel[o.motion_model.name] for o in movers}
+    kinds = [o.motion_model for o in movers if isinstance(o.motion_model, MotionModels)]
+    models = {MotionModel[k.name] for k in kinds}  # the others are refused by name later
     return begin(models, several=len(movers) > 1)
 
 

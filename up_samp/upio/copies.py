@@ -7,7 +7,8 @@ from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.model.scheduling.chronicle import Chronicle
 
-from up_samp.model import UnsupportedError
+from up_samp.model import ProblemError, UnsupportedError
+from up_samp.upio.choices import every_effect
 from up_samp.upio.rewrite import Rewriter
 from up_samp.upio.spans import with_timings
 
@@ -30,6 +31,25 @@ def copy_state(
         )
     for fluent_exp, value in problem.explicit_initial_values.items():
         plain.set_initial_value(rewriter(fluent_exp), rewriter(value))
+
+
+def check_fluents(problem: SchedulingMotionProblem, rewriter: Rewriter) -> None:
+    """Raise where a fluent is used that the problem does not have, or that never has a value: no
+    schedule would fit it.
+    """
+    known = set(problem.fluents)
+    stray = sorted(f.name for f in rewriter.fluents if f not in known)
+    if stray:
+        raise ProblemError(
+            f"the fluent '{stray[0]}' is used, but it is not in the problem (add it with "
+            "problem.add_fluent, or add_resource)"
+        )
+    given = {f for f, value in problem.fluents_defaults.items() if value is not None}
+    given |= {e.fluent() for e in problem.explicit_initial_values}
+    given |= {e.fluent.fluent() for e in every_effect(problem)}
+    empty = sorted(f.name for f in rewriter.fluents if f not in given)
+    if empty:
+        raise ProblemError(f"the fluent '{empty[0]}' has no initial value, and nothing sets it")
 
 
 def copy_chronicle(source: Chronicle, target: Chronicle, rewriter: Rewriter) -> None:

@@ -28,7 +28,7 @@ from unified_planning.model.timing import (
 from up_samp.model import check_time
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
 from up_samp.upio.choices import Choice, choose, constraints_on_one, every_effect, told_fluents
-from up_samp.upio.copies import copy_chronicle, copy_state
+from up_samp.upio.copies import check_fluents, copy_chronicle, copy_state
 from up_samp.upio.rewrite import Rewriter
 from up_samp.upio.told import hold_told
 
@@ -147,6 +147,7 @@ def relax(
     for metric in problem.quality_metrics:
         plain.add_quality_metric(metric)
     told = {str(e): rewriter(e) for e in told_fluents(problem)}
+    check_fluents(problem, rewriter)
     relaxation = Relaxation(plain, snapshot, rewriter, {}, told_fluents=told)
     for name in sorted(snapshot.moved()):
         _add_state(relaxation, name)

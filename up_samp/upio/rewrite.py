@@ -50,6 +50,11 @@ class Rewriter:
             self._objects[obj] = Object(obj.name, self.type(obj.type), self.environment)
         return self._objects[obj]
 
+    @property
+    def fluents(self) -> list[Fluent]:
+        """All fluents that were met, as they are in the SAMP problem."""
+        return list(self._fluents)
+
     def fluent(self, fluent: Fluent) -> Fluent:
         """Return the plain fluent of the same name and signature."""
         if fluent not in self._fluents:

@@ -8,7 +8,7 @@ from typing import Any
 
 from unified_planning.model import FNode
 
-from up_samp.model import UnsupportedError
+from up_samp.model import ProblemError, UnsupportedError
 from up_samp.scheduling.cpsat.encode.forms import FALSE, TRUE, Lin, Literal, compare
 from up_samp.scheduling.cpsat.encode.limits import LIMITS
 from up_samp.scheduling.cpsat.encode.statevars import Key, StateVar
@@ -26,6 +26,7 @@ class GroundFluents:
         self.vars: dict[Key, StateVar] = {}
         self.explicit = problem.explicit_initial_values
         self.defaults = problem.fluents_defaults
+        self.declared = frozenset(problem.fluents)
 
     def var(self, fluent: Any, args: tuple[int, ...]) -> StateVar:
         """Return the state variable of ``fluent`` at ``args`` (codes of objects, numbers)."""
@@ -36,6 +37,8 @@ class GroundFluents:
         return found
 
     def _make(self, key: Key, fluent: Any, args: tuple[int, ...]) -> StateVar:
+        if fluent not in self.declared and fluent not in self.problem.fluents:
+            raise ProblemError(f"the fluent '{fluent.name}' is used, but it is not in the problem")
         tpe = fluent.type
         if tpe.is_bool_type() or tpe.is_user_type():
             values: list[int] | None = self.world.values_of(tpe)

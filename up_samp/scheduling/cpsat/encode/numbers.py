@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from up_samp.model import ProblemError
 from up_samp.scheduling.cpsat.encode.forms import (
     FALSE,
     TRUE,
@@ -76,7 +77,9 @@ class NumericTimeline:
         """Add bounds and all reads so far."""
         state = self.state
         if state.initial is None:
-            raise ValueError(f"{state.key} is increased but has no initial value")
+            raise ProblemError(
+                f"the fluent '{state.key[0]}' is increased or decreased, but has no initial value"
+            )
         simple = all(w.add and not w.value.terms for w in state.writes)
         uses = pair_uses(self.states, state)
         if uses is not None:
