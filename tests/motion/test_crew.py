@@ -14,6 +14,7 @@ from up_samp.benchmarks import tight_places as tight
 from up_samp.model import Body, Deadline, Kinematics, MotionModel, Outcome, PathQuery
 from up_samp.motion.crew import Crew, can_be_sent
 from up_samp.motion.service import MotionService
+from up_samp.system.workers import Workers
 
 
 def errands(count=8):
@@ -69,9 +70,9 @@ def test_answers_do_not_depend_on_the_workers(executor):
     grid, queries = errands()
     alone = answers(MotionService(grid), queries)
     service = MotionService(grid)
-    crew = Crew(executor or ThreadPoolExecutor(2), service)
+    crew = Crew(Workers(executor or ThreadPoolExecutor(2)), service)
     assert crew.plan_ahead(queries, Deadline.never()) == len(queries)
-    assert (crew.lost > 0) == bool(executor is not None and executor.lost)
+    assert (crew.workers.lost > 0) == bool(executor is not None and executor.lost)
     # they are in the cache: no time is needed any more
     found = [service.plan(q, Deadline.after(5.0)) for q in queries]
     assert all(report.complete for report in found)
@@ -82,7 +83,7 @@ def test_groups_come_back_in_the_order_asked():
     groups = [tight.pocket(tight.omni()), tight.pocket(tight.differential())]
     grid = groups[0].grid
     service = MotionService(grid)
-    crew = Crew(LastFirst(), service)
+    crew = Crew(Workers(LastFirst()), service)
     queries = [g.query for g in groups]
     deadlines = [Deadline.after(100.0), Deadline.after(120.0)]
     found = crew.coordinate(queries, deadlines, method="ladder", seed=0)
@@ -100,11 +101,11 @@ def test_nothing_is_waited_for_past_the_deadline():
     with ThreadPoolExecutor(1) as pool:
         held = threading.Event()
         pool.submit(held.wait, 20.0)  # the only worker is busy
-        crew = Crew(pool, MotionService(grid))
+        crew = Crew(Workers(pool), MotionService(grid))
         assert crew.plan_ahead(queries, Deadline.after(0.3)) == 0
         held.set()
     assert time.monotonic() - began < 10.0
-    assert crew.lost == 0
+    assert crew.workers.lost == 0
 
 
 def test_flyers_and_laws_of_motion_stay_here():
@@ -132,9 +133,9 @@ def test_a_pool_whose_worker_is_killed():
     alone = answers(MotionService(grid), queries)
     service = MotionService(grid)
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        crew = Crew(Killing(pool, pool.submit(os.getpid).result()), service)
+        crew = Crew(Workers(Killing(pool, pool.submit(os.getpid).result())), service)
         assert crew.plan_ahead(queries, Deadline.never()) == len(queries)
-    assert crew.lost > 0
+    assert crew.workers.lost > 0
     assert same(alone, answers(service, queries))
 
 
@@ -151,7 +152,7 @@ def test_a_dask_cluster_whose_worker_is_killed_on_the_way():
         distributed.Client(cluster) as client,
     ):
         victim = next(iter(client.run(os.getpid).values()))
-        crew = Crew(Killing(client.get_executor(), victim), service)
+        crew = Crew(Workers(Killing(client.get_executor(), victim)), service)
         assert crew.plan_ahead(queries, Deadline.never()) == len(queries)
         assert victim not in client.run(os.getpid).values()
     assert same(alone, answers(service, queries))

@@ -1,8 +1,21 @@
 """Large-neighbourhood search: what is kept stays, what is freed gets better, nothing is proven."""
 
+import logging
+import os
+import pickle
 import random
+import signal
+import threading
+from concurrent.futures import (
+    BrokenExecutor,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+)
 from dataclasses import replace
 from functools import partial
+from multiprocessing import get_context
 
 import pytest
 
@@ -18,6 +31,7 @@ from up_samp.search.neighbourhoods.view import View
 from up_samp.search.params import Parameters
 from up_samp.search.session import Wrapped, open_search
 from up_samp.search.tuning import NeighbourhoodsTuning
+from up_samp.system.workers import Workers
 from up_samp.upio.restrict import restrict
 from up_samp.validation import validate_plan
 
@@ -190,7 +204,7 @@ def test_a_plan_gets_better_and_nothing_is_proven():
     plan = poor_plan(search)
     search.bounds.lower = 7
     descent = Descent(replace(search.tuning.neighbourhoods, stale=6, effort=0.05))
-    found = [better.schedule.makespan for better in descent(search)]
+    found = [better.schedule.makespan for better in descent(search, True)]
     assert found
     assert found == sorted(set(found), reverse=True)
     assert found[0] < plan.schedule.makespan
@@ -202,7 +216,7 @@ def test_a_plan_gets_better_and_nothing_is_proven():
 def test_one_robot_has_no_neighbours():
     search = search_of("logistics-do-oc-r1-i1")
     poor_plan(search)
-    assert list(Descent()(search)) == []
+    assert list(Descent()(search, True)) == []
 
 
 def test_what_was_searched_wholly_is_not_searched_again(begun, monkeypatch):
@@ -211,14 +225,108 @@ def test_what_was_searched_wholly_is_not_searched_again(begun, monkeypatch):
     whole = Freed(frozenset(view.robots))
     asked = []
 
-    def schedule(self, search, view, freed, deadline):
-        asked.append(freed)
-        return ScheduleReport(ScheduleStatus.OPTIMAL, CandidateSchedule(dict(view.times)))
+    def schedules(self, search, view, some, deadline):
+        asked.append(some)
+        found = ScheduleReport(ScheduleStatus.OPTIMAL, CandidateSchedule(dict(view.times)))
+        return iter([found] * len(some))
 
-    monkeypatch.setattr(Descent, "_schedule", schedule)
-    descent = Descent(NeighbourhoodsTuning(stale=12), choices=[lambda *_: whole])
-    assert list(descent(search)) == []
-    assert asked == [whole]
+    monkeypatch.setattr(Descent, "_schedules", schedules)
+    tuning = NeighbourhoodsTuning(stale=12, together=1)
+    assert list(Descent(tuning, choices=[lambda *_: whole])(search, True)) == []
+    assert asked[0] == [whole]
+    assert not any(asked[1:])
     part = Freed(frozenset(view.robots[:1]), 3, 9)
     assert part.within(whole)
     assert not whole.within(part)
+
+
+def test_the_whole_is_tried_first_where_that_may_help(begun):
+    search, _ = begun
+    count = sum(a.optional for a in search.knowledge.relaxation.problem.activities)
+    assert list(Descent(NeighbourhoodsTuning(activities=count + 1, stale=1))(search, False)) == []
+    asked = []
+
+    def choice(view, chance, size):
+        asked.append(size)
+        return Freed(frozenset())
+
+    descent = Descent(NeighbourhoodsTuning(activities=count, stale=1, together=1), choices=[choice])
+    list(descent(search, False))
+    assert len(asked) == 1
+    list(descent(search, False))  # once only
+    assert len(asked) == 1
+    list(descent(search, True))
+    assert len(asked) == 2
+
+
+class Backwards(Executor):
+    """Does its tasks in reverse order, with copies of what it is given; some workers are lost."""
+
+    def __init__(self, lost=()):
+        self.lost, self.handed, self.waiting = set(lost), 0, []
+
+    def submit(self, do, *given):
+        future = Future()
+        self.waiting.append((self.handed, future, do, pickle.loads(pickle.dumps(given))))
+        self.handed += 1
+        wait = future.result
+
+        def result(timeout=None):
+            while self.waiting:
+                number, one, task, args = self.waiting.pop()
+                if number in self.lost:
+                    one.set_exception(BrokenExecutor("the worker is gone"))
+                else:
+                    one.set_result(task(*args))
+            return wait(timeout)
+
+        future.result = result
+        return future
+
+
+def test_workers_change_nothing(begun, monkeypatch, caplog):
+    """Small problems are solved alike, whoever solves them, and in the order asked."""
+    search, plan = begun
+    view, chance = view_of(search, plan), random.Random(1)
+    some = [choice(view, chance, 2) for choice in CHOICES[:4]]
+    descent = Descent(replace(search.tuning.neighbourhoods, effort=0.1))
+    deadline = Deadline.after(100.0)
+    alone = list(descent._schedules(search, view, some, deadline))
+    assert len({r.schedule.makespan for r in alone}) > 1
+    workers = Workers(Backwards(lost={1, 3}))
+    monkeypatch.setattr(search, "workers", workers)
+    found = list(descent._schedules(search, view, some, deadline))
+    assert [r.status for r in found] == [r.status for r in alone]
+    assert [r.schedule for r in found] == [r.schedule for r in alone]
+    assert all(r.bound is None for r in (*found, *alone))
+    assert (workers.executor.handed, workers.lost) == (4, 2)
+    told = [r for r in caplog.records if r.levelno >= logging.WARNING]
+    assert len(told) == 1
+    assert "a worker is lost" in told[0].getMessage()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("processes", [False, True], ids=["threads", "processes"])
+def test_the_same_plans_with_workers(processes):
+    """Plan after plan is the same with workers, one of which is killed on the way."""
+    alone = steps_of(None)
+    assert alone
+    if not processes:
+        with ThreadPoolExecutor(2) as pool:
+            assert steps_of(pool) == alone
+        return
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        victim = pool.submit(os.getpid).result()
+        timer = threading.Timer(20.0, os.kill, (victim, signal.SIGKILL))
+        timer.start()
+        assert steps_of(pool) == alone
+        timer.cancel()
+
+
+def steps_of(executor):
+    """The schedules that a descent goes through."""
+    search = search_of()
+    poor_plan(search)
+    search.workers = None if executor is None else Workers(executor)
+    descent = Descent(replace(search.tuning.neighbourhoods, stale=8, effort=0.02))
+    return [better.schedule for better in descent(search, True)]

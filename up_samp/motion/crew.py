@@ -1,21 +1,18 @@
 """Motion queries done by workers: other processes, or other machines, behind one executor.
 
-A :class:`Crew` hands queries to any ``concurrent.futures.Executor`` (processes of this machine, a
-Dask client's ``get_executor()`` for a cluster) and takes the answers in the order of the questions:
-it does not matter which worker was first. Each query is answered as the service itself would answer
-it; what a search came to the end of is the same on any machine. What a lost worker was to answer is
-answered here (a process pool is lost with any of its processes). In one process queries run one at
-a time, also on an executor of threads: the planners' random numbers belong to one of them.
+A :class:`Crew` hands queries to the workers (:mod:`up_samp.system.workers`) and takes the answers
+in the order of the questions. Each query is answered as the service itself would answer it; what a
+search came to the end of is the same on any machine. In one process queries run one at a time, also
+on an executor of threads: the planners' random numbers belong to one of them.
 """
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, Future
-from concurrent.futures import TimeoutError as NotYet
 from dataclasses import dataclass, field
-from typing import TypeVar, cast
+from functools import partial
+from typing import TypeVar
 
 from up_samp.geometry import OccupancyGrid
 from up_samp.model import (
@@ -29,17 +26,12 @@ from up_samp.model import (
 from up_samp.motion.protocol import Leg, LegQuery
 from up_samp.motion.service import MotionService
 from up_samp.motion.tuning import MotionTuning
+from up_samp.system.workers import Task, Workers
 
 CHUNK = 6
 """Paths that are asked for in one task."""
 MOST_SERVICES = 4
 """Maps (with settings) that a worker remembers."""
-LEAVE = 0.05
-"""Seconds for which an answer is waited for at least: it may be there already."""
-
-LOST = object()
-"""What comes from a worker that is gone."""
-
 Answer = TypeVar("Answer")
 Found = tuple[str, Leg] | None
 _ONE_AT_A_TIME = threading.RLock()
@@ -121,14 +113,10 @@ def work(scope: Scope, do: Callable[..., Answer], *given: object) -> Answer:
 
 @dataclass
 class Crew:
-    """Workers for the queries of one motion service.
+    """Workers for the queries of one motion service."""
 
-    ``lost``: tasks whose worker did not come back with an answer (they were done here).
-    """
-
-    executor: Executor
+    workers: Workers
     service: MotionService
-    lost: int = 0
     scope: Scope = field(init=False)
 
     def __post_init__(self) -> None:
@@ -177,45 +165,17 @@ class Crew:
         given: Sequence[tuple[object, ...]],
         deadlines: Sequence[Deadline],
     ) -> list[Answer | None]:
-        """Return what ``do`` returns for each of ``given``, in this order; what a worker does not
-        come back with is done here, if there is time.
-        """
-        last = max((d.at for d in deadlines), default=0.0)
-        futures = [
-            self._submit(do, *one, d.remaining()) for one, d in zip(given, deadlines, strict=True)
+        """Return what ``do`` returns for each of ``given``, in this order."""
+        tasks: list[Task[Answer]] = [
+            Task(work, (self.scope, do, *one), partial(self._here, do, one), deadline.remaining)
+            for one, deadline in zip(given, deadlines, strict=True)
         ]
-        found: list[Answer | None] = []
-        for future, one, deadline in zip(futures, given, deadlines, strict=True):
-            back = _taken(future, Deadline(last).remaining())
-            if back is not LOST:
-                found.append(cast("Answer | None", back))
-                continue
-            self.lost += 1
-            if deadline.expired():
-                found.append(None)
-                continue
-            with _ONE_AT_A_TIME:  # this process may have workers on threads
-                found.append(do(self.service, *one, deadline.remaining()))
-        return found
+        last = max((d.at for d in deadlines), default=0.0)
+        return self.workers.answers(tasks, Deadline(last).remaining)
 
-    def _submit(self, do: Callable[..., Answer], *given: object) -> Future[Answer] | None:
-        try:
-            return self.executor.submit(work, self.scope, do, *given)
-        except Exception:  # a broken pool refuses tasks
-            return None
-
-
-def _taken(future: Future[Answer] | None, seconds: float) -> object:
-    """Return a worker's answer, None where it is still at it when time is up, or ``LOST``."""
-    if future is None:
-        return LOST
-    try:
-        return future.result(None if seconds == float("inf") else max(LEAVE, seconds))
-    except NotYet:
-        future.cancel()
-        return None
-    except Exception:  # whatever ended the worker: a fault of the task comes up again here
-        return LOST
+    def _here(self, do: Callable[..., Answer], given: tuple[object, ...], seconds: float) -> Answer:
+        with _ONE_AT_A_TIME:  # this process may have workers on threads
+            return do(self.service, *given, seconds)
 
 
 def can_be_sent(body: Body) -> bool:

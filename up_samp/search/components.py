@@ -32,8 +32,10 @@ Builder = Callable[["Search", Itinerary], "Incumbent | None"]
 """Makes a plan of a candidate without asking whether its motions fit as scheduled, if it can."""
 Repair = Callable[["Search", CandidateSchedule, Check], "Incumbent | None"]
 """Makes a plan of a candidate whose motions do not fit, if it can."""
-Improver = Callable[["Search"], "Iterator[Incumbent]"]
-"""Yields plans made of the best one, each better than all before it, for a share of the time."""
+Improver = Callable[["Search", bool], "Iterator[Incumbent]"]
+"""Yields plans made of the best one, each better than all before it, for a share of the time. It is
+asked in every round, and told whether the scheduler found nothing better in its time.
+"""
 Finisher = Callable[["Search", "Incumbent"], "Incumbent | None"]
 """Makes the best plan better in what no metric tells, in the end; None leaves it as it is."""
 
@@ -43,7 +45,7 @@ class Components:
     """The parts of a search, in the order in which they act.
 
     ``statements`` come before the first schedule; ``after_failure`` when a candidate failed;
-    ``improvers`` when the scheduler found nothing better than the best plan in its time;
+    ``improvers`` in every round, once there is a plan;
     ``for_proofs`` are told to our own scheduler alone, when it judges another one's word. Without
     ``learns`` a search ends with its first candidate.
     """

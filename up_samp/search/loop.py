@@ -55,13 +55,14 @@ def solve(search: Search, *, optimal: bool) -> Generator[Incumbent, None, Search
         ending = conclude_beforehand(search)
         if ending is not None:
             return ending
+        yield from improve(search, stuck=False)
         with search.history.stages.of(SCHEDULING):
             report = get_schedule(search, optimal=optimal)  # line 4
         if report.schedule is None or not is_better(search, report.schedule):
             ending = conclude_without_schedule(search, report)  # lines 18 to 20
             if ending is not None:
                 return ending
-            yield from improve(search)
+            yield from improve(search, stuck=True)
             continue
         tried = try_candidate(search, report)  # lines 6 to 16, 31 and 35
         if tried.better is not None:
@@ -140,10 +141,10 @@ def get_schedule(search: Search, *, optimal: bool) -> ScheduleReport:
     return report
 
 
-def improve(search: Search) -> Iterator[Incumbent]:
-    """Yield plans made of the best one, where the scheduler found nothing better in its time."""
+def improve(search: Search, *, stuck: bool) -> Iterator[Incumbent]:
+    """Yield plans made of the best one; ``stuck``: the scheduler found nothing better in time."""
     for improver in search.components.improvers if search.bounds.incumbent is not None else ():
-        yield from improver(search)
+        yield from improver(search, stuck)
 
 
 def is_better(search: Search, schedule: CandidateSchedule) -> bool:

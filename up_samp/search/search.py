@@ -24,6 +24,7 @@ from up_samp.search.restarts import Restarts
 from up_samp.search.stages import VALIDATING
 from up_samp.search.stopping import Stop
 from up_samp.search.tuning import SearchTuning
+from up_samp.system.workers import Workers
 from up_samp.upio import Relaxation, SampSchedule, write_refinement
 
 if TYPE_CHECKING:
@@ -69,6 +70,8 @@ class Search:
     tuning: SearchTuning = field(default_factory=SearchTuning)
     cpsat: CpsatTuning = field(default_factory=CpsatTuning)
     """Of our own scheduler, whatever engine is wrapped."""
+    workers: Workers | None = None
+    """Who does parts of it beside this process."""
     start: CandidateSchedule | None = None
     """What to begin from: see :mod:`up_samp.search.start`."""
     large: Large | None = None

@@ -44,6 +44,7 @@ from up_samp.search.start import start_of
 from up_samp.search.start_poses import check_start_poses
 from up_samp.search.stopping import runtime_of
 from up_samp.search.trace import TraceObserver
+from up_samp.system.workers import Workers
 from up_samp.tuning import tuning_of
 from up_samp.upio import Relaxation, SampSchedule, build_plan, read_problem, relax, trajectory_key
 
@@ -179,7 +180,8 @@ def assemble(
     history, bounds = History(), Bounds()
     knowledge = Knowledge(relaxation, history)
     budget = Budget(deadline, params.query_seconds, mine.budget)
-    crew = None if params.executor is None else Crew(params.executor, service)
+    workers = None if params.executor is None else Workers(params.executor)
+    crew = None if workers is None else Crew(workers, service)
     motions = Motions(facts, service, budget, crew)
     tell = Telling(observers_of(params), partial(state_of, history, bounds, deadline))
     return Search(
@@ -208,6 +210,7 @@ def assemble(
         seed=params.seed,
         tuning=mine,
         cpsat=tuning.cpsat,
+        workers=workers,
     )
 
 

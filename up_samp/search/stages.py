@@ -17,6 +17,8 @@ READING, STATING, SCHEDULING = "reading", "stating", "scheduling"
 BUILDING = "building"
 CHECKING, REPAIRING, LEARNING, VALIDATING = "checking", "repairing", "learning", "validating"
 STAGES = (READING, STATING, SCHEDULING, BUILDING, CHECKING, REPAIRING, LEARNING, VALIDATING)
+"""What every search does."""
+IMPROVING = "improving"
 
 
 @dataclass

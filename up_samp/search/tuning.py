@@ -248,6 +248,15 @@ class NeighbourhoodsTuning(Tunables):
 
     share: float = share_of(0.5, "of the remaining time, for neighbourhoods in a row")
     effort: float = effort_of(0.5, "for one neighbourhood: a few seconds at most")
+    activities: int = tunable(
+        300,
+        "optional activities",
+        "from which on neighbourhoods come before the first attempt at a proof",
+        least=0,
+    )
+    together: int = tunable(
+        4, "neighbourhoods", "that are drawn at a time: workers search them at once", least=1
+    )
     robots: int = tunable(3, "robots", "that are freed at first", least=1)
     growth: float = tunable(
         0.2,

@@ -1,97 +1,180 @@
-"""The component: goes from plan to better plan through neighbourhoods, as long as that helps."""
+"""The component: goes from plan to better plan through neighbourhoods, as long as that helps.
+
+Several neighbourhoods are drawn at a time, and looked at in this order until one of them has a
+better schedule. So it makes no difference to what is found whether they are solved one after the
+other or by workers, all at once.
+"""
 
 from __future__ import annotations
 
+import pickle
 import random
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 from up_samp.model import CandidateSchedule, Deadline, ScheduleReport, ScheduleStatus
-from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.search.attempt import try_candidate
 from up_samp.search.bounds import Incumbent
 from up_samp.search.events import Phase
 from up_samp.search.neighbourhoods.adaptive import Roulette
 from up_samp.search.neighbourhoods.choices import CHOICES, Choice, Freed
 from up_samp.search.neighbourhoods.owners import owners_of
-from up_samp.search.neighbourhoods.small_problem import small_problem
+from up_samp.search.neighbourhoods.small_problem import (
+    Settings,
+    SmallProblem,
+    small_problem,
+    solve_sent,
+    solve_small,
+)
 from up_samp.search.neighbourhoods.view import View
 from up_samp.search.search import Search
+from up_samp.search.stages import IMPROVING
 from up_samp.search.tuning import NeighbourhoodsTuning
+from up_samp.system.workers import Task
+
+
+@dataclass
+class State:
+    """Where the descent of one search is: what its neighbourhoods brought, and those of the present
+    plan that hold no better schedule.
+    """
+
+    search: Search
+    roulette: Roulette
+    view: View | None = None
+    exhausted: list[Freed] = field(default_factory=list)
+
+    def seen(self, freed: Freed) -> bool:
+        """Return whether it was searched already, alone or as a part of more."""
+        return any(freed.within(other) for other in self.exhausted)
 
 
 @dataclass
 class Descent:
-    """Yields better plans than the search has; see the package. It keeps no state but what its
-    neighbourhoods brought.
-    """
+    """Yields better plans than the search has; see the package."""
 
     tuning: NeighbourhoodsTuning = field(default_factory=NeighbourhoodsTuning)
     choices: Sequence[Choice] = CHOICES
-    _roulette: Roulette | None = None
-    _exhausted: list[Freed] = field(default_factory=list)
-    """Neighbourhoods of the present plan that hold no better schedule."""
+    _state: State | None = None
 
-    def __call__(self, search: Search) -> Iterator[Incumbent]:
-        """Yield plans that are better than all before them, for a share of the time."""
+    def __call__(self, search: Search, stuck: bool) -> Iterator[Incumbent]:
+        """Yield plans that are better than all before them, for a share of the time: where the
+        scheduler is ``stuck``, and once before it is asked for more than it can do.
+        """
+        begun = self._state is not None and self._state.search is search
+        if not stuck and (begun or not self._hopeless(search)):
+            return
         deadline = search.budget.share(self.tuning.share, float("inf"))
         owners = owners_of(search.own_relaxation())
         if len(owners.robots) < 2:
             return
-        if self._roulette is None:
+        if not begun or self._state is None:
             chance = random.Random(search.seed)
-            self._roulette = Roulette(self.choices, self.tuning, chance, len(owners.robots))
-        view, stale = None, 0
-        while stale < self.tuning.stale and not deadline.expired() and not search.bounds.met:
-            plan = search.bounds.incumbent
+            roulette = Roulette(self.choices, self.tuning, chance, len(owners.robots))
+            self._state = State(search, roulette)
+        state, stale = self._state, 0
+        while stale < self.tuning.stale and not self._over(search, deadline):
+            plan, relaxation = search.bounds.incumbent, search.own_relaxation()
             assert plan is not None
-            if view is None or view.plan is not plan:
-                view = View(search.own_relaxation(), search.facts.snapshot, owners, plan)
-                self._exhausted.clear()
-            better = self._step(search, view, self._roulette, deadline)
-            stale = stale + 1 if better is None else 0
+            view = state.view
+            if view is None or view.plan is not plan or view.relaxation is not relaxation:
+                state.view = View(relaxation, search.facts.snapshot, owners, plan)
+                state.exhausted.clear()
+            better = self._step(state, deadline)
+            stale = stale + self.tuning.together if better is None else 0
             if better is not None:
                 yield better
 
-    def _step(
-        self, search: Search, view: View, roulette: Roulette, deadline: Deadline
-    ) -> Incumbent | None:
-        """Try one neighbourhood; return a better plan if it brought one."""
-        drawn = roulette.draw()
-        freed = self.choices[drawn](view, roulette.chance, roulette.robots)
-        if any(freed.within(other) for other in self._exhausted):
-            roulette.searched(wholly=True)
-            return None
-        search.tell.stage(Phase.NEIGHBOURHOOD, self.choices[drawn].__name__, len(freed.robots))
-        report = self._schedule(search, view, freed, deadline)
-        if report.schedule is None or not search.bounds.improves(report.schedule):
+    def _over(self, search: Search, deadline: Deadline) -> bool:
+        stopped = search.stop is not None and search.stop(search.tell.state())
+        return stopped or deadline.expired() or search.bounds.met
+
+    def _hopeless(self, search: Search) -> bool:
+        """Return whether a first attempt at a proof, or at a better schedule of the whole, would
+        most likely bring nothing.
+        """
+        activities = search.knowledge.relaxation.problem.activities
+        return sum(a.optional for a in activities) >= self.tuning.activities
+
+    def _step(self, state: State, deadline: Deadline) -> Incumbent | None:
+        """Look at some neighbourhoods until one has a better schedule; return the better plan if
+        one comes of it.
+        """
+        search, roulette, view = state.search, state.roulette, state.view
+        assert view is not None
+        drawn = [roulette.draw() for _ in range(self.tuning.together)]
+        some = [self.choices[k](view, roulette.chance, roulette.robots) for k in drawn]
+        new = [not state.seen(freed) for freed in some]
+        found = self._schedules(
+            search, view, [f for f, n in zip(some, new, strict=True) if n], deadline
+        )
+        for k, freed, unseen in zip(drawn, some, new, strict=True):
+            if not unseen:
+                roulette.searched(wholly=True)
+                continue
+            search.tell.stage(Phase.NEIGHBOURHOOD, self.choices[k].__name__, len(freed.robots))
+            with search.history.stages.of(IMPROVING):
+                report = next(found, None)
+            if report is None:
+                return None
+            if report.schedule is not None and search.bounds.improves(report.schedule):
+                tried = try_candidate(search, report)
+                roulette.learn(k, self.tuning.nearly if tried.better is None else 1.0)
+                return tried.better
             wholly = report.status in (ScheduleStatus.OPTIMAL, ScheduleStatus.INFEASIBLE)
             if wholly:
-                self._exhausted.append(freed)
+                state.exhausted.append(freed)
             roulette.searched(wholly=wholly)
-            roulette.learn(drawn, 0.0)
-            return None
-        tried = try_candidate(search, report)
-        roulette.learn(drawn, 1.0 if tried.better is not None else self.tuning.nearly)
-        return tried.better
+            roulette.learn(k, 0.0)
+        return None
 
-    def _schedule(
-        self, search: Search, view: View, freed: Freed, deadline: Deadline
-    ) -> ScheduleReport:
-        """Return a schedule of the problem that is left; no bound of it is one of the whole."""
-        small = small_problem(view, freed)
-        session = CpsatSession(
-            small.problem,
-            seed=search.seed,
-            workers=1,
-            effort=self.tuning.effort,
-            tuning=search.cpsat,
-        )
-        schedule = view.plan.schedule
-        report = session.solve(deadline, optimal=True, hint=schedule)
-        search.budget.seconds_scheduler += report.seconds
-        if report.schedule is None:
-            return report
-        kept = {n: v for n, v in schedule.parameters.items() if n.rpartition(".")[0] in small.kept}
-        found = CandidateSchedule(report.schedule.times, {**kept, **report.schedule.parameters})
-        return ScheduleReport(report.status, found, seconds=report.seconds)
+    def _schedules(
+        self, search: Search, view: View, some: Sequence[Freed], deadline: Deadline
+    ) -> Iterator[ScheduleReport]:
+        """Yield the best schedule found in each neighbourhood, as long as there is time. No bound
+        on one is a bound on the whole.
+        """
+        settings = Settings(search.seed, self.tuning.effort, search.cpsat)
+        guess = view.plan.schedule
+        if search.workers is None:
+            for freed in some:
+                if deadline.expired():
+                    return
+                small = small_problem(view, freed)
+                report = solve_small(small.problem, settings, guess, deadline)
+                search.budget.seconds_scheduler += report.seconds
+                yield _whole(report, small, guess)
+            return
+        parts = [small_problem(view, freed) for freed in some]
+        tasks = [
+            Task(
+                solve_sent,
+                (pickle.dumps(small.problem), settings, guess),
+                partial(_solve_here, small, settings, guess),
+                deadline.remaining,
+            )
+            for small in parts
+        ]
+        answers = search.workers.answers(tasks, deadline.remaining)
+        for answer, small in zip(answers, parts, strict=True):
+            if answer is None:
+                return
+            search.budget.seconds_scheduler += answer.seconds
+            yield _whole(answer, small, guess)
+
+
+def _solve_here(
+    small: SmallProblem, settings: Settings, guess: CandidateSchedule, seconds: float
+) -> ScheduleReport:
+    return solve_small(small.problem, settings, guess, Deadline.after(seconds))
+
+
+def _whole(report: ScheduleReport, small: SmallProblem, plan: CandidateSchedule) -> ScheduleReport:
+    """Return what was found as a schedule of the whole problem, without its bound."""
+    if report.schedule is None:
+        return ScheduleReport(report.status, seconds=report.seconds)
+    kept = {n: v for n, v in plan.parameters.items() if n.rpartition(".")[0] in small.kept}
+    values = {**kept, **report.schedule.parameters}
+    found = CandidateSchedule(report.schedule.times, values)
+    return ScheduleReport(report.status, found, seconds=report.seconds)

@@ -1,13 +1,16 @@
-"""The scheduling problem that is left where some robots of a plan are freed."""
+"""The scheduling problem that is left where some robots of a plan are freed, and its solution."""
 
 from __future__ import annotations
 
 import itertools
+import pickle
 from dataclasses import dataclass
 
 from unified_planning.model.scheduling import SchedulingProblem
 
-from up_samp.model import CandidateSchedule
+from up_samp.model import CandidateSchedule, Deadline, ScheduleReport
+from up_samp.scheduling.cpsat import CpsatSession
+from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.search.neighbourhoods.choices import Freed
 from up_samp.search.neighbourhoods.view import View
 from up_samp.upio.restrict import restrict
@@ -61,3 +64,37 @@ def _keep_order(view: View, problem: SchedulingProblem, kept: frozenset[str]) ->
             after = view.times[one][1] <= view.times[two][0]
             first = activities[one].end if after else activities[one].start
             problem.add_constraint(manager.LE(first, activities[two].start))
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a small problem is solved, with one thread: with the same settings always alike."""
+
+    seed: int
+    effort: float
+    tuning: CpsatTuning
+
+
+def solve_small(
+    problem: SchedulingProblem, settings: Settings, guess: CandidateSchedule, deadline: Deadline
+) -> ScheduleReport:
+    """Return the best schedule of a small problem that is found with so much effort; ``guess`` is
+    the whole plan.
+    """
+    session = CpsatSession(
+        problem,
+        seed=settings.seed,
+        workers=1,
+        effort=settings.effort,
+        tuning=settings.tuning,
+    )
+    return session.solve(deadline, optimal=True, hint=guess)
+
+
+def solve_sent(
+    problem: bytes, settings: Settings, guess: CandidateSchedule, seconds: float
+) -> ScheduleReport:
+    """Return the same for a problem that was sent to a worker. It has come with an environment of
+    its own: workers on threads do not share expressions.
+    """
+    return solve_small(pickle.loads(problem), settings, guess, Deadline.after(seconds))
