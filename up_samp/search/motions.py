@@ -21,6 +21,7 @@ from up_samp.motion.fleet import earliest_arrival
 from up_samp.motion.proofs.after_opening import AfterOpening
 from up_samp.search.budget import Budget
 from up_samp.search.facts import Facts
+from up_samp.search.settled import Where, surely_there
 
 if TYPE_CHECKING:
     from up_samp.motion import MotionService
@@ -83,3 +84,8 @@ class Motions:
     def after(self) -> AfterOpening:
         """Bounds on motions that wait for a door."""
         return AfterOpening(self.service.certifier)
+
+    @cached_property
+    def there(self) -> Where:
+        """What surely rests where whenever somebody leaves a place."""
+        return surely_there(self.facts, self.service)

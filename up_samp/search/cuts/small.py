@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 
-from up_samp.model import ScheduledMotion
-from up_samp.model.refinement import Refinement
+from up_samp.model import PathQuery, ScheduledMotion
+from up_samp.model.refinement import Layer, Refinement, Strength
 from up_samp.refinement import rules
 from up_samp.search.cuts.alone import Alone
 from up_samp.search.cuts.exact import or_exact, rejects
@@ -20,6 +20,7 @@ from up_samp.search.cuts.protocol import Alike
 from up_samp.search.facts import Facts
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
+from up_samp.search.settled import remaining
 from up_samp.search.statements.durations import duration_of
 
 Attempt = Callable[[Failure, str], list[Refinement]]
@@ -47,16 +48,18 @@ class SmallCuts:
 
     def too_slow(self, motions: Motions, alone: Alone, units: int) -> list[Refinement]:
         """Return that the motion and all alike take that long while the blockers rest there."""
-        movers, why = motions.facts.movers, alone.why
-        return [
-            rules.only_given(
-                rules.slower_while(
-                    c.activity, units, alone.places, movers, why, strength=alone.strength
-                ),
-                c.given,
+        movers, why, strength = motions.facts.movers, alone.why, alone.strength
+        places = _that_delay(motions, alone, units)
+        found = []
+        for case in alone.cases:
+            left = remaining(places, case, motions.there)
+            cut = (
+                rules.slower_while(case.activity, units, left, movers, why, strength=strength)
+                if left
+                else rules.lasts(case.activity, units, why, layer=Layer.TEMPORAL, strength=strength)
             )
-            for c in alone.cases
-        ]
+            found.append(rules.only_given(cut, case.given))
+        return found
 
     def group(self, failure: Failure) -> list[Refinement]:
         """Return refinements that reject the candidate's group."""
@@ -68,6 +71,27 @@ class SmallCuts:
             if failure.motions.budget.deadline.expired():
                 break
         return or_exact(failure, found or [_timing_cut(failure)])
+
+
+def _that_delay(motions: Motions, alone: Alone, units: int) -> dict[str, str]:
+    """Return the blockers (with their places) that let the motion take ``units``, none too many: a
+    cut that names fewer of them holds more often, and proves more.
+    """
+    body = motions.facts.body(alone.motion)
+    kept, places = alone.obstacles, dict(alone.places)
+    for name in sorted(alone.places):
+        if alone.strength is Strength.HEURISTIC or motions.budget.deadline.expired():
+            break
+        fewer = tuple(o for o in kept if o.name != name)
+        query = PathQuery(body, alone.motion.poses, fewer)
+        report, strength = motions.fastest(query, motions.budget.query())
+        found = report.trajectory
+        if found is None or strength is Strength.HEURISTIC:
+            continue
+        if motions.facts.units(found.duration) >= units:
+            kept = fewer
+            del places[name]
+    return places
 
 
 def blocked(facts: Facts, alone: Alone) -> list[Refinement]:
