@@ -1,8 +1,9 @@
-"""What surely rests where whenever a motion begins: doors that its own robot has come through.
+"""What surely rests where while a motion lasts: doors that its own robot has come through, say.
 
 A door that is opened and never shut again is open for good. Whoever is at a place to which no way
 leads while the door is shut has come through it, so whenever it leaves that place the door is open.
-Cuts that hold while an open door stands in the way then hold always.
+A door that is a static obstacle and would block the way is open from the motion's start on. Cuts
+that hold while such a door stands open then hold always.
 """
 
 from __future__ import annotations
@@ -17,23 +18,45 @@ from up_samp.search.facts import Facts
 if TYPE_CHECKING:
     from up_samp.motion import MotionService
 
-Where = Mapping[tuple[str, str], Mapping[str, str]]
-"""(driver, place that it leaves) -> objects, and where they surely are then."""
+Where = Mapping[MotionTask, Mapping[str, str]]
+"""Motions -> objects, and where they surely are from its start to its end."""
 
 
 def surely_there(facts: Facts, service: MotionService) -> Where:
-    """Return what surely rests where whenever a driver leaves a place."""
+    """Return what surely rests where all through each motion: what its driver has come through, and
+    static obstacles that it would not get past elsewise.
+    """
     snapshot = facts.snapshot
-    found: dict[tuple[str, str], dict[str, str]] = {}
+    found: dict[MotionTask, dict[str, str]] = {}
     for thing, then in _once_and_for_all(facts):
         for driver in sorted(facts.drivers):
-            ways = _ways(snapshot, driver)
-            if ways is None:
+            tasks = [t for t in snapshot.tasks if t.object == driver]
+            if any(t.kind is not TermKind.CONSTANT for task in tasks for t in task.terms):
                 continue
-            shut = {pair for pair, tasks in ways.items() if _all_shut(facts, service, tasks, thing)}
-            for place in sealed(snapshot.initial[driver], ways, shut):
-                found.setdefault((driver, place), {})[thing] = then
+            shut = [task for task in tasks if _is_shut(facts, service, task, thing)]
+            for task in _from_behind(snapshot, driver, tasks, shut):
+                found.setdefault(task, {})[thing] = then
+            for task in shut:
+                if thing in (task.static or ()):
+                    found.setdefault(task, {})[thing] = then
     return found
+
+
+def _from_behind(
+    snapshot: Snapshot, driver: str, tasks: list[MotionTask], shut: list[MotionTask]
+) -> list[MotionTask]:
+    """Return the motions of a driver that begin where it only comes to by those that are shut at
+    first; none where something else may take it elsewhere.
+    """
+    other = {c.object for c in snapshot.changes} | {r.load for r in snapshot.rides}
+    once = len({t.activity for t in tasks}) == len(tasks)
+    if driver in other or not once:
+        return []
+    ends = {task: (task.terms[0].name, task.terms[-1].name) for task in tasks}
+    passable = {ends[t] for t in set(tasks).difference(shut)}
+    ways = set(ends.values())
+    behind = sealed(snapshot.initial[driver], ways, ways - passable)
+    return [task for task in tasks if ends[task][0] in behind]
 
 
 def sealed(
@@ -52,10 +75,10 @@ def sealed(
 
 
 def remaining(places: Mapping[str, str], case: MotionCase, there: Where) -> dict[str, str]:
-    """Return which of the ``places`` (object -> configuration) do not go without saying when the
-    motion of a case begins.
+    """Return which of the ``places`` (object -> configuration) do not go without saying while the
+    motion of a case lasts.
     """
-    sure = there.get((case.task.object, case.configurations[0]), {})
+    sure = there.get(case.task, {})
     return {name: place for name, place in places.items() if sure.get(name) != place}
 
 
@@ -71,36 +94,13 @@ def _once_and_for_all(facts: Facts) -> Iterator[tuple[str, str]]:
                 yield thing, then
 
 
-def _ways(snapshot: Snapshot, driver: str) -> dict[tuple[str, str], list[MotionTask]] | None:
-    """Return a driver's motions by (from, to); None where something else may take it elsewhere, or
-    its ways hang on decisions.
-    """
-    tasks = [t for t in snapshot.tasks if t.object == driver]
-    other = {c.object for c in snapshot.changes} | {r.load for r in snapshot.rides}
-    once = len({t.activity for t in tasks}) == len(tasks)
-    constant = all(t.kind is TermKind.CONSTANT for task in tasks for t in task.terms)
-    if driver in other or not once or not constant:
-        return None
-    found: dict[tuple[str, str], list[MotionTask]] = {}
-    for task in tasks:
-        found.setdefault((task.terms[0].name, task.terms[-1].name), []).append(task)
-    return found
-
-
-def _all_shut(
-    facts: Facts, service: MotionService, tasks: Collection[MotionTask], thing: str
-) -> bool:
-    """Return whether it is proven that none of the motions can be made while the thing is where it
-    is at first.
-    """
+def _is_shut(facts: Facts, service: MotionService, task: MotionTask, thing: str) -> bool:
+    """Return whether it is proven that a motion cannot be made before a thing is moved."""
+    if task.avoid is not None and thing not in task.avoid:
+        return False
     closed = facts.placed(thing, facts.snapshot.initial[thing])
-    for task in tasks:
-        if task.avoid is not None and thing not in task.avoid:
-            return False
-        body = facts.snapshot.body(task.activity, task.index, task.object)
-        poses = tuple(facts.snapshot.configurations[t.name] for t in task.terms)
-        if body.flies or closed.body.flies:
-            return False
-        if service.certificate(body, poses, (closed,)) is None:
-            return False
-    return True
+    body = facts.snapshot.body(task.activity, task.index, task.object)
+    poses = tuple(facts.snapshot.configurations[t.name] for t in task.terms)
+    if body.flies or closed.body.flies:
+        return False
+    return service.certificate(body, poses, (closed,)) is not None
