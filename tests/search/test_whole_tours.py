@@ -17,9 +17,10 @@ from up_samp.motion.fleet.committed import Committed
 from up_samp.search import session
 from up_samp.search.deals import Guess, deal, decided_by, state_order
 from up_samp.search.jobs import find_jobs
+from up_samp.search.large import homes_of
 from up_samp.search.loop import get_schedule, state_what_is_known
 from up_samp.search.params import Parameters
-from up_samp.search.tours import plan_tours
+from up_samp.search.tours import plan_tours, undecided_tours
 from up_samp.upio import read_itinerary, read_problem
 from up_samp.upio.thin import thinned
 from up_samp.validation import validate_plan
@@ -79,6 +80,25 @@ def test_what_was_decided_last_can_be_withdrawn(floor):
     assert floor.stays(coming) == before
 
 
+def test_a_way_past_all_ends_is_open_once_everybody_is_there():
+    """Robot "a" comes to stand on the straight way of "c" before that can leave, and stays."""
+    places = {"a": (10.0, 3.0, 0.0), "c": (3.0, 8.0, 0.0)}
+    body = driver("a", places["a"], places["a"], 0.0).body
+    service = MotionService(room(20, 17, [(0, 0, 20, 17)]))
+    floor = Committed(service, [Rest(n, body, p) for n, p in places.items()])
+    through = driver("a1", places["a"], (10.0, 14.0, 0.0), 6.0)
+    decide(floor, through)
+    blocked = decide(floor, driver("a2", (10.0, 14.0, 0.0), (10.0, 8.0, 0.0), 20.0))
+    crossing = driver("c1", places["c"], (17.0, 8.0, 0.0), 25.0)
+    run = floor.past_all_ends(crossing, Deadline.never())
+    assert run.path.length > 14.1, "it drives round"
+    assert floor.clear([run])
+    straight = driver("c1", places["c"], (17.0, 8.0, 0.0), 0.0)
+    decide(floor, straight)
+    assert floor.clear([floor.trajectories()["c1"]])
+    assert not floor.clear([replace(blocked, object="b", since=0.0)])
+
+
 def opened(problem, seed):
     """Return a search on what was dealt out of a problem, and its first candidate."""
     get_environment().credits_stream = None
@@ -97,7 +117,9 @@ def opened(problem, seed):
     return search, read_itinerary(search.knowledge.relaxation, report.schedule), build
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(
+    "seed", [1, 2, *(pytest.param(s, marks=pytest.mark.long) for s in range(3, 30))]
+)
 def test_every_fleet_that_parks_out_of_the_way_gets_a_plan(seed):
     rng = random.Random(seed)
     problem = warehouse(rng.randint(3, 5), rng.randint(6, 9), encoding="compact", seed=seed)
@@ -107,3 +129,39 @@ def test_every_fleet_that_parks_out_of_the_way_gets_a_plan(seed):
     done = found.decided()
     whole = build(done.schedule, done.trajectories())
     assert validate_plan(problem, whole).violations == ()
+
+
+def test_what_is_late_goes_first_and_who_is_not_in_its_way_keeps_its_tour():
+    problem = warehouse(4, 6, encoding="compact")
+    search, itinerary, _ = opened(problem, 0)
+    tours = undecided_tours(search, itinerary, frozenset())
+    assert tours.decide((), Deadline.after(60)) is None
+    done = tours.decided()
+    last = max(done.ends(), key=done.ends().get)
+    tours.begin_anew([last], Deadline.after(60))
+    assert tours.decide([last], Deadline.after(60)) is None
+    again = tours.decided()
+    assert again.ends()[last] <= done.ends()[last]
+    # the same tours as a start, and one of them anew with nobody else moved
+    assert tours.adopt(again, [last])
+    assert tours.decide((), Deadline.after(60)) is None
+    kept = tours.decided()
+    others = [name for name, run in again.runs.items() if run.object != last]
+    assert others
+    assert all(kept.runs[n].timing is again.runs[n].timing for n in others)
+    # nobody ends later than the limit
+    tours.limit = 5
+    assert tours.adopt(again, [last])
+    assert tours.decide((), Deadline.after(60)) == last
+
+
+def test_needless_ways_home_are_left_out_of_plans():
+    problem = warehouse(3, 5, encoding="compact")
+    search, itinerary, build = opened(problem, 0)
+    homes = homes_of(find_jobs(problem, read_problem(problem)))
+    done = plan_tours(search, itinerary, Deadline.after(100), homes=homes).decided()
+    assert done.needless
+    assert all(name.startswith("leave_") for name in done.needless)
+    assert done.lean().makespan < done.schedule.makespan
+    lean = build(done.lean(), done.trajectories())
+    assert validate_plan(problem, lean).violations == ()

@@ -111,7 +111,7 @@ def plan_tours(
             if deadline.expired() or first[:1] == [stuck]:
                 return None
             first = [stuck, *(name for name in first if name != stuck)]
-            tours.reset()
+            tours.begin_anew(first, deadline)
     return None
 
 
@@ -159,16 +159,47 @@ class Tours(Decisions):
         return whether that keeps what is asked.
         """
         self.reset()
-        for robot in self.robots:
-            for name in self._chains[robot] if robot not in but else ():
-                if name not in decided.runs:
-                    return False
-                start, end = decided.pins[name]
-                pins = {("start", name): start, ("end", name): end}
-                if not self._times.raised(pins, pin=True):
-                    return False
-                self._floor.add(replace(decided.runs[name], until=math.inf))
-                del self._waiting[name]
+        return all(
+            self._adopted(r, decided.runs, decided.pins) for r in self.robots if r not in but
+        )
+
+    def begin_anew(self, first: Sequence[str], deadline: Deadline) -> None:
+        """Decide the tours of ``first`` before all others, of which those stay decided that are in
+        nobody's way then.
+        """
+        runs = self._floor.trajectories()
+        pins = {name: (self._start(name), self._end(name)) for name in runs}
+        order = list(dict.fromkeys(run.object for run in runs.values()))
+        self.reset()
+        for robot in [*first, *(r for r in order if r not in first)]:
+            mine = [runs[name] for name in self._chains[robot] if name in runs]
+            whole = len(mine) == len(self._chains[robot])
+            if whole and self._floor.clear(mine) and self._adopted(robot, runs, pins):
+                continue
+            if robot in first:
+                self._decide(self._stretch(robot), deadline)
+
+    def _adopted(
+        self,
+        robot: str,
+        runs: Mapping[str, TimedPath],
+        pins: Mapping[str, tuple[int, int]],
+    ) -> bool:
+        """Decide a robot's tour as it was before; return whether that keeps what is asked, else
+        nothing is decided.
+        """
+        before = self._times.state()
+        for number, name in enumerate(self._chains[robot]):
+            start, end = pins.get(name, (-1, -1))
+            wanted = {("start", name): start, ("end", name): end}
+            if name not in runs or not self._times.raised(wanted, pin=True):
+                for undone in reversed(self._chains[robot][:number]):
+                    self._floor.withdraw(robot)
+                    self._waiting[undone] = self._motions[undone]
+                self._times.restore(before)
+                return False
+            self._floor.add(replace(runs[name], until=math.inf))
+            del self._waiting[name]
         return True
 
     def decided(self) -> Decided:
@@ -299,16 +330,14 @@ class Tours(Decisions):
         motion = self._timed(name)
         due = max(motion.due, since + self._tuning.grace)
         asked = replace(motion, present_until=until, due=due)
-        attempt = self._floor.plan(asked, deadline, QUICK)
-        late = attempt.run is None or attempt.run.arrival > due
+        best = self._floor.plan(asked, deadline, QUICK).run
+        if best is None or best.arrival > due:
+            best = _sooner(best, self._floor.past_all_ends(asked, deadline))
         for effort in range(QUICK + 1, self._tours.effort + 1):
-            if not late or deadline.expired():
+            if deadline.expired() or (best is not None and best.arrival <= due):
                 break
-            other = self._floor.plan(asked, deadline, effort)
-            if other.run is not None:
-                attempt, late = other, other.run.arrival > due
-        run = attempt.run
-        return None if run is None or run.arrival > until else run
+            best = _sooner(best, self._floor.plan(asked, deadline, effort).run)
+        return None if best is None or best.arrival > until else best
 
     def _done(self, stretch: Sequence[str]) -> int:
         """Return when (units) motions are over at the soonest, without a last one that may turn out
@@ -326,3 +355,10 @@ class Tours(Decisions):
     def _least(self, name: str) -> float:
         """Return the least time (s) that a motion takes."""
         return self._facts.seconds(self._end(name) - self._start(name))
+
+
+def _sooner(one: TimedPath | None, other: TimedPath | None) -> TimedPath | None:
+    """Return the run that arrives first, of those that there are."""
+    if one is None or other is None:
+        return one or other
+    return one if one.arrival <= other.arrival else other

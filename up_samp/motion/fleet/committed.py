@@ -13,11 +13,12 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
-from up_samp.model import Deadline, Rest, TimedMotion
+from up_samp.model import Deadline, Placed, Rest, TimedMotion
 from up_samp.motion.fleet.one_robot import Attempt, plan_one
+from up_samp.motion.fleet.paths import Path
 from up_samp.motion.fleet.priority_search import Group, alone, climb
-from up_samp.motion.fleet.timed_path import TimedPath, pair_flags
-from up_samp.motion.fleet.waiting import Window
+from up_samp.motion.fleet.timed_path import TimedPath, avoids, pair_flags, pose_at
+from up_samp.motion.fleet.waiting import Window, fit
 from up_samp.motion.fleet.workspace import PathPlanner, rest_run, workspace_of
 
 DETOURS = 1
@@ -62,6 +63,24 @@ class Committed:
             effort = DETOURS - 1  # waiting is found sooner than another way
         return plan_one(self._workspace, motion, window, others, deadline, effort)
 
+    def past_all_ends(self, motion: TimedMotion, deadline: Deadline) -> TimedPath | None:
+        """Return the earliest run of a motion on its best path past the places where all others
+        stay in the end, if there is such a path and a timing.
+
+        Whatever the others do before, on that path it can drive once they have done it.
+        """
+        others = self._others({motion.object}, -math.inf)
+        ends = [
+            Placed(o.object, o.path.body, pose_at(o.path, -1))
+            for o in others
+            if o.until == math.inf and avoids(motion.avoid, o.object)
+        ]
+        path = self._workspace.path(motion.body, motion.poses, ends, deadline)
+        if not isinstance(path, Path):
+            return None
+        window = Window(self.arrival(motion.object), motion.release)
+        return fit(self._workspace, motion, window, path, others)
+
     def together(
         self, motions: Sequence[TimedMotion], deadline: Deadline, *, top: int
     ) -> Mapping[str, TimedPath] | None:
@@ -91,6 +110,11 @@ class Committed:
             runs[-1] = replace(runs[-1], until=math.inf)
         else:
             del self._runs[name]
+
+    def clear(self, runs: Sequence[TimedPath]) -> bool:
+        """Return whether an object's runs meet nothing that is decided of others."""
+        others = self._others({run.object for run in runs}, -math.inf)
+        return all(self._workspace.meeting(a, b)[0] == math.inf for a in runs for b in others)
 
     def stays(self, motion: TimedMotion) -> list[tuple[float, float]]:
         """Return when (from, until; s) the object of a motion may rest where that ends, after its
