@@ -62,7 +62,8 @@ class Parameters:
     tuning: Tuning | Mapping[str, Any] | str | os.PathLike[str] | None = None
     """Tunables (:mod:`up_samp.tuning`), or a table or TOML file of them."""
     executor: Executor | None = None
-    """Who plans motions and groups beside this process (:mod:`up_samp.motion.crew`); answers are
+    """Who plans motions and searches neighbourhoods beside this process
+    (:mod:`up_samp.system.workers`); answers are
     the same without. The caller ends it.
     """
     path_planner: str = "default"

@@ -50,7 +50,7 @@ class Slack:
                     longer = manager.Plus(activity.start, end - start + more)
                     goals[manager.LE(longer, activity.end)] = 1
         loose.clear_quality_metrics()
-        loose.add_quality_metric(Oversubscription(goals))
+        loose.add_quality_metric(Oversubscription(goals, loose.environment))
         session = CpsatSession(
             loose, seed=search.seed, workers=1, effort=self.tuning.effort, tuning=search.cpsat
         )

@@ -146,5 +146,5 @@ def _loose(
         if activity.name in weights:
             goals[manager.Not(activity.present)] = weights[activity.name]
     problem.clear_quality_metrics()
-    problem.add_quality_metric(Oversubscription(goals))
+    problem.add_quality_metric(Oversubscription(goals, problem.environment))
     return problem

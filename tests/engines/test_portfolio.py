@@ -1,0 +1,131 @@
+"""Portfolios: the best plan of all members, whoever is first and whoever is lost."""
+
+import pickle
+from concurrent.futures import BrokenExecutor, Executor, Future
+
+import pytest
+from unified_planning.engines import PlanGenerationResultStatus as Status
+from unified_planning.environment import get_environment
+from unified_planning.shortcuts import OneshotPlanner
+
+from up_samp import portfolio
+from up_samp.benchmarks.instances import instance
+from up_samp.model import ProblemError
+from up_samp.portfolio import Member, Said, seeds, solve_portfolio
+from up_samp.validation import validate_plan
+
+
+class Backwards(Executor):
+    """Does its tasks in reverse order, with copies of what it is given; some workers are lost."""
+
+    def __init__(self, lost=()):
+        self.lost, self.waiting = lost, []
+
+    def submit(self, do, *given):
+        future = Future()
+        self.waiting.append((len(self.waiting), future, do, pickle.loads(pickle.dumps(given))))
+        wait = future.result
+
+        def result(timeout=None):
+            while self.waiting:
+                number, one, task, args = self.waiting.pop()
+                if number in self.lost:
+                    one.set_exception(BrokenExecutor("the worker is gone"))
+                else:
+                    one.set_result(task(*args))
+            return wait(timeout)
+
+        future.result = result
+        return future
+
+
+@pytest.fixture(scope="module")
+def small():
+    return instance("jobshop-r1-j1-m1").build()
+
+
+def test_a_problem_has_an_environment_of_its_own(small):
+    """What a worker gets lives in another environment than the global one."""
+    get_environment().credits_stream = None
+    problem = pickle.loads(pickle.dumps(small))
+    assert problem.environment is not get_environment()
+    with OneshotPlanner(name="samp-refine[cpsat]") as planner:
+        result = planner.solve(problem, timeout=60)
+    assert result.status is Status.SOLVED_OPTIMALLY
+    assert validate_plan(problem, result.plan).valid
+
+
+@pytest.mark.parametrize("lost", [(), (0,)], ids=["all there", "one lost"])
+def test_the_best_plan_wins(small, lost):
+    members = [Member(params={"optimal": False}), Member(params={"optimal": True})]
+    result = solve_portfolio(small, members, executor=Backwards(lost), timeout=120)
+    assert result.status is Status.SOLVED_OPTIMALLY
+    assert validate_plan(small, result.plan).valid
+    assert result.metrics["lost"] == str(len(lost))
+    assert result.metrics["makespan"] == result.metrics["lower_bound"]
+    assert {a.name for a in result.plan.activities} <= {a.name for a in small.activities}
+
+
+@pytest.fixture
+def told(monkeypatch):
+    """Let members say what they are told to; a plan is the number of its member."""
+
+    def tell(*said):
+        def run(problem, member, seconds):
+            return said[member.params["seed"]]
+
+        monkeypatch.setattr(portfolio, "_run", run)
+
+    monkeypatch.setattr(portfolio, "_judged", lambda problem, said: said.plan.get("valid"))
+    return tell
+
+
+FOUND, OPTIMAL = Status.SOLVED_SATISFICING.name, Status.SOLVED_OPTIMALLY.name
+
+
+def test_the_first_of_equals_wins(small, told):
+    plans = [{"valid": f"plan {k}"} for k in range(4)]
+    spans = (30, 20, 20, 25)
+    told(*(Said(FOUND, p, s, 10, "absolute") for p, s in zip(plans, spans, strict=True)))
+    result = solve_portfolio(small, seeds(4), executor=Backwards())
+    assert (result.plan, result.metrics["member"]) == ("plan 1", "1")
+    assert result.status is Status.SOLVED_SATISFICING
+
+
+def test_a_bound_of_one_proves_the_plan_of_another(small, told):
+    told(
+        Said(FOUND, {"valid": "short"}, 20, 5, "absolute"),
+        Said("TIMEOUT", None, None, 20, "absolute"),
+    )
+    result = solve_portfolio(small, seeds(2), executor=Backwards())
+    assert (result.plan, result.status) == ("short", Status.SOLVED_OPTIMALLY)
+
+
+def test_a_plan_that_is_not_valid_here_does_not_count(small, told):
+    told(Said(OPTIMAL, {"valid": None}, 10, 10), Said(FOUND, {"valid": "long"}, 30, 5))
+    result = solve_portfolio(small, seeds(2), executor=Backwards())
+    assert (result.plan, result.status) == ("long", Status.SOLVED_SATISFICING)
+
+
+def test_without_a_plan_a_proof_counts(small, told):
+    told(Said("TIMEOUT"), Said("UNSOLVABLE_PROVEN", message="no door"))
+    result = solve_portfolio(small, seeds(2), executor=Backwards())
+    assert (result.status, result.metrics["why"]) == (Status.UNSOLVABLE_PROVEN, "no door")
+    told(Said("TIMEOUT"), Said("INTERNAL_ERROR"))
+    assert solve_portfolio(small, seeds(2), executor=Backwards()).status is Status.TIMEOUT
+
+
+def test_what_cannot_be_is_said(small):
+    with pytest.raises(ProblemError, match="at least one member"):
+        solve_portfolio(small, [])
+    with pytest.raises(ProblemError, match="the same 'seconds_per_unit'"):
+        solve_portfolio(small, [Member(), Member(params={"seconds_per_unit": 0.5})])
+    with pytest.raises(ProblemError, match="cannot be sent"):
+        solve_portfolio(small, [Member(params={"progress": lambda event: None})])
+
+
+@pytest.mark.long
+def test_processes_of_this_machine(small):
+    result = solve_portfolio(small, seeds(2), timeout=240)
+    assert result.status is Status.SOLVED_OPTIMALLY
+    assert validate_plan(small, result.plan).valid
