@@ -26,7 +26,7 @@ from up_samp.motion.planners.car import CarPlanner
 from up_samp.search.facts import LATE, Facts
 from up_samp.test_cases.scene import SceneBuilder
 from up_samp.validation import validate_plan
-from up_samp.validation.plan import _LATE as LATE_IN_PLANS
+from up_samp.validation.tolerances import TOLERANCES
 
 
 def straight_problem(model, stops, heading=0.0):
@@ -140,7 +140,7 @@ def test_units_forgive_rounding_and_no_more_than_the_validator(unit):
         assert facts.units(count * unit) == count
         assert facts.units(count * unit * (1 + 1e-14)) == count
         assert facts.units(count * unit + 2e-6) == count + 1
-    assert LATE < LATE_IN_PLANS
+    assert TOLERANCES.late > LATE
 
 
 @pytest.mark.parametrize("planner", [Hurried, Patient])
