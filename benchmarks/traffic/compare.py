@@ -27,6 +27,7 @@ from up_samp.motion.fleet.priority_search import Group, window_of
 from up_samp.motion.fleet.roadmap import Roadmap, cells_of
 from up_samp.motion.fleet.workspace import workspace_of
 from up_samp.motion.service import MotionService
+from up_samp.motion.tuning import RoadmapTuning
 
 MAPS = {"pillars": tight.pillars, "aisles": tight.aisles}
 SEARCHES = 4
@@ -70,8 +71,8 @@ def in_step(traffic, service, deadline):
     motions = traffic.query.motions
     body, heeds = motions[0].body, [[a is not b for b in motions] for a in motions]
     ends = [pose for m in motions for pose in m.poses]
-    for cell in dict.fromkeys(cells_of(body)[:2]):
-        roadmap = Roadmap(service.scene, body, ends, (), (), cell)
+    for cell in dict.fromkeys(cells_of(body, RoadmapTuning())[:2]):
+        roadmap = Roadmap(service.scene, body, ends, (), (), cell, RoadmapTuning())
         goals = [roadmap.place(m.poses[-1]) for m in motions]
         agents = [
             Agent(roadmap, roadmap.place(m.poses[0]), goal, roadmap.to_go(goal))

@@ -12,18 +12,16 @@ from unified_planning.model.scheduling import SchedulingProblem
 from up_samp.execution.draft import Draft, why_of
 from up_samp.execution.graph import Choice, Graph, Task
 from up_samp.execution.lives import Life, lives_of
-from up_samp.execution.meetings import MARGIN, Meeting, meetings_of
+from up_samp.execution.meetings import Meeting, meetings_of
 from up_samp.execution.reduce import MEETING
 from up_samp.execution.staircase import Step, steps_of, switched
+from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import Travel, travels_of
 from up_samp.io.plan_dict import PlanDict, snapshot_of
 from up_samp.model.snapshot import Snapshot
 from up_samp.scheduling.compilers.read import read_problem as read_plain
 from up_samp.scheduling.partial_order.differences import Planned
 from up_samp.scheduling.partial_order.orders import orders_of, performers
-
-STILL = 1e-6
-"""A motion whose poses differ by less than this (m, rad) goes nowhere."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +41,7 @@ class Dependencies:
 
 
 def dependencies_of(
-    problem: SchedulingProblem, plan: PlanDict, *, margin: float = MARGIN
+    problem: SchedulingProblem, plan: PlanDict, *, margin: float = TOLERANCES.margin
 ) -> Dependencies:
     """Return the dependency graph of a valid plan: acyclic, transitively reduced, with reasons.
 
@@ -107,7 +105,9 @@ def tasks_of(plan: PlanDict, who: Mapping[str, tuple[str, ...]]) -> dict[str, Ta
 def _goes(samples: list[list[float]]) -> bool:
     """Return whether a motion goes anywhere."""
     return any(
-        abs(a - b) > STILL for row in samples for a, b in zip(row[1:], samples[0][1:], strict=True)
+        abs(a - b) > TOLERANCES.still
+        for row in samples
+        for a, b in zip(row[1:], samples[0][1:], strict=True)
     )
 
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from up_samp.execution.graph import (
     ORIGIN,
-    STRICT,
     At,
     Bound,
     Choice,
@@ -24,11 +23,9 @@ from up_samp.execution.lives import Life
 from up_samp.execution.meetings import Meeting
 from up_samp.execution.reduce import MEETING, reduced
 from up_samp.execution.staircase import Step, steps_of
+from up_samp.execution.tolerances import TOLERANCES
 from up_samp.scheduling.partial_order.differences import Difference, Point
 from up_samp.scheduling.partial_order.orders import Order
-
-EPSILON = 1e-6
-"""Times (s) closer than this are the same."""
 
 
 class Draft:
@@ -52,12 +49,12 @@ class Draft:
         need = order.difference
         firsts, thens = self._events(need.first), self._events(need.then)
         for first, then in itertools.product(firsts, thens):
-            lag = need.lag * unit + (STRICT if need.strict else 0.0)
+            lag = need.lag * unit + (TOLERANCES.strict if need.strict else 0.0)
             if first == then:
                 continue
             # two that are to happen at once: the second follows the first, and that is watched
             at_once = need.lag == 0 and (then, first) in self.edges and lag <= 0.0
-            late = self.time(then) < self.time(first) - EPSILON
+            late = self.time(then) < self.time(first) - TOLERANCES.same_time
             if then == ORIGIN or at_once or late or _backward(need):
                 self.bounds.append((then, first, -need.lag * unit, order.why))
                 continue
@@ -75,7 +72,7 @@ class Draft:
             if (
                 one is None
                 or two is None
-                or self.time(one.then) < self.time(one.first) - EPSILON
+                or self.time(one.then) < self.time(one.first) - TOLERANCES.same_time
                 or any(_leads(after, way.then, way.first) for way in (one, two))
             ):
                 self.add_order(replace(order, instead=None), unit)
@@ -109,7 +106,7 @@ class Draft:
             return None
         if need.first[1] == need.then[1]:
             return None
-        lag = need.lag * unit + (STRICT if need.strict else 0.0)
+        lag = need.lag * unit + (TOLERANCES.strict if need.strict else 0.0)
         if need.then[0] == "end":
             # what lasts as long as it lasts is held back before it begins
             task = self.tasks[need.then[1]]
@@ -158,7 +155,7 @@ class Draft:
         ):
             # what lasts as long as it lasts can only be held back before it begins
             begun = Event(At.START, task.name)
-            if self.time(first) > self.time(begun) + EPSILON:
+            if self.time(first) > self.time(begun) + TOLERANCES.same_time:
                 self.tight.append((first, then, lag, kind, why))
                 return
             then, lag = begun, max(0.0, lag - task.expected)

@@ -14,18 +14,15 @@ from up_samp.execution.commands import Command, Do, Go, Hold
 from up_samp.execution.files import dependencies_from_plan
 from up_samp.execution.forecast import Forecast, forecast, routes_of
 from up_samp.execution.graph import At, Event
-from up_samp.execution.meetings import MARGIN
 from up_samp.execution.pace import Pace
 from up_samp.execution.remaining import remaining_problem
 from up_samp.execution.sides import planned_sides
 from up_samp.execution.state import Phase, State, Way
 from up_samp.execution.surprise import Remaining, Surprise
+from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.plan_dict import PlanDict, plan_to_dict
 from up_samp.model import ProblemError
 from up_samp.model.execution_tuning import ExecutionTuning
-
-TOLERANCE = 1e-3
-"""Progress (m) by which a robot may be short of a point and still count as having come to it."""
 
 
 class Executor:
@@ -42,9 +39,9 @@ class Executor:
         plan: PlanDict | Schedule,
         problem: SchedulingProblem | None = None,
         *,
-        margin: float = MARGIN,
+        margin: float = TOLERANCES.margin,
         seconds_per_unit: float = 1.0,
-        tolerance: float = TOLERANCE,
+        tolerance: float = TOLERANCES.progress,
         dependencies: Dependencies | None = None,
         tuning: ExecutionTuning | None = None,
     ):

@@ -11,15 +11,16 @@ from unified_planning.model.scheduling import SchedulingProblem
 from up_samp.execution.build import Dependencies, dependencies_of, tasks_of, with_avoid
 from up_samp.execution.graph import At, Bound, Choice, Edge, Event, Graph, Precedence, Task
 from up_samp.execution.lives import Drive, lives_of
-from up_samp.execution.meetings import MARGIN, meetings_of
+from up_samp.execution.meetings import meetings_of
 from up_samp.execution.reduce import MEETING
+from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.plan_dict import PlanDict, snapshot_of
 from up_samp.io.versions import VERSIONS
 from up_samp.model import ProblemError
 
 
 def with_dependencies(
-    problem: SchedulingProblem, plan: PlanDict, *, margin: float = MARGIN
+    problem: SchedulingProblem, plan: PlanDict, *, margin: float = TOLERANCES.margin
 ) -> PlanDict:
     """Return a plan dictionary of version 1.1: with ``dependencies``, each motion's ``progress`` at
     its samples, and what it must keep clear of.

@@ -17,10 +17,6 @@ from functools import cached_property
 
 from up_samp.model import ProblemError
 
-STRICT = 1e-3
-"""What "strictly after" means in real time (s): the problem's time is whole units, the floor's is
-dense."""
-
 
 class At(enum.Enum):
     """What happens in an event. ``LEAVE`` is going beyond a point, ``REACH`` is having come to it:

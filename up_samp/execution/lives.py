@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from up_samp.execution.graph import At, Event
 from up_samp.execution.loads import hold_of, laden_bodies
+from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.floors import side_by_side
 from up_samp.io.sampling import rows_trajectory
 from up_samp.model import Body, Configuration, Kinematics, MotionModel, UnsupportedError
@@ -26,9 +27,6 @@ from up_samp.motion.fleet.paths import Path, hull_of, path_of, resting_path
 from up_samp.motion.fleet.swept import Hull
 
 FloatArray = npt.NDArray[np.float64]
-
-ARRIVED = 1e-6
-"""Progress (m) that counts as nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,13 +48,13 @@ class Drive:
     def reached(self, progress: FloatArray) -> FloatArray:
         """Return when the plan comes to these progresses (s)."""
         times, s = self.planned
-        i = np.searchsorted(s, progress - ARRIVED, side="left")
+        i = np.searchsorted(s, progress - TOLERANCES.arrived, side="left")
         return _between(times, s, np.clip(i, 0, len(s) - 1), progress)
 
     def left(self, progress: FloatArray) -> FloatArray:
         """Return when the plan goes beyond these progresses (s)."""
         times, s = self.planned
-        i = np.searchsorted(s, progress + ARRIVED, side="right")
+        i = np.searchsorted(s, progress + TOLERANCES.arrived, side="right")
         return _between(times, s, np.clip(i, 0, len(s) - 1), progress)
 
     @property
@@ -87,7 +85,11 @@ def _between(times: FloatArray, s: FloatArray, i: npt.NDArray[Any], at: FloatArr
     """Return the times of ``at`` in the stretches that end with samples ``i``."""
     before = np.maximum(i - 1, 0)
     way = s[i] - s[before]
-    share = np.where(way > ARRIVED, (at - s[before]) / np.where(way > ARRIVED, way, 1.0), 1.0)
+    share = np.where(
+        way > TOLERANCES.arrived,
+        (at - s[before]) / np.where(way > TOLERANCES.arrived, way, 1.0),
+        1.0,
+    )
     return np.asarray(times[before] + np.clip(share, 0.0, 1.0) * (times[i] - times[before]))
 
 

@@ -8,11 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from up_samp.execution.graph import At, Event
+from up_samp.execution.tolerances import TOLERANCES
 from up_samp.model import Body
 from up_samp.upio.rides import laden_body
-
-GRIP = 0.01
-"""Way (m) of a ride in which its load also counts as standing where it was, or will be."""
 
 
 class Hold(NamedTuple):
@@ -39,7 +37,7 @@ def laden_bodies(plan: Mapping[str, Any], bodies: Mapping[str, Body]) -> dict[An
 
 def hold_of(drive: Any) -> Hold:
     """Return when a load is off the ground in a ride (``drive``: its carrier's motion)."""
-    near = min(GRIP, drive.path.length / 2)
+    near = min(TOLERANCES.grip, drive.path.length / 2)
     low, high = round(near, 6), round(drive.path.length - near, 6)
     return Hold(
         float(drive.reached(np.array([low]))[0]),

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.execution.lives import Drive, Life, Piece, Stay, concerned, pairs_of
+from up_samp.execution.tolerances import TOLERANCES
 from up_samp.model import ProblemError
 from up_samp.motion.fleet.conflicts import conflict_runs
 from up_samp.motion.fleet.paths import Path
@@ -26,14 +27,9 @@ from up_samp.motion.fleet.swept import Swept
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-MARGIN = 0.01
-"""Clearance (m) that the dependencies keep, where the plan does; less where it does not."""
 
 EFFORTS = ((0, 1.0), (1, 1.0), (2, 0.5), (3, 0.25), (4, 0.1), (5, 0.0))
 """(Halvings of the cells, share of the margin) until the plan is seen to pass the obstacle."""
-
-LATE = 2e-3
-"""A plan's own rounding (s): how much later than an entry the other's exit may be."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +75,7 @@ class Meeting:
         return self.other.pieces[self.m]
 
 
-def meetings_of(lives: Mapping[str, Life], margin: float = MARGIN) -> list[Meeting]:
+def meetings_of(lives: Mapping[str, Life], margin: float = TOLERANCES.margin) -> list[Meeting]:
     """Return all meetings of different objects; :class:`ProblemError` where the plan collides."""
     found = []
     for one, other in pairs_of(lives):
@@ -114,8 +110,8 @@ def _meeting(one: Life, k: int, other: Life, m: int, margin: float) -> Meeting |
             return None
         enter_a, leave_a = cell_times(a, path_a)
         enter_b, leave_b = cell_times(b, path_b)
-        first = leave_a[rows[:, 0]] <= enter_b[rows[:, 1]] + LATE
-        last = leave_b[rows[:, 2]] <= enter_a[rows[:, 0]] + LATE
+        first = leave_a[rows[:, 0]] <= enter_b[rows[:, 1]] + TOLERANCES.late
+        last = leave_b[rows[:, 2]] <= enter_a[rows[:, 0]] + TOLERANCES.late
         if np.all(first | last):
             nothing = np.zeros(len(rows), dtype=np.int64)
             return Meeting(one, k, other, m, path_a, path_b, rows, first, margin * share, nothing)

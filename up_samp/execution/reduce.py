@@ -12,7 +12,8 @@ from collections import defaultdict
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.execution.graph import STRICT, Edge, Graph
+from up_samp.execution.graph import Edge, Graph
+from up_samp.execution.tolerances import TOLERANCES
 
 Clock = npt.NDArray[np.int32]
 """The latest place on each chain that is known to come before (-1: none)."""
@@ -62,7 +63,7 @@ def _needed(graph: Graph, always: frozenset[Edge]) -> list[Edge]:
         for edge in sorted(into[event], key=lambda e: (e not in always, -rank[e.first], -e.lag)):
             known = clock if edge.lag <= 0.0 else strict
             missing = known[chain[edge.first]] < place[edge.first]
-            if edge in always or edge.lag > STRICT or missing:
+            if edge in always or edge.lag > TOLERANCES.strict or missing:
                 found.append(edge)
                 np.maximum(clock, clocks[edge.first], out=clock)
                 source = strictly if edge.lag <= 0.0 else clocks

@@ -24,12 +24,10 @@ from up_samp.execution.places import Places
 from up_samp.execution.state import Phase, State
 from up_samp.execution.substitute import Substitution, later_by, names_in
 from up_samp.execution.surprise import Remaining, Surprise, check_names, rest_of_plan
+from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.values import ValuesNow
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import Configuration, ProblemError, UnsupportedError
-
-NEAR = 1e-3
-"""Poses closer than this (m, rad) are the same place."""
 
 
 def remaining_problem(
@@ -327,7 +325,7 @@ class _Builder:
                 there = [float(v) for v in item.configuration]
                 turn = math.remainder(there[2] - pose[2], math.tau) if len(pose) == 3 else 0.0
                 gap = max(abs(a - b) for a, b in zip(there[:2], pose[:2], strict=True))
-                if max(gap, abs(turn)) <= NEAR:
+                if max(gap, abs(turn)) <= TOLERANCES.place:
                     return item
         base = f"now_{name}"
         fresh, count = base, 0

@@ -6,10 +6,8 @@ import math
 from collections import deque
 from collections.abc import Sequence
 
+from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import Travel
-
-NEAR = 1e-3
-"""Distance (m) to a stopping point that is gone over in one step."""
 
 
 class Robot:
@@ -55,7 +53,7 @@ class Robot:
         left = goal - self.s
         if now < self.held_until:
             wish = 0.0
-        elif left <= NEAR and self.v <= 2 * NEAR / dt:
+        elif left <= TOLERANCES.step and self.v <= 2 * TOLERANCES.step / dt:
             # the last bit in one go
             self.s, self.v = max(self.s, goal), 0.0
             self._note(now + dt)

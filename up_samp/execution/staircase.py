@@ -11,7 +11,8 @@ import numpy.typing as npt
 
 from up_samp.execution.graph import At, Event
 from up_samp.execution.lives import Drive, Piece
-from up_samp.execution.meetings import LATE, Meeting, cell_times
+from up_samp.execution.meetings import Meeting, cell_times
+from up_samp.execution.tolerances import TOLERANCES
 from up_samp.model import MotionModel, UnsupportedError
 from up_samp.motion.fleet.paths import Path
 
@@ -94,7 +95,7 @@ def _side(
         entered_at, gone_at = float(in_times[entered]), float(out_times[gone])
         if isinstance(enterer, Drive):
             entered_at = float(enterer.left(np.array([then.progress]))[0])
-        if planned and gone_at > entered_at + 2 * LATE:
+        if planned and gone_at > entered_at + 2 * TOLERANCES.late:
             raise UnsupportedError(
                 f"'{follower.object}' cannot stop on its way, but the plan lets it begin before "
                 f"{first}: no executive could hold it back"
@@ -131,7 +132,10 @@ def _joined(
         ahead = at + 1
         while ahead < len(steps):
             later = steps[ahead][0]
-            if p.edges[later + 1] > begin + reach or out_times[later] > in_times[entered] + LATE:
+            if (
+                p.edges[later + 1] > begin + reach
+                or out_times[later] > in_times[entered] + TOLERANCES.late
+            ):
                 break
             gone = later
             ahead += 1

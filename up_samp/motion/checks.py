@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -16,12 +17,19 @@ from up_samp.motion.protocol import LegQuery
 
 FloatArray = npt.NDArray[np.float64]
 
-SHARE = 0.005
-"""Limits may be exceeded by so much: less than the validator allows."""
-NOISE = 1e-6
-"""Positions (m) and angles (rad) may be off by this much."""
-NEAR = 1e-9
-"""The ends may be off by this much (m, rad)."""
+
+@dataclass(frozen=True)
+class Allowance:
+    """What is allowed. Limits may be exceeded by a ``share``: less than the validator allows;
+    positions (m) and angles (rad) may be off by ``noise``, the ends by ``end`` only.
+    """
+
+    share: float = 0.005
+    noise: float = 1e-6
+    end: float = 1e-9
+
+
+ALLOWED = Allowance()
 
 
 def is_sound(scene: Scene, query: LegQuery, trajectory: Trajectory) -> bool:
@@ -38,7 +46,7 @@ def _same(pose: FloatArray, wanted: Configuration) -> bool:
     off = pose - np.array(wanted)
     if len(pose) == 3:
         off[2] = math.remainder(float(off[2]), 2 * math.pi)
-    return float(np.abs(off).max()) < NEAR
+    return float(np.abs(off).max()) < ALLOWED.end
 
 
 def _is_clear(scene: Scene, query: LegQuery, trajectory: Trajectory) -> bool:
@@ -51,7 +59,7 @@ def _is_clear(scene: Scene, query: LegQuery, trajectory: Trajectory) -> bool:
             return False
         return all(air.edge_free(a, b) for a, b in itertools.pairwise(poses))
     world = scene.world(shape_of(query.body, 0.0), query.obstacles)
-    return bool(sweeps.samples_free(world, poses, NOISE) < 0)
+    return bool(sweeps.samples_free(world, poses, ALLOWED.noise) < 0)
 
 
 def keeps_limits(trajectory: Trajectory, kinematics: Kinematics) -> bool:
@@ -71,19 +79,19 @@ def keeps_limits(trajectory: Trajectory, kinematics: Kinematics) -> bool:
         size = 2 if d.shape[1] == 3 else 3
         speed = d[:, :size] / dt[:, None]
         turn = np.abs(d[:, 2]) if size == 2 else _angles(trajectory.poses)
-        bends = bool(np.any(turn > kinematics.omega_max * (1 + SHARE) * dt + NOISE))
+        bends = bool(np.any(turn > kinematics.omega_max * (1 + ALLOWED.share) * dt + ALLOWED.noise))
     if bends:
         return False
     size = np.linalg.norm(speed, axis=1)
-    if np.any(size * dt > kinematics.v_max * (1 + SHARE) * dt + NOISE):
+    if np.any(size * dt > kinematics.v_max * (1 + ALLOWED.share) * dt + ALLOWED.noise):
         return False
-    moving = np.where(size * dt > NOISE, Trajectory.MAX_STEP, math.inf)
+    moving = np.where(size * dt > ALLOWED.noise, Trajectory.MAX_STEP, math.inf)
     if np.any(dt > 1.01 * moving):
         return False
-    fuzz = 2 * NOISE / dt
+    fuzz = 2 * ALLOWED.noise / dt
     half = dt / 2
     change = np.linalg.norm(np.diff(speed, axis=0), axis=1)
-    allowed = kinematics.a_max * (1 + SHARE)
+    allowed = kinematics.a_max * (1 + ALLOWED.share)
     inner = change <= allowed * (half[1:] + half[:-1]) + fuzz[1:] + fuzz[:-1]
     ends = size[[0, -1]] <= allowed * half[[0, -1]] + fuzz[[0, -1]]
     return bool(inner.all() and ends.all())
@@ -95,9 +103,9 @@ def _car_speeds(
     """Return a car's signed speeds (n - 1, 1), and whether it slips sideways or bends too much."""
     along, across, turn = twists(poses).T
     way = np.hypot(along, across)
-    tight = np.abs(turn) > way / kinematics.turning_radius * (1 + SHARE) + NOISE
+    tight = np.abs(turn) > way / kinematics.turning_radius * (1 + ALLOWED.share) + ALLOWED.noise
     return np.copysign(way, along)[:, None] / dt[:, None], bool(
-        np.any(tight) or np.any(np.abs(across) > 10 * NOISE)
+        np.any(tight) or np.any(np.abs(across) > 10 * ALLOWED.noise)
     )
 
 
@@ -108,8 +116,10 @@ def _pivot_speeds(
     it slips sideways or turns too fast.
     """
     along, across, turn = twists(poses).T
-    fast = np.abs(turn) > kinematics.omega_max * (1 + SHARE) * dt + NOISE
-    return along[:, None] / dt[:, None], bool(np.any(fast) or np.any(np.abs(across) > 10 * NOISE))
+    fast = np.abs(turn) > kinematics.omega_max * (1 + ALLOWED.share) * dt + ALLOWED.noise
+    return along[:, None] / dt[:, None], bool(
+        np.any(fast) or np.any(np.abs(across) > 10 * ALLOWED.noise)
+    )
 
 
 def _angles(poses: FloatArray) -> FloatArray:

@@ -60,6 +60,34 @@ class LadderTuning(Tunables):
     detours: int = tunable(
         4, "rounds", "of paths around, and lanes beside, what the last path met", least=0
     )
+    gain: float = tunable(0.02, "s", "for which another timing is worth having", least=0)
+
+
+@dataclass(frozen=True)
+class DetoursTuning(Tunables):
+    """Other paths for one robot (``motion/fleet/detours.py``, ``lanes.py``)."""
+
+    copies: float = tunable(
+        0.8, "radii of the mover", "between the copies of it that a detour keeps clear of", least=0
+    )
+    lane: float = tunable(25.0, "m", "of a stretch beside which a lane is tried, at most", least=0)
+    quick: float = tunable(
+        0.5, "s", "for a detour where no planner stops after fixed work", least=0
+    )
+
+
+@dataclass(frozen=True)
+class FlightsTuning(Tunables):
+    """Several flyers (``motion/fleet/flyers.py``)."""
+
+    detours: int = tunable(3, "paths", "around the others' flights, for one flyer", least=0)
+    copies: float = tunable(
+        0.5, "radii of the flyer", "between the copies of it that a detour keeps clear of", least=0
+    )
+    step: float = tunable(
+        0.25, "s", "at least, by which a flight is put off that would meet somebody", least=0.01
+    )
+    orders: int = tunable(12, "orders", "of priority", least=1)
 
 
 @dataclass(frozen=True)
@@ -77,6 +105,40 @@ class PlaneTuning(Tunables):
     vertices: int = tunable(6_000, "vertices", "of each tree of ST-RRT*", least=2)
     batch: int = tunable(1_500, "samples", "of ST-RRT* for one range of arrivals", least=1)
     batches: int = tunable(6, "ranges", "of arrivals, each twice the one before", least=1)
+    nearest: int = tunable(6, "vertices", "that a new one of ST-RRT* may be joined with", least=1)
+    reach: float = tunable(10.0, "turning radii", "of an extension of ST-RRT*, at most", least=0.1)
+    pieces: int = tunable(96, "poses", "of one drive that are looked at, at most", least=8)
+    piece: float = tunable(0.3, "m", "between such poses, more on very long drives", least=0.001)
+    visits: int = tunable(24, "visits", "of movers that are kept for one pose", least=1)
+    guard: float = tunable(0.1, "s", "kept from visits at such poses", least=0)
+
+
+@dataclass(frozen=True)
+class RoadmapTuning(Tunables):
+    """Places and moves of one body (``motion/fleet/roadmap.py``, ``lattices.py``)."""
+
+    nodes: int = tunable(30_000, "places", "at most", least=2)
+    links: int = tunable(
+        6, "places", "of the lattice that a place off it is joined to, at most", least=1
+    )
+    local: float = tunable(
+        3.0, "cells", "that a link may be longer than the straight line, at most", least=1
+    )
+    each: float = tunable(0.05, "s", "that a move costs besides its length: fewer are better",
+                          least=0)  # fmt: skip
+    roomy: float = tunable(
+        2.1, "radii of the body", "between places of the coarsest lattice", least=0.1
+    )
+    headings: int = tunable(8, "headings", "of a car's lattice, evenly spread", least=4)
+    offsets: int = tunable(
+        5, "cells", "away, up to which a car's lattice looks for its moves", least=1
+    )
+    straighter: float = tunable(
+        1.25, "times", "the straight line that a car's move may be long", least=1
+    )
+    pivots: int = tunable(
+        8, "headings", "of the lattice of a body that turns on the spot, at most", least=4
+    )
 
 
 @dataclass(frozen=True)
@@ -95,6 +157,9 @@ class KnotsTuning(Tunables):
     )
     stop: float = tunable(1.0, "s", "that a stop is worth", least=0)
     passes: int = tunable(8, "passes", "over a sequence in which stops are left out", least=0)
+    air: float = tunable(
+        0.02, "m", "kept from what rests beside a drive, for rounding", least=0.001
+    )
     pushes: int = tunable(
         2_000, "moves", "tried for one joint move before the next constraint is added", least=1
     )
@@ -135,7 +200,10 @@ class FleetTuning(Tunables):
     """Several robots together."""
 
     ladder: LadderTuning = field(default_factory=LadderTuning)
+    detours: DetoursTuning = field(default_factory=DetoursTuning)
+    flights: FlightsTuning = field(default_factory=FlightsTuning)
     plane: PlaneTuning = field(default_factory=PlaneTuning)
+    roadmap: RoadmapTuning = field(default_factory=RoadmapTuning)
     knots: KnotsTuning = field(default_factory=KnotsTuning)
     coupled: CoupledTuning = field(default_factory=CoupledTuning)
     memory: MemoryTuning = field(default_factory=MemoryTuning)
@@ -192,6 +260,29 @@ class PivotTuning(Tunables):
     reach: float = tunable(
         16.0, "radii of the body", "around all that is known, where there is no map", least=1
     )
+    roadmap: RoadmapTuning = field(default_factory=RoadmapTuning)
+
+
+@dataclass(frozen=True)
+class ControlTuning(Tunables):
+    """A body that obeys a control law: shots at its goal (``motion/planners/control.py``)."""
+
+    pieces: int = tunable(5, "pieces", "of a shot, each with constant controls", least=1)
+    shortest: float = tunable(0.02, "s", "of a piece, at least", least=1e-4)
+    coarse: int = tunable(8, "integration steps", "of a piece while shooting", least=1)
+    exact: float = tunable(
+        1e-8, "m or rad", "from its goal at which a shot counts as having hit it", least=1e-12
+    )
+    direct: int = tunable(24, "shots", "from the start, before anything is searched", least=0)
+    shortcuts: int = tunable(40, "rounds", "of shortening", least=0)
+
+
+@dataclass(frozen=True)
+class FlyerTuning(Tunables):
+    """A free flyer's path: sampling, then shortening (``motion/planners/flyer.py``)."""
+
+    shortcuts: int = tunable(300, "rounds", "of shortening", least=0)
+    patience: int = tunable(80, "rounds", "of shortening without a gain", least=0)
 
 
 @dataclass(frozen=True)
@@ -200,6 +291,8 @@ class PlannersTuning(Tunables):
 
     car: CarTuning = field(default_factory=CarTuning)
     pivot: PivotTuning = field(default_factory=PivotTuning)
+    flyer: FlyerTuning = field(default_factory=FlyerTuning)
+    control: ControlTuning = field(default_factory=ControlTuning)
 
 
 @dataclass(frozen=True)

@@ -17,11 +17,22 @@ from up_samp.geometry.compiled import inner, kernel
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-SAME = 1e-9
-"""Times closer than this (s) count as equal."""
 
-PAD = 0.01
-"""Time (s) kept free before and after a moving body's visit to a cell."""
+class Times(NamedTuple):
+    """What counts as nothing in time, all in seconds: times closer than ``same`` are equal;
+    ``near`` is the rounding that adds up over the cells of a path; samples nearer than ``close`` to
+    a stop, and shorter waits, are left out; ``on_time`` is lateness that does not count; ``pad`` is
+    kept free before and after a moving body's visit to a cell.
+    """
+
+    same: float = 1e-9
+    near: float = 1e-7
+    close: float = 1e-4
+    on_time: float = 1e-6
+    pad: float = 0.01
+
+
+TIMES = Times()
 
 A_AVOIDS = 1
 """Bit of a pair's flags: the first body, moving, must keep clear of the second."""
@@ -50,7 +61,7 @@ def occupancy(
     k = 0
     for j in range(m):
         # the last time at which s <= edges[j]
-        while k + 1 < n and s[k + 1] <= edges[j] + SAME:
+        while k + 1 < n and s[k + 1] <= edges[j] + TIMES.same:
             k += 1
         at = times[k]
         if k + 1 < n and s[k] < edges[j]:
@@ -59,7 +70,7 @@ def occupancy(
         out[j + 1] = at
     arrival = times[n - 1]
     for i in range(n - 1, -1, -1):
-        if s[i] < edges[m] - SAME:
+        if s[i] < edges[m] - TIMES.same:
             break
         arrival = times[i]
     out[m + 1] = arrival
@@ -92,9 +103,9 @@ def forbidden(
         low, high = held[j0], held[j1 + 1]
         if not resting:
             # sampling moves a crossing by about a millisecond; a rest begins and ends exactly
-            low -= PAD if j0 > 0 else 0.0
-            high += PAD if j1 < last else 0.0
-        if high - low > SAME:
+            low -= TIMES.pad if j0 > 0 else 0.0
+            high += TIMES.pad if j1 < last else 0.0
+        if high - low > TIMES.same:
             out[used, 0], out[used, 1], out[used, 2] = i, low, high
             used += 1
     return used
@@ -163,7 +174,7 @@ def first_meeting(
             continue
         for j in range(j0, j1 + 1):
             low, high = max(a[i], b[j]), min(a[i + 1], b[j + 1])
-            if high - low <= SAME or low >= best:
+            if high - low <= TIMES.same or low >= best:
                 continue
             a_moves, b_moves = 0 < i < end_a, 0 < j < end_b
             if (a_moves and flags & A_AVOIDS) or (b_moves and flags & B_AVOIDS):
@@ -180,7 +191,7 @@ def shared_stretch(runs: IntArray, a: FloatArray, b: FloatArray, after: float) -
     for r in range(len(runs)):
         i, j0, j1 = runs[r, 0], runs[r, 1], runs[r, 2]
         low[r] = max(a[i], b[j0])
-        if min(a[i + 1], b[j1 + 1]) - low[r] <= SAME or low[r] < after - SAME:
+        if min(a[i + 1], b[j1 + 1]) - low[r] <= TIMES.same or low[r] < after - TIMES.same:
             low[r] = np.inf
     first, last = -1, -1
     until = low.min() if len(low) > 0 else np.inf
@@ -227,7 +238,7 @@ def safe_intervals(rows: FloatArray, cells: int) -> Safe:
         free_from = -np.inf
         for k in range(start[cell], start[cell + 1]):
             low, high = rows[order[k], 1], rows[order[k], 2]
-            if low > free_from + SAME:
+            if low > free_from + TIMES.same:
                 safe[used, 0], safe[used, 1] = free_from, low
                 used += 1
             free_from = max(free_from, high)

@@ -13,26 +13,20 @@ from up_samp.model import (
     Placed,
     TimedMotion,
 )
-from up_samp.motion.fleet.cell_times import (
-    shared_stretch,
-)
+from up_samp.motion.fleet.cell_times import TIMES, shared_stretch
 from up_samp.motion.fleet.lanes import lane_offsets
 from up_samp.motion.fleet.paths import Path
 from up_samp.motion.fleet.timed_path import TimedPath, run_of
 from up_samp.motion.fleet.timings import natural_timing
-from up_samp.motion.fleet.waiting import ON_TIME, Window, fit
+from up_samp.motion.fleet.waiting import Window, fit
 from up_samp.motion.fleet.workspace import Workspace
 
 FloatArray = npt.NDArray[np.float64]
 
 
-VIRTUAL_STEP = 0.8
-"""Distance (m) between the copies of a mover that a detour keeps clear of."""
-
-
 def is_good(run: TimedPath | None, motion: TimedMotion) -> bool:
     """Return whether a run arrives in time."""
-    return run is not None and run.arrival <= motion.due + ON_TIME
+    return run is not None and run.arrival <= motion.due + TIMES.on_time
 
 
 def met_at_full_speed(
@@ -135,6 +129,7 @@ def _virtual_obstacles(
     Copies over the first and the last pose of the motion are left out: it has to be there.
     """
     virtual: list[Placed] = []
+    copies = workspace.tuning.detours.copies
     for other, cell, _ in met:
         runs = workspace.conflicts(path, other.path)
         hits = np.unique(np.concatenate([np.arange(a, b + 1) for _, a, b in runs]))
@@ -145,10 +140,7 @@ def _virtual_obstacles(
         for j in hits:
             row = table[j, 1]
             near = float(np.hypot(*(row[:2] - centre))) <= 4 * reach
-            if (
-                not near
-                or float(np.hypot(*(row[:2] - last))) < VIRTUAL_STEP * other.path.hull.radius
-            ):
+            if not near or float(np.hypot(*(row[:2] - last))) < copies * other.path.hull.radius:
                 continue
             pose = (float(row[0]), float(row[1]), math.atan2(row[3], row[2]))
             rest = workspace.resting(other.path.body, pose)

@@ -11,15 +11,10 @@ import numpy.typing as npt
 from up_samp.geometry.compiled import inner
 from up_samp.geometry.kernels import advance
 from up_samp.motion.curves.reeds_shepp import Pose
-from up_samp.motion.fleet.movers import VISITS, Me, Movers, visits
+from up_samp.motion.fleet.movers import Fineness, Me, Movers, visits
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
-
-PIECES = 96
-"""Sampled poses of one drive at most."""
-PIECE = 0.3
-"""Distance (m) between sampled poses, more on very long drives."""
 
 
 @inner
@@ -36,8 +31,8 @@ def stop(run: float, v: float, a: float) -> float:
 
 
 class Drive(NamedTuple):
-    """Sampled poses of a drive: ``at`` (PIECES,) time after its begin from rest, ``on`` (PIECES,)
-    the same when begun in motion, ``busy`` (PIECES, VISITS, 2), ``many`` (PIECES,) how many visits.
+    """Sampled poses of a drive: ``at`` (pieces,) time after its begin from rest, ``on`` (pieces,)
+    the same when begun in motion, ``busy`` (pieces, visits, 2), ``many`` (pieces,) how many visits.
     """
 
     at: FloatArray
@@ -47,13 +42,13 @@ class Drive(NamedTuple):
 
 
 @inner
-def new_drive() -> Drive:
+def new_drive(fine: Fineness) -> Drive:
     """Return room for a drive."""
     return Drive(
-        np.empty(PIECES),
-        np.empty(PIECES),
-        np.empty((PIECES, VISITS, 2)),
-        np.zeros(PIECES, dtype=np.int64),
+        np.empty(fine.pieces),
+        np.empty(fine.pieces),
+        np.empty((fine.pieces, fine.visits, 2)),
+        np.zeros(fine.pieces, dtype=np.int64),
     )
 
 
@@ -76,7 +71,7 @@ def sample(
     total = 0.0
     for i in range(n):
         total += abs(arcs[i, 1])
-    step = max(PIECE, total / (PIECES - n))
+    step = max(me.fine.piece, total / (me.fine.pieces - n))
     pose = begin.pose
     count = 0
     rest, on, run, ahead = 0.0, 0.0, 0.0, 0.0

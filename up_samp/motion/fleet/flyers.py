@@ -16,7 +16,6 @@ import math
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -35,24 +34,13 @@ from up_samp.model import (
     TimedMotion,
     Trajectory,
 )
+from up_samp.motion.fleet.cell_times import TIMES
 from up_samp.motion.fleet.flyer_contacts import Flight, first_contact, gap, in_space
 from up_samp.motion.fleet.margins import wished
-
-if TYPE_CHECKING:
-    from up_samp.motion.fleet.workspace import PathPlanner
+from up_samp.motion.fleet.workspace import PathPlanner, fleet_tuning
+from up_samp.motion.tuning import FlightsTuning
 
 FloatArray = npt.NDArray[np.float64]
-
-DETOURS = 3
-"""Paths around the others' flights that are tried for one flyer."""
-VIRTUAL_STEP = 0.5
-"""Distance between the copies of a flyer that a detour keeps clear of, in its radii."""
-STEP = 0.25
-"""Least time (s) by which a flight is put off that would meet somebody."""
-ORDERS = 12
-"""Orders of priority tried."""
-ON_TIME = 1e-6
-"""Lateness (s) that does not count."""
 
 
 @dataclass
@@ -60,6 +48,7 @@ class PrioritisedFlyers:
     """A group of flyers, what rests and what is decided."""
 
     service: PathPlanner
+    tuning: FlightsTuning
     motions: dict[str, TimedMotion]
     rests: Sequence[Rest]
     world: list[Flight]
@@ -137,7 +126,7 @@ class PrioritisedFlyers:
         best: Flight | None = None
         for path in self.paths(motion, wide, release):
             best = self._better(best, self._earliest(motion, path, window, others))
-            for _ in range(DETOURS):
+            for _ in range(self.tuning.detours):
                 if self._good(best):
                     return best
                 detour = self._detour(motion, path, window, others)
@@ -150,7 +139,7 @@ class PrioritisedFlyers:
     def _good(self, flight: Flight | None) -> bool:
         if flight is None:
             return False
-        return flight.trajectory.end <= self.motions[flight.name].due + ON_TIME
+        return flight.trajectory.end <= self.motions[flight.name].due + TIMES.on_time
 
     @staticmethod
     def _better(best: Flight | None, other: Flight | None) -> Flight | None:
@@ -172,13 +161,31 @@ class PrioritisedFlyers:
         for other in others:
             at = first_contact(flight, other, self.margin)
             if at < math.inf and len(other.trajectory.times) > 1:
-                virtual += _virtual_obstacles(flight, other, at, self.margin)
+                virtual += self._copies(flight, other, at)
         if len(virtual) == before or self.deadline.expired():
             return None
         ever = self._rests(motion, window[1])
         obstacles = (*(Placed(r.name, r.body, r.pose) for r in ever), *virtual)
         query = PathQuery(motion.body, motion.poses, obstacles)
         return self.plan(query).trajectory
+
+    def _copies(self, flight: Flight, other: Flight, at: float) -> list[Placed]:
+        """Return copies of ``other`` where it is while ``flight`` is near it about the time ``at``,
+        but for those that stand where the flight starts or ends.
+        """
+        reach = flight.reach + other.reach
+        speed = max(float(flight.travel[-1]) / max(flight.trajectory.duration, 1e-3), 1e-3)
+        apart = self.tuning.copies * other.reach
+        span = 2 * reach / speed + 1.0
+        found: list[Placed] = []
+        for t in np.arange(at - span, at + span, 0.25 * other.reach / speed):
+            pose = other.trajectory.at(float(t))
+            here = in_space(pose)
+            if found and math.dist(here[:3], in_space(found[-1].pose)[:3]) < apart:
+                continue
+            if all(gap(flight, end, other, here) > 2 * self.margin for end in flight.ends):
+                found.append(Placed(f"{other.object}~{len(found)}", other.body, pose))
+        return found
 
     def _earliest(
         self,
@@ -191,7 +198,7 @@ class PrioritisedFlyers:
         since, release = window
         ends = [f.trajectory.end for f in others]
         ends += [t for f in others for t in (f.since, f.until) if math.isfinite(t)]
-        last = max([release, *ends]) + STEP
+        last = max([release, *ends]) + self.tuning.step
         start = release
         while not self.deadline.expired():
             flight = flight_of(motion, path, since, start)
@@ -203,7 +210,7 @@ class PrioritisedFlyers:
             self.met.setdefault(motion.name, set()).add(hit.name)
             if start >= last:
                 return None
-            start = min(last, start + max(STEP, 0.1 * (start - release)))
+            start = min(last, start + max(self.tuning.step, 0.1 * (start - release)))
         return None
 
 
@@ -220,24 +227,6 @@ def flight_of(motion: TimedMotion, path: Trajectory, since: float, start: float)
         (motion.release, max(motion.due, arrival)),
         motion.avoid,
     )
-
-
-def _virtual_obstacles(flight: Flight, other: Flight, at: float, margin: float) -> list[Placed]:
-    """Return copies of ``other`` where it is while ``flight`` is near it about the time ``at``,
-    but for those that stand where the flight starts or ends.
-    """
-    reach = flight.reach + other.reach
-    speed = max(float(flight.travel[-1]) / max(flight.trajectory.duration, 1e-3), 1e-3)
-    span = 2 * reach / speed + 1.0
-    found: list[Placed] = []
-    for t in np.arange(at - span, at + span, 0.25 * other.reach / speed):
-        pose = other.trajectory.at(float(t))
-        here = in_space(pose)
-        if found and math.dist(here[:3], in_space(found[-1].pose)[:3]) < VIRTUAL_STEP * other.reach:
-            continue
-        if all(gap(flight, end, other, here) > 2 * margin for end in flight.ends):
-            found.append(Placed(f"{other.object}~{len(found)}", other.body, pose))
-    return found
 
 
 def _names(motion: TimedMotion, name: str) -> bool:
@@ -265,17 +254,18 @@ def coordinate_flights(service: PathPlanner, query: GroupQuery, deadline: Deadli
     began = time.monotonic()
     world = [*map(resting, query.rests), *map(decided, query.fixed)]
     motions = {m.name: m for m in query.motions}
-    space = PrioritisedFlyers(service, motions, query.rests, world, deadline)
+    tuning = fleet_tuning(service).flights
+    space = PrioritisedFlyers(service, tuning, motions, query.rests, world, deadline)
     best: dict[str, Flight] | None = None
     least, stuck = math.inf, ""
-    for wide, order in itertools.product((False, True), _orders(motions)):
-        if deadline.expired() or least <= ON_TIME or (wide and len(motions) < 2):
+    for wide, order in itertools.product((False, True), _orders(motions, tuning.orders)):
+        if deadline.expired() or least <= TIMES.on_time or (wide and len(motions) < 2):
             break
         flights, failed = _one_by_one(space, order, wide)
         late = sum(max(0.0, f.trajectory.end - motions[n].due) for n, f in flights.items())
         if failed:
             stuck = failed
-        elif late < least - ON_TIME:
+        elif late < least - TIMES.on_time:
             best, least = flights, late
     seconds = time.monotonic() - began
     complete = space.complete and not deadline.expired()
@@ -284,8 +274,10 @@ def coordinate_flights(service: PathPlanner, query: GroupQuery, deadline: Deadli
     return replace(_found(space, best, seconds), complete=complete)
 
 
-def _orders(motions: Mapping[str, TimedMotion]) -> Iterator[tuple[str, ...]]:
-    """Yield orders of priority, by release first; one object's motions stay in order."""
+def _orders(motions: Mapping[str, TimedMotion], most: int) -> Iterator[tuple[str, ...]]:
+    """Yield so many orders of priority at most, by release first; one object's motions stay in
+    order.
+    """
     first = sorted(motions, key=lambda n: (motions[n].release, motions[n].due, n))
     rank = {name: i for i, name in enumerate(first)}
 
@@ -296,8 +288,8 @@ def _orders(motions: Mapping[str, TimedMotion]) -> Iterator[tuple[str, ...]]:
             if motions[a].object == motions[b].object
         )
 
-    some = itertools.islice(itertools.permutations(first), 20 * ORDERS)
-    yield from itertools.islice(filter(fits, some), ORDERS)
+    some = itertools.islice(itertools.permutations(first), 20 * most)
+    yield from itertools.islice(filter(fits, some), most)
 
 
 def _one_by_one(
@@ -332,7 +324,7 @@ def _nothing(space: PrioritisedFlyers, stuck: str, seconds: float) -> GroupRepor
 
 def _found(space: PrioritisedFlyers, flights: Mapping[str, Flight], seconds: float) -> GroupReport:
     ends = {name: flights[name].trajectory.end for name in sorted(flights)}
-    late = {n: end for n, end in ends.items() if end > space.motions[n].due + ON_TIME}
+    late = {n: end for n, end in ends.items() if end > space.motions[n].due + TIMES.on_time}
     met = set().union(*(space.met.get(n, set()) for n in late), late)
     return GroupReport(
         Outcome.FOUND,

@@ -33,8 +33,6 @@ DRAWS = ((4, 0), (4, 1), (1, 0), (1, 0))
 """Short and long searches on the roadmaps of each grain (see ``cells_of``), each with another draw.
 The long one is for rooms of few places, where it sees them all.
 """
-AIR = 0.02
-"""Width (m) added to what rests beside a drive, so that it is clear of it by more than rounding."""
 
 
 Drives = tuple[tuple[int, Path], ...]
@@ -95,7 +93,7 @@ def untie(
     tuning = workspace.tuning.knots
     for level, (short, long) in enumerate(DRAWS):
         attempts = [tuning.short] * short + [tuning.long] * long
-        cells = tuple(cells_of(m.body)[level] for m in motions)
+        cells = tuple(cells_of(m.body, workspace.tuning.roadmap)[level] for m in motions)
         if cells in done or deadline.expired():
             continue
         done.add(cells)
@@ -175,7 +173,8 @@ def _agents(knot: Knot, cells: Sequence[float], marks: bool) -> list[Agent] | No
         ends = [pose for i in robots for pose in knot.motions[i].poses]
         own = [path for i in robots if marks and (path := knot.paths[i]) is not None]
         body, static = knot.motions[robots[0]].body, knot.static[robots[0]]
-        roadmap = Roadmap(knot.scene, body, ends, own, static, cells[robots[0]])
+        tuning = knot.workspace.tuning.roadmap
+        roadmap = Roadmap(knot.scene, body, ends, own, static, cells[robots[0]], tuning)
         if not roadmap.usable or knot.deadline.expired():
             return None
         for i in robots:
@@ -225,7 +224,8 @@ def _drive(
         for j, other in enumerate(knot.motions)
         if joint.heeds[robot][j]
     ]
-    wide = [Placed(p.name, grown(p.body, AIR), p.pose) for p in parked]
+    air = knot.workspace.tuning.knots.air
+    wide = [Placed(p.name, grown(p.body, air), p.pose) for p in parked]
     path = knot.workspace.detour(
         motion.body, (at[robot], end), [*knot.static[robot], *wide], knot.deadline
     )

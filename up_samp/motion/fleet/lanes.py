@@ -20,9 +20,6 @@ from up_samp.motion.planners.gliding import Glider
 
 FloatArray = npt.NDArray[np.float64]
 
-LONGEST = 25.0
-"""Stretches longer than this (m) are not worth a lane of their own."""
-
 
 def lane_offsets(path: Path, other: Path) -> list[float]:
     """Return the sideways offsets (m) worth a try to pass ``other``, small ones first."""
@@ -36,7 +33,7 @@ def shifted_lane(scene: Scene, path: Path, first: float, last: float, offset: fl
     turns on the spot would stop and turn four times.
     """
     able = abilities_of(path.body)
-    if able.free or last - first > LONGEST:
+    if able.free:
         return None
     if able.sideways:
         return _beside(scene, path, first, last, offset)

@@ -17,19 +17,13 @@ from up_samp.motion.curves.trapezoid import limits_of, runs_of
 from up_samp.motion.fleet.abilities import abilities_of
 from up_samp.motion.fleet.moves import Move, straight_move
 from up_samp.motion.fleet.paths import Path
+from up_samp.motion.tuning import RoadmapTuning
 
 FloatArray = npt.NDArray[np.float64]
 Key = tuple[int, int, int]
 Box = tuple[float, float, float, float]
 
-HEADINGS = 8
-"""Headings of a car's lattice."""
-REACH = 5
-"""Offsets (cells) up to which a car's lattice looks for its moves."""
-STRAIGHTER = 1.25
-"""A car's move may be that much longer than the straight line."""
 QUARTERS = (0.0, math.pi / 2, math.pi, -math.pi / 2)
-MOST_HEADINGS = 8
 
 
 def box_around(
@@ -42,16 +36,18 @@ def box_around(
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
-def lattice_of(body: Body, ends: Sequence[Configuration], box: Box, cell: float) -> Tensor | State:
+def lattice_of(
+    body: Body, ends: Sequence[Configuration], box: Box, cell: float, tuning: RoadmapTuning
+) -> Tensor | State:
     """Return the lattice for a body in a box."""
     if not abilities_of(body).pivots:
         x, y, _ = ends[0]
-        return State(body, (x, y), cell)
+        return State(body, (x, y), cell, tuning)
     headings = dict.fromkeys(round(math.remainder(p[2], 2 * math.pi), 12) for p in ends)
     near = [
         h for h in headings if all(abs(math.remainder(h - q, 2 * math.pi)) > 1e-6 for q in QUARTERS)
     ]
-    chosen = sorted([*QUARTERS, *near[: MOST_HEADINGS - len(QUARTERS)]])
+    chosen = sorted([*QUARTERS, *near[: tuning.pivots - len(QUARTERS)]])
     xs = _coordinates([p[0] for p in ends], box[0], box[2], cell)
     ys = _coordinates([p[1] for p in ends], box[1], box[3], cell)
     return Tensor(body, xs, ys, chosen)
@@ -139,27 +135,33 @@ class State:
     Kelly, *Differentially constrained mobile robot motion planning in state lattices*, 2009).
     """
 
-    def __init__(self, body: Body, origin: tuple[float, float], cell: float) -> None:
-        self.body, self.origin, self.cell = body, origin, cell
+    def __init__(
+        self, body: Body, origin: tuple[float, float], cell: float, tuning: RoadmapTuning
+    ) -> None:
+        self.body, self.origin, self.cell, self.tuning = body, origin, cell, tuning
 
     def pose(self, key: Key) -> Configuration:
         """Return the pose of a place."""
         x, y = self.origin[0] + key[0] * self.cell, self.origin[1] + key[1] * self.cell
-        return x, y, math.remainder(key[2] * 2 * math.pi / HEADINGS, 2 * math.pi)
+        return x, y, math.remainder(key[2] * 2 * math.pi / self.tuning.headings, 2 * math.pi)
 
     def near(self, x: float, y: float) -> list[Key]:
         """Return the places around a point."""
         i, j = round((x - self.origin[0]) / self.cell), round((y - self.origin[1]) / self.cell)
         reach = math.ceil(1.5 * self.body.kinematics.turning_radius / self.cell)
-        span = range(-reach, reach + 1)
-        return [(i + a, j + b, k) for a in span for b in span for k in range(HEADINGS)]
+        span, headings = range(-reach, reach + 1), range(self.tuning.headings)
+        return [(i + a, j + b, k) for a in span for b in span for k in headings]
+
+    @property
+    def _primitives(self) -> tuple[tuple[Primitive, ...], ...]:
+        return _primitives(self.body.kinematics, self.cell, self.tuning)
 
     def moves(self, key: Key) -> list[tuple[Key, Move]]:
         """Return the moves from a place, map or no map."""
         i, j, k = key
         here = np.array(self.pose(key))
         found = []
-        for (di, dj, n), arcs, seconds in _primitives(self.body.kinematics, self.cell)[k]:
+        for (di, dj, n), arcs, seconds in self._primitives[k]:
             there = (i + di, j + dj, n)
             found.append((there, Move(nodes_of(here, arcs), seconds, arcs)))
         return found
@@ -169,22 +171,26 @@ Primitive = tuple[Key, FloatArray, float]
 
 
 @lru_cache(maxsize=64)
-def _primitives(kin: Kinematics, cell: float) -> tuple[tuple[Primitive, ...], ...]:
+def _primitives(
+    kin: Kinematics, cell: float, tuning: RoadmapTuning
+) -> tuple[tuple[Primitive, ...], ...]:
     """Return the moves from each heading of a car's lattice: without a cusp, the shortest ones
     straight on, into the lane beside and to the next heading, forwards and backwards.
     """
     found = []
-    for k in range(HEADINGS):
-        start = (0.0, 0.0, k * 2 * math.pi / HEADINGS)
+    headings, offsets = tuning.headings, range(-tuning.offsets, tuning.offsets + 1)
+    for k in range(headings):
+        start = (0.0, 0.0, k * 2 * math.pi / headings)
         best: dict[tuple[int, bool, int], tuple[float, Primitive]] = {}
-        for i, j, turn in itertools.product(range(-REACH, REACH + 1), repeat=3):
+        for i, j, turn in itertools.product(offsets, repeat=3):
             if abs(turn) > 1 or (i, j) == (0, 0):
                 continue
-            n = (k + turn) % HEADINGS
-            goal = (i * cell, j * cell, n * 2 * math.pi / HEADINGS)
+            n = (k + turn) % headings
+            goal = (i * cell, j * cell, n * 2 * math.pi / headings)
             seconds, arcs = fastest(start, goal, *limits_of(kin))
             length = length_of(arcs)
-            if len(runs_of(arcs)) != 1 or length > STRAIGHTER * math.hypot(i * cell, j * cell):
+            longest = tuning.straighter * math.hypot(i * cell, j * cell)
+            if len(runs_of(arcs)) != 1 or length > longest:
                 continue
             side = -math.sin(start[2]) * i + math.cos(start[2]) * j
             lane = 0 if abs(side) < 1e-9 else int(math.copysign(1, side))

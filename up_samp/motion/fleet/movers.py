@@ -17,11 +17,6 @@ from up_samp.motion.fleet.swept import Hull, Piece, piece, standing
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-VISITS = 24
-"""Visits of movers kept for one pose."""
-GUARD = 0.1
-"""Time (s) kept from visits at sampled poses."""
-
 
 class Movers(NamedTuple):
     """Other bodies: ``rows`` (n, 9) poses in the middle of their extended cells (as in
@@ -42,10 +37,21 @@ class Movers(NamedTuple):
     flags: IntArray
 
 
+class Fineness(NamedTuple):
+    """How finely drives are looked at: at so many ``pieces`` at most, ``piece`` m apart or more;
+    so many ``visits`` are kept for a pose, each with ``guard`` s before and after it.
+    """
+
+    pieces: int
+    piece: float
+    visits: int
+    guard: float
+
+
 class Me(NamedTuple):
     """The body that is planned: its ``hull``, the ``margin`` (m) it keeps, its limits as a ``car``
-    (the turning radius in m, m/s, m/s^2), when it may leave (``release``, s), and after which time
-    its goal stays free (``goal_free``, s).
+    (the turning radius in m, m/s, m/s^2), when it may leave (``release``, s), after which time its
+    goal stays free (``goal_free``, s), and how ``fine`` its drives are looked at.
     """
 
     hull: Hull
@@ -53,13 +59,14 @@ class Me(NamedTuple):
     car: CarLimits
     release: float
     goal_free: float
+    fine: Fineness
 
 
 @kernel
 def visits(me: Me, movers: Movers, pose: Pose, resting: bool, out: FloatArray) -> int:
-    """Fill ``out`` (VISITS, 2) with the times at which movers are at a pose; return how many."""
+    """Fill ``out`` (visits, 2) with the times at which movers are at a pose; return how many."""
     here = standing(pose[0], pose[1], pose[2])
-    count = 0
+    count, guard = 0, me.fine.guard
     for k in range(len(movers.hull)):
         flags, hull = movers.flags[k], movers.hull[k]
         low, high = movers.first[k], movers.first[k + 1]
@@ -82,11 +89,13 @@ def visits(me: Me, movers: Movers, pose: Pose, resting: bool, out: FloatArray) -
             if hit and open_from < 0:
                 open_from = j
             if not hit and open_from >= 0:
-                count = _add(out, count, movers.held[open_from + shift], movers.held[j + shift])
+                since, until = movers.held[open_from + shift], movers.held[j + shift]
+                count = _add(out, count, since - guard, until + guard)
                 open_from = -1
             j += 1 if gap <= 0.0 else max(1, int(gap / step))
         if open_from >= 0:
-            count = _add(out, count, movers.held[open_from + shift], movers.held[high + shift])
+            since, until = movers.held[open_from + shift], movers.held[high + shift]
+            count = _add(out, count, since - guard, until + guard)
     return count
 
 
@@ -105,9 +114,7 @@ def _touch(here: Piece, me: Me, b: Piece, movers: Movers, hull: int) -> bool:
 
 @inner
 def _add(out: FloatArray, count: int, low: float, high: float) -> int:
-    """Add [low, high], guarded, to sorted disjoint intervals; return how many there are then."""
-    low -= GUARD
-    high += GUARD
+    """Add [low, high] to sorted disjoint intervals; return how many there are then."""
     k = 0
     while k < count and out[k, 1] < low:
         k += 1

@@ -29,22 +29,25 @@ BoolArray = npt.NDArray[np.bool_]
 
 Ring = tuple[tuple[float, float], ...]
 
-TINY = 1e-7
-"""Steps shorter than this (m) carry no shape of their own."""
 
-KINK = 1e-6
-"""Change of the direction of the twist that ends a stretch of constant curvature."""
+@dataclass(frozen=True)
+class Cut:
+    """How paths are cut. Steps shorter than ``tiny`` (m) carry no shape of their own; a change of
+    the direction of the twist by ``kink`` ends a stretch of constant curvature; where the direction
+    of an omnidirectional body changes by ``corner`` (rad) from sample to sample, it must stop;
+    ``bent`` is the share of the acceleration that a bend may take on a path whose speed is tuned
+    with all of it: the two are at right angles, so that together they take 0.5 % more; ``levels``:
+    speed levels that the tuning aims at (see :mod:`up_samp.motion.fleet.speed`).
+    """
 
-CORNER = 0.1
-"""Change of direction from sample to sample (rad) that an omnidirectional body must stop for."""
+    tiny: float = 1e-7
+    kink: float = 1e-6
+    corner: float = 0.1
+    bent: float = 0.1
+    levels: int = 20
 
-BENT = 0.1
-"""Share of the acceleration that a bend may take on a path whose speed is tuned with all of it: the
-two are at right angles, so that together they take 0.5 % more.
-"""
 
-LEVELS = 20
-"""Speed levels that the tuning aims at (see :mod:`up_samp.motion.fleet.speed`)."""
+CUT = Cut()
 
 _numbers = itertools.count()
 
@@ -202,12 +205,12 @@ def resting_path(body: Body, pose: Configuration) -> Path:
 
 
 def _kept_samples(s: FloatArray) -> IntArray:
-    """Return the samples that lie at least ``TINY`` apart, always with the first and the last."""
-    if np.all(np.diff(s) >= TINY):
+    """Return samples that lie at least a tiny step apart, always with the first and the last."""
+    if np.all(np.diff(s) >= CUT.tiny):
         return np.arange(len(s), dtype=np.int64)
     keep = [0]
     for i in range(1, len(s)):
-        if s[i] - s[keep[-1]] >= TINY:
+        if s[i] - s[keep[-1]] >= CUT.tiny:
             keep.append(i)
     if keep[-1] != len(s) - 1 and len(keep) > 1:
         keep[-1] = len(s) - 1
@@ -221,13 +224,13 @@ def _kinks(poses: FloatArray, s: FloatArray, model: MotionModel) -> tuple[BoolAr
     kink[0] = kink[-1] = stop[0] = stop[-1] = True
     if n > 2:
         unit = twists(poses) / np.diff(s)[:, None]
-        kink[1:-1] = np.abs(np.diff(unit, axis=0)).max(axis=1) > KINK
+        kink[1:-1] = np.abs(np.diff(unit, axis=0)).max(axis=1) > CUT.kink
         if model is MotionModel.REEDSSHEPP:
             stop[1:-1] = unit[:-1, 0] * unit[1:, 0] < 0
         else:
             # a velocity may not jump: chords of smooth curves turn little from sample to sample
             chord = np.diff(poses, axis=0) / np.diff(s)[:, None]
-            stop[1:-1] = np.abs(np.diff(chord, axis=0)).max(axis=1) > CORNER
+            stop[1:-1] = np.abs(np.diff(chord, axis=0)).max(axis=1) > CUT.corner
     return kink, stop
 
 
@@ -239,9 +242,9 @@ def _bends_hard(poses: FloatArray, s: FloatArray, stop: BoolArray, body: Body) -
     way = np.diff(poses[:, :2], axis=0) / steps[:, None]
     change = np.hypot(*np.diff(way, axis=0).T)
     mean = 0.5 * (steps[1:] + steps[:-1])
-    moving = (steps[1:] > TINY) & (steps[:-1] > TINY) & ~stop[1:-1]
+    moving = (steps[1:] > CUT.tiny) & (steps[:-1] > CUT.tiny) & ~stop[1:-1]
     kin = body.kinematics
-    most = BENT * kin.a_max / kin.v_max**2
+    most = CUT.bent * kin.a_max / kin.v_max**2
     # tuned motions follow constant twists: who turns on a straight way would sway from side to side
     turn = np.where(np.hypot(*way.T) > 1e-6, np.abs(np.diff(poses[:, 2])) / steps, 0.0)
     return bool(np.any(change[moving] > most * mean[moving]) or np.any(turn > most))
@@ -265,7 +268,7 @@ def _waypoints(
 
 def _pauses(trajectory: Trajectory, natural_s: FloatArray, s: FloatArray) -> BoolArray:
     """Return at which samples of the path the trajectory stands still for a while."""
-    still = np.diff(natural_s) < TINY
+    still = np.diff(natural_s) < CUT.tiny
     paused = np.flatnonzero(still & (np.diff(trajectory.times) > 0.5 * Trajectory.MAX_STEP))
     return _marks(s, natural_s[paused])
 
@@ -279,9 +282,9 @@ def _marks(s: FloatArray, values: Iterable[float]) -> BoolArray:
 
 
 def _cell_length(body: Body) -> float:
-    """Return the wished length (m) of a cell: short beside the body, about ``LEVELS`` speeds."""
+    """Return the wished length (m) of a cell: short beside the body, about so many speeds."""
     k, radius = body.kinematics, hull_of(body).radius
-    return float(np.clip(k.v_max**2 / (2 * k.a_max * LEVELS), 0.1 * radius, 0.2 * radius))
+    return float(np.clip(k.v_max**2 / (2 * k.a_max * CUT.levels), 0.1 * radius, 0.2 * radius))
 
 
 def _cells(s: FloatArray, stop: BoolArray, wish: float) -> tuple[FloatArray, BoolArray]:

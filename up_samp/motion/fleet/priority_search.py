@@ -16,10 +16,11 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from up_samp.model import Deadline, TimedMotion
+from up_samp.motion.fleet.cell_times import TIMES
 from up_samp.motion.fleet.coupled import couple
 from up_samp.motion.fleet.one_robot import Attempt, plan_one
 from up_samp.motion.fleet.timed_path import TimedPath
-from up_samp.motion.fleet.waiting import ON_TIME, Window
+from up_samp.motion.fleet.waiting import Window
 from up_samp.motion.fleet.workspace import Workspace
 
 Pair = tuple[str, str]
@@ -76,16 +77,16 @@ class Group:
 
     def is_late(self, run: TimedPath) -> bool:
         """Return whether a run arrives after its motion's due."""
-        return run.arrival > self.motions[run.name].due + ON_TIME
+        return run.arrival > self.motions[run.name].due + TIMES.on_time
 
     def finished(self) -> bool:
         """Return whether nobody can be less late, as far as driving alone tells."""
-        return self.best is not None and self.lateness(self.best.runs) <= self.least + ON_TIME
+        return self.best is not None and self.lateness(self.best.runs) <= self.least + TIMES.on_time
 
     def lateness(self, runs: Mapping[str, TimedPath]) -> float:
         """Return the sum of all lateness (s)."""
         late = (runs[name].arrival - self.motions[name].due for name in sorted(runs))
-        return sum(x for x in late if x > ON_TIME)
+        return sum(x for x in late if x > TIMES.on_time)
 
     def cost(self, runs: Mapping[str, TimedPath]) -> tuple[float, float]:
         """Return (lateness, sum of arrivals), less is better."""
@@ -145,7 +146,7 @@ def _polished(group: Group, runs: Mapping[str, TimedPath]) -> dict[str, TimedPat
             others = [n for n in found if n != name]
             attempt = _plan(group, name, found, others)
             old = found[name].arrival
-            if attempt.run is not None and attempt.run.arrival < old - ON_TIME:
+            if attempt.run is not None and attempt.run.arrival < old - TIMES.on_time:
                 found[name] = attempt.run
                 gained += old - attempt.run.arrival
             if group.deadline.expired():

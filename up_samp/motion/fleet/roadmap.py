@@ -28,21 +28,12 @@ from up_samp.motion.fleet.moves import Move, steer, straight_move
 from up_samp.motion.fleet.paths import Path, hull_of
 from up_samp.motion.fleet.swept import Hull, Swept, sweep_table
 from up_samp.motion.guides.search_space import widest_shape
+from up_samp.motion.tuning import RoadmapTuning
 
 FloatArray = npt.NDArray[np.float64]
 
 CELLS = 4
 """Cells of a move: two robots in step are compared cell by cell."""
-NODES = 30_000
-"""Places of a roadmap at most."""
-LINKS = 6
-"""Places of the lattice that a place off it is joined to, at most."""
-LOCAL = 3.0
-"""A link may be that much longer than the straight line, in cells of the lattice."""
-EACH = 0.05
-"""Seconds added for each move: fewer are better."""
-ROOMY = 2.1
-"""Distance between places of the coarsest lattice, in radii of the body."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,14 +83,14 @@ def steps_of(rows: FloatArray, radius: float) -> FloatArray:
     return np.asarray(np.maximum(steps, 1e-9))
 
 
-def cells_of(body: Body) -> tuple[float, float, float, float]:
+def cells_of(body: Body, tuning: RoadmapTuning) -> tuple[float, float, float, float]:
     """Return grains (m) of a lattice for a body, coarse to fine. At the first one neighbours can
     turn on the spot at the same time.
     """
     shape, able = shape_of(body), abilities_of(body)
     inner = shape.inner[2]
     most = math.inf if able.pivots else 0.5 * able.radius
-    cells = (ROOMY * shape.circumscribed, 2.0 * inner, inner, 0.5 * inner)
+    cells = (tuning.roomy * shape.circumscribed, 2.0 * inner, inner, 0.5 * inner)
     return tuple(min(cell, most) for cell in cells)  # type: ignore[return-value]
 
 
@@ -114,6 +105,7 @@ class Roadmap:
         paths: Sequence[Path],
         static: tuple[Placed, ...],
         cell: float,
+        tuning: RoadmapTuning,
         box: Box | None = None,
     ) -> None:
         """``ends``: where the robots of this body start and go; ``paths``: their best paths;
@@ -133,9 +125,9 @@ class Roadmap:
         self._extra: dict[int, list[int]] = {}
         self._known: dict[int, list[Edge]] = {}
         self._free: dict[Key, bool] = {}
-        self.cell = cell
+        self.cell, self.tuning = cell, tuning
         self._box = box or box_around(ends, paths, self.hull.radius, abilities_of(body).radius)
-        self.lattice = lattice_of(body, ends, self._box, self.cell)
+        self.lattice = lattice_of(body, ends, self._box, self.cell, tuning)
         self.places: dict[Configuration, int] = {}
         self._rests: dict[int, Edge] = {}
         for pose in ends:
@@ -147,7 +139,7 @@ class Roadmap:
         """Return the place at a pose, joined to the places of the lattice near it."""
         if pose not in self.places:
             node = self.places[pose] = self._new(pose)
-            self._join(node)
+            self._join(node, self.tuning.links)
             if node not in self._keys and node not in self._extra:
                 self._drive_out(node)
         return self.places[pose]
@@ -162,7 +154,7 @@ class Roadmap:
             if all(self._sweeps_free(m.rows) for m in moves):
                 there = self._new(pose)
                 self._link(node, there, moves)
-                self._join(there)
+                self._join(there, self.tuning.links)
 
     def rest(self, node: int) -> Edge:
         """Return the rest at a place."""
@@ -175,7 +167,7 @@ class Roadmap:
         if node not in self._known:
             check_time()
             found = [self.edges[k] for k in self._extra.get(node, ())]
-            if node in self._keys and len(self.poses) < NODES:
+            if node in self._keys and len(self.poses) < self.tuning.nodes:
                 found += self._lattice_moves(node)
             self._known[node] = found
         return self._known[node]
@@ -272,7 +264,7 @@ class Roadmap:
         kin = self.body.kinematics
         way = float(steps_of(move.rows, 0.0).sum()) if len(move.rows) > 1 else 0.0
         turn = float(np.abs(np.diff(move.rows[:, 2])).sum()) if self._pivots else 0.0
-        cost = max(way / kin.v_max, turn / kin.omega_max) + EACH
+        cost = max(way / kin.v_max, turn / kin.omega_max) + self.tuning.each
         edge = Edge(len(self.edges), source, target, move, self.hull, cost)
         self.edges.append(edge)
         return edge
@@ -284,7 +276,7 @@ class Roadmap:
             self._extra.setdefault(a, []).append(self._edge(a, b, move).number)
             self._extra.setdefault(b, []).append(self._edge(b, a, move.back()).number)
 
-    def _join(self, node: int, most: int = LINKS) -> None:
+    def _join(self, node: int, most: int) -> None:
         """Join a place off the lattice to free places near it."""
         pose = self.poses[node]
         options = []
@@ -305,7 +297,7 @@ class Roadmap:
                 continue
             moves = steer(self.body, pose, self.lattice.pose(key))
             way = sum(float(steps_of(m.rows, 0.0).sum()) for m in moves)
-            limit = LOCAL * max(self.cell, abilities_of(self.body).radius)
+            limit = self.tuning.local * max(self.cell, abilities_of(self.body).radius)
             if way <= limit and all(self._sweeps_free(m.rows) for m in moves):
                 self._link(node, self._lattice_place(key), moves)
                 joined += 1

@@ -17,7 +17,7 @@ from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.fleet import sipp_kernel as search
 from up_samp.motion.fleet import strrt
 from up_samp.motion.fleet.margins import kept
-from up_samp.motion.fleet.movers import Me, Movers
+from up_samp.motion.fleet.movers import Fineness, Me, Movers
 from up_samp.motion.fleet.paths import Path, hull_of, path_of
 from up_samp.motion.fleet.timed_path import TimedPath, pair_flags
 from up_samp.motion.guides.cost_to_go import Fields
@@ -40,6 +40,7 @@ class SafeIntervalPlanner:
         self.scene = scene
         self.fields = Fields(scene)
         self._labels: dict[int, search.Labels] = {}
+        self._fine = Fineness(tuning.pieces, tuning.piece, tuning.visits, tuning.guard)
 
     def paths(
         self,
@@ -96,7 +97,16 @@ class SafeIntervalPlanner:
         for batch in range(self.tuning.batches):
             latest = earliest + max(10.0, fastest_time) * 2.0**batch
             growth = strrt.Growth(
-                world, me, movers, goal, low, high, float(earliest), float(latest)
+                world,
+                me,
+                movers,
+                goal,
+                low,
+                high,
+                float(earliest),
+                float(latest),
+                self.tuning.nearest,
+                self.tuning.reach,
             )
             strrt.grow(forest, growth, self.tuning.batch, 1000 * seed + batch)
             if deadline.expired() or (
@@ -136,7 +146,14 @@ class SafeIntervalPlanner:
         for other in others:
             if other.object != motion.object:
                 margin = kept(margin, ends, hull, other.path.poses[[0, -1]], other.path.hull)
-        return Me(hull, margin, limits_of(motion.body.kinematics), float(release), float(goal_free))
+        return Me(
+            hull,
+            margin,
+            limits_of(motion.body.kinematics),
+            float(release),
+            float(goal_free),
+            self._fine,
+        )
 
     def _search(
         self,

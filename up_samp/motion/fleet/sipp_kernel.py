@@ -31,7 +31,7 @@ from up_samp.motion.fleet.drives import (
     sample,
     stop,
 )
-from up_samp.motion.fleet.movers import GUARD, VISITS, Me, Movers, visits
+from up_samp.motion.fleet.movers import Me, Movers, visits
 from up_samp.motion.guides.cost_to_go import Field, field_value
 from up_samp.motion.guides.heap import pop, push
 
@@ -170,10 +170,10 @@ def plant(labels: Labels, me: Me, movers: Movers, start: Pose) -> None:
     labels.counters[:] = 0
     labels.counters[3] = -1
     labels.best[0] = math.inf
-    busy = np.empty((VISITS, 2))
-    many = visits(me, movers, start, True, busy)
-    soon = busy[:many][busy[:many, 1] - GUARD > me.release]
-    until = float(np.min(soon[:, 0] + GUARD, initial=math.inf))
+    busy = np.empty((me.fine.visits, 2))
+    many, guard = visits(me, movers, start, True, busy), me.fine.guard
+    soon = busy[:many][busy[:many, 1] - guard > me.release]
+    until = float(np.min(soon[:, 0] + guard, initial=math.inf))
     if until >= me.release:
         # its order and key do not matter: it is taken first, and nothing is compared with it
         labels.state[0] = (*start, me.release, 0.0, until, me.release)
@@ -257,7 +257,7 @@ def expand(labels: Labels, quest: Quest, rounds: int, extra: int) -> int:
     Each callee has one call site: that keeps compiling short.
     """
     world, me, goal, steps = quest.world, quest.me, quest.goal, quest.steps
-    drive, arcs = new_drive(), np.empty((5, 2))
+    drive, arcs = new_drive(me.fine), np.empty((5, 2))
     for _ in range(rounds):
         solved = labels.counters[3] >= 0
         if labels.counters[1] == 0:

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry.compiled import inner, kernel
-from up_samp.motion.fleet.cell_times import SAME, Safe
+from up_samp.motion.fleet.cell_times import TIMES, Safe
 from up_samp.motion.fleet.paths import Path
 from up_samp.motion.fleet.timings import Levels, Speeds, Timing, sampled, speed_of
 
@@ -27,8 +27,6 @@ BoolArray = npt.NDArray[np.bool_]
 SHARE = 1.0 - 2e-6
 """Share of the speed and acceleration limits that is used, so that rounding never exceeds them."""
 
-NEAR = 1e-7
-"""Rounding (s) that adds up over the cells of a path."""
 
 MOST = 64
 """Intervals kept for one (vertex, level); later ones are dropped (sound, maybe later arrivals)."""
@@ -74,7 +72,7 @@ def _merge(lo: FloatArray, hi: FloatArray, count: int) -> int:
         lo[k], hi[k] = x, y
     kept = 0
     for i in range(count):
-        if kept > 0 and lo[i] <= hi[kept - 1] + SAME:
+        if kept > 0 and lo[i] <= hi[kept - 1] + TIMES.same:
             hi[kept - 1] = max(hi[kept - 1], hi[i])
         else:
             lo[kept], hi[kept] = lo[i], hi[i]
@@ -124,7 +122,11 @@ def _waits(came: FloatArray, free: FloatArray, lo: FloatArray, hi: FloatArray) -
     count = 0
     for q in range(len(came)):
         for r in range(len(free)):
-            if free[r, 0] <= came[q, 0] + SAME and came[q, 0] <= free[r, 1] and count < len(lo):
+            if (
+                free[r, 0] <= came[q, 0] + TIMES.same
+                and came[q, 0] <= free[r, 1]
+                and count < len(lo)
+            ):
                 lo[count], hi[count] = came[q, 0], max(came[q, 1], free[r, 1])
                 count += 1
                 break
@@ -184,7 +186,7 @@ def reachable(
     used = 0
     first = _free(safe, 0)
     for k in range(len(first)):
-        if first[k, 0] <= release + SAME and release < first[k, 1]:
+        if first[k, 0] <= release + TIMES.same and release < first[k, 1]:
             sets[0, 0], sets[0, 1] = release, first[k, 1]
             used = 1
     index[width] = used
@@ -223,7 +225,7 @@ def reachable(
 def _spans(intervals: FloatArray, begin: float, end: float) -> bool:
     """Return whether one interval contains [begin, end], but for rounding."""
     for r in range(len(intervals)):
-        if intervals[r, 0] <= begin + NEAR and end <= intervals[r, 1] + NEAR:
+        if intervals[r, 0] <= begin + TIMES.near and end <= intervals[r, 1] + TIMES.near:
             return True
     return False
 
@@ -233,11 +235,11 @@ def _came(came: FloatArray, free: FloatArray, t: float) -> float:
     """Return the latest arrival up to ``t`` from which one can wait until ``t`` (-inf: none)."""
     low = -np.inf
     for r in range(len(free)):
-        if free[r, 0] <= t + NEAR and t <= free[r, 1] + NEAR:
+        if free[r, 0] <= t + TIMES.near and t <= free[r, 1] + TIMES.near:
             low = free[r, 0]
     best = -np.inf
     for q in range(len(came)):
-        if came[q, 0] <= t + NEAR and came[q, 1] >= low - NEAR:
+        if came[q, 0] <= t + TIMES.near and came[q, 1] >= low - TIMES.near:
             best = max(best, min(came[q, 1], t))
     return best
 

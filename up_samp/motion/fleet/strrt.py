@@ -22,15 +22,11 @@ from up_samp.geometry.kernels import WorldData, advance
 from up_samp.geometry.sweeps import arc_free
 from up_samp.motion.curves.reeds_shepp import Pose, connect
 from up_samp.motion.fleet.drives import Begin, Drive, clash, new_drive, sample
-from up_samp.motion.fleet.movers import GUARD, VISITS, Me, Movers, visits
+from up_samp.motion.fleet.movers import Me, Movers, visits
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-NEAREST = 6
-"""Vertices that a new one may be joined with."""
-RANGE = 10.0
-"""Longest edge of an extension, in turning radii."""
 
 EXTEND, REWIRE, JOIN = 0, 1, 2
 """What edges are tested for."""
@@ -58,7 +54,9 @@ class Vertex(NamedTuple):
 
 class Growth(NamedTuple):
     """What the trees grow for: a body that drives among movers to ``goal``, by samples from a box
-    (``low`` and ``high`` corner, m), with arrivals in [``earliest``, ``latest``] (s).
+    (``low`` and ``high`` corner, m), with arrivals in [``earliest``, ``latest``] (s). A new
+    vertex may be joined with the ``nearest`` ones; an extension is ``reach`` turning radii long at
+    most.
     """
 
     world: WorldData
@@ -69,6 +67,8 @@ class Growth(NamedTuple):
     high: tuple[float, float]
     earliest: float
     latest: float
+    nearest: int
+    reach: float
 
 
 def new_forest(cap: int) -> Forest:
@@ -93,9 +93,9 @@ def _still(me: Me, movers: Movers, p: Pose, low: float, high: float) -> bool:
     """Return whether it is safe to stand at ``p`` all through [low, high]."""
     if high <= low:
         return True
-    busy = np.empty((VISITS, 2))
+    busy = np.empty((me.fine.visits, 2))
     for q in range(visits(me, movers, p, False, busy)):
-        if busy[q, 0] + GUARD < high and low < busy[q, 1] - GUARD:
+        if busy[q, 0] + me.fine.guard < high and low < busy[q, 1] - me.fine.guard:
             return False
     return True
 
@@ -155,11 +155,11 @@ def _nearest(forest: Forest, tree: int, me: Me, q: Vertex, out: IntArray) -> int
 
 
 @inner
-def _steer(me: Me, tree: int, near: Vertex, q: Vertex) -> Vertex:
+def _steer(growth: Growth, tree: int, near: Vertex, q: Vertex) -> Vertex:
     """Return ``q``, pulled towards ``near`` until the edge is within range, its time in
     proportion.
     """
-    arcs = np.empty((5, 2))
+    me, arcs = growth.me, np.empty((5, 2))
     for cut in range(2):
         a, b = (near, q) if tree == 0 else (q, near)
         takes, n = connect(a.pose, b.pose, me.car, (0.0, 0.0), arcs)
@@ -170,7 +170,7 @@ def _steer(me: Me, tree: int, near: Vertex, q: Vertex) -> Vertex:
         length = 0.0
         for i in range(n):
             length += abs(arcs[i, 1])
-        share = RANGE * me.car.radius / max(length, 1e-9)
+        share = growth.reach * me.car.radius / max(length, 1e-9)
         if share >= 1.0:
             return q
         left = share * length if tree == 0 else (1.0 - share) * length
@@ -211,7 +211,7 @@ def _draw(forest: Forest, growth: Growth) -> Vertex:
 
 
 @inner
-def _rewirable(forest: Forest, me: Me, q: Vertex, root: float, out: IntArray) -> int:
+def _rewirable(forest: Forest, growth: Growth, q: Vertex, root: float, out: IntArray) -> int:
     """Fill ``out`` with vertices of the goal tree near ``q`` that have a later root than
     ``root``; return how many.
     """
@@ -219,7 +219,7 @@ def _rewirable(forest: Forest, me: Me, q: Vertex, root: float, out: IntArray) ->
     for i in range(forest.size[1]):
         p = _vertex(forest, 1, i)
         away = math.hypot(p.pose[0] - q.pose[0], p.pose[1] - q.pose[1])
-        close = away < 0.5 * RANGE * me.car.radius
+        close = away < 0.5 * growth.reach * growth.me.car.radius
         if close and forest.parent[1, i] >= 0 and forest.root[1, i] > root and count < len(out):
             out[count] = i
             count += 1
@@ -230,8 +230,9 @@ def _rewirable(forest: Forest, me: Me, q: Vertex, root: float, out: IntArray) ->
 def grow(forest: Forest, growth: Growth, rounds: int, seed: int) -> None:
     """Grow both trees for ``rounds`` samples."""
     np.random.seed(seed)
-    me, drive = growth.me, new_drive()
-    near = np.empty(NEAREST, dtype=np.int64)
+    me = growth.me
+    drive = new_drive(me.fine)
+    near = np.empty(growth.nearest, dtype=np.int64)
     cap = forest.state.shape[1]
     for turn in range(rounds):
         bound = min(growth.latest, forest.best[0])
@@ -247,7 +248,7 @@ def grow(forest: Forest, growth: Growth, rounds: int, seed: int) -> None:
             q = _draw(forest, growth)
             if math.isnan(q.time) or _nearest(forest, tree, me, q, near) == 0:
                 continue
-            q = _steer(me, tree, _vertex(forest, tree, near[0]), q)
+            q = _steer(growth, tree, _vertex(forest, tree, near[0]), q)
         _stages(forest, growth, (tree, new), q, near, drive)
 
 
@@ -266,7 +267,7 @@ def _stages(
         if stage == REWIRE:
             if tree == 0:
                 continue
-            side, count = 1, _rewirable(forest, me, q, forest.root[1, new], near)
+            side, count = 1, _rewirable(forest, growth, q, forest.root[1, new], near)
         else:
             count = _nearest(forest, side, me, q, near)
         parent, root = -1, np.inf

@@ -10,14 +10,11 @@ import numpy.typing as npt
 
 from up_samp.geometry.compiled import inner, kernel
 from up_samp.model import Trajectory
-from up_samp.motion.fleet.cell_times import SAME
+from up_samp.motion.fleet.cell_times import TIMES
 from up_samp.motion.fleet.paths import Path
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
-
-CLOSE = 1e-4
-"""Forced samples nearer than this (s) to a stop, and shorter waits, are left out."""
 
 
 class Speeds(NamedTuple):
@@ -71,9 +68,9 @@ def sampled(path: Path, levels: Levels, can: Speeds) -> Timing:
         np.abs(crossed - forced[np.minimum(near, len(forced) - 1)]),
         np.abs(crossed - forced[np.maximum(near - 1, 0)]),
     )
-    marks = np.concatenate([forced, crossed[close > CLOSE]])
+    marks = np.concatenate([forced, crossed[close > TIMES.close]])
     marks.sort()
-    marks = marks[np.concatenate([[True], np.diff(marks) > SAME])]
+    marks = marks[np.concatenate([[True], np.diff(marks) > TIMES.same])]
     times = _filled(marks)
     i = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 1)
     dt = times - t[i]
@@ -118,7 +115,7 @@ def _phases(edges: FloatArray, levels: Levels, can: Speeds) -> tuple[FloatArray,
         if level[i] == 0:
             forced[stops] = now
             stops += 1
-            if i < m and left[i] - now > CLOSE:
+            if i < m and left[i] - now > TIMES.close:
                 rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 3] = now, edges[i], 0.0, 0.0
                 n += 1
                 now = left[i]
@@ -130,7 +127,7 @@ def _phases(edges: FloatArray, levels: Levels, can: Speeds) -> tuple[FloatArray,
 def _filled(marks: FloatArray) -> FloatArray:
     """Return ``marks`` with evenly spread times in between, at most ``MAX_STEP`` s apart."""
     gaps = np.diff(marks)
-    counts = np.maximum(1, np.ceil(gaps / Trajectory.MAX_STEP - SAME).astype(np.int64))
+    counts = np.maximum(1, np.ceil(gaps / Trajectory.MAX_STEP - TIMES.same).astype(np.int64))
     which = np.repeat(np.arange(len(gaps)), counts)
     first = np.concatenate([[0], np.cumsum(counts)[:-1]])
     share = (np.arange(len(which)) - first[which]) / counts[which]

@@ -27,13 +27,6 @@ from up_samp.motion.fleet.workspace import Workspace
 
 FloatArray = npt.NDArray[np.float64]
 
-ON_TIME = 1e-6
-"""Lateness (s) that does not count."""
-
-
-WORTH = 0.02
-"""Gain (s) for which a new timing is worth having."""
-
 
 @dataclass(frozen=True)
 class Window:
@@ -63,7 +56,8 @@ def fit(
         later = [o for o in others if o.since >= horizon]
         rows = workspace.forbidden(path, motion.object, motion.avoid, soon)
         ends = _end_rows(workspace, motion, path, later)
-        timing = _earliest(motion, window, path, np.concatenate([rows, ends]), limit)
+        rows = np.concatenate([rows, ends])
+        timing = _earliest(motion, window, path, rows, limit, workspace.tuning.ladder.gain)
         if timing is None and (not later or limit <= horizon):
             return best
         if timing is not None and (not later or timing.trajectory.end <= horizon):
@@ -101,10 +95,15 @@ def _end_rows(
 
 
 def _earliest(
-    motion: TimedMotion, window: Window, path: Path, rows: FloatArray, limit: float
+    motion: TimedMotion,
+    window: Window,
+    path: Path,
+    rows: FloatArray,
+    limit: float,
+    gain: float,
 ) -> Timing | None:
     """Return the earliest arrival along ``path``, before ``limit``, with forbidden (cell, from,
-    until) ``rows``.
+    until) ``rows``; at another speed only if that gains so much (s).
     """
     rows = rows[(rows[:, 2] > window.release) | (rows[:, 0] == path.cells + 1)]
     until = motion.present_until
@@ -122,7 +121,7 @@ def _earliest(
         goal_free = float(np.max(ends[:, 2], initial=-math.inf))
         if goal_free < limit:
             # hundredths of a second are not worth a timing that stops and goes
-            tuned = tune(path, safe, window.release, goal_free, limit - WORTH)
+            tuned = tune(path, safe, window.release, goal_free, limit - gain)
             best = tuned or best
     return best
 

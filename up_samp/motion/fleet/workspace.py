@@ -48,9 +48,6 @@ if TYPE_CHECKING:
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-QUICK = 0.5
-"""Seconds for a detour where there is no planner that stops after fixed work."""
-
 
 CHORD = 0.1
 """Allowance (m) for positions read along chords instead of arcs."""
@@ -152,7 +149,7 @@ class Workspace:
         """
         quick = self._quick.get(body.kinematics.model)
         if quick is None or self.scene is None:
-            path = self.path(body, poses, obstacles, deadline.within(QUICK))
+            path = self.path(body, poses, obstacles, deadline.within(self.tuning.detours.quick))
             return path if isinstance(path, Path) else None
         obstacles = tuple(obstacles)
         around = frozenset((p.body.footprint, p.pose) for p in obstacles)
@@ -206,7 +203,7 @@ class Workspace:
 
     def lane(self, path: Path, first: float, last: float, offset: float) -> Path | None:
         """Return ``path`` moved sideways by ``offset`` m on [first, last] m, if the map allows."""
-        if self.scene is None:
+        if self.scene is None or last - first > self.tuning.detours.lane:
             return None
         key = (path.number, first, last, offset)
         scene = self.scene

@@ -38,15 +38,9 @@ from up_samp.motion.planners.ompl_solve import (
     solve,
 )
 from up_samp.motion.protocol import LegQuery
+from up_samp.motion.tuning import ControlTuning
 
 FloatArray = npt.NDArray[np.float64]
-
-PIECES = 5
-"""Pieces of a shot."""
-DIRECT = 24
-"""Shots at the goal from the start, before anything is searched."""
-SHORTCUTS = 40
-"""Rounds of shortening."""
 
 
 class ControlWorld(PlanarWorld):
@@ -59,8 +53,10 @@ class ControlWorld(PlanarWorld):
         poses: tuple[Configuration, ...],
         obstacles: tuple[Placed, ...],
         seed: int,
+        tuning: ControlTuning,
     ) -> None:
         super().__init__(scene, body, poses, obstacles, OmplSettings())
+        self.tuning = tuning
         law = body.kinematics.control
         if law is None:
             raise ProblemError("the motion model CONTROL needs a control model")
@@ -81,10 +77,10 @@ class ControlWorld(PlanarWorld):
         """Return random pieces of about the right total duration."""
         low, high = self.roller.low, self.roller.high
         way = math.dist(a[:2], b[:2]) + self.near
-        found = []
+        found, many = [], self.tuning.pieces
         for _ in range(count):
-            seconds = way / self.speed * float(self.rng.uniform(0.8, 2.5)) / PIECES
-            draws = low + (high - low) * self.rng.random((PIECES, len(low)))
+            seconds = way / self.speed * float(self.rng.uniform(0.8, 2.5)) / many
+            draws = low + (high - low) * self.rng.random((many, len(low)))
             found.append([Piece(tuple(u.tolist()), seconds) for u in draws])
         return found
 
@@ -98,7 +94,7 @@ class ControlWorld(PlanarWorld):
 
         guesses = self.guesses(a, b, count)
         longest = 1.5 * max(p.seconds for guess in guesses for p in guess)
-        shot = Shot(self.roller, a, b, PIECES, longest)
+        shot = Shot(self.roller, a, b, longest, self.tuning)
         return shots(shot, guesses, free, budget.spent)
 
 
@@ -167,7 +163,13 @@ def _search(
 
 
 def control_leg(
-    scene: Scene, query: LegQuery, deadline: Deadline, *, planner: str = "RRT", seed: int = 0
+    scene: Scene,
+    query: LegQuery,
+    deadline: Deadline,
+    *,
+    planner: str = "RRT",
+    seed: int = 0,
+    tuning: ControlTuning | None = None,
 ) -> OmplLeg:
     """Return a motion under the body's control law from the start exactly to the goal.
 
@@ -177,12 +179,14 @@ def control_leg(
     if body.kinematics.model is not MotionModel.CONTROL:
         raise ProblemError(f"no control model: {body.kinematics.model.value}")
     name = canonical(planner, control=True)
-    world = ControlWorld(scene, body, (start, goal), query.obstacles, seed)
+    world = ControlWorld(
+        scene, body, (start, goal), query.obstacles, seed, tuning or ControlTuning()
+    )
     if not world.fit_margin():
         reason = "the start or the goal touches the map or an obstacle"
         return OmplLeg(None, reason, world.blockers(), complete=True)
     budget = Budget(deadline)
-    direct = world.steer(start, goal, DIRECT, budget)
+    direct = world.steer(start, goal, world.tuning.direct, budget)
     pieces: list[Piece] | None = direct
     reason, attempt = "out of time", 0
     while pieces is None and not budget.spent():
@@ -236,7 +240,7 @@ def _shortened(
     budget: Budget,
 ) -> list[Piece]:
     """Return a way that is not slower, by shots between random nodes of it."""
-    for attempt in range(SHORTCUTS):
+    for attempt in range(world.tuning.shortcuts):
         nodes = [*_nodes(world, start, pieces)[:-1], goal]
         if len(nodes) < 3 or budget.spent():
             break

@@ -33,18 +33,12 @@ from up_samp.model import (
     Trajectory,
     UnsupportedError,
 )
+from up_samp.motion.tuning import ControlTuning
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 log = logging.getLogger(__name__)
-
-EXACT = 1e-8
-"""A shot ends at its goal if it comes this near (m, rad)."""
-SHORTEST = 0.02
-"""Least duration (s) of a piece."""
-COARSE = 8
-"""Integration steps a piece while shooting."""
 
 
 @dataclass(frozen=True)
@@ -210,20 +204,27 @@ class Shot:
     """The problem of getting from ``start`` exactly to ``goal`` in a few pieces.
 
     Unknowns are scaled to [0, 1]: each piece's controls between their bounds, and its duration
-    between ``SHORTEST`` and ``longest`` s.
+    between the shortest that is allowed and ``longest`` s.
     """
 
     def __init__(
-        self, roller: Roller, start: Configuration, goal: Configuration, count: int, longest: float
+        self,
+        roller: Roller,
+        start: Configuration,
+        goal: Configuration,
+        longest: float,
+        tuning: ControlTuning,
     ) -> None:
+        self._tuning, count = tuning, tuning.pieces
+        shortest = tuning.shortest
         self._roller = roller
         self._start = np.array(start[:3], dtype=np.float64)
         self._goal = goal
         self._width = len(roller.low) + 1
-        self._low = np.tile(np.append(roller.low, SHORTEST), count)
-        high = np.tile(np.append(roller.high, max(longest, 2 * SHORTEST)), count)
+        self._low = np.tile(np.append(roller.low, shortest), count)
+        high = np.tile(np.append(roller.high, max(longest, 2 * shortest)), count)
         self._range = high - self._low
-        self.counts = np.full(count, COARSE, dtype=np.int64)
+        self.counts = np.full(count, tuning.coarse, dtype=np.int64)
         self._gradient = np.where(
             np.arange(len(high)) % self._width == self._width - 1, self._range, 0.0
         )
@@ -241,7 +242,7 @@ class Shot:
 
     def seconds(self, z: FloatArray) -> float:
         """Return the duration (s) that unknowns stand for."""
-        return float(self._gradient @ z) + SHORTEST * len(self.counts)
+        return float(self._gradient @ z) + self._tuning.shortest * len(self.counts)
 
     def _misses(self, batch: FloatArray) -> FloatArray:
         values = (self._low + self._range * batch).reshape(len(batch), -1, self._width)
@@ -259,7 +260,7 @@ class Shot:
         """Return unknowns near ``z`` that hit the goal, or None."""
         for _ in range(rounds):
             off, slope = self._slope(z)
-            if np.abs(off).max() <= EXACT:
+            if np.abs(off).max() <= self._tuning.exact:
                 return z
             steps = z + np.array([1.0, 0.5, 0.2, 0.05])[:, None] * self._step(z, off, slope)
             trials = steps.clip(0.0, 1.0)
@@ -268,7 +269,7 @@ class Shot:
             if not sizes[best] < 0.999 * np.linalg.norm(off):
                 return None
             z = trials[best]
-        return z if np.abs(self._misses(z[None])[0]).max() <= EXACT else None
+        return z if np.abs(self._misses(z[None])[0]).max() <= self._tuning.exact else None
 
     def _step(self, z: FloatArray, off: FloatArray, slope: FloatArray) -> FloatArray:
         """Return the step of least norm that cancels the miss to first order, without the unknowns
@@ -325,7 +326,7 @@ class Shot:
         """Return the pieces, exact for the steps that their trajectory will have."""
         self.counts = np.array([steps_of(p.seconds) for p in self.unpack(z)], dtype=np.int64)
         exact = self.restore(z)
-        self.counts = np.full(len(self.counts), COARSE, dtype=np.int64)
+        self.counts = np.full(len(self.counts), self._tuning.coarse, dtype=np.int64)
         return None if exact is None else self.unpack(exact)
 
 

@@ -49,6 +49,7 @@ from up_samp.motion.planners.ompl_solve import (
     solve,
 )
 from up_samp.motion.protocol import LegQuery
+from up_samp.motion.tuning import FlyerTuning
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -56,10 +57,6 @@ MARGIN_SHARES = (1.0, 0.25, 0.06, 0.015)
 """Shares of the clearance margin tried where a start or goal is closer to something than that."""
 TOUCH = 1e-4
 """Clearance (m) that counts as none (and the shortest step of the edge checks)."""
-SHORTCUTS = 300
-"""Rounds of shortening."""
-PATIENCE = 80
-"""Rounds without a gain after which shortening stops."""
 
 
 class FlyerWorld:
@@ -212,7 +209,13 @@ def _state(si: Any, pose: Configuration) -> Any:
 
 
 def flyer_leg(
-    scene: Scene, query: LegQuery, deadline: Deadline, *, planner: str = "RRTConnect", seed: int = 0
+    scene: Scene,
+    query: LegQuery,
+    deadline: Deadline,
+    *,
+    planner: str = "RRTConnect",
+    seed: int = 0,
+    tuning: FlyerTuning | None = None,
 ) -> OmplLeg:
     """Return a free flyer's motion from rest at the start to rest at the goal.
 
@@ -244,18 +247,20 @@ def flyer_leg(
         return OmplLeg(None, reason, blockers, counter.edges, not counter.cut)
     nodes = np.array([start, *solved.states[1:-1], goal], dtype=np.float64)
     budget = Budget(deadline)
-    nodes = shorten(world, nodes, budget, seed)
+    nodes = shorten(world, nodes, budget, seed, tuning or FlyerTuning())
     complete = not counter.cut and not budget.cut
     motion = timed_chain(nodes, body.kinematics)
     return OmplLeg(motion, "", blockers, counter.edges, complete)
 
 
-def shorten(world: FlyerWorld, nodes: FloatArray, budget: Budget, seed: int) -> FloatArray:
+def shorten(
+    world: FlyerWorld, nodes: FloatArray, budget: Budget, seed: int, tuning: FlyerTuning
+) -> FloatArray:
     """Return a chain that is not slower, by random shortcuts (Geraerts & Overmars 2007)."""
     rng = random.Random(seed)
     idle = 0
-    for _ in range(SHORTCUTS):
-        if len(nodes) < 3 or idle > PATIENCE or budget.spent():
+    for _ in range(tuning.shortcuts):
+        if len(nodes) < 3 or idle > tuning.patience or budget.spent():
             break
         idle += 1
         p, q = sorted((rng.uniform(0, len(nodes) - 1), rng.uniform(0, len(nodes) - 1)))

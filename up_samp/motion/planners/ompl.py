@@ -24,21 +24,29 @@ from up_samp.model import (
 from up_samp.motion.planners.ompl_planar import OmplSettings, PlanarWorld, search
 from up_samp.motion.planners.ompl_solve import ONE_TREE, OmplLeg, canonical, known_planners
 from up_samp.motion.protocol import Leg, LegQuery
+from up_samp.motion.tuning import PlannersTuning
 
 PLANNERS = known_planners()
 """Names of the geometric planners that the installed OMPL offers."""
 
 
 _LEGS = {
-    MotionModel.REEDSSHEPP: ("ompl_planar", "planar_leg"),
-    MotionModel.SE2: ("ompl_planar", "planar_leg"),
-    MotionModel.SE3: ("flyer", "flyer_leg"),
-    MotionModel.CONTROL: ("control", "control_leg"),
+    MotionModel.REEDSSHEPP: ("ompl_planar", "planar_leg", ""),
+    MotionModel.SE2: ("ompl_planar", "planar_leg", ""),
+    MotionModel.SE3: ("flyer", "flyer_leg", "flyer"),
+    MotionModel.CONTROL: ("control", "control_leg", "control"),
 }
+"""By motion model: the module, the function, and which of the tunables it takes."""
 
 
 def ompl_leg(
-    scene: Scene, query: LegQuery, deadline: Deadline, *, planner: str, seed: int
+    scene: Scene,
+    query: LegQuery,
+    deadline: Deadline,
+    *,
+    planner: str,
+    seed: int,
+    tuning: PlannersTuning | None = None,
 ) -> OmplLeg:
     """Return a motion from rest to rest by OMPL's ``planner``."""
     model = query.body.kinematics.model
@@ -47,9 +55,10 @@ def ompl_leg(
             f"the motion planner '{planner}' is OMPL's, which has no paths for bodies that turn on "
             "the spot (turning_radius 0): leave 'path_planner' at 'default'"
         )
-    module, function = _LEGS[model]
+    module, function, part = _LEGS[model]
     leg = getattr(importlib.import_module(f"up_samp.motion.planners.{module}"), function)
-    found: OmplLeg = leg(scene, query, deadline, planner=planner, seed=seed)
+    tuned = {"tuning": getattr(tuning or PlannersTuning(), part)} if part else {}
+    found: OmplLeg = leg(scene, query, deadline, planner=planner, seed=seed, **tuned)
     return found
 
 
@@ -60,7 +69,15 @@ class OmplPlanner:
     backwards.
     """
 
-    def __init__(self, name: str, scene: Scene, seed: int = 0, *, reversible: bool = False) -> None:
+    def __init__(
+        self,
+        name: str,
+        scene: Scene,
+        seed: int = 0,
+        *,
+        reversible: bool = False,
+        tuning: PlannersTuning | None = None,
+    ) -> None:
         try:
             self.name = canonical(name)
         except ProblemError:
@@ -68,23 +85,40 @@ class OmplPlanner:
         self.scene = scene
         self.seed = seed
         self.reversible = reversible
+        self.tuning = tuning
 
     def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a motion from rest to rest, exactly from the start to the goal."""
-        found = ompl_leg(self.scene, query, deadline, planner=self.name, seed=self.seed)
+        found = ompl_leg(
+            self.scene, query, deadline, planner=self.name, seed=self.seed, tuning=self.tuning
+        )
         return Leg(found.trajectory, found.reason, found.checks, found.complete, found.corners)
 
 
-def flyer_planner(scene: Scene, seed: int = 0) -> OmplPlanner:
-    """Return the planner of free flyers: RRTConnect (see :mod:`up_samp.motion.planners.flyer`)."""
-    return OmplPlanner("RRTConnect", scene, seed, reversible=True)
+class FlyerPlanner(OmplPlanner):
+    """Plans free flyers: RRTConnect (see :mod:`up_samp.motion.planners.flyer`)."""
+
+    def __init__(self, scene: Scene, seed: int = 0, tuning: PlannersTuning | None = None) -> None:
+        super().__init__("RRTConnect", scene, seed, reversible=True, tuning=tuning)
+
+    @classmethod
+    def tuned(cls, scene: Scene, seed: int, tuning: PlannersTuning) -> FlyerPlanner:
+        """Return the planner with the tunables."""
+        return cls(scene, seed, tuning)
 
 
-def control_planner(scene: Scene, seed: int = 0) -> OmplPlanner:
-    """Return the planner of bodies with a law of their own: RRT, and exact ends (see
+class ControlPlanner(OmplPlanner):
+    """Plans bodies with a law of their own: RRT, and exact ends (see
     :mod:`up_samp.motion.planners.control`).
     """
-    return OmplPlanner("RRT", scene, seed)
+
+    def __init__(self, scene: Scene, seed: int = 0, tuning: PlannersTuning | None = None) -> None:
+        super().__init__("RRT", scene, seed, tuning=tuning)
+
+    @classmethod
+    def tuned(cls, scene: Scene, seed: int, tuning: PlannersTuning) -> ControlPlanner:
+        """Return the planner with the tunables."""
+        return cls(scene, seed, tuning)
 
 
 @dataclass(frozen=True)

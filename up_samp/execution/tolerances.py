@@ -1,0 +1,36 @@
+"""What counts as nothing in execution, and what plans and the floor keep in hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """Times in seconds, distances in metres, angles in radians."""
+
+    same_time: float = 1e-6
+    """Times closer than this are the same."""
+    strict: float = 1e-3
+    """What "strictly after" means in real time: the problem's time is whole units, the floor's is
+    dense.
+    """
+    late: float = 2e-3
+    """A plan's own rounding: how much later than an entry the other's exit may be."""
+    still: float = 1e-6
+    """A motion whose poses differ by less (m, rad) goes nowhere."""
+    arrived: float = 1e-6
+    """Progress that counts as nothing."""
+    place: float = 1e-3
+    """Poses closer than this (m, rad) are the same place."""
+    step: float = 1e-3
+    """Distance to a stopping point that is gone over in one step."""
+    progress: float = 1e-3
+    """Progress by which a robot may be short of a point and still count as having come to it."""
+    grip: float = 0.01
+    """Way of a ride in which its load also counts as standing where it was, or will be."""
+    margin: float = 0.01
+    """Clearance that the dependencies keep, where the plan does; less where it does not."""
+
+
+TOLERANCES = Tolerances()
