@@ -79,7 +79,7 @@ LIMITS = {
     "long_functions": 8,
     "wide_functions": 42,
     "long_files": 8,
-    "constants": 170,
+    "constants": 108,
     "said_twice": 80,
 }
 """What the figures may be at most: lower them when they fall, never raise them for convenience."""
