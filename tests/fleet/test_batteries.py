@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from up_samp.fleet import Fleet, FleetError
-from up_samp.fleet.batteries import levels
+from up_samp.fleet.batteries import Meter, levels
 from up_samp.validation import validate_plan
 
 MAPS = Path(__file__).parents[2] / "examples" / "maps"
@@ -125,3 +125,10 @@ def test_several_robots_that_have_to_charge(robots, orders):
     assert validate_plan(fleet.problem, result.plan).valid
     charged = {a["name"].split("_")[1] for a in result.data["activities"] if "charge" in a["name"]}
     assert len(charged) >= 2
+
+
+def test_a_way_that_was_not_found_in_time_takes_what_no_way_takes_less_of(monkeypatch):
+    monkeypatch.setattr(Meter, "_way", lambda *_: None)
+    fleet = floor(100, per_second=2.0)
+    meter = Meter(fleet.records, fleet.folder)
+    assert meter.drive("r", "home", "a") == 100  # 5 m, 2.5 s: 10 of 100

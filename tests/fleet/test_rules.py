@@ -1,5 +1,6 @@
 """What records ask for is what plans do: each rule against what must come of it."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -283,3 +284,15 @@ def test_names_with_underscores_may_run_into_each_other():
     assert {"move_r0_home0_to_x_to_b", "move_r0_home0_to_x_to_b~2"} <= set(names)
     assert {"pick_o_r0", "pick_o_r0~2"} <= set(names)
     assert len(names) == len(set(names))
+
+
+def test_who_turns_very_slowly_has_the_time():
+    """Half a turn takes an hour; a drive used to be cut off after a quarter of one."""
+    fleet = Fleet(MAPS / "two_rooms.yaml")
+    fleet.add_robot_type("slow", FOOTPRINT, model="diff", omega_max=math.pi / 3600)
+    fleet.add_place("home", 2, 3)
+    fleet.add_place("a", 7, 3, math.pi)
+    fleet.add_robot("r", "slow", "home")
+    fleet.add_task("t", "a", duration=1)
+    result, _ = solved(fleet)
+    assert 3600 < result.makespan < 3700

@@ -56,8 +56,18 @@ class Meter:
         key = (kind, origin, to)
         if key not in self._known:
             way = self._way(kind, origin, to)
-            self._known[key] = 0.0 if way is None else taken(battery, way)
+            least = self._least(battery, *key)
+            self._known[key] = least if way is None else taken(battery, way)
         return math.ceil(grains(battery, self._known[key]) - 1e-9)
+
+    def _least(self, battery: Battery, kind: str, origin: str, to: str) -> float:
+        """Return what no drive takes less of: it counts where no way was found, so that nothing
+        is ruled out that can be driven.
+        """
+        (x, y, _), (u, v, _) = (self._records.places[place_of(p)].pose for p in (origin, to))
+        metres = math.hypot(u - x, v - y)
+        seconds = metres / self._records.robot_types[kind].v_max
+        return battery.per_metre * metres + battery.per_second * seconds
 
     def too_far(self, robot: str, origin: str, to: str) -> bool:
         """Return whether a drive takes more than a full battery has above its reserve."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from unified_planning.model.motion import ActivityWaypoints, MovableObject
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import Equals
@@ -100,7 +102,9 @@ class Drives:
 
     def _longest(self, kind: RobotType) -> int:
         """Return how long a drive may take (units): four times along the map's edges, and a
-        quarter of an hour, in which others can get out of the way.
+        quarter of an hour, in which others can get out of the way, or what twenty stops and turns
+        take of a robot that is very slow at them.
         """
         width, height = load_map(self._site.map).size
-        return self._site.up(8 * (width + height) / kind.v_max + 900)
+        stops = 20 * (kind.v_max / kind.a_max + 2 * math.pi / kind.omega_max)
+        return self._site.up(8 * (width + height) / kind.v_max + max(900.0, stops))
