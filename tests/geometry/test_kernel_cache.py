@@ -86,6 +86,17 @@ def test_kernels_are_found_again_and_changed_ones_are_not(ask, tmp_path):
     assert not list((tmp_path / "cache" / "kernels").glob("*.lock"))
 
 
+def test_a_lock_whose_process_was_killed_holds_nobody_up(ask, tmp_path):
+    assert ask()[:2] == (3.0, 0)
+    for kernel in (tmp_path / "cache" / "kernels").iterdir():
+        kernel.unlink()
+        kernel.with_suffix(".lock").touch()
+    began = time.monotonic()
+    assert ask()[:2] == (3.0, 0)
+    assert time.monotonic() - began < kernel_cache._LONGEST_WAIT / 2
+    assert not list((tmp_path / "cache" / "kernels").glob("*.lock"))
+
+
 def test_a_kernel_heeds_the_order_of_a_record_s_fields(tmp_path):
     """It takes them by their places, and the types of two may be the same."""
     records = tmp_path / "records.py"
