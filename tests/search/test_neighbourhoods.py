@@ -5,7 +5,6 @@ import os
 import pickle
 import random
 import signal
-import threading
 from concurrent.futures import (
     BrokenExecutor,
     Executor,
@@ -13,6 +12,7 @@ from concurrent.futures import (
     ProcessPoolExecutor,
     ThreadPoolExecutor,
 )
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
@@ -305,28 +305,63 @@ def test_workers_change_nothing(begun, monkeypatch, caplog):
     assert "a worker is lost" in told[0].getMessage()
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("processes", [False, True], ids=["threads", "processes"])
-def test_the_same_plans_with_workers(processes):
-    """Plan after plan is the same with workers, one of which is killed on the way."""
-    alone = steps_of(None)
-    assert alone
-    if not processes:
+class Killing(Executor):
+    """Hands tasks on, and kills a worker after the second one."""
+
+    def __init__(self, executor, victim):
+        self.executor, self.victim, self.handed = executor, victim, 0
+
+    def submit(self, do, *given):
+        self.handed += 1
+        future = self.executor.submit(do, *given)
+        if self.handed == 2:
+            os.kill(self.victim, signal.SIGKILL)
+        return future
+
+
+@contextmanager
+def executor_of(kind):
+    """Workers of some kind, one of which is killed on the way (threads cannot be)."""
+    if kind == "threads":
         with ThreadPoolExecutor(2) as pool:
-            assert steps_of(pool) == alone
-        return
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        victim = pool.submit(os.getpid).result()
-        timer = threading.Timer(20.0, os.kill, (victim, signal.SIGKILL))
-        timer.start()
-        assert steps_of(pool) == alone
-        timer.cancel()
+            yield pool
+    elif kind == "processes":
+        with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+            yield Killing(pool, pool.submit(os.getpid).result())
+    else:
+        distributed = pytest.importorskip("distributed")
+        with (
+            distributed.LocalCluster(
+                n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+            ) as cluster,
+            distributed.Client(cluster) as client,
+        ):
+            victim = next(iter(client.run(os.getpid).values()))
+            yield Killing(client.get_executor(), victim)
+            assert victim not in client.run(os.getpid).values()
+
+
+@pytest.fixture(scope="module")
+def steps_alone():
+    found, _ = steps_of(None)
+    assert found
+    return found
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", ["threads", "processes", "dask"])
+def test_the_same_plans_with_workers(kind, steps_alone):
+    """Plan after plan is the same with workers, one of which is killed on the way."""
+    with executor_of(kind) as executor:
+        found, workers = steps_of(executor)
+    assert found == steps_alone
+    assert (workers.lost > 0) == (kind == "processes")  # Dask hands on what is lost
 
 
 def steps_of(executor):
     """The schedules that a descent goes through."""
-    search = search_of()
+    search = search_of("logistics-do-oc-r2-i3")
     poor_plan(search)
     search.workers = None if executor is None else Workers(executor)
-    descent = Descent(replace(search.tuning.neighbourhoods, stale=8, effort=0.02))
-    return [better.schedule for better in descent(search, True)]
+    descent = Descent(replace(search.tuning.neighbourhoods, stale=4, effort=0.02))
+    return [better.schedule for better in descent(search, True)], search.workers

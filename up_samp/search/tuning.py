@@ -247,6 +247,9 @@ class NeighbourhoodsTuning(Tunables):
     """Parts of a plan decided anew (``search/neighbourhoods/``)."""
 
     share: float = share_of(0.5, "of the remaining time, for neighbourhoods in a row")
+    first_share: float = share_of(
+        0.9, "of the remaining time, where they come before the first attempt at a proof"
+    )
     effort: float = effort_of(0.5, "for one neighbourhood: a few seconds at most")
     activities: int = tunable(
         300,

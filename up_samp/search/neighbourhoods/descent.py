@@ -65,7 +65,8 @@ class Descent:
         begun = self._state is not None and self._state.search is search
         if not stuck and (begun or not self._hopeless(search)):
             return
-        deadline = search.budget.share(self.tuning.share, float("inf"))
+        share = self.tuning.share if stuck else self.tuning.first_share
+        deadline = search.budget.share(share, float("inf"))
         owners = owners_of(search.own_relaxation())
         if len(owners.robots) < 2:
             return
