@@ -31,6 +31,9 @@ def _clauses(node: FNode, scope: list[FNode], owner: Activity | None) -> Iterato
     if not scope and node.node_type is Op.OR and _is_pair(node):
         yield node, scope, owner  # by far the most frequent ones, as they are
         return
+    if node.node_type is Op.OR and _is_order(node) and all(map(_is_presence, scope)):
+        yield node, list(dict.fromkeys(scope)), owner  # the same with a scope
+        return
     heads: list[FNode] = []
     for part in scope:
         heads += _conjuncts(part)
@@ -48,6 +51,10 @@ def _clauses(node: FNode, scope: list[FNode], owner: Activity | None) -> Iterato
 
 def _is_pair(node: FNode) -> bool:
     return all(a.node_type in (Op.LE, Op.LT, Op.PRESENT_EXP) for a in node.args)
+
+
+def _is_order(node: FNode) -> bool:
+    return all(a.node_type in (Op.LE, Op.LT) for a in node.args)
 
 
 def _is_presence(node: FNode) -> bool:
