@@ -2,9 +2,11 @@
 
 import pytest
 from unified_planning.engines import PlanGenerationResultStatus as Status
-from unified_planning.shortcuts import OneshotPlanner, get_environment
+from unified_planning.shortcuts import AnytimePlanner, OneshotPlanner, get_environment
 
-from up_samp.benchmarks.warehouse import warehouse
+from up_samp import Fleet
+from up_samp.benchmarks.maps import drawn_map
+from up_samp.benchmarks.warehouse import A_MAX, OMEGA_MAX, V_MAX, draw_orders, store, warehouse
 from up_samp.search.deals import Guess, deal, decided_by
 from up_samp.search.jobs import find_jobs
 from up_samp.upio import read_problem
@@ -59,3 +61,54 @@ def test_a_fleet_gets_a_valid_plan_by_construction(robots, orders):
     assert result.status is Status.SOLVED_SATISFICING
     assert validate_plan(problem, result.plan).violations == ()
     assert result.metrics["rounds"] == "0", "the first plan came from what was dealt out"
+
+
+def fleet_of(robots, orders):
+    """Return the fleet of a warehouse as its problem file would say it."""
+    plan = store(robots)
+    fleet = Fleet(str(drawn_map(f"warehouse-{robots}", plan.size, plan.walls)))
+    limits = {"v_max": V_MAX, "a_max": A_MAX}
+    fleet.add_robot_type("car", (1.2, 0.8), model="car", turning_radius=1.0, **limits)
+    fleet.add_robot_type("omni", (1.2, 0.8), model="omni", omega_max=OMEGA_MAX, **limits)
+    drawn = draw_orders(plan, orders, 0)
+    places = {f"dock{i}": pose for i, pose in enumerate(plan.docks)}
+    places |= {f"station{i}": pose for i, pose in enumerate(plan.stations)}
+    places |= {f"slot{o.slot}": plan.slots[o.slot] for o in drawn}
+    for name, pose in places.items():
+        fleet.add_place(name, *pose)
+    for r in range(robots):
+        fleet.add_robot(f"r{r}", ("car", "omni")[r % 2], start=f"dock{r}", end=f"dock{r}")
+    for k, o in enumerate(drawn):
+        pickup = {"at": f"slot{o.slot}", "service": o.service[0]}
+        fleet.add_order(f"o{k}", pickup, {"at": f"station{o.station}", "service": o.service[1]})
+    return fleet
+
+
+def test_a_fleets_problem_file_is_dealt_out_too():
+    get_environment().credits_stream = None
+    problem = fleet_of(3, 5).problem
+    jobs = find_jobs(problem, read_problem(problem))
+    assert [len(options) for options in jobs.options] == [3] * 5
+    assert all(len(o.members) == 2 and len(o.legs) == 1 for os in jobs.options for o in os)
+    with OneshotPlanner(name="samp-refine[cpsat]", params={"tuning": SOON}) as planner:
+        result = planner.solve(problem, timeout=120)
+    assert result.status is Status.SOLVED_SATISFICING
+    assert validate_plan(problem, result.plan).violations == ()
+    assert result.metrics["rounds"] == "0", "the first plan came from what was dealt out"
+
+
+def test_plans_of_large_fleets_get_better():
+    get_environment().credits_stream = None
+    problem = warehouse(3, 6, encoding="compact")
+    tuning = {"search": {"large": {"activities": 1, "stale": 12}, "deals": {"exchanges": 0}}}
+    with AnytimePlanner(name="samp-refine[cpsat]", params={"tuning": tuning}) as planner:
+        found = []
+        for result in planner.get_solutions(problem, timeout=60):
+            if result.plan is None:
+                break
+            found.append(int(result.metrics["makespan"]))
+            assert validate_plan(problem, result.plan).violations == ()
+            if len(found) == 2:
+                break
+    assert len(found) > 1
+    assert found[0] > found[-1]

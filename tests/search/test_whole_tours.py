@@ -9,7 +9,7 @@ import pytest
 from unified_planning.shortcuts import get_environment
 
 from tests.spacetime.spacetime_oracle import room
-from up_samp.benchmarks.warehouse import warehouse
+from up_samp.benchmarks.warehouse import WAREHOUSE_ENCODINGS, warehouse
 from up_samp.geometry import lay_out
 from up_samp.model import Body, Deadline, Kinematics, MotionModel, Rest, TimedMotion
 from up_samp.motion import MotionService
@@ -122,7 +122,8 @@ def opened(problem, seed):
 )
 def test_every_fleet_that_parks_out_of_the_way_gets_a_plan(seed):
     rng = random.Random(seed)
-    problem = warehouse(rng.randint(3, 5), rng.randint(6, 9), encoding="compact", seed=seed)
+    encoding = WAREHOUSE_ENCODINGS[seed % 2]
+    problem = warehouse(rng.randint(3, 4), rng.randint(5, 7), encoding=encoding, seed=seed)
     search, itinerary, build = opened(problem, seed)
     found = plan_tours(search, itinerary, Deadline.after(100))
     assert found is not None

@@ -16,7 +16,7 @@ from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity
 
 from up_samp.model import Body, Configuration
-from up_samp.model.snapshot import Snapshot
+from up_samp.model.snapshot import Snapshot, TermKind
 from up_samp.search.jobs import Jobs
 from up_samp.search.tuning import DealsTuning
 
@@ -213,7 +213,48 @@ def decided_by(deal: Deal, names: Sequence[str]) -> frozenset[str]:
     for tour in deal.tours.values():
         for j, k in tour[:-1]:
             gone |= jobs.options[j][k].extras
-    return frozenset(names) - jobs.without(gone)
+    return frozenset(names) - jobs.without(gone) - _detours(deal)
+
+
+def _detours(deal: Deal) -> set[str]:
+    """Return the drives between fixed places that are no part of a job and not on the way from one
+    to the next: to the first stop, from stop to stop, and from the last one to where nothing is
+    done, if a robot has to be there in the end.
+    """
+    snapshot, options = deal.guess.snapshot, [o for some in deal.jobs.options for o in some]
+    own = {n for o in options for n in (*o.members, *o.extras)}
+    stops = {pose for o in options for leg in (*o.legs, (o.entry, o.exit)) for pose in leg}
+    ways = {robot: _ways(deal, robot) for robot in deal.tours}
+    last = {robot: _last(deal, robot) for robot in deal.tours}
+    found = set()
+    for task in snapshot.tasks:
+        fixed = all(term.kind is TermKind.CONSTANT for term in task.terms)
+        if task.activity in own or task.object not in ways or not fixed:
+            continue
+        a, b = (snapshot.configurations[task.terms[i].name] for i in (0, -1))
+        home = a == last[task.object] and b not in stops
+        if (a, b) not in ways[task.object] and not home:
+            found.add(task.activity)
+    return found
+
+
+def _ways(deal: Deal, robot: str) -> set[tuple[Configuration, Configuration]]:
+    """Return from where to where a robot drives for its jobs."""
+    snapshot, found = deal.guess.snapshot, set[tuple[Configuration, Configuration]]()
+    here = snapshot.configurations[snapshot.initial[robot]]
+    for j, k in deal.tours[robot]:
+        option = deal.jobs.options[j][k]
+        found |= {(here, option.entry), *option.legs}
+        here = option.exit
+    return found
+
+
+def _last(deal: Deal, robot: str) -> Configuration:
+    """Return where a robot is when its jobs are done."""
+    if deal.tours[robot]:
+        j, k = deal.tours[robot][-1]
+        return deal.jobs.options[j][k].exit
+    return deal.guess.snapshot.configurations[deal.guess.snapshot.initial[robot]]
 
 
 def state_order(problem: SchedulingMotionProblem, deal: Deal) -> None:

@@ -7,10 +7,12 @@ it ends.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from graphlib import CycleError, TopologicalSorter
 
 from unified_planning.model import FNode
 from unified_planning.model.motion import SchedulingMotionProblem
@@ -19,6 +21,10 @@ from unified_planning.model.operators import OperatorKind as Op
 from up_samp.model import Configuration
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
 from up_samp.scheduling.cpsat.encode.durations import least
+from up_samp.search.stands import orders_told, stands_of
+
+_Way = tuple[str, Configuration, Configuration, tuple[tuple[Configuration, Configuration], ...]]
+"""A robot, where its way begins and ends, and the drives in between."""
 
 
 @dataclass(frozen=True)
@@ -83,26 +89,28 @@ def find_jobs(problem: SchedulingMotionProblem, snapshot: Snapshot) -> Jobs | No
     needs: dict[str, set[str]] = defaultdict(set)
     dues = _dues(problem)
     clauses: list[tuple[str, ...]] = []
+    ways: set[str] = set()  # one of several that have to be present with something
     for names, conditions in _clauses(problem):
-        if not conditions and len(names) > 1:
-            clauses.append(names)
+        if len(names) > 1:
+            ways.update(names if conditions else ())
+            clauses += [] if conditions else [names]
         elif len(conditions) == 1 and len(names) == 1:
             needs[conditions[0]].add(names[0])
     table = {name: frozenset(others) for name, others in needs.items()}
-    tasks: dict[str, list[MotionTask]] = defaultdict(list)
-    for task in snapshot.tasks:
-        tasks[task.activity].append(task)
-    lengths = {a.name: float(least(a.duration)) for a in problem.activities}
-    found = []
+    look = _Look(problem, snapshot, table)
+    found, known = [], set[frozenset[frozenset[str]]]()
     for names in clauses:
-        options = [_option(name, table, tasks, lengths, snapshot) for name in names]
+        options = [look.option(name) for name in names]
         if any(o is None for o in options):
             return None
-        found.append(tuple(o for o in options if o is not None))
-    return _with_extras(Jobs(tuple(found), table), dues) if found else None
+        work = frozenset(o.members for o in options if o is not None)
+        if work not in known:  # a pick and its delivery draw each other along: one job
+            known.add(work)
+            found.append(tuple(o for o in options if o is not None))
+    return _with_extras(Jobs(tuple(found), table), dues, ways) if found else None
 
 
-def _with_extras(jobs: Jobs, dues: Mapping[str, float]) -> Jobs:
+def _with_extras(jobs: Jobs, dues: Mapping[str, float], ways: set[str]) -> Jobs:
     """Return jobs whose options know when they are due and what else may come of them."""
     draws: dict[str, list[str]] = defaultdict(list)
     for name, others in jobs.needs.items():
@@ -112,7 +120,7 @@ def _with_extras(jobs: Jobs, dues: Mapping[str, float]) -> Jobs:
     for options in jobs.options:
         whole = []
         for option in options:
-            extras = {n for m in option.members for n in draws[m]} - option.members
+            extras = {n for m in option.members for n in draws[m]} - option.members - ways
             due = min((dues.get(m, math.inf) for m in option.members), default=math.inf)
             whole.append(replace(option, due=due, extras=frozenset(extras)))
         found.append(tuple(whole))
@@ -141,6 +149,10 @@ def _clauses(
     """Yield (names, conditions): one of the names is present if all conditions are."""
     for owner in (problem._base, *problem.activities):
         for constraint, scope in owner._constraints:
+            implied = _implied(constraint) if not scope else None
+            if implied is not None:
+                yield implied
+                continue
             names = _present(constraint.args if constraint.node_type is Op.OR else [constraint])
             conditions = _present([s for s in scope if not s.is_true()])
             if names is not None and conditions is not None:
@@ -154,25 +166,74 @@ def _present(nodes: Sequence[FNode]) -> tuple[str, ...] | None:
     return tuple(node.presence().container for node in nodes)
 
 
-def _option(
-    leader: str,
-    needs: Mapping[str, frozenset[str]],
-    tasks: Mapping[str, list[MotionTask]],
-    lengths: Mapping[str, float],
-    snapshot: Snapshot,
-) -> Option | None:
-    members = Jobs((), needs).drawn(leader)
-    driven = [task for name in sorted(members) for task in tasks.get(name, ())]
-    robots = {task.object for task in driven}
-    if len(robots) != 1 or any(task.terms[-1].kind is not TermKind.CONSTANT for task in driven):
+def _implied(constraint: FNode) -> tuple[tuple[str, ...], tuple[str, ...]] | None:
+    """Return what "not a, or b" says of the presence of two activities."""
+    if constraint.node_type is not Op.OR or len(constraint.args) != 2:
         return None
-    unit, pose = snapshot.seconds_per_unit, snapshot.configurations
-    work = sum(lengths[name] * unit for name in members if name not in tasks)
-    known = [t for t in driven if t.terms[0].kind is TermKind.CONSTANT]
-    legs = tuple((pose[t.terms[0].name], pose[t.terms[-1].name]) for t in known)
-    ends = {task.terms[-1].name for task in driven}
-    begins = {task.terms[0].name for task in known}
-    first = sorted(ends & begins) or sorted(begins - ends) or sorted(ends)
-    last = sorted(ends - begins) or sorted(ends)
-    (robot,) = robots
-    return Option(leader, frozenset(members), robot, work, pose[first[0]], pose[last[0]], legs)
+    negated = [a.arg(0) for a in constraint.args if a.node_type is Op.NOT]
+    names = _present([a for a in constraint.args if a.node_type is not Op.NOT])
+    conditions = _present(negated)
+    if len(negated) != 1 or names is None or conditions is None:
+        return None
+    return names, conditions
+
+
+class _Look:
+    """What a problem says of the work that an activity draws along."""
+
+    def __init__(
+        self,
+        problem: SchedulingMotionProblem,
+        snapshot: Snapshot,
+        needs: Mapping[str, frozenset[str]],
+    ) -> None:
+        self._snapshot, self._needs = snapshot, Jobs((), needs)
+        self._tasks: dict[str, list[MotionTask]] = defaultdict(list)
+        for task in snapshot.tasks:
+            self._tasks[task.activity].append(task)
+        self._lengths = {a.name: float(least(a.duration)) for a in problem.activities}
+        self._stands = stands_of(problem, snapshot)
+        self._then: dict[str, set[str]] = defaultdict(set)
+        for first, then in orders_told(problem):
+            self._then[first].add(then)
+
+    def option(self, leader: str) -> Option | None:
+        """Return the work that an activity draws along, None where it is not one robot's."""
+        members = self._needs.drawn(leader)
+        driven = [task for name in sorted(members) for task in self._tasks.get(name, ())]
+        unit = self._snapshot.seconds_per_unit
+        work = sum(self._lengths[n] * unit for n in members if n not in self._tasks)
+        found = self._driven(driven) if driven else self._standing(members)
+        if found is None:
+            return None
+        robot, entry, exit_, legs = found
+        return Option(leader, frozenset(members), robot, work, entry, exit_, legs)
+
+    def _driven(self, driven: Sequence[MotionTask]) -> _Way | None:
+        """Return whose way some drives are, from where to where."""
+        robots = {task.object for task in driven}
+        if len(robots) != 1 or any(t.terms[-1].kind is not TermKind.CONSTANT for t in driven):
+            return None
+        pose = self._snapshot.configurations
+        known = [t for t in driven if t.terms[0].kind is TermKind.CONSTANT]
+        legs = tuple((pose[t.terms[0].name], pose[t.terms[-1].name]) for t in known)
+        ends = {task.terms[-1].name for task in driven}
+        begins = {task.terms[0].name for task in known}
+        first = sorted(ends & begins) or sorted(begins - ends) or sorted(ends)
+        last = sorted(ends - begins) or sorted(ends)
+        return next(iter(robots)), pose[first[0]], pose[last[0]], legs
+
+    def _standing(self, members: set[str]) -> _Way | None:
+        """Return whose way it is to be where some activities are done, one after the other."""
+        told = [self._stands.get(name) for name in sorted(members)]
+        if None in told or len({stand[0] for stand in told if stand is not None}) != 1:
+            return None
+        before = {m: {n for n in members if m in self._then[n]} for m in members}
+        try:
+            order = list(TopologicalSorter(before).static_order())
+        except CycleError:
+            return None
+        stops = [self._stands[name] for name in order]
+        poses = [self._snapshot.configurations[place] for _, place in stops]
+        legs = tuple((a, b) for a, b in itertools.pairwise(poses) if a != b)
+        return stops[0][0], poses[0], poses[-1], legs

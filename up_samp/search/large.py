@@ -69,9 +69,11 @@ def solve_large(
     first = search.budget.share(large.tuning.share, float("inf"))
     search.tell.stage(Phase.PREPARE, "who does which job", len(large.jobs.options))
     found = None
-    for dealt in deals_of(search, large):
+    for number, dealt in enumerate(deals_of(search, large), start=1):
         with search.history.stages.of(BUILDING):
-            found = plan_of_deal(search, large, dealt, first)
+            # motions in the order of time take longer and find less: only in the end
+            lined = number == large.tuning.deals
+            found = plan_of_deal(search, large, dealt, first, lined=lined)
         if found is not None or first.expired():
             break
     better = None if found is None else keep_if_better(search, found.plan)
@@ -91,13 +93,16 @@ def solve_large(
 
 def deals_of(search: Search, large: Large) -> Iterator[Deal]:
     """Yield shares of the jobs: the best one found, then others, by guesses that are more and more
-    different.
+    different, and more and more careful about what is due.
     """
     tuning, service = search.tuning, search.motions.service
     guess = Guess(large.snapshot, service.lower_bound)
     for number in range(large.tuning.deals):
         noise = tuning.deals.noise * min(number, 5)
-        yield deal(large.jobs, guess, tuning.deals, seed=search.seed + number, noise=noise)
+        # who was late was guessed to be too quick
+        traffic = tuning.deals.traffic * (1.0 + large.tuning.slower * number)
+        deals = replace(tuning.deals, traffic=traffic)
+        yield deal(large.jobs, guess, deals, seed=search.seed + number, noise=noise)
 
 
 @dataclass(frozen=True)
@@ -109,10 +114,13 @@ class Found:
     tours: tuple[Tours, Decided] | None
 
 
-def plan_of_deal(search: Search, large: Large, dealt: Deal, first: Deadline) -> Found | None:
+def plan_of_deal(
+    search: Search, large: Large, dealt: Deal, first: Deadline, *, lined: bool
+) -> Found | None:
     """Return a valid plan of the whole problem in which everybody does what was dealt out.
 
-    It takes no more than a share of the time that there is for a ``first`` plan.
+    :param first: until when there should be a first plan; this takes a share of that.
+    :param lined: if there are no tours, motions are decided one after the other.
     """
     deadline = first.within(large.tuning.turn * first.remaining())
     opened = candidate_of(large, dealt, deadline)
@@ -121,6 +129,8 @@ def plan_of_deal(search: Search, large: Large, dealt: Deal, first: Deadline) -> 
     inner, itinerary = opened
     tours = plan_tours(inner, itinerary, deadline, homes=homes_of(large.jobs))
     if tours is None:
+        if not lined:
+            return None
         built = build(inner, itinerary)
         plan = None if built is None else search.plan_of(built.schedule, built.trajectories)
         return None if plan is None or search.judged(plan.plan) else Found(dealt, plan, None)

@@ -215,7 +215,10 @@ class LargeTuning(Tunables):
         0.6, "of all time, for a first plan by dealing out jobs; then the usual search has its turn"
     )
     turn: float = share_of(0.6, "of what is left of that, for one share of the jobs")
-    deals: int = tunable(20, "shares of the jobs", "at most, until there is a plan", least=1)
+    deals: int = tunable(8, "shares of the jobs", "at most, until there is a plan", least=1)
+    slower: float = tunable(
+        0.2, "factor", "by which traffic is expected to take longer from share to share", least=0
+    )
     tour_rounds: int = tunable(
         10, "rounds a task", "of annealing over tours of what was dealt out", least=0
     )
