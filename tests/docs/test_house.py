@@ -76,11 +76,11 @@ def test_this_package_has_no_circle(house):
 
 
 LIMITS = {
-    "long_functions": 8,
-    "wide_functions": 42,
-    "long_files": 8,
-    "constants": 108,
-    "said_twice": 80,
+    "long_functions": 7,
+    "wide_functions": 21,
+    "long_files": 7,
+    "constants": 104,
+    "said_twice": 52,
 }
 """What the figures may be at most: lower them when they fall, never raise them for convenience."""
 

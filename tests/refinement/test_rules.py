@@ -95,7 +95,7 @@ def test_nobody_passes_through_a_unary_place_where_another_rests():
 
 
 def test_requirements_over_their_spans():
-    tail = rules.needs_open("a", "door", "shut", 3, "blocks").statement
+    tail = rules.needs_open("a", "door", "shut", 3, rules.Reason("blocks")).statement
     start = rules.needs_away_at_start("a", "door", "shut", "on it").statement
 
     def opened_at(t):
@@ -115,9 +115,7 @@ def test_the_papers_condition_gives_way_to_any_rival():
         group,
         ["a", "r"],
         {"box": "mid"},
-        "no path",
-        layer=Layer.GEOMETRIC,
-        strength=Strength.HEURISTIC,
+        rules.Reason("no path", Layer.GEOMETRIC, Strength.HEURISTIC),
     ).statement
     assert not holds(cut, schedule(a=(0, 5)), at(box="mid"))
     assert not holds(cut, schedule(a=(0, 5), r=(6, 8)), at(box="mid"))
@@ -128,7 +126,7 @@ def test_the_papers_condition_gives_way_to_any_rival():
 def test_the_papers_timing_cut():
     group = [motion("a", 0, 5), motion("b", 2, 6)]
     cut = paper_rules.paper_temporal(
-        group, ["a", "b"], {"b": 8}, {}, "slow", layer=Layer.GROUP
+        group, ["a", "b"], {"b": 8}, {}, rules.Reason("slow", Layer.GROUP, Strength.RELATIVE)
     ).statement
     assert not holds(cut, schedule(a=(0, 5), b=(2, 6)), nowhere)
     assert holds(cut, schedule(a=(0, 5), b=(1, 6)), nowhere)

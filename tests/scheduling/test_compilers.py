@@ -14,23 +14,12 @@ from up_samp.scheduling.adapters import _engine_class
 from up_samp.scheduling.compilers.cliques import find_cliques
 from up_samp.scheduling.compilers.dense import compile_dense
 from up_samp.scheduling.compilers.differences import compile_differences
+from up_samp.scheduling.compilers.expressions import TRUE, end, integer, show, start, subexpressions
 from up_samp.scheduling.compilers.flat import compile_flat_types
 from up_samp.scheduling.compilers.ground import compile_ground
 from up_samp.scheduling.compilers.names import compile_names
 from up_samp.scheduling.compilers.optional import compile_optional
-from up_samp.scheduling.compilers.plain import (
-    TRUE,
-    Activity,
-    Condition,
-    Effect,
-    Fluent,
-    PlainProblem,
-    end,
-    integer,
-    show,
-    start,
-    subexpressions,
-)
+from up_samp.scheduling.compilers.plain import Activity, Condition, Effect, Fluent, PlainProblem
 from up_samp.scheduling.compilers.precedences import compile_precedences
 from up_samp.scheduling.compilers.read import read_problem
 from up_samp.scheduling.compilers.resources import compile_resources

@@ -5,8 +5,11 @@ from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.shortcuts import OneshotPlanner
 
 from tests.upio.hall import Hall
-from up_samp.model import GroupReport, Outcome
+from up_samp.model import CandidateSchedule, GroupReport, Outcome, ScheduledMotion
 from up_samp.motion import MotionService
+from up_samp.search.check import Check
+from up_samp.search.in_turn import _of_failed_groups
+from up_samp.upio import Itinerary
 from up_samp.validation import validate_plan
 
 
@@ -81,3 +84,18 @@ def test_a_search_without_a_plan_uses_its_time(tmp_path, monkeypatch):
     assert result.plan is None
     assert int(result.metrics["restarts"]) > 1
     assert float(result.metrics["seconds_total"]) > 2.5
+
+
+@pytest.mark.parametrize(
+    ("failed", "wrong"), [("go#1", {"go#1"}), ("go", {"go"}), ("come#1", {"come"})]
+)
+def test_an_activity_named_like_a_further_motion_is_taken_for_itself(failed, wrong):
+    pose = (0.0, 0.0, 0.0)
+
+    def motion(activity, constraint, start):
+        ends = ("here", "there")
+        return ScheduledMotion(activity, constraint, activity, ends, (pose, pose), start, start + 1)
+
+    motions = (motion("go", 0, 0), motion("go#1", 0, 5), motion("come", 1, 9))
+    itinerary = Itinerary(CandidateSchedule({}), motions, ())
+    assert _of_failed_groups(itinerary, Check(failed={failed})) == wrong

@@ -46,6 +46,7 @@ from up_samp.benchmarks.places import (
 from up_samp.benchmarks.published.form import PUBLISHED, Published
 from up_samp.benchmarks.routes import (
     FluentRoutes,
+    Passage,
     PrecedenceRoutes,
     Routes,
     apart,
@@ -170,7 +171,7 @@ class Family(ProblemOnMap):
                 dynamic_obstacles_at_start=[r for r in self.robots if r is not robot],
             )
         )
-        self.routes.move(robot, a, origin, to, implied)
+        self.routes.move(Passage(robot, a, origin, to, implied))
         self.busy[robot.name].append(a)
         return a
 

@@ -48,29 +48,33 @@ def scope_of(*activities: Activity) -> list[FNode]:
     return [a.present for a in activities if a.optional]
 
 
+@dataclass(frozen=True)
+class Passage:
+    """``activity`` takes ``robot`` from ``origin`` to ``to``.
+
+    ``implied``: other precedences say already that the robot is at ``origin`` then.
+    """
+
+    robot: MovableObject
+    activity: Activity
+    origin: ConfigurationObject
+    to: ConfigurationObject
+    implied: bool = False
+
+
 class Routes(Protocol):
     """Where robots are: one of the two encodings. Call ``finish`` after everything was told."""
 
     def start(self, robot: MovableObject, place: ConfigurationObject) -> None:
         """``robot`` starts at ``place``."""
 
-    def move(
-        self,
-        robot: MovableObject,
-        a: Activity,
-        origin: ConfigurationObject,
-        to: ConfigurationObject,
-        implied: bool = False,
-    ) -> None:
-        """``a`` takes ``robot`` from ``origin`` to ``to``.
-
-        ``implied``: other precedences say already that the robot is at ``origin`` then.
-        """
+    def move(self, passage: Passage) -> None:
+        """Add a move."""
 
     def stand(
         self, robot: MovableObject, a: Activity, place: ConfigurationObject, implied: bool = False
     ) -> None:
-        """``robot`` stands at ``place`` throughout ``a`` (``implied``: see ``move``)."""
+        """``robot`` stands at ``place`` throughout ``a`` (``implied``: see :class:`Passage`)."""
 
     def end(self, robot: MovableObject, place: ConfigurationObject) -> None:
         """``robot`` is at ``place`` when everything is over."""
@@ -91,17 +95,11 @@ class FluentRoutes:
         """See :class:`Routes`."""
         self.problem.set_initial_value(self.robot_at(robot), place)
 
-    def move(
-        self,
-        robot: MovableObject,
-        a: Activity,
-        origin: ConfigurationObject,
-        to: ConfigurationObject,
-        implied: bool = False,
-    ) -> None:
+    def move(self, passage: Passage) -> None:
         """See :class:`Routes`."""
-        a.add_condition(at_start(a), Equals(self.robot_at(robot), origin))
-        a.add_effect(a.end, self.robot_at(robot), to)
+        a, at = passage.activity, self.robot_at(passage.robot)
+        a.add_condition(at_start(a), Equals(at, passage.origin))
+        a.add_effect(a.end, at, passage.to)
 
     def stand(
         self, robot: MovableObject, a: Activity, place: ConfigurationObject, implied: bool = False
@@ -157,20 +155,13 @@ class PrecedenceRoutes:
         """See :class:`Routes`."""
         self._of(robot).start = place.name
 
-    def move(
-        self,
-        robot: MovableObject,
-        a: Activity,
-        origin: ConfigurationObject,
-        to: ConfigurationObject,
-        implied: bool = False,
-    ) -> None:
+    def move(self, passage: Passage) -> None:
         """See :class:`Routes`."""
-        itinerary = self._of(robot)
-        itinerary.departures.setdefault(origin.name, []).append(a)
-        itinerary.arrivals.setdefault(to.name, []).append(a)
-        if not implied:
-            itinerary.needs.append((a, origin.name))
+        itinerary, a, origin = self._of(passage.robot), passage.activity, passage.origin.name
+        itinerary.departures.setdefault(origin, []).append(a)
+        itinerary.arrivals.setdefault(passage.to.name, []).append(a)
+        if not passage.implied:
+            itinerary.needs.append((a, origin))
 
     def stand(
         self, robot: MovableObject, a: Activity, place: ConfigurationObject, implied: bool = False

@@ -109,13 +109,10 @@ def transport(
     if data == "ft06":
         jobs, machines = len(FT06), len(FT06[0])
     shop = jobshop.draw_shop(robots, jobs, machines, seed)
-    title = name or (
-        f"transport-{data}-d{door[0]}-r{robots}"
-        if data
-        else instance_name(robots, jobs, machines, door)
-    )
+    own = f"transport-{data}-d{door[0]}-r{robots}" if data else None
+    title = own or instance_name(robots, jobs, machines, door)
     family = Family(
-        title + (f"-s{seed}" if seed and not name else ""),
+        name or title + (f"-s{seed}" if seed else ""),
         str(job_shop_map(machines)),
         a_max=jobshop.SIZES.a_max,
         encoding=encoding,
@@ -125,9 +122,10 @@ def transport(
     stands = [family.place(f"machine{m}", pose) for m, pose in enumerate(shop.machines)]
     spots = pallet_poses(jobs, machines)
     pallets = [family.place(f"pallet{j}", pose) for j, pose in enumerate(spots)]
-    _check(shop, spots, door == "closed")
-    doors = [jobshop.shop_door(i) for i in range(machines)] if door == "closed" else []
-    buttons = jobshop.add_doors(family, doors) if doors else []
+    closed = door == "closed"
+    _check(shop, spots, closed)
+    doors = [jobshop.shop_door(i) for i in range(machines)] if closed else []
+    buttons = jobshop.add_doors(family, doors)
     hands = Loads(family, pallets)
     _empty_moves(family, hands, starts, [*stands, *pallets, *buttons])
     _jobs(family, hands, FT06 if data == "ft06" else shop.jobs, stands, pallets)

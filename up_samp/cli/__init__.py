@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import argparse
+import enum
 import gc
 import importlib
 import io
@@ -17,9 +18,14 @@ from typing import NamedTuple
 from up_samp.system.imports import load_unified_planning, own_the_process
 from up_samp.system.interrupts import interrupt_behind
 
-ERROR = 2
-INTERRUPTED = 130
-TERMINATED = 143
+
+class Exit(enum.IntEnum):
+    """Exit codes beside 0 and a command's own."""
+
+    ERROR = 2
+    INTERRUPTED = 130
+    """By Ctrl-C: 128 and the signal's number, as shells have it."""
+    TERMINATED = 143
 
 
 class Command(NamedTuple):
@@ -100,7 +106,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _run(args)
     except KeyboardInterrupt as stop:
         print("\nup-samp: stopped", file=sys.stderr)
-        return TERMINATED if _was_terminated(stop) else INTERRUPTED
+        return Exit.TERMINATED if _was_terminated(stop) else Exit.INTERRUPTED
     finally:
         if own:
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -152,7 +158,7 @@ def _run(args: argparse.Namespace) -> int:
     except BrokenPipeError:
         # whoever read our output has seen enough; let the interpreter's exit not complain
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return ERROR
+        return Exit.ERROR
     except Exception as error:
         stop = interrupt_behind(error)
         if stop is not None:
@@ -160,7 +166,7 @@ def _run(args: argparse.Namespace) -> int:
         if args.debug:
             raise
         print(f"up-samp: {_message(error)}", file=sys.stderr)
-        return ERROR
+        return Exit.ERROR
 
 
 class _Terminated(KeyboardInterrupt):

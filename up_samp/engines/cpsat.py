@@ -24,7 +24,7 @@ from unified_planning.model.problem_kind_versioning import LATEST_PROBLEM_KIND_V
 from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.plans import Schedule
 
-from up_samp.engines.direct import DirectFace
+from up_samp.engines.direct import Call, DirectFace
 from up_samp.engines.statuses import STATUSES
 from up_samp.model import (
     CandidateSchedule,
@@ -125,7 +125,7 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
         timeout: float | None = None,
         output_stream: IO[str] | None = None,
     ) -> PlanGenerationResult:
-        return self._solve_directly(problem, heuristic, timeout, output_stream, None)
+        return self._solve_directly(Call(problem, timeout, output_stream))
 
     def _solve_with_params(
         self,
@@ -136,30 +136,23 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
         warm_start_plan: Any = None,
         **kwargs: Any,
     ) -> PlanGenerationResult:
-        return self._solve_directly(problem, heuristic, timeout, output_stream, warm_start_plan)
+        return self._solve_directly(Call(problem, timeout, output_stream, warm_start_plan))
 
-    def _solve_directly(
-        self,
-        problem: Any,
-        heuristic: Any,
-        timeout: float | None,
-        output_stream: IO[str] | None,
-        warm_start_plan: Any,
-    ) -> PlanGenerationResult:
-        deadline = Deadline.after(timeout)
+    def _solve_directly(self, call: Call) -> PlanGenerationResult:
+        deadline = Deadline.after(call.timeout)
         try:
-            session = self._session(problem)
-            report = session.solve(deadline, hint=_candidate(warm_start_plan))
+            session = self._session(call.problem)
+            report = session.solve(deadline, hint=_candidate(call.warm_start_plan))
         except UnsupportedError as error:
             return self._unsupported(error)
-        result = self._result(problem, report)
-        _write(output_stream, result)
+        result = self._result(call.problem, report)
+        _write(call.output_stream, result)
         return result
 
     def _get_solutions(
         self, problem: Any, timeout: float | None = None, output_stream: IO[str] | None = None
     ) -> Iterator[PlanGenerationResult]:
-        return self._improve_directly(problem, timeout, output_stream, None)
+        return self._improve_directly(Call(problem, timeout, output_stream))
 
     def _get_solutions_with_params(
         self,
@@ -169,18 +162,12 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
         warm_start_plan: Any = None,
         **kwargs: Any,
     ) -> Iterator[PlanGenerationResult]:
-        return self._improve_directly(problem, timeout, output_stream, warm_start_plan)
+        return self._improve_directly(Call(problem, timeout, output_stream, warm_start_plan))
 
-    def _improve_directly(
-        self,
-        problem: Any,
-        timeout: float | None,
-        output_stream: IO[str] | None,
-        warm_start_plan: Any,
-    ) -> Iterator[PlanGenerationResult]:
-        deadline = Deadline.after(timeout)
+    def _improve_directly(self, call: Call) -> Iterator[PlanGenerationResult]:
+        deadline = Deadline.after(call.timeout)
         try:
-            session = self._session(problem)
+            session = self._session(call.problem)
         except UnsupportedError as error:
             yield self._unsupported(error)
             return
@@ -194,7 +181,7 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
 
         def work() -> None:
             try:
-                hint = _candidate(warm_start_plan)
+                hint = _candidate(call.warm_start_plan)
                 found.put(("end", session.solve(deadline, hint=hint, on_solution=progress)))
             except BaseException as error:  # raised again by the generator
                 found.put(("error", error))
@@ -202,7 +189,7 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
         thread = threading.Thread(target=work, daemon=True)
         try:
             thread.start()
-            yield from self._stream(problem, found, output_stream)
+            yield from self._stream(call.problem, found, call.output_stream)
         finally:
             stop.set()
             session.interrupt()

@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import IO, Any
 
 from unified_planning.engines import PlanGenerationResult
 from unified_planning.exceptions import UPUsageError
 from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.plans import Plan
+
+
+@dataclass(frozen=True)
+class Call:
+    """What UP asks an engine: ``timeout`` in s."""
+
+    problem: Any
+    timeout: float | None
+    output_stream: IO[str] | None
+    warm_start_plan: Plan | None = None
+    heuristic: Callable[[Any], float | None] | None = None
 
 
 class DirectFace:
@@ -36,7 +48,9 @@ class DirectFace:
                 problem, heuristic, timeout, output_stream, warm_start_plan, **kwargs
             )
         self._check_metric(problem)
-        return self._solve_directly(problem, heuristic, timeout, output_stream, warm_start_plan)
+        return self._solve_directly(
+            Call(problem, timeout, output_stream, warm_start_plan, heuristic)
+        )
 
     def get_solutions(
         self,
@@ -53,7 +67,7 @@ class DirectFace:
             )
             return
         self._check_metric(problem)
-        yield from self._improve_directly(problem, timeout, output_stream, warm_start_plan)
+        yield from self._improve_directly(Call(problem, timeout, output_stream, warm_start_plan))
 
     def _takes(self, problem: Any) -> bool:
         """Return whether to solve without the kind; also where UP could not compute it."""
@@ -74,21 +88,8 @@ class DirectFace:
         """Return whether this is a problem of the engine's own sort."""
         raise NotImplementedError
 
-    def _solve_directly(
-        self,
-        problem: Any,
-        heuristic: Callable[[Any], float | None] | None,
-        timeout: float | None,
-        output_stream: IO[str] | None,
-        warm_start_plan: Plan | None,
-    ) -> PlanGenerationResult:
+    def _solve_directly(self, call: Call) -> PlanGenerationResult:
         raise NotImplementedError
 
-    def _improve_directly(
-        self,
-        problem: Any,
-        timeout: float | None,
-        output_stream: IO[str] | None,
-        warm_start_plan: Plan | None,
-    ) -> Iterator[PlanGenerationResult]:
+    def _improve_directly(self, call: Call) -> Iterator[PlanGenerationResult]:
         raise NotImplementedError

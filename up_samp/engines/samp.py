@@ -21,7 +21,7 @@ from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.plans import Plan, Schedule
 
 from up_samp.engines.compiling import begin_compiling
-from up_samp.engines.direct import DirectFace
+from up_samp.engines.direct import Call, DirectFace
 from up_samp.engines.kinds import engine_kind, samp_kind
 from up_samp.engines.results import (
     SampResult,
@@ -124,29 +124,14 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
     def _is_direct(self, problem: Any) -> bool:
         return isinstance(problem, SchedulingMotionProblem)
 
-    def _solve_directly(
-        self,
-        problem: Any,
-        heuristic: Callable[[Any], float | None] | None,
-        timeout: float | None,
-        output_stream: IO[str] | None,
-        warm_start_plan: Plan | None,
-    ) -> PlanGenerationResult:
-        if heuristic is not None:
+    def _solve_directly(self, call: Call) -> PlanGenerationResult:
+        if call.heuristic is not None:
             warnings.warn(f"{self.name} ignores the heuristic", stacklevel=3)
-        optimal = self._wants_optimum(problem)
-        results = self._results(problem, timeout, output_stream, optimal, warm_start_plan)
-        return list(results)[-1]
+        return list(self._results(call, self._wants_optimum(call.problem)))[-1]
 
-    def _improve_directly(
-        self,
-        problem: Any,
-        timeout: float | None,
-        output_stream: IO[str] | None,
-        warm_start_plan: Plan | None,
-    ) -> Iterator[PlanGenerationResult]:
-        optimal = bool(problem.quality_metrics) and self.params.optimal is not False
-        return self._results(problem, timeout, output_stream, optimal, warm_start_plan)
+    def _improve_directly(self, call: Call) -> Iterator[PlanGenerationResult]:
+        optimal = bool(call.problem.quality_metrics) and self.params.optimal is not False
+        return self._results(call, optimal)
 
     def _solve(
         self,
@@ -155,7 +140,7 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         timeout: float | None = None,
         output_stream: IO[str] | None = None,
     ) -> PlanGenerationResult:
-        return self._solve_directly(problem, heuristic, timeout, output_stream, None)
+        return self._solve_directly(Call(problem, timeout, output_stream, heuristic=heuristic))
 
     def _get_solutions(
         self,
@@ -163,7 +148,7 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
         timeout: float | None = None,
         output_stream: IO[str] | None = None,
     ) -> Iterator[PlanGenerationResult]:
-        yield from self._improve_directly(problem, timeout, output_stream, None)
+        yield from self._improve_directly(Call(problem, timeout, output_stream))
 
     def _wants_optimum(self, problem: Any) -> bool:
         if not problem.quality_metrics:
@@ -177,18 +162,12 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
     def _native(self) -> bool:
         return bool(getattr(self._engine_class, "has_sessions", False))
 
-    def _results(
-        self,
-        problem: Any,
-        timeout: float | None,
-        stream: IO[str] | None,
-        optimal: bool,
-        start: Plan | None,
-    ) -> Iterator[PlanGenerationResult]:
+    def _results(self, call: Call, optimal: bool) -> Iterator[PlanGenerationResult]:
         """Yield each better plan as INTERMEDIATE, and last the final result.
 
-        ``start``: a plan to begin from, of this problem or of one with some of its activities.
+        A plan to begin from is of this problem, or of one with some of its activities.
         """
+        problem, timeout, start = call.problem, call.timeout, call.warm_start_plan
         moves = isinstance(problem, SchedulingMotionProblem) and problem.motion_activities
         compiling = begin_compiling(problem) if moves else None
         # imports, too, are made before the clock runs
@@ -205,7 +184,7 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
             return
         try:
             with in_force(deadline):
-                search = self._open(problem, deadline, stream, start)
+                search = self._open(problem, deadline, call.output_stream, start)
         except OutOfTimeError:
             yield too_late(self.name, self.params, deadline)
             return

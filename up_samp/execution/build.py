@@ -21,7 +21,8 @@ from up_samp.io.plan_dict import PlanDict, snapshot_of
 from up_samp.model.snapshot import Snapshot
 from up_samp.scheduling.compilers.read import read_problem as read_plain
 from up_samp.scheduling.partial_order.differences import Planned
-from up_samp.scheduling.partial_order.orders import orders_of, performers
+from up_samp.scheduling.partial_order.objects import performers
+from up_samp.scheduling.partial_order.orders import orders_of
 
 
 @dataclass(frozen=True, eq=False)

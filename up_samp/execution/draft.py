@@ -25,7 +25,7 @@ from up_samp.execution.reduce import MEETING, reduced
 from up_samp.execution.staircase import Step, steps_of
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.scheduling.partial_order.differences import Difference, Point
-from up_samp.scheduling.partial_order.orders import Order
+from up_samp.scheduling.partial_order.order import Order
 
 
 class Draft:

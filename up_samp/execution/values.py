@@ -12,7 +12,7 @@ from unified_planning.model import FNode
 from up_samp.execution.graph import At, Event
 from up_samp.execution.state import State
 from up_samp.model import UnsupportedError
-from up_samp.scheduling.compilers.plain import Expr, show
+from up_samp.scheduling.compilers.expressions import Expr, show
 from up_samp.scheduling.partial_order.differences import Planned
 
 

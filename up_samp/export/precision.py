@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Precision:
+class ExportPrecision:
     """Enough for robots that follow what is written."""
 
     straight: float = 0.2
@@ -25,4 +25,4 @@ class Precision:
     """How far (m) an edge's polyline may be from the motion."""
 
 
-PRECISION = Precision()
+PRECISION = ExportPrecision()

@@ -281,12 +281,13 @@ class _Checker:
         bodies = []
         for order, load in loads_of(self.records):
             pose = load_pose(load, self.places[order.pickup.at[0]])
-            bodies.append((f"the load of '{order.id}'", still(load.footprint), pose))
+            name = f"the load of '{order.id}'"
+            bodies.append((name, order.id, still(load.footprint), pose))
         for name, robot in self.records.robots.items():
-            bodies.append((f"robot '{name}'", self.bodies[robot.type], self.places[robot.start]))
-        for (one, a, p), (other, b, q) in itertools.combinations(bodies, 2):
-            if one.startswith("the load") and self.service.overlap(a, p, b, q):
-                subject = one.split("'")[1]
+            pose = self.places[robot.start]
+            bodies.append((f"robot '{name}'", "", self.bodies[robot.type], pose))
+        for (one, subject, a, p), (other, _, b, q) in itertools.combinations(bodies, 2):
+            if subject and self.service.overlap(a, p, b, q):
                 yield Finding(Level.ERROR, subject, f"{one} and {other} would overlap at first")
 
 

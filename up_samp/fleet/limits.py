@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Limits:
+class FileLimits:
     """Larger files and maps are refused before anything is built from them."""
 
     file_bytes: int = 16_000_000
@@ -19,4 +19,4 @@ class Limits:
     """Cells of a map that is drawn from outlines."""
 
 
-LIMITS = Limits()
+LIMITS = FileLimits()

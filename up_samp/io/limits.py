@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Limits:
+class PlanFileLimits:
     """What is beyond them is refused: it cannot be meant."""
 
     largest: float = 1e7
@@ -19,4 +19,4 @@ class Limits:
     """Largest heading, rad, that a motion may come to by turning."""
 
 
-LIMITS = Limits()
+LIMITS = PlanFileLimits()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Precision:
+class FilePrecision:
     """Finer than any plan is driven, coarse enough for files to be read."""
 
     step: float = 0.1
@@ -19,4 +19,4 @@ class Precision:
     """
 
 
-PRECISION = Precision()
+PRECISION = FilePrecision()

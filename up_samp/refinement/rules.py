@@ -7,7 +7,7 @@ units. Each function returns what to tell the scheduler, with its strength and i
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from up_samp.model import ScheduledMotion
 from up_samp.model.refinement import (
@@ -78,22 +78,24 @@ def lasts(
     return Refinement(Lasts(activity, units), layer, strength, why)
 
 
+@dataclass(frozen=True)
+class Reason:
+    """Why something is told to the scheduler: in words, by which layer, and how sure it is."""
+
+    why: str
+    layer: Layer = Layer.GEOMETRIC
+    strength: Strength = Strength.PROVEN
+
+
 def needs_open(
-    activity: str,
-    obstacle: str,
-    configuration: str,
-    tail: int,
-    why: str,
-    *,
-    strength: Strength = Strength.PROVEN,
-    layer: Layer = Layer.GEOMETRIC,
+    activity: str, obstacle: str, configuration: str, tail: int, reason: Reason
 ) -> Refinement:
     """Return that an obstacle must have left ``configuration`` ``tail`` units before the end.
 
     Right only where nothing brings the obstacle back there (see :func:`blocked_while`).
     """
     statement = Requires(activity, obstacle, frozenset({configuration}), Span.TAIL, tail)
-    return Refinement(statement, layer, strength, why)
+    return Refinement(statement, reason.layer, reason.strength, reason.why)
 
 
 def needs_away(activity: str, obstacle: str, configuration: str, why: str) -> Refinement:
@@ -132,15 +134,7 @@ def needs_away_at_start(activity: str, obstacle: str, configuration: str, why: s
     return Refinement(statement, Layer.GEOMETRIC, Strength.PROVEN, why)
 
 
-def gone_before(
-    point: TimeRef,
-    changes: Iterable[str],
-    units: int,
-    why: str,
-    *,
-    strength: Strength = Strength.PROVEN,
-    layer: Layer = Layer.GEOMETRIC,
-) -> Refinement:
+def gone_before(point: TimeRef, changes: Iterable[str], units: int, reason: Reason) -> Refinement:
     """Return that an obstacle has gone ``units`` before an activity's start or end.
 
     Right where it is in the way at first and nothing brings it back there: then it has gone when
@@ -149,7 +143,7 @@ def gone_before(
     """
     literals: list[Literal] = [Absent(point.activity)]
     literals += [Apart(end_of(c), point, units) for c in sorted(changes) if c != point.activity]
-    return Refinement(Clause(tuple(literals)), layer, strength, why)
+    return Refinement(Clause(tuple(literals)), reason.layer, reason.strength, reason.why)
 
 
 def blocked_while(

@@ -23,7 +23,7 @@ from up_samp.search.check import Check
 from up_samp.search.events import Phase
 from up_samp.search.search import Search
 from up_samp.search.tuning import TurnsTuning
-from up_samp.search.world import groups_of
+from up_samp.search.world import groups_of, motion_key
 from up_samp.upio import Itinerary, read_itinerary
 from up_samp.upio.restrict import restrict
 
@@ -53,7 +53,8 @@ class InTurn:
 
 def _of_failed_groups(itinerary: Itinerary, check: Check) -> set[str]:
     """Return the motion activities of the groups in which a motion failed or came late."""
-    wrong = {name.rpartition("#")[0] or name for name in {*check.failed, *check.needed}}
+    names = {*check.failed, *check.needed}
+    wrong = {m.activity for m in itinerary.motions if motion_key(m) in names}
     found = set()
     for group in groups_of(itinerary.motions):
         names = {m.activity for m in group}

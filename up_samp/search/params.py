@@ -145,31 +145,29 @@ _WHOLE = ("seed", "max_restarts")
 _TEXTS = ("preset", "path_planner", "group_planner", "cache", "trace")
 
 
+_ALL_OFF = dict.fromkeys(
+    (
+        "bounds_first",
+        "certificates",
+        "small_cuts",
+        "profiles",
+        "incumbents",
+        "slack",
+        "neighbourhoods",
+        "tidy",
+    ),
+    False,
+)
+"""Our own ideas, all switched off."""
+
 PRESETS: Mapping[str, Mapping[str, Any]] = {
     "default": {},
     "paper": {
-        "bounds_first": False,
-        "certificates": False,
-        "small_cuts": False,
-        "profiles": False,
-        "incumbents": False,
-        "slack": False,
-        "neighbourhoods": False,
-        "tidy": False,
+        **_ALL_OFF,
         "path_planner": "RRT",
         "group_planner": "ST-RRT*",
     },
-    "sequential": {
-        "refine": False,
-        "bounds_first": False,
-        "certificates": False,
-        "small_cuts": False,
-        "profiles": False,
-        "incumbents": False,
-        "slack": False,
-        "neighbourhoods": False,
-        "tidy": False,
-    },
+    "sequential": {"refine": False, **_ALL_OFF},
 }
 
 

@@ -84,15 +84,15 @@ def repair(
 def demand(
     problem: SchedulingProblem,
     activities: Mapping[str, Activity],
-    current: CandidateSchedule,
+    itinerary: Itinerary,
     needed: Mapping[str, int],
 ) -> None:
-    """Make motions last as long as they turned out to need."""
+    """Make motions of a schedule last as long as they turned out to need."""
     manager = problem.environment.expression_manager
+    motions = {motion_key(m): m for m in itinerary.motions}
     for key, end in needed.items():
-        # a further motion of an activity is named activity#k; an activity may have such a name
-        activity = activities[key if key in activities else key.rpartition("#")[0]]
-        start, _ = current.times[activity.name]
+        activity = activities[motions[key].activity]
+        start, _ = itinerary.schedule.times[activity.name]
         longer = manager.LE(manager.Plus(activity.start, end - start), activity.end)
         problem.add_constraint(longer)
 

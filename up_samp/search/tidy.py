@@ -62,14 +62,15 @@ def tidied(search: Search, plan: Incumbent, tuning: TidyTuning) -> Incumbent | N
             return None
         values = {**plan.schedule.parameters, **report.schedule.parameters}
         current = CandidateSchedule(report.schedule.times, values)
-        check = search.checker.drive(read_itinerary(relaxation, current))
+        itinerary = read_itinerary(relaxation, current)
+        check = search.checker.drive(itinerary)
         if check.passed:
             better = search.plan_of(current, check.trajectories)
             return None if search.judged(better.plan) else better
         if check.failed or not check.needed:
             problem.add_constraint(manager.Or(activities[n].present for n in gone))
         else:
-            demand(problem, activities, current, check.needed)
+            demand(problem, activities, itinerary, check.needed)
     return None
 
 

@@ -25,7 +25,7 @@ from up_samp.benchmarks.places import Door, Pose, box
 
 
 @dataclass(frozen=True)
-class Pace:
+class DriveLimits:
     """What robots can do, and how finely their drives are cut."""
 
     v_max: float = 2.0
@@ -36,7 +36,7 @@ class Pace:
     """Longest piece of constant speed, s."""
 
 
-PACE = Pace()
+PACE = DriveLimits()
 
 
 DOOR = Door("door", box(1, 5), (20.0, 10.0, 0.0), (20.0, 4.0, 0.0), (10.0, 10.0, 0.0))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Limits:
+class ProblemLimits:
     """What is beyond them is refused by name: results would be wrong, or never come."""
 
     farthest: float = 1e7
@@ -18,4 +18,4 @@ class Limits:
     """Largest coordinate of a footprint, m."""
 
 
-LIMITS = Limits()
+LIMITS = ProblemLimits()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from unified_planning.model import FNode
@@ -50,8 +50,9 @@ def read_problem(problem: SchedulingMotionProblem, seconds_per_unit: float = 1.0
     maps, map_of = read_maps(problem, configurations)
     tasks, changes = _read_activities(problem, frozenset(objects), maps)
     initial = _read_initial(problem)
-    _check_initial(objects, configurations, initial, tasks, changes)
-    _check_dimensions(objects, configurations, initial, tasks, changes)
+    parts = _Parts(objects, configurations, initial, tasks, changes)
+    _check_initial(parts)
+    _check_dimensions(parts)
     check_flat(maps, objects)
     heights = {name: maps[number].height for name, number in map_of.items()}
     floor = Floor(objects, configurations, initial, heights)
@@ -262,60 +263,61 @@ def _read_initial(problem: SchedulingMotionProblem) -> dict[str, str]:
     return initial
 
 
-def _check_initial(
-    objects: Mapping[str, Movable],
-    configurations: Mapping[str, Configuration],
-    initial: Mapping[str, str],
-    tasks: Sequence[MotionTask],
-    changes: Sequence[ChangeTask],
-) -> None:
-    users = [(t.activity, t.object) for t in tasks] + [(c.activity, c.object) for c in changes]
-    for activity, name in users:
-        if name not in initial:
+@dataclass(frozen=True)
+class _Parts:
+    """What is read of a problem, before it is checked."""
+
+    objects: Mapping[str, Movable]
+    configurations: Mapping[str, Configuration]
+    initial: Mapping[str, str]
+    tasks: Sequence[MotionTask]
+    changes: Sequence[ChangeTask]
+
+    def users(self) -> list[tuple[str, str, tuple[Term, ...]]]:
+        """Return (activity, object, places) of every motion and every change."""
+        users = [(t.activity, t.object, tuple(t.terms)) for t in self.tasks]
+        return users + [(c.activity, c.object, (c.term,)) for c in self.changes]
+
+
+def _check_initial(parts: _Parts) -> None:
+    for activity, name, _ in parts.users():
+        if name not in parts.initial:
             raise ProblemError(
                 f"object '{name}', moved by activity '{activity}', has no initial configuration; "
                 "call problem.set_initial_configuration"
             )
-    for name, place in initial.items():
-        if name not in objects:
+    for name, place in parts.initial.items():
+        if name not in parts.objects:
             raise ProblemError(
                 f"initial configuration of '{name}', which is no movable object of the problem"
             )
-        if place not in configurations:
+        if place not in parts.configurations:
             raise ProblemError(
                 f"object '{name}' starts at '{place}', which is no configuration of the problem "
                 "(add it with problem.add_object)"
             )
 
 
-def _check_dimensions(
-    objects: Mapping[str, Movable],
-    configurations: Mapping[str, Configuration],
-    initial: Mapping[str, str],
-    tasks: Sequence[MotionTask],
-    changes: Sequence[ChangeTask],
-) -> None:
-    for name, place in initial.items():
-        model = objects[name].body.kinematics.model
-        if len(configurations[place]) != (7 if model is MotionModel.SE3 else 3):
+def _check_dimensions(parts: _Parts) -> None:
+    for name, place in parts.initial.items():
+        model = parts.objects[name].body.kinematics.model
+        if len(parts.configurations[place]) != (7 if model is MotionModel.SE3 else 3):
             raise ProblemError(
                 f"object '{name}' starts at '{place}', which is of the wrong type for it "
                 f"({model.value})"
             )
-    uses = [(t.activity, t.object, t.terms) for t in tasks]
-    uses += [(c.activity, c.object, (c.term,)) for c in changes]
-    for activity, name, terms in uses:
-        body = objects[name].body
+    for activity, name, terms in parts.users():
+        body = parts.objects[name].body
         size = 7 if body.kinematics.model is MotionModel.SE3 else 3
         for term in terms:
             if term.kind is not TermKind.CONSTANT:
                 continue
-            if term.name not in configurations:
+            if term.name not in parts.configurations:
                 raise ProblemError(
                     f"activity '{activity}' uses the configuration '{term.name}', which is "
                     "not in the problem (add it with problem.add_object)"
                 )
-            if len(configurations[term.name]) != size:
+            if len(parts.configurations[term.name]) != size:
                 raise ProblemError(
                     f"activity '{activity}': configuration '{term.name}' is of the wrong "
                     f"type for '{name}' ({body.kinematics.model.value} needs {size} numbers)"

@@ -159,12 +159,14 @@ def _live(
             moves, task, shape = _moving(times, poses), event.task, None
             floor = scene.height(event.task.places[0])
             if event.ride is None:
-                found.extend(_continuity(event.task, here, poses, (height, floor)))
+                departure = _Departure(event.task, here, tuple(poses[0].tolist()), (height, floor))
+                found.extend(_continuity(departure))
                 shape = _held(scene, event.task)
                 here, driven_by = tuple(poses[-1].tolist()), event.task.activity
             else:
                 poses = carried_along(poses, event.ride.offset)
-                found.extend(_taken(event.ride, event.task, here, poses, (height, floor)))
+                departure = _Departure(event.task, here, tuple(poses[0].tolist()), (height, floor))
+                found.extend(_taken(event.ride, departure))
                 task = replace(event.task, object=name)
                 here, driven_by = scene.pose(event.ride.goal), ""
             height = floor
@@ -187,16 +189,25 @@ def _held(scene: JudgedScene, task: JudgedMotion) -> Shape | None:
     return between(carrier, loads) if loads and isinstance(carrier, Shape) else None
 
 
-def _taken(
-    ride: Ride,
-    task: JudgedMotion,
-    here: tuple[float, ...] | None,
-    poses: FloatArray,
-    heights: tuple[float, float],
-) -> Iterator[Violation]:
+@dataclass(frozen=True)
+class _Departure:
+    """A drive begins at ``first``, and its object (or load) is ``here``; ``heights`` of both, m."""
+
+    task: JudgedMotion
+    here: tuple[float, ...] | None
+    first: tuple[float, ...]
+    heights: tuple[float, float]
+
+    def off(self, tolerance: float) -> bool:
+        """Return whether the object is not where the drive begins."""
+        return self.here is not None and pose_gap(self.here, self.first) > tolerance
+
+
+def _taken(ride: Ride, departure: _Departure) -> Iterator[Violation]:
     """A load is taken from where it stands."""
-    first = tuple(poses[0].tolist())
-    if here is None or pose_gap(here, first) > 2 * TOLERANCES.pose or not same_height(*heights):
+    task, here, first = departure.task, departure.here, departure.first
+    elsewhere = departure.off(2 * TOLERANCES.pose) or not same_height(*departure.heights)
+    if here is None or elsewhere:
         text = f"{task.what}: its load {ride.load} has to be at {_show(first)} but is "
         text += "nowhere" if here is None else f"at {_show(here)}"
         names = (task.object, ride.load)
@@ -211,17 +222,13 @@ def _moving(times: FloatArray, poses: FloatArray) -> tuple[float, float] | None:
     return float(times[steps[0]]), float(times[steps[-1] + 1])
 
 
-def _continuity(
-    task: JudgedMotion,
-    here: tuple[float, ...] | None,
-    poses: FloatArray,
-    heights: tuple[float, float],
-) -> Iterator[Violation]:
-    first = tuple(poses[0].tolist())
+def _continuity(departure: _Departure) -> Iterator[Violation]:
+    task, here, first = departure.task, departure.here, departure.first
+    heights = departure.heights
     if here is None:
         text = f"{task.what}: it is nowhere (no initial configuration)"
         yield Violation("continuity", text, (task.activity,), (task.object,))
-    elif pose_gap(here, first) > TOLERANCES.pose:
+    elif departure.off(TOLERANCES.pose):
         text = f"{task.what}: its motion starts at {_show(first)} but it is at {_show(here)}"
         yield Violation("continuity", text, (task.activity,), (task.object,))
     elif not same_height(*heights):

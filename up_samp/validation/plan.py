@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from up_samp.model import ProblemError, Trajectory, check_time
-from up_samp.validation.collisions import Shape, hits_body, hits_map
+from up_samp.validation.collisions import Shape, hits_map
 from up_samp.validation.kinematics import motion_violations
 from up_samp.validation.lives import (
     FloatArray,
@@ -27,7 +27,7 @@ from up_samp.validation.metrics import evaluate_metric
 from up_samp.validation.paths import passes, path_of, pose_gap, read_trajectory
 from up_samp.validation.scene import JudgedMotion, JudgedScene, Obstacle
 from up_samp.validation.schedule import JudgedSchedule, judge_schedule
-from up_samp.validation.se3 import AnyTrack, hits_body_in_space, hits_map_from_space
+from up_samp.validation.se3 import AnyTrack, hits, hits_map_from_space
 from up_samp.validation.solids import Solid
 from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.tracks import Track
@@ -271,22 +271,6 @@ def _hits_map(
     return hits_map_from_space(shape, track, blocked, low, high)
 
 
-def _hits_body(
-    shape: Shape | Solid,
-    track: AnyTrack,
-    other: Shape | Solid,
-    other_track: AnyTrack,
-    low: float,
-    high: float,
-) -> float | None:
-    plane = isinstance(shape, Shape) and isinstance(other, Shape)
-    if plane and isinstance(track, Track) and isinstance(other_track, Track):
-        assert isinstance(shape, Shape)
-        assert isinstance(other, Shape)
-        return hits_body(shape, track, other, other_track, low, high)
-    return hits_body_in_space(shape, track, other, other_track, low, high)
-
-
 def _meeting(
     scene: JudgedScene, task: JudgedMotion, other: str, piece: Piece, theirs: Piece
 ) -> Iterator[Violation]:
@@ -302,7 +286,7 @@ def _meeting(
         both = None if window is None else theirs.during(*window)
         during = None if both is None else piece.during(*both)
         if during is not None:
-            time = _hits_body(mine, piece.track, shape, theirs.track, *during)
+            time = hits(mine, piece.track, shape, theirs.track, *during)
             times += [] if time is None else [time]
     if times:
         doing = f" ({theirs.task.what})" if theirs.task else ""
@@ -332,7 +316,7 @@ def _jumps(
                 if not same_height(piece.height, scene.height(jump.place)):
                     continue
                 shapes = scene.shapes[jump.object], scene.shapes[other]
-                if _hits_body(shapes[0], track, shapes[1], piece.track, at, at) is not None:
+                if hits(shapes[0], track, shapes[1], piece.track, at, at) is not None:
                     text = f"{jump.activity} sets {jump.object} at {jump.time} to {jump.place},"
                     text = f"{text} where {other} is"
                     activities = (jump.activity, *([piece.task.activity] if piece.task else []))

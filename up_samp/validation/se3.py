@@ -17,9 +17,10 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from up_samp.validation.collisions import Shape, first_contact, placed
+from up_samp.model import UnsupportedError
+from up_samp.validation.collisions import Shape, first_contact, hits_body, placed
 from up_samp.validation.maps import BlockedMap
-from up_samp.validation.solids import FloatArray, Solid, _swallowed, matrices, mesh_distance
+from up_samp.validation.solids import FloatArray, Solid, matrices, mesh_distance, swallowed
 from up_samp.validation.tracks import Track
 
 
@@ -115,7 +116,7 @@ def hits_map_from_space(
     return first_contact(low, high, gap, track.travel)
 
 
-def hits_body_in_space(
+def hits(
     shape: Shape | Solid,
     track: AnyTrack,
     other: Shape | Solid,
@@ -123,9 +124,13 @@ def hits_body_in_space(
     low: float,
     high: float,
 ) -> float | None:
-    """Return a time in [low, high] at which two bodies meet, one of them a mesh at least."""
+    """Return a time in [low, high] at which two bodies meet, in the plane or in space."""
+    if isinstance(shape, Shape) and isinstance(other, Shape):
+        if isinstance(track, Track) and isinstance(other_track, Track):
+            return hits_body(shape, track, other, other_track, low, high)
+        raise UnsupportedError("bodies without a mesh move in the plane")
     if not isinstance(shape, Solid):
-        return hits_body_in_space(other, other_track, shape, track, low, high)
+        return hits(other, other_track, shape, track, low, high)
     radii = shape.radius + other.radius
     flat = 2 if isinstance(other, Shape) else 3
     body = other
@@ -143,7 +148,7 @@ def hits_body_in_space(
         # surfaces that never meet cannot swallow each other on the way: look once
         begin = np.array([low])
         ends = track.poses_at(begin)[0], upright(other_track.poses_at(begin)[0])
-        if _swallowed(shape, ends[0], body, ends[1]):
+        if swallowed(shape, ends[0], body, ends[1]):
             return low
 
     def travel(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -178,7 +178,7 @@ def inside(solid: Solid, pose: FloatArray, points: FloatArray) -> bool:
     return bool(np.count_nonzero(pierced(start, end, solid.triangles)) % 2)
 
 
-def _swallowed(a: Solid, pose_a: FloatArray, b: Solid, pose_b: FloatArray) -> bool:
+def swallowed(a: Solid, pose_a: FloatArray, b: Solid, pose_b: FloatArray) -> bool:
     """Return whether one of two bodies whose surfaces do not meet lies inside the other."""
     corner_a = a.triangles[0] @ matrices(pose_a[None, 3:])[0].T + pose_a[:3]
     corner_b = b.triangles[0] @ matrices(pose_b[None, 3:])[0].T + pose_b[:3]

@@ -46,7 +46,7 @@ from unified_planning.shortcuts import (
 from up_samp.benchmarks.on_map import ProblemOnMap
 from up_samp.benchmarks.places import ROBOT_FOOTPRINT, Door, duration_bounds
 from up_samp.benchmarks.published.bicycle import Bicycle
-from up_samp.benchmarks.published.members import Leaf, Precondition, Robot
+from up_samp.benchmarks.published.members import Leaf, Need, Robot
 from up_samp.model import ProblemError
 
 Published = Literal[
@@ -114,7 +114,7 @@ class Form(ProblemOnMap):
         self.robot_type, self.door_type = MovableType("robot"), MovableType("door")
         self.robots: list[Robot] = []
         self.doors: list[Leaf] = []
-        self.needs: list[Precondition] = []
+        self.needs: list[Need] = []
 
     # ---------------------------------------------------------------- objects
     def robot(self, start: ConfigurationObject) -> Robot:

@@ -13,7 +13,7 @@ from unified_planning.shortcuts import FALSE, LE, TRUE, And, BoolType, Or
 from up_samp.benchmarks.maps import logistics_map
 from up_samp.benchmarks.places import Door
 from up_samp.benchmarks.published.form import FIGURES, Form, Manner, Published
-from up_samp.benchmarks.published.members import Precondition, Robot
+from up_samp.benchmarks.published.members import Need, Robot
 
 if TYPE_CHECKING:
     from up_samp.benchmarks.logistics import Layout
@@ -81,7 +81,7 @@ def _picks(form: Form, robot: Robot, shelves: Shelves) -> list[Activity]:
         return picks
     leaving = robot.moves_from(robot.start)
     for pick in picks:
-        form.needs.append(Precondition(pick, leaving, picks))
+        form.needs.append(Need(pick, leaving, picks))
         home = Or([And(m.present, LE(pick.end, m.start)) for m in homeward])
         form.problem.add_constraint(home, scope=[pick.present])
     return picks

@@ -12,7 +12,7 @@ from unified_planning.shortcuts import GE, LE, And, Implies, Or
 
 
 @dataclass(frozen=True)
-class Precondition:
+class Need:
     """What an activity needs, and who gives and takes it (for the form without fluents).
 
     ``helpers`` make it true, ``rivals`` may undo it; ``initially``: it holds from the beginning.
@@ -71,7 +71,7 @@ class Robot:
         """Return its moves that leave ``place``."""
         return [a for a, origin, _ in self.moves if origin.name == place.name]
 
-    def preconditions(self) -> Iterator[Precondition]:
+    def preconditions(self) -> Iterator[Need]:
         """Yield what each thing needs that it does at a place: that it has come there."""
         moves = [a for a, _, _ in self.moves]
         for a, places in self.stands:
@@ -79,7 +79,7 @@ class Robot:
             same = {id(h) for h in helpers}
             rivals = [m for m in moves if id(m) not in same]
             initially = any(p.name == self.start.name for p in places)
-            yield Precondition(a, helpers, rivals, initially)
+            yield Need(a, helpers, rivals, initially)
 
 
 @dataclass

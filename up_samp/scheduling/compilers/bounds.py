@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from up_samp.scheduling.compilers.plain import FALSE, TRUE, Expr, PlainProblem
+from up_samp.scheduling.compilers.expressions import FALSE, TRUE, Expr
+from up_samp.scheduling.compilers.plain import PlainProblem
 
 _FOREVER = 10**12
 
 
-class Bounds:
+class TimeBounds:
     """Bounds of each start and end, given that the activity is present."""
 
     def __init__(self, problem: PlainProblem, constraints: list[Expr]):

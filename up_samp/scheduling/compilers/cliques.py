@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections import defaultdict
 from dataclasses import dataclass
 
-from up_samp.scheduling.compilers.plain import Expr, PlainProblem
+from up_samp.scheduling.compilers.expressions import Expr
+from up_samp.scheduling.compilers.plain import PlainProblem
 
 
 @dataclass(frozen=True)

@@ -10,18 +10,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from up_samp.scheduling.compilers.plain import (
+from up_samp.scheduling.compilers.expressions import (
     TRUE,
-    Compiled,
-    Condition,
-    Effect,
     Expr,
-    PlainProblem,
     disjunction,
     negation,
     rewrite,
     subexpressions,
 )
+from up_samp.scheduling.compilers.plain import Compiled, Condition, Effect, PlainProblem
 from up_samp.scheduling.compilers.support import least
 from up_samp.scheduling.compilers.values import evaluate
 

@@ -16,13 +16,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from up_samp.model import UnsupportedError, check_time
-from up_samp.scheduling.compilers.plain import (
+from up_samp.scheduling.compilers.expressions import (
     FALSE,
     TRUE,
-    Compiled,
     Expr,
-    Fluent,
-    PlainProblem,
     Type,
     conjunction,
     disjunction,
@@ -34,11 +31,12 @@ from up_samp.scheduling.compilers.plain import (
     start,
     subexpressions,
 )
+from up_samp.scheduling.compilers.plain import Compiled, Fluent, PlainProblem
 
 
 def compile_differences(problem: PlainProblem) -> Compiled:
     """Rewrite every constraint; conditions and effects stay as they are."""
-    normal = NormalForm(problem)
+    normal = DifferenceForm(problem)
     constraints: dict[Expr, None] = {}
     for constraint in problem.constraints:
         check_time()
@@ -146,7 +144,7 @@ def _side(terms: list[tuple[Expr, int]], constant: int) -> Expr:
     return ("plus", total, integer(constant)) if constant else total
 
 
-class NormalForm:
+class DifferenceForm:
     """Negation normal form over differences (memoised per polarity)."""
 
     def __init__(self, problem: PlainProblem):

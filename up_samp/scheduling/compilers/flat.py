@@ -4,14 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from up_samp.scheduling.compilers.plain import (
-    Compiled,
-    Expr,
-    Fluent,
-    PlainProblem,
-    Type,
-    disjunction,
-)
+from up_samp.scheduling.compilers.expressions import Expr, Type, disjunction
+from up_samp.scheduling.compilers.plain import Compiled, Fluent, PlainProblem
 
 
 def compile_flat_types(problem: PlainProblem) -> Compiled:

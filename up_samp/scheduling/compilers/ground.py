@@ -9,25 +9,26 @@ from __future__ import annotations
 from dataclasses import replace
 
 from up_samp.model import UnsupportedError
-from up_samp.scheduling.compilers.plain import (
+from up_samp.scheduling.compilers.expressions import (
     FALSE,
     TRUE,
-    Activity,
-    Compiled,
-    Condition,
-    Effect,
     Expr,
-    Fluent,
-    PlainProblem,
     conjunction,
     disjunction,
-    fresh,
     later,
-    names_in_use,
     negation,
     rewrite,
     show,
     subexpressions,
+)
+from up_samp.scheduling.compilers.fresh import fresh, names_in_use
+from up_samp.scheduling.compilers.plain import (
+    Activity,
+    Compiled,
+    Condition,
+    Effect,
+    Fluent,
+    PlainProblem,
 )
 from up_samp.scheduling.compilers.values import evaluate
 

@@ -5,17 +5,16 @@ from __future__ import annotations
 import itertools
 
 from up_samp.model import UnsupportedError
-from up_samp.scheduling.compilers.plain import (
+from up_samp.scheduling.compilers.expressions import (
     TRUE,
-    Condition,
     Expr,
-    PlainProblem,
     Type,
     integer,
     rewrite,
     show,
     subexpressions,
 )
+from up_samp.scheduling.compilers.plain import Condition, PlainProblem
 from up_samp.scheduling.compilers.values import evaluate, values_of
 
 

@@ -11,12 +11,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from up_samp.model import UnsupportedError
-from up_samp.scheduling.compilers.plain import (
-    Compiled,
-    Condition,
-    Effect,
+from up_samp.scheduling.compilers.expressions import (
     Expr,
-    PlainProblem,
     conjunction,
     disjunction,
     negation,
@@ -24,6 +20,7 @@ from up_samp.scheduling.compilers.plain import (
     show,
     subexpressions,
 )
+from up_samp.scheduling.compilers.plain import Compiled, Condition, Effect, PlainProblem
 from up_samp.scheduling.compilers.values import evaluate, values_of
 
 

@@ -10,26 +10,22 @@ from __future__ import annotations
 from dataclasses import replace
 
 from up_samp.model import CandidateSchedule
-from up_samp.scheduling.compilers.ground import never_empty
-from up_samp.scheduling.compilers.limits import LIMITS
-from up_samp.scheduling.compilers.plain import (
+from up_samp.scheduling.compilers.expressions import (
     TRUE,
-    Activity,
-    Compiled,
-    Condition,
     Expr,
-    PlainProblem,
     conjunction,
     disjunction,
     end,
-    fresh,
     implies,
     integer,
-    names_in_use,
     negation,
     start,
     subexpressions,
 )
+from up_samp.scheduling.compilers.fresh import fresh, names_in_use
+from up_samp.scheduling.compilers.ground import never_empty
+from up_samp.scheduling.compilers.limits import LIMITS
+from up_samp.scheduling.compilers.plain import Activity, Compiled, Condition, PlainProblem
 
 
 def compile_intervals(problem: PlainProblem) -> Compiled:

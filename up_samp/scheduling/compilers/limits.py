@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Limits:
+class CompilerLimits:
     """What needs more is said in another way, or refused by name."""
 
     values: int = 100
@@ -17,4 +17,4 @@ class Limits:
     """Upper bound for the length of a span whose owner's is not a constant."""
 
 
-LIMITS = Limits()
+LIMITS = CompilerLimits()

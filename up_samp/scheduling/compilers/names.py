@@ -9,15 +9,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 from up_samp.model import CandidateSchedule
+from up_samp.scheduling.compilers.expressions import Expr, Type
 from up_samp.scheduling.compilers.plain import (
     Activity,
     Compiled,
     Condition,
     Effect,
-    Expr,
     Fluent,
     PlainProblem,
-    Type,
 )
 
 

@@ -8,20 +8,16 @@ from collections import defaultdict
 from dataclasses import replace
 
 from up_samp.model import UnsupportedError
-from up_samp.scheduling.compilers.limits import LIMITS
-from up_samp.scheduling.compilers.plain import (
-    Compiled,
-    Condition,
-    Effect,
+from up_samp.scheduling.compilers.expressions import (
     Expr,
-    PlainProblem,
     disjunction,
-    fresh,
-    names_in_use,
     rewrite,
     show,
     subexpressions,
 )
+from up_samp.scheduling.compilers.fresh import fresh, names_in_use
+from up_samp.scheduling.compilers.limits import LIMITS
+from up_samp.scheduling.compilers.plain import Compiled, Condition, Effect, PlainProblem
 from up_samp.scheduling.compilers.values import evaluate
 
 

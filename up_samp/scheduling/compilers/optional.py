@@ -18,7 +18,21 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from up_samp.model import CandidateSchedule, UnsupportedError
-from up_samp.scheduling.compilers.differences import NormalForm
+from up_samp.scheduling.compilers.differences import DifferenceForm
+from up_samp.scheduling.compilers.expressions import (
+    TRUE,
+    Expr,
+    Type,
+    conjunction,
+    disjunction,
+    end,
+    integer,
+    rewrite,
+    show,
+    start,
+    subexpressions,
+)
+from up_samp.scheduling.compilers.fresh import fresh, names_in_use
 from up_samp.scheduling.compilers.idle import (
     ground_fluents,
     idle_values,
@@ -27,25 +41,12 @@ from up_samp.scheduling.compilers.idle import (
     wished_values,
 )
 from up_samp.scheduling.compilers.plain import (
-    TRUE,
     Activity,
     Compiled,
     Condition,
     Effect,
-    Expr,
     Fluent,
     PlainProblem,
-    Type,
-    conjunction,
-    disjunction,
-    end,
-    fresh,
-    integer,
-    names_in_use,
-    rewrite,
-    show,
-    start,
-    subexpressions,
 )
 
 
@@ -84,7 +85,7 @@ class _Compiler:
         self.constraints: list[Expr] = []
         self.variables = dict(problem.variables)
         certain = tuple(replace(a, optional=False) for a in problem.activities)
-        self.normal = NormalForm(replace(problem, activities=certain))
+        self.normal = DifferenceForm(replace(problem, activities=certain))
         self._copies: dict[tuple[str, Expr], str] = {}
         self.idle: dict[str, dict[Expr, Expr]] = {}
 

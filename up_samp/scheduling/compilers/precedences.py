@@ -21,27 +21,23 @@ from collections import defaultdict
 from dataclasses import dataclass, replace
 
 from up_samp.model import CandidateSchedule, UnsupportedError
-from up_samp.scheduling.compilers.ground import empty, never_empty
-from up_samp.scheduling.compilers.instances import equals
-from up_samp.scheduling.compilers.plain import (
+from up_samp.scheduling.compilers.expressions import (
     FALSE,
     TRUE,
-    Compiled,
-    Condition,
-    Effect,
     Expr,
-    PlainProblem,
     conjunction,
     disjunction,
-    fresh,
     integer,
     later,
-    names_in_use,
     negation,
     rewrite,
     show,
     subexpressions,
 )
+from up_samp.scheduling.compilers.fresh import fresh, names_in_use
+from up_samp.scheduling.compilers.ground import empty, never_empty
+from up_samp.scheduling.compilers.instances import equals
+from up_samp.scheduling.compilers.plain import Compiled, Condition, Effect, PlainProblem
 from up_samp.scheduling.compilers.values import evaluate, values_of
 
 

@@ -13,14 +13,9 @@ from unified_planning.model.scheduling import Activity as UpActivity
 from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.model import UnsupportedError
-from up_samp.scheduling.compilers.plain import (
+from up_samp.scheduling.compilers.expressions import (
     TRUE,
-    Activity,
-    Condition,
-    Effect,
     Expr,
-    Fluent,
-    PlainProblem,
     Type,
     conjunction,
     disjunction,
@@ -28,6 +23,7 @@ from up_samp.scheduling.compilers.plain import (
     later,
     rewrite,
 )
+from up_samp.scheduling.compilers.plain import Activity, Condition, Effect, Fluent, PlainProblem
 from up_samp.upio.spans import with_timings
 
 _OPERATORS = {

@@ -15,14 +15,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from up_samp.model import UnsupportedError
-from up_samp.scheduling.compilers.limits import LIMITS
-from up_samp.scheduling.compilers.plain import (
+from up_samp.scheduling.compilers.expressions import (
     TRUE,
-    Activity,
-    Compiled,
-    Effect,
     Expr,
-    PlainProblem,
     disjunction,
     end,
     negation,
@@ -30,6 +25,8 @@ from up_samp.scheduling.compilers.plain import (
     start,
     subexpressions,
 )
+from up_samp.scheduling.compilers.limits import LIMITS
+from up_samp.scheduling.compilers.plain import Activity, Compiled, Effect, PlainProblem
 
 
 @dataclass(frozen=True)

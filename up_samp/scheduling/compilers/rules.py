@@ -10,17 +10,15 @@ import itertools
 from collections import defaultdict
 from dataclasses import replace
 
-from up_samp.scheduling.compilers.plain import (
+from up_samp.scheduling.compilers.expressions import (
     TRUE,
-    Compiled,
-    Effect,
     Expr,
-    PlainProblem,
     disjunction,
     integer,
     negation,
     subexpressions,
 )
+from up_samp.scheduling.compilers.plain import Compiled, Effect, PlainProblem
 
 
 def compile_rules(problem: PlainProblem) -> Compiled:

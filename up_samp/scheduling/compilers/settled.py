@@ -12,16 +12,9 @@ from dataclasses import replace
 
 from up_samp.model import CandidateSchedule
 from up_samp.model.schedule import Value
-from up_samp.scheduling.compilers.bounds import Bounds, is_bound
-from up_samp.scheduling.compilers.plain import (
-    FALSE,
-    TRUE,
-    Compiled,
-    Expr,
-    PlainProblem,
-    conjunction,
-    disjunction,
-)
+from up_samp.scheduling.compilers.bounds import TimeBounds, is_bound
+from up_samp.scheduling.compilers.expressions import FALSE, TRUE, Expr, conjunction, disjunction
+from up_samp.scheduling.compilers.plain import Compiled, PlainProblem
 
 
 def compile_settled(problem: PlainProblem) -> Compiled:
@@ -29,7 +22,7 @@ def compile_settled(problem: PlainProblem) -> Compiled:
     constraints = list(problem.constraints)
     settled: dict[Expr, bool] = {}
     while True:
-        bounds = Bounds(problem, constraints)
+        bounds = TimeBounds(problem, constraints)
         decide = _Decider(bounds)
         constraints = _flat(c if is_bound(c) else decide(c) for c in constraints)
         units = {}
@@ -98,7 +91,7 @@ def _rebuilt(problem: PlainProblem, constraints: list[Expr], settled: dict[Expr,
 class _Decider:
     """Puts truth values for the comparisons that bounds decide."""
 
-    def __init__(self, bounds: Bounds):
+    def __init__(self, bounds: TimeBounds):
         self.bounds = bounds
 
     def __call__(self, e: Expr) -> Expr:

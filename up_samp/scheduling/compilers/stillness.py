@@ -9,18 +9,15 @@ from __future__ import annotations
 from collections import defaultdict
 from dataclasses import replace
 
-from up_samp.scheduling.compilers.plain import (
+from up_samp.scheduling.compilers.expressions import (
     TRUE,
-    Compiled,
-    Condition,
-    Effect,
     Expr,
-    PlainProblem,
     disjunction,
     later,
     negation,
     subexpressions,
 )
+from up_samp.scheduling.compilers.plain import Compiled, Condition, Effect, PlainProblem
 
 
 def compile_stillness(problem: PlainProblem) -> Compiled:

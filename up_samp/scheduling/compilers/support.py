@@ -11,14 +11,8 @@ from __future__ import annotations
 
 from collections import defaultdict
 
-from up_samp.scheduling.compilers.plain import (
-    Compiled,
-    Condition,
-    Effect,
-    Expr,
-    PlainProblem,
-    subexpressions,
-)
+from up_samp.scheduling.compilers.expressions import Expr, subexpressions
+from up_samp.scheduling.compilers.plain import Compiled, Condition, Effect, PlainProblem
 
 
 def compile_support(problem: PlainProblem) -> Compiled:

@@ -10,18 +10,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from up_samp.scheduling.compilers.cliques import Clique, find_cliques, pairs_of
-from up_samp.scheduling.compilers.plain import (
-    Compiled,
-    Condition,
-    Effect,
-    Expr,
-    Fluent,
-    PlainProblem,
-    end,
-    fresh,
-    names_in_use,
-    start,
-)
+from up_samp.scheduling.compilers.expressions import Expr, end, start
+from up_samp.scheduling.compilers.fresh import fresh, names_in_use
+from up_samp.scheduling.compilers.plain import Compiled, Condition, Effect, Fluent, PlainProblem
 
 
 def compile_tokens(problem: PlainProblem) -> Compiled:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from up_samp.scheduling.compilers.plain import Compiled, PlainProblem, Type
+from up_samp.scheduling.compilers.expressions import Type
+from up_samp.scheduling.compilers.plain import Compiled, PlainProblem
 
 
 def compile_unused(problem: PlainProblem) -> Compiled:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from up_samp.model import UnsupportedError
-from up_samp.scheduling.compilers.plain import (
+from up_samp.scheduling.compilers.expressions import (
     FALSE,
     TRUE,
     Expr,
-    PlainProblem,
     Type,
     conjunction,
     disjunction,
     integer,
 )
+from up_samp.scheduling.compilers.plain import PlainProblem
 
 
 def values_of(problem: PlainProblem, tpe: Type) -> list[Expr]:

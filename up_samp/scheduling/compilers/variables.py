@@ -8,15 +8,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from up_samp.model import CandidateSchedule
-from up_samp.scheduling.compilers.plain import (
-    Activity,
-    Compiled,
-    PlainProblem,
-    fresh,
-    integer,
-    names_in_use,
-    start,
-)
+from up_samp.scheduling.compilers.expressions import integer, start
+from up_samp.scheduling.compilers.fresh import fresh, names_in_use
+from up_samp.scheduling.compilers.plain import Activity, Compiled, PlainProblem
 
 
 def compile_variables(problem: PlainProblem) -> Compiled:

@@ -25,7 +25,8 @@ from unified_planning.model.scheduling import Activity as UpActivity
 from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.model.timing import TimeInterval
 
-from up_samp.scheduling.compilers.plain import Activity, Effect, Expr, PlainProblem, Type
+from up_samp.scheduling.compilers.expressions import Expr, Type
+from up_samp.scheduling.compilers.plain import Activity, Effect, PlainProblem
 
 _KINDS = {
     "assign": EffectKind.ASSIGN,

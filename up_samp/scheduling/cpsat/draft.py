@@ -10,7 +10,7 @@ from up_samp.scheduling.cpsat.problem import Additions
 
 
 @dataclass
-class Draft:
+class ModelDraft:
     """What the families of a model hand on while it is built: the problem's parts in normal form,
     ``forms`` that are read from its constraints, and the ``rest`` that nothing else says.
     """

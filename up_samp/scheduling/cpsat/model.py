@@ -11,7 +11,7 @@ from unified_planning.model import FNode
 from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.model import Deadline, OutOfTimeError, UnsupportedError, check_time, in_force
-from up_samp.scheduling.cpsat.draft import Draft
+from up_samp.scheduling.cpsat.draft import ModelDraft
 from up_samp.scheduling.cpsat.encode.alternatives import Alternatives, find_groups, merge_forms
 from up_samp.scheduling.cpsat.encode.durations import constant_bounds
 from up_samp.scheduling.cpsat.encode.forms import TRUE, Form, Lin, constant, disjunction
@@ -92,7 +92,7 @@ class ScheduleModel:
             self.variables.add_activity(activity)
         self.exact = self._alternatives(groups)
         """Presence of each alternative -> presences of its whole group, one of them true."""
-        draft = Draft(form)
+        draft = ModelDraft(form)
         for _, state in FAMILIES:
             state(self, draft)
 
@@ -102,57 +102,57 @@ class ScheduleModel:
         return self.variables.parameters
 
     # -- families of constraints -----------------------------------------------------------------
-    def _parameters(self, draft: Draft) -> None:
+    def _parameters(self, draft: ModelDraft) -> None:
         self.variables.add_parameters(draft.parts)
 
-    def _written(self, draft: Draft) -> None:
+    def _written(self, draft: ModelDraft) -> None:
         draft.forms = self._forms(draft.parts, first=True)
         self.horizon.preconditions(draft.form.preconditions)
 
-    def _dynamic(self, draft: Draft) -> None:
+    def _dynamic(self, draft: ModelDraft) -> None:
         # durations may read fluents, so which of these change has to be known before
         self.states.dynamic = {e.fluent.fluent().name for _, e, _ in draft.parts.effects}
 
-    def _limits(self, draft: Draft) -> None:
+    def _limits(self, draft: ModelDraft) -> None:
         self._set_horizon(draft.parts, draft.forms)
 
-    def _durations(self, draft: Draft) -> None:
+    def _durations(self, draft: ModelDraft) -> None:
         for activity in draft.parts.activities:
             self.variables.link_times(activity, vague=activity.name in draft.parts.vague)
 
-    def _effects(self, draft: Draft) -> None:
+    def _effects(self, draft: ModelDraft) -> None:
         for timing, effect, owner in self._in_time(draft.parts.effects):
             self.states.add_effect(timing, effect, self.variables.of(owner))
 
-    def _conditions(self, draft: Draft) -> None:
+    def _conditions(self, draft: ModelDraft) -> None:
         for span, condition, owner in self._in_time(draft.parts.conditions):
             self.states.add_condition(span, condition, self.variables.of(owner))
 
-    def _disjunctions(self, draft: Draft) -> None:
+    def _disjunctions(self, draft: ModelDraft) -> None:
         draft.rest = self.disjunctions.take(draft.forms, list(self.world.activities.values()))
 
-    def _precedences(self, draft: Draft) -> None:
+    def _precedences(self, draft: ModelDraft) -> None:
         draft.rest += self._histories(draft.form.preconditions)
 
-    def _merged(self, draft: Draft) -> None:
+    def _merged(self, draft: ModelDraft) -> None:
         draft.rest = self.stated = merge_forms(draft.rest, self.exact)
 
-    def _loads(self, draft: Draft) -> None:
+    def _loads(self, draft: ModelDraft) -> None:
         self.disjunctions.emit(self.store, self.states)
         self.disjunctions.emit_loads(self.store, Lin(((self.world.makespan, 1),)))
 
-    def _metric(self, draft: Draft) -> None:
+    def _metric(self, draft: ModelDraft) -> None:
         self.objective = objective_of(self.problem, self.states, self._exact_makespan)
 
-    def _rest(self, draft: Draft) -> None:
+    def _rest(self, draft: ModelDraft) -> None:
         for form in self._in_time(draft.rest):
             self.store.enforce(form)
 
-    def _makespan(self, draft: Draft) -> None:
+    def _makespan(self, draft: ModelDraft) -> None:
         if self.world.makespan_used and draft.parts.whole:
             self._exact_makespan()
 
-    def _decisions(self, draft: Draft) -> None:
+    def _decisions(self, draft: ModelDraft) -> None:
         self.variables.make_decisions()
 
     def _in_time(self, parts: Iterable[T]) -> Iterator[T]:
@@ -241,7 +241,7 @@ class ScheduleModel:
         for var in self.time_variables():
             self.store.rebound(var, 0, self.limit)
 
-    def _unary(self, draft: Draft) -> None:
+    def _unary(self, draft: ModelDraft) -> None:
         """Take what is said by resources, levels and states that are for one as disjunctions."""
         for unary in find_unary(self.states):
             self.disjunctions.add_unary(unary)
@@ -270,7 +270,7 @@ class ScheduleModel:
             self.read_counts[state.key] = len(state.reads)
         return self._forms(Additions(constraints=[p.constraint for p in found.left]))
 
-    def _timelines(self, draft: Draft | None = None) -> None:
+    def _timelines(self, draft: ModelDraft | None = None) -> None:
         for key, state in self._in_time(self.states.vars.items()):
             if key[0] not in self.states.dynamic:
                 continue
@@ -320,7 +320,7 @@ class ScheduleModel:
         return self.variables.time_variables()
 
 
-FAMILIES: tuple[tuple[str, Callable[[ScheduleModel, Draft], None]], ...] = (
+FAMILIES: tuple[tuple[str, Callable[[ScheduleModel, ModelDraft], None]], ...] = (
     ("decision variables", ScheduleModel._parameters),
     ("constraints as they are written", ScheduleModel._written),
     ("which fluents change", ScheduleModel._dynamic),

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from up_samp.model import UnsupportedError
-from up_samp.scheduling.compilers.plain import Expr, PlainProblem, show
+from up_samp.scheduling.compilers.expressions import Expr, show
+from up_samp.scheduling.compilers.plain import PlainProblem
 
 Point = tuple[str, str]
 """``("start" | "end", activity)``; ``ZERO`` is the plan's start."""

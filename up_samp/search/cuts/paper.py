@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from up_samp.model import MotionModel, PathQuery, Placed, ScheduledMotion
 from up_samp.model.refinement import Layer, Refinement, Strength
 from up_samp.refinement import paper_rules
+from up_samp.refinement.rules import Reason
 from up_samp.search.cases import MotionCase
 from up_samp.search.cuts.alone import Alone
 from up_samp.search.cuts.failure import Failure
@@ -53,9 +54,7 @@ class PaperCuts:
                 (_under(motion, case),),
                 _movers(facts, places),
                 places,
-                alone.why,
-                layer=Layer.GEOMETRIC,
-                strength=Strength.HEURISTIC,
+                Reason(alone.why, Layer.GEOMETRIC, Strength.HEURISTIC),
             )
             for case in dict.fromkeys((facts.case(motion), *cases))
         ]
@@ -98,9 +97,7 @@ class PaperCuts:
                 _movers(motions.facts, alone.places),
                 {case.activity: units},
                 alone.places,
-                alone.why,
-                layer=Layer.TEMPORAL,
-                strength=alone.strength,
+                Reason(alone.why, Layer.TEMPORAL, alone.strength),
             )
             for case in alone.cases
         ]
@@ -116,28 +113,26 @@ class PaperCuts:
             if name not in moving
         }
         if not failure.found:
+            why = failure.report.reason or "no trajectories for the group"
             return [
                 paper_rules.paper_geometric(
                     group,
                     _rivals(facts),
                     places,
-                    failure.report.reason or "no trajectories for the group",
-                    layer=Layer.GROUP,
-                    strength=Strength.HEURISTIC,
+                    Reason(why, Layer.GROUP, Strength.HEURISTIC),
                 )
             ]
         changers = _changers(facts, places)
         meanwhile = {c for c in changers if _overlaps(failure, c)}
+        # what changes in the midst of the group might as well change earlier
+        strength = Strength.HEURISTIC if meanwhile else failure.strength
         return [
             paper_rules.paper_temporal(
                 group,
                 sorted({*_rivals(facts), *changers - meanwhile}),
                 failure.arrivals(group),
                 places,
-                "the group needs more time",
-                layer=Layer.GROUP,
-                # what changes in the midst of the group might as well change earlier
-                strength=Strength.HEURISTIC if meanwhile else failure.strength,
+                Reason("the group needs more time", Layer.GROUP, strength),
             )
         ]
 

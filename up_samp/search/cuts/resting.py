@@ -8,6 +8,7 @@ from dataclasses import replace
 from up_samp.model import Rest, ScheduledMotion, TimedMotion
 from up_samp.model.refinement import Layer, Refinement, Strength
 from up_samp.refinement import rules
+from up_samp.refinement.rules import Reason
 from up_samp.search.cuts.failure import Failure
 from up_samp.search.facts import Facts
 from up_samp.search.motions import Motions
@@ -53,9 +54,7 @@ def _door_cut(
         name,
         place,
         facts.units(arrival),
-        why,
-        strength=Strength.RELATIVE,
-        layer=Layer.TEMPORAL,
+        Reason(why, Layer.TEMPORAL, Strength.RELATIVE),
     )
 
 

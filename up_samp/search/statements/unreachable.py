@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from functools import partial
 
 from up_samp.model import Placed
-from up_samp.model.refinement import Layer, Refinement, Strength, end_of, start_of
+from up_samp.model.refinement import Refinement, end_of, start_of
 from up_samp.model.snapshot import TermKind
 from up_samp.refinement import rules
 from up_samp.search.cases import MotionCase
@@ -44,7 +44,9 @@ def _certify(
             return _blocked_while(facts, cases, placed.name, configuration, why)
         changes = facts.movers[placed.name]
         return [
-            rules.only_given(rules.gone_before(start_of(c.activity), changes, 0, why), c.given)
+            rules.only_given(
+                rules.gone_before(start_of(c.activity), changes, 0, rules.Reason(why)), c.given
+            )
             for c in cases
         ]
     proof = service.certificate(body, poses, (placed,))
@@ -60,8 +62,8 @@ def _certify(
     if facts.returns_to(placed.name, configuration):
         cuts = _blocked_while(facts, others, placed.name, configuration, why)
     else:
-        tail = _tail_units(motions, signature, placed)
-        cuts = [opened(facts, c, placed.name, configuration, tail, why) for c in others]
+        reason, tail = rules.Reason(why), _tail_units(motions, signature, placed)
+        cuts = [opened(facts, c, placed.name, configuration, tail, reason) for c in others]
     return found + cuts
 
 
@@ -81,20 +83,15 @@ def opened(
     obstacle: str,
     configuration: str,
     tail: int,
-    why: str,
-    *,
-    strength: Strength = Strength.PROVEN,
-    layer: Layer = Layer.GEOMETRIC,
+    reason: rules.Reason,
 ) -> Refinement:
     """Return that an obstacle which does not come back has left ``tail`` units before the end."""
     changes = facts.movers[obstacle]
     if len(changes) <= 1 and not case.given:
-        return rules.needs_open(
-            case.activity, obstacle, configuration, tail, why, strength=strength, layer=layer
-        )
+        return rules.needs_open(case.activity, obstacle, configuration, tail, reason)
     # a condition would forbid further changes in its interval, although the obstacle has gone
     point = end_of(case.activity)
-    cut = rules.gone_before(point, changes, max(1, tail), why, strength=strength, layer=layer)
+    cut = rules.gone_before(point, changes, max(1, tail), reason)
     return rules.only_given(cut, case.given)
 
 

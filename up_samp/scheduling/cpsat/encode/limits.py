@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Limits:
+class ModelLimits:
     """Bounds of what has none, and sizes from which parts are stated in another way."""
 
     magnitude: int = 10**9
@@ -21,4 +21,4 @@ class Limits:
     """Values of an integer fluent, if they are to be listed one by one."""
 
 
-LIMITS = Limits()
+LIMITS = ModelLimits()

@@ -8,7 +8,7 @@ from up_samp.model import CandidateSchedule
 from up_samp.scheduling.cpsat.encode.statevars import Key
 from up_samp.scheduling.cpsat.routing.dispatch import Work
 from up_samp.scheduling.cpsat.routing.expand import calm
-from up_samp.scheduling.cpsat.routing.openings import Task
+from up_samp.scheduling.cpsat.routing.openings import RoutedTask
 from up_samp.scheduling.cpsat.routing.route import Entry, Move, Route, Still
 from up_samp.scheduling.cpsat.routing.unit_places import UnitPlace
 
@@ -24,7 +24,7 @@ class DeadEnd(Exception):  # noqa: N818
 
 
 @dataclass
-class Robot:
+class Traveller:
     """Where a traveller is, and from when on it may do something."""
 
     route: Route
@@ -38,7 +38,7 @@ class Decoder:
 
     def __init__(self, work: Work) -> None:
         self.work = work
-        self.robots = [Robot(route, route.initial) for route in work.routes]
+        self.robots = [Traveller(route, route.initial) for route in work.routes]
         self.done: dict[int, tuple[int, int]] = {}
         self.ways: dict[int, int] = {}
         self.order: list[int] = []
@@ -107,7 +107,7 @@ class Decoder:
         self.ways[number] = way
         self.order.append(number)
 
-    def _earliest(self, task: Task) -> int:
+    def _earliest(self, task: RoutedTask) -> int:
         start = 0
         for before, gap in task.after:
             if before in self.done:
@@ -117,13 +117,13 @@ class Decoder:
                 start = max(start, self.done[other][1] + gap)
         return start
 
-    def _estimate(self, task: Task, way: int) -> int:
+    def _estimate(self, task: RoutedTask, way: int) -> int:
         number, _, places = task.ways[way]
         robot = self.robots[number]
         travel = robot.route.between(frozenset((robot.here,)), places)
         return max(robot.free + travel, self._earliest(task))
 
-    def _undisturbed(self, task: Task, start: int) -> int:
+    def _undisturbed(self, task: RoutedTask, start: int) -> int:
         """Return the first time from ``start`` on at which its changes disturb no move."""
         again = True
         while again:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from up_samp.scheduling.cpsat.encode.forms import TRUE, Cmp
 from up_samp.scheduling.cpsat.encode.statevars import Key
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.routing.openings import Task, with_openings
+from up_samp.scheduling.cpsat.routing.openings import RoutedTask, with_openings
 from up_samp.scheduling.cpsat.routing.route import Route
 from up_samp.scheduling.cpsat.routing.unit_places import UnitPlace, find_unit_places
 
@@ -23,7 +23,7 @@ class Work:
     """All tasks, with the routes they are on."""
 
     routes: list[Route]
-    tasks: list[Task]
+    tasks: list[RoutedTask]
     units: list[UnitPlace]
     initial: dict[Key, int | None]
 
@@ -50,11 +50,11 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> Work | None:
     return Work(routes, find_tasks(model, routes), find_unit_places(model, routes), initial)
 
 
-def find_tasks(model: ScheduleModel, routes: list[Route]) -> list[Task]:
+def find_tasks(model: ScheduleModel, routes: list[Route]) -> list[RoutedTask]:
     """Return what may be done on ``routes``."""
     sure = _sure(model, {name for route in routes for name, _ in route.stops})
     numbers: dict[int, int] = {}
-    tasks: list[Task] = []
+    tasks: list[RoutedTask] = []
     owners: dict[int, int] = {}
     for number, route in enumerate(routes):
         for name, places in route.stops:
@@ -62,11 +62,11 @@ def find_tasks(model: ScheduleModel, routes: list[Route]) -> list[Task]:
             start = activity.start.terms[0][0]
             if start not in numbers:
                 numbers[start] = len(tasks)
-                tasks.append(Task(activity.least, name in sure))
+                tasks.append(RoutedTask(activity.least, name in sure))
             owners[activity.index] = numbers[start]
             tasks[numbers[start]].ways.append((number, name, places))
         for name, places in route.visits:
-            tasks.append(Task(0, True, [(number, name, places)], visit=True))
+            tasks.append(RoutedTask(0, True, [(number, name, places)], visit=True))
     for first, then, gap in _differences(model):
         if first in numbers and then in numbers:
             tasks[numbers[then]].after.append((numbers[first], gap))
@@ -111,7 +111,7 @@ def _differences(model: ScheduleModel) -> Iterator[tuple[int, int, int]]:
                 yield v, u, form.const
 
 
-def _gap_between(model: ScheduleModel, one: Task, other: Task) -> int | None:
+def _gap_between(model: ScheduleModel, one: RoutedTask, other: RoutedTask) -> int | None:
     """Return the least gap between two tasks, whoever does them; ``None`` if some ways to do them,
     be they of two travellers, may overlap.
     """
@@ -127,7 +127,7 @@ def _gap_between(model: ScheduleModel, one: Task, other: Task) -> int | None:
     return min(gaps)
 
 
-def _find_changes(model: ScheduleModel, owners: dict[int, int], tasks: list[Task]) -> None:
+def _find_changes(model: ScheduleModel, owners: dict[int, int], tasks: list[RoutedTask]) -> None:
     for key, state in model.states.vars.items():
         if state.numeric:
             continue
@@ -141,7 +141,7 @@ def _find_changes(model: ScheduleModel, owners: dict[int, int], tasks: list[Task
                     task.changes.append(change)
 
 
-def _find_stirs(model: ScheduleModel, tasks: list[Task]) -> None:
+def _find_stirs(model: ScheduleModel, tasks: list[RoutedTask]) -> None:
     """Find what each task changes at a known time whoever does it, be it to the same value."""
     found: dict[str, set[tuple[Key, int]]] = {}
     for key, state in model.states.vars.items():

@@ -17,6 +17,7 @@ from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.legs import Arc
 from up_samp.scheduling.cpsat.routing.route import INFINITE, Route
+from up_samp.scheduling.cpsat.routing.shortest import shorten
 
 Ways = dict[tuple[int, int], int]
 """(place, place) -> what is taken on the way at least."""
@@ -92,20 +93,14 @@ def _after_start(model: ScheduleModel, write: Write) -> bool:
 
 
 def _ways(route: Route, taken: Mapping[str, int]) -> Ways:
-    """Return what ways take at least (Floyd and Warshall)."""
+    """Return what ways take at least."""
     ways: Ways = {}
     places = {route.initial}
     for (a, b), moves in route.hops.items():
         ways[a, b] = min(taken.get(m.name, 0) for m in moves)
         places |= {a, b}
     ways |= {(p, p): 0 for p in places}
-    for via in places:
-        for a in places:
-            first = ways.get((a, via), INFINITE)
-            for b in places if first < INFINITE else ():
-                through = first + ways.get((via, b), INFINITE)
-                if through < ways.get((a, b), INFINITE):
-                    ways[a, b] = through
+    shorten(ways, places)
     return ways
 
 

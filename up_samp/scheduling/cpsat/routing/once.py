@@ -20,10 +20,10 @@ from unified_planning.model.timing import TimepointKind
 
 from up_samp.scheduling.cpsat.normal.clauses import Constraint, split
 from up_samp.scheduling.cpsat.problem import Additions
-from up_samp.scheduling.cpsat.routing.openings import Task
+from up_samp.scheduling.cpsat.routing.openings import RoutedTask
 
 
-def opened_once(parts: Additions, tasks: Iterable[Task]) -> list[Constraint]:
+def opened_once(parts: Additions, tasks: Iterable[RoutedTask]) -> list[Constraint]:
     """Return constraints on the presences of what opens doors; of each one, where that is needed,
     exactly one is there, else at most one.
     """

@@ -15,7 +15,7 @@ from up_samp.scheduling.cpsat.routing.route import Route
 
 
 @dataclass
-class Task:
+class RoutedTask:
     """Done once at most, in one of ``ways``: (route, stop's name, places). One that is ``wanted``
     is done in one of them in every schedule. ``after`` are (task, time from its start), ``apart``
     are (task, gap). ``changes`` are (state, value, time from the start).
@@ -43,7 +43,9 @@ Entrance = tuple[Key, frozenset[int]]
 """A state, and the values that it must have for somebody to come."""
 
 
-def with_openings(model: ScheduleModel, routes: list[Route], tasks: list[Task]) -> list[Task]:
+def with_openings(
+    model: ScheduleModel, routes: list[Route], tasks: list[RoutedTask]
+) -> list[RoutedTask]:
     """Return ``tasks`` with those that open the same as one, and what cannot go without them."""
     entrances = sorted(
         {
@@ -67,7 +69,7 @@ def with_openings(model: ScheduleModel, routes: list[Route], tasks: list[Task]) 
     return tasks
 
 
-def _openers(model: ScheduleModel, tasks: list[Task], entrance: Entrance) -> list[int] | None:
+def _openers(model: ScheduleModel, tasks: list[RoutedTask], entrance: Entrance) -> list[int] | None:
     """Return the tasks that open an entrance, if all that changes it does just that, and alike."""
     key, allowed = entrance
     state = model.states.vars[key]
@@ -94,7 +96,9 @@ def _openers(model: ScheduleModel, tasks: list[Task], entrance: Entrance) -> lis
     return list(found) if alike and sum(k == key for k, _, _ in first.changes) == 1 else None
 
 
-def _merged(tasks: list[Task], groups: list[list[int]]) -> tuple[list[Task], dict[int, int]]:
+def _merged(
+    tasks: list[RoutedTask], groups: list[list[int]]
+) -> tuple[list[RoutedTask], dict[int, int]]:
     """Return the tasks with each group as one, and old -> new numbers. What is said of the one is
     what is said of each.
     """
@@ -106,7 +110,7 @@ def _merged(tasks: list[Task], groups: list[list[int]]) -> tuple[list[Task], dic
     for i in kept:
         some = [tasks[m] for m in members.get(i, [i])]
         one = some[0]
-        merged = Task(one.length, one.wanted, changes=one.changes, visit=one.visit)
+        merged = RoutedTask(one.length, one.wanted, changes=one.changes, visit=one.visit)
         merged.ways = [way for task in some for way in task.ways]
         merged.stirs = [s for s in one.stirs if all(s in task.stirs for task in some)]
         merged.after = _of_each([t.after for t in some], members, number)
@@ -137,7 +141,7 @@ def _greatest(some: list[tuple[int, int]]) -> dict[int, int]:
     return found
 
 
-def _mark(routes: list[Route], tasks: list[Task], openers: dict[Entrance, int]) -> None:
+def _mark(routes: list[Route], tasks: list[RoutedTask], openers: dict[Entrance, int]) -> None:
     """Mark what has to be opened for what is wanted, and so on."""
     agenda = [i for i, task in enumerate(tasks) if task.wanted]
     known = set(agenda)
@@ -155,7 +159,7 @@ def _mark(routes: list[Route], tasks: list[Task], openers: dict[Entrance, int]) 
                 agenda.append(opener)
 
 
-def _entrances(routes: list[Route], task: Task) -> dict[Entrance, int]:
+def _entrances(routes: list[Route], task: RoutedTask) -> dict[Entrance, int]:
     """Return what must be open for a task whoever does it wherever, and for how long at least."""
     common: dict[Entrance, int] | None = None
     for number, stop, places in task.ways:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from up_samp.scheduling.cpsat.routing.dispatch import Work
-from up_samp.scheduling.cpsat.routing.openings import Task
+from up_samp.scheduling.cpsat.routing.openings import RoutedTask
 from up_samp.scheduling.cpsat.routing.route import INFINITE, Route
 
 MOST_STATES = 2_000_000
@@ -47,7 +47,7 @@ class Programme:
     """
 
     routes: list[Route]
-    tasks: list[Task]
+    tasks: list[RoutedTask]
     before: list[int]
     """Bits of the tasks that start before each one."""
     layers: list[list[int]]
@@ -102,7 +102,7 @@ class Programme:
         """Return the least time for all tasks."""
         return int(tables[0][(0,) * len(self.routes)])
 
-    def _steps(self, task: Task) -> Iterator[tuple[int, int, Any]]:
+    def _steps(self, task: RoutedTask) -> Iterator[tuple[int, int, Any]]:
         """Yield (route, index of the place, costs from everywhere) for all ways to do a task."""
         for axis, stop, places in task.ways:
             route, some = self.routes[axis], self.spots[axis]

@@ -8,6 +8,7 @@ from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 
 from up_samp.scheduling.cpsat.encode.statevars import Key
+from up_samp.scheduling.cpsat.routing.shortest import shorten
 
 INFINITE = 10**12
 
@@ -105,7 +106,7 @@ class Route:
         return places or None
 
     def measure(self) -> None:
-        """Compute the shortest travel times between places (Floyd and Warshall)."""
+        """Compute the shortest travel times between places."""
         places = {self.initial, *(m.to for m in self.moves), *self.free}
         places = places.union(*(some for _, some in self.stops))
         for move in self.moves:
@@ -123,16 +124,7 @@ class Route:
         for a in order:
             for b in self.free - {a}:
                 self.travel[a, b], self._via[a, b] = 0, b
-        for via in order:
-            for a in order:
-                first = self.travel.get((a, via), INFINITE)
-                if a == via or first >= INFINITE:
-                    continue
-                for b in order:
-                    through = first + self.travel.get((via, b), INFINITE)
-                    if b != via and through < self.travel.get((a, b), INFINITE):
-                        self.travel[a, b] = through
-                        self._via[a, b] = via
+        self._via.update(shorten(self.travel, order))
 
     def between(self, some: frozenset[int], others: frozenset[int]) -> int:
         """Return the least travel time from a place in ``some`` to one in ``others``."""

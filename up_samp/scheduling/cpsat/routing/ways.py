@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from up_samp.scheduling.cpsat.routing.openings import Task
+from up_samp.scheduling.cpsat.routing.openings import RoutedTask
 from up_samp.scheduling.cpsat.routing.route import INFINITE, Route
 
 MOST_BITS = 62
@@ -36,7 +36,7 @@ class Ways:
     """All such bits of the moves from each place."""
 
     @staticmethod
-    def of(route: Route, axis: int, tasks: list[Task]) -> Ways:
+    def of(route: Route, axis: int, tasks: list[RoutedTask]) -> Ways:
         """Return the ways of a route (its number: ``axis``) among ``tasks``."""
         places = sorted({route.initial} | {b for _, b in route.travel})
         number = {place: k for k, place in enumerate(places)}
@@ -53,7 +53,7 @@ class Ways:
         return Ways(route, places, number, travel, detour, hop, np.bitwise_or.reduce(hop, axis=1))
 
 
-def _told_apart(route: Route, axis: int, tasks: list[Task]) -> list[tuple[int, int]]:
+def _told_apart(route: Route, axis: int, tasks: list[RoutedTask]) -> list[tuple[int, int]]:
     """Return the direct ways of a single move that might be wanted twice (none where something
     else may put the traveller somewhere, too).
     """

@@ -17,7 +17,7 @@ from up_samp.scheduling.cpsat.encode.statevars import Key
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.assignment import bound_by_assignment
 from up_samp.scheduling.cpsat.routing.dispatch import Work
-from up_samp.scheduling.cpsat.routing.openings import Task
+from up_samp.scheduling.cpsat.routing.openings import RoutedTask
 from up_samp.scheduling.cpsat.routing.programme import Programme, cost, way_back
 from up_samp.scheduling.cpsat.routing.route import INFINITE, Route
 from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
@@ -110,7 +110,7 @@ def _steps(work: Work, sequences: Sequences) -> Iterator[tuple[int, int]]:
 
 
 # -- what has to be squeezed in ----------------------------------------------------------------
-def _needed(model: ScheduleModel, work: Work) -> list[list[Task]]:
+def _needed(model: ScheduleModel, work: Work) -> list[list[RoutedTask]]:
     """Return sets of tasks of each of which one has to be done, though nobody wants it by itself:
     what opens the doors on the only ways to what is wanted. The sets have no task in common.
     """
@@ -144,7 +144,7 @@ def _needed(model: ScheduleModel, work: Work) -> list[list[Task]]:
     return found
 
 
-def _squeezed(work: Work, tasks: list[Task]) -> int:
+def _squeezed(work: Work, tasks: list[RoutedTask]) -> int:
     """Return the least time that one of ``tasks`` adds to a route, wherever it comes in it."""
     least = INFINITE
     for task in tasks:
