@@ -75,8 +75,10 @@ class Maker:
             self.zone = box(x - w, y - h, x + w, y + h)
         self.open = False
         self.windows: list = []
+        self.more, self.begun = random.Random(-1 - seed), []
         self._people()
         self._jobs()
+        self._wider()
 
     # -- what there is -----------------------------------------------------------------------------
     def _people(self) -> None:
@@ -239,6 +241,7 @@ class Maker:
                 names = [job]
                 done.append(job)
             else:
+                self.begun.append(job)
                 self._drive(robot, job["at"][0])
                 self._stop(None, job, rng.choice([1, 3, 7]))
                 names = [job]
@@ -250,6 +253,24 @@ class Maker:
         self._ends()
         self._battery()
         self._zone()
+
+    def _wider(self) -> None:
+        """More that may be asked for without a change of the witness: other places to choose from,
+        who begins no later than whom, and what no robot does.
+        """
+        orders = [j for j in self.begun if "pickup" in j and "attached" not in j]
+        if orders and self.more.random() < 0.3 and "zone" not in self.features:
+            stop = self.more.choice(orders)[self.more.choice(["pickup", "delivery"])]
+            if "button" not in stop["at"] and "button" in self.spec["places"]:
+                stop["at"] = [*stop["at"], "button"]
+        if self.more.random() < 0.3:
+            for i, job in enumerate(reversed(self.begun)):
+                job["priority"] = i // 2
+        if self.more.random() < 0.3 and self.begun and not any("optional" in j for j in self.begun):
+            last = self.spec["orders"][0]["id"]
+            work = {"id": "m0", "duration": self.more.choice([2, 9]), "after": [last]}
+            self.spec["tasks"].append(work | {"priority": -1})
+            self.clock += self._units(work["duration"])
 
     def _order(self, i):
         job = {
@@ -264,6 +285,7 @@ class Maker:
         return job
 
     def _pick(self, robot, job) -> None:
+        self.begun.append(job)
         load = job["id"] if "attached" in job else None
         if load is None and any(p in (job["pickup"]["at"][0],) for p in self.loads.values()):
             raise NoWitnessError
