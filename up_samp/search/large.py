@@ -68,13 +68,17 @@ def solve_large(
     """
     first = search.budget.share(large.tuning.share, float("inf"))
     search.tell.stage(Phase.PREPARE, "who does which job", len(large.jobs.options))
-    found = None
+    found, failed = None, 0
     for number, dealt in enumerate(deals_of(search, large), start=1):
         with search.history.stages.of(BUILDING):
-            # motions in the order of time take longer and find less: only in the end
-            lined = number == large.tuning.deals
-            found = plan_of_deal(search, large, dealt, first, lined=lined)
-        if found is not None or first.expired():
+            deadline = first.within(large.tuning.turn * first.remaining())
+            opened = candidate_of(large, dealt, deadline)
+            if opened is not None:
+                # motions in the order of time take longer and find less: only in the end
+                lined = number == large.tuning.deals
+                found = plan_of_deal(search, large, dealt, opened, deadline, lined=lined)
+        failed += opened is None
+        if found is not None or first.expired() or failed >= large.tuning.unscheduled:
             break
     better = None if found is None else keep_if_better(search, found.plan)
     with search.history.stages.of(STATING):
@@ -115,17 +119,19 @@ class Found:
 
 
 def plan_of_deal(
-    search: Search, large: Large, dealt: Deal, first: Deadline, *, lined: bool
+    search: Search,
+    large: Large,
+    dealt: Deal,
+    opened: tuple[Search, Itinerary],
+    deadline: Deadline,
+    *,
+    lined: bool,
 ) -> Found | None:
     """Return a valid plan of the whole problem in which everybody does what was dealt out.
 
-    :param first: until when there should be a first plan; this takes a share of that.
+    :param opened: the search on what was dealt out, and its candidate.
     :param lined: if there are no tours, motions are decided one after the other.
     """
-    deadline = first.within(large.tuning.turn * first.remaining())
-    opened = candidate_of(large, dealt, deadline)
-    if opened is None:
-        return None
     inner, itinerary = opened
     tours = plan_tours(inner, itinerary, deadline, homes=homes_of(large.jobs))
     if tours is None:

@@ -216,6 +216,9 @@ class LargeTuning(Tunables):
     )
     turn: float = share_of(0.6, "of what is left of that, for one share of the jobs")
     deals: int = tunable(8, "shares of the jobs", "at most, until there is a plan", least=1)
+    unscheduled: int = tunable(
+        2, "shares of the jobs", "without any schedule, after which jobs are not dealt out", least=1
+    )
     slower: float = tunable(
         0.2, "factor", "by which traffic is expected to take longer from share to share", least=0
     )
@@ -223,7 +226,7 @@ class LargeTuning(Tunables):
         10, "rounds a task", "of annealing over tours of what was dealt out", least=0
     )
     relaxed: float = effort_of(0.1, "for the routing relaxation of what was dealt out")
-    again: float = share_of(0.9, "of the time that is left after the first plan, for better tours")
+    again: float = share_of(0.6, "of the time that is left after the first plan, for better tours")
     stale: int = tunable(150, "changes", "of tours in a row that may bring nothing", least=1)
     jobs: float = share_of(0.5, "of the changes, that give a job to another robot")
     together: int = tunable(3, "tours", "at most, that the last one is decided before", least=1)
