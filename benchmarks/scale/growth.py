@@ -85,14 +85,16 @@ def main() -> None:
         done = subprocess.run(
             [*command, "--timeout", str(args.timeout)], capture_output=True, text=True, check=True
         )
-        rows[size] = json.loads(done.stdout.splitlines()[-1])
-        cells = " | ".join(f"{value:.1f}" for value in rows[size].values())
+        row = json.loads(done.stdout.splitlines()[-1])
+        cells = " | ".join(f"{value:.1f}" for value in row.values())
+        if row["building"] > 0.0 and row["makespan"] > 0.0:
+            rows[size] = row  # others are too small for this way, or have no plan: another story
         print(f"| {size} | {cells} |", flush=True)
     if len(rows) > 1:
         x = [row["activities"] for row in rows.values()]
         for key in ("total", *STAGES, "mib"):
             print(f"{key}: exponent {exponent(x, [row[key] for row in rows.values()]):.2f}")
-    if args.out:
+    if args.out and len(rows) > 1:
         draw(rows, args.out)
 
 
