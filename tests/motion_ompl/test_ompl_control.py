@@ -21,7 +21,8 @@ from up_samp.model import (
     ProblemError,
     UnsupportedError,
 )
-from up_samp.motion.planners.control_law import Piece, Roller, Shot
+from up_samp.motion.planners.control_law import Piece, Roller
+from up_samp.motion.planners.shooting import Shot
 from up_samp.motion.tuning import ControlTuning
 from up_samp.validation.kinematics import motion_violations
 from up_samp.validation.limits import Limits

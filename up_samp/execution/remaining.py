@@ -14,8 +14,8 @@ from unified_planning.model.motion import (
     MotionActivity,
     SchedulingMotionProblem,
 )
-from unified_planning.model.scheduling import Activity
 
+from up_samp.execution.begun import begun
 from up_samp.execution.build import planned_of
 from up_samp.execution.graph import At, Event
 from up_samp.execution.involved import involves, moves
@@ -154,7 +154,7 @@ class _Builder:
         for activity in self.source.activities:
             if activity.name in self.past or activity.name in self.gone:
                 continue
-            copy = self._begun(activity) if activity.name in running else activity.clone()
+            copy = begun(activity, self.values) if activity.name in running else activity.clone()
             copy._constraints = self._constraints(fix, activity, activity.name)
             target._activities.append(copy)
         target._motion_activities = [a for a in target._activities if isinstance(a, MotionActivity)]
@@ -258,43 +258,6 @@ class _Builder:
                 self.notes.append(f"about a broken robot, dropped: {node}")
                 return True
         return False
-
-    def _begun(self, activity: Activity) -> Activity:
-        """Return an activity that has begun: mandatory, and only what is left of it."""
-        name = activity.name
-        drives = isinstance(activity, MotionActivity)
-        kind = MotionActivity if drives else Activity
-        copy = kind(name, 1, False, _env=self.source.environment)
-        activity._clone_to(copy)
-        start = self.state.fired[Event(At.START, name)]
-        gone = self.since * self.unit - start
-        if self.state.graph.tasks[name].moves:
-            upper = activity.duration.upper
-            most = None
-            if upper.is_int_constant():
-                most = upper.int_constant_value() - math.floor(gone / self.unit)
-            whole = max(1, most if most is not None else 1)
-            longest = max(w.travel.whole for w in self.state.ways_of[name])
-            copy.set_duration_bounds(1, max(whole, 2 * math.ceil(longest / self.unit) + 10))
-        else:
-            left = self.state.graph.tasks[name].expected - gone
-            copy.set_fixed_duration(max(1, math.ceil(left / self.unit - 1e-9)))
-        copy._effects = {
-            t: e for t, e in activity.effects.items() if t.timepoint.kind != TimepointKind.START
-        }
-        # what was asked at the start was so; it is kept where it still is, for schedulers that
-        # find their way by it
-        copy._conditions = {}
-        for span, nodes in activity.conditions.items():
-            at_start = span.upper.timepoint.kind == TimepointKind.START
-            kept = [n for n in nodes if not at_start or self.values.holds(n)]
-            if kept:
-                copy._conditions[span] = kept
-        if drives:
-            copy._motion_constraints = list(activity._motion_constraints)
-            copy._motion_constraints_set = set(activity._motion_constraints_set)
-            copy._motion_effects = dict(activity._motion_effects)
-        return copy
 
     # ------------------------------------------------------------------ where everybody is
 

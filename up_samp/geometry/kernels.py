@@ -10,108 +10,17 @@ so nothing slips through between two checks.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry.compiled import inner, kernel
+from up_samp.geometry.records import GridData, PolyData, ShapeData, WorldData, grid_along
 
 Pose = tuple[float, float, float]
-Coordinate = TypeVar("Coordinate", float, npt.NDArray[np.float64])
 
 FAR = 1e9
 """Clearance (m) where there is nothing to collide with."""
-
-
-class GridFrame(NamedTuple):
-    """Where a grid lies: its corner ``x``, ``y`` (m); ``cos``, ``sin`` and ``yaw`` (rad) of its
-    columns' axis; the ``size`` (m) of a cell.
-    """
-
-    x: float
-    y: float
-    cos: float
-    sin: float
-    yaw: float
-    size: float
-
-
-def along(frame: GridFrame, x: Coordinate, y: Coordinate) -> tuple[Coordinate, Coordinate]:
-    """Return how far (m) a point lies from the grid's corner along its columns and its rows."""
-    dx, dy = x - frame.x, y - frame.y
-    return frame.cos * dx + frame.sin * dy, frame.cos * dy - frame.sin * dx
-
-
-grid_along = inner(along)
-"""The same within kernels."""
-
-
-@inner
-def grid_point(frame: GridFrame, gx: float, gy: float) -> tuple[float, float]:
-    """Return the point so far (m) along a grid's columns and rows from its corner."""
-    return (
-        frame.x + frame.cos * gx - frame.sin * gy,
-        frame.y + frame.sin * gx + frame.cos * gy,
-    )
-
-
-class GridData(NamedTuple):
-    """A map for the kernels.
-
-    ``sums``: int32 (rows + 1, cols + 1), summed-area table of the blocked cells. ``clearance``:
-    float32 (rows, cols), the smallest distance (m) between any point of the cell and any blocked
-    cell or the outside of the map. Without a map both arrays have no rows.
-    """
-
-    sums: npt.NDArray[np.int32]
-    clearance: npt.NDArray[np.float32]
-    frame: GridFrame
-
-
-class ShapeData(NamedTuple):
-    """A footprint for the kernels.
-
-    ``verts``: (levels, parts, corners, 2) convex parts, counter-clockwise, in the body frame; level
-    0 bare, level 1 inflated by the margin, level k by the margin and ``slack[k]`` (ascending).
-    ``counts``: (levels, parts). ``discs``: (k, 3) x, y, r that cover it.
-    ``radius``: of the circumscribed disc about the reference point; ``margin``; both in m.
-    """
-
-    verts: npt.NDArray[np.float64]
-    counts: npt.NDArray[np.int64]
-    slack: npt.NDArray[np.float64]
-    discs: npt.NDArray[np.float64]
-    radius: float
-    margin: float
-
-
-class PolyData(NamedTuple):
-    """Convex obstacles in the world frame: ``verts`` (n, corners, 2) counter-clockwise, ``counts``
-    (n,), ``centres`` (n, 3) x, y, r of a covering disc, ``owner`` (n,) index of the object.
-    """
-
-    verts: npt.NDArray[np.float64]
-    counts: npt.NDArray[np.int64]
-    centres: npt.NDArray[np.float64]
-    owner: npt.NDArray[np.int64]
-
-
-class WorldData(NamedTuple):
-    """A footprint and all that it can collide with: the map and the resting objects."""
-
-    grid: GridData
-    polys: PolyData
-    shape: ShapeData
-
-
-NO_FRAME = GridFrame(0.0, 0.0, 1.0, 0.0, 0.0, 1.0)
-"""The frame of a grid that is not there."""
-
-
-def open_plane() -> GridData:
-    """Return the map without walls."""
-    return GridData(np.zeros((1, 1), np.int32), np.zeros((0, 0), np.float32), NO_FRAME)
 
 
 @kernel

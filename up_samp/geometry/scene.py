@@ -11,9 +11,9 @@ import numpy.typing as npt
 
 from up_samp.geometry import kernels
 from up_samp.geometry.cells import distances_to, grown
-from up_samp.geometry.kernels import GridData, GridFrame, PolyData, WorldData
 from up_samp.geometry.maps import OccupancyGrid
 from up_samp.geometry.memory import Memory
+from up_samp.geometry.records import GridData, GridFrame, PolyData, WorldData, open_plane
 from up_samp.geometry.shapes import Shape, shape_of
 from up_samp.model import Body, Configuration, Placed, check_time
 
@@ -34,7 +34,7 @@ def clearance_field(blocked: npt.NDArray[np.bool_], resolution: float) -> npt.ND
 def grid_data(grid: OccupancyGrid | None) -> GridData:
     """Return a map (or the open plane) as the kernels take it."""
     if grid is None:
-        return kernels.open_plane()
+        return open_plane()
     blocked = grid.blocked
     sums = np.zeros((blocked.shape[0] + 1, blocked.shape[1] + 1), dtype=np.int32)
     check_time()

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from up_samp.geometry.kernels import ShapeData
+from up_samp.geometry.records import ShapeData
 from up_samp.model import Body, ProblemError, check_time
 
 FloatArray = npt.NDArray[np.float64]

@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry.compiled import inner, kernel
-from up_samp.geometry.kernels import Pose, ShapeData, WorldData, advance, clearance
+from up_samp.geometry.kernels import Pose, advance, clearance
+from up_samp.geometry.records import ShapeData, WorldData
 
 
 @kernel

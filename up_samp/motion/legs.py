@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from up_samp.geometry import Scene, sweeps
-from up_samp.geometry import kernels as k
+from up_samp.geometry.records import WorldData, open_plane
 from up_samp.geometry.shapes import shape_of
 from up_samp.model import (
     Body,
@@ -275,6 +275,6 @@ def parking_clears(
 ) -> bool:
     """Return whether a motion keeps ``clearance`` (m) from a resting object, all the way."""
     shape = shape_of(body, clearance).data
-    world = k.WorldData(k.open_plane(), scene.polys((placed,)), shape)
+    world = WorldData(open_plane(), scene.polys((placed,)), shape)
     poses = trajectory.poses.copy()  # numba compiles anew for arrays that cannot be written
     return bool(sweeps.samples_free(world, poses, 1e-4) < 0)

@@ -19,12 +19,13 @@ import shapely
 from up_samp.geometry.scene import Scene
 from up_samp.model import Body, Configuration, Deadline, Placed, TimedMotion, Trajectory
 from up_samp.motion.fleet.abilities import abilities_of
+from up_samp.motion.fleet.edges import Edge
 from up_samp.motion.fleet.lacam import Agent, Joint
 from up_samp.motion.fleet.loosening import Stage, Trip, loosened
 from up_samp.motion.fleet.margins import kept
 from up_samp.motion.fleet.moves import Move, drive, in_step
 from up_samp.motion.fleet.paths import Path, hull_of, path_of
-from up_samp.motion.fleet.roadmap import Edge, Roadmap, cells_of
+from up_samp.motion.fleet.roadmap import Roadmap, cells_of
 from up_samp.motion.fleet.timed_path import TimedPath, avoids
 from up_samp.motion.fleet.waiting import parked_all_the_time
 from up_samp.motion.fleet.workspace import Workspace

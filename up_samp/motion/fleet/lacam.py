@@ -18,8 +18,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from up_samp.model import Deadline
+from up_samp.motion.fleet.edges import Edge
 from up_samp.motion.fleet.phases import in_step, sweeps_meet
-from up_samp.motion.fleet.roadmap import Edge, Roadmap
+from up_samp.motion.fleet.roadmap import Roadmap
 from up_samp.motion.tuning import KnotsTuning
 
 State = tuple[int, ...]

@@ -10,8 +10,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from up_samp.motion.fleet.edges import Edge
 from up_samp.motion.fleet.lacam import Joint
-from up_samp.motion.fleet.roadmap import Edge
 
 
 @dataclass(frozen=True)

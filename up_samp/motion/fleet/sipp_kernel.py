@@ -17,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry.compiled import inner, kernel
-from up_samp.geometry.kernels import WorldData, advance
+from up_samp.geometry.kernels import advance
+from up_samp.geometry.records import WorldData
 from up_samp.geometry.sweeps import arc_free
 from up_samp.motion.curves.reeds_shepp import Pose, connect
 from up_samp.motion.fleet.drives import (

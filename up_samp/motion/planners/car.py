@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry import Scene, Shape, sweeps
-from up_samp.geometry.kernels import WorldData
 from up_samp.geometry.memory import Memory
+from up_samp.geometry.records import WorldData
 from up_samp.model import Deadline
 from up_samp.motion.budget import Budget
 from up_samp.motion.curves.arcs import merged, path_time, reversed_arcs

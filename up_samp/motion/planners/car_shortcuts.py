@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry.compiled import inner, kernel
-from up_samp.geometry.kernels import WorldData, advance
+from up_samp.geometry.kernels import advance
+from up_samp.geometry.records import WorldData
 from up_samp.geometry.sweeps import first_blocked
 from up_samp.motion.curves.arcs import ends_of, merged, nodes_of, path_time
 from up_samp.motion.curves.reeds_shepp import TINY, CarLimits, Pose, connect, run_time

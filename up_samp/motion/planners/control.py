@@ -25,7 +25,7 @@ from up_samp.model import (
 )
 from up_samp.motion.budget import Budget
 from up_samp.motion.planners import ompl_edges as edges
-from up_samp.motion.planners.control_law import Piece, Roller, Shot, miss, shots, total
+from up_samp.motion.planners.control_law import Piece, Roller, miss, total
 from up_samp.motion.planners.ompl_planar import OmplSettings, PlanarWorld, state_of
 from up_samp.motion.planners.ompl_solve import (
     Counter,
@@ -37,6 +37,7 @@ from up_samp.motion.planners.ompl_solve import (
     set_seed,
     solve,
 )
+from up_samp.motion.planners.shooting import Shot, shots
 from up_samp.motion.protocol import LegQuery
 from up_samp.motion.tuning import ControlTuning
 

@@ -13,7 +13,8 @@ from up_samp.geometry.cells import distances_to
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.shapes import core_of, shape_of
 from up_samp.model import Body, Configuration, Kinematics, MotionModel, Placed
-from up_samp.motion.proofs.certificates import Certifier, Regions
+from up_samp.motion.proofs.certificates import Certifier
+from up_samp.motion.proofs.regions import Regions
 
 FloatArray = npt.NDArray[np.float64]
 LegLength = Callable[[Configuration, Configuration], float]

@@ -12,8 +12,8 @@ import math
 from collections.abc import Sequence
 
 from up_samp.geometry import Scene
-from up_samp.geometry.kernels import along
 from up_samp.geometry.memory import Memory
+from up_samp.geometry.records import along
 from up_samp.geometry.shapes import core_of, shape_of
 from up_samp.model import Body, Configuration, MotionModel, Placed
 from up_samp.motion.curves.reeds_shepp import run_time, shortest
