@@ -51,6 +51,7 @@ def seconds(code: str, folder: Path) -> tuple[float, float]:
         "UP_SAMP_CACHE_DIR": str(folder / "cache"),
         "HOME": str(folder),
     }
+    env.pop("PYTHONDONTWRITEBYTECODE", None)  # an installation keeps its bytecode
     before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=folder, env=env, capture_output=True, text=True

@@ -99,7 +99,11 @@ def test_every_part_has_a_workload():
 
 def test_parts_are_those_that_a_problem_needs():
     assert sorted(module.parts_for(MotionModel)) == sorted(module.PARTS)
-    assert module.parts_for([MotionModel.REEDSSHEPP], several=False) == ["paths", "bounds"]
+    assert module.parts_for([MotionModel.REEDSSHEPP], several=False) == [
+        "paths",
+        "shortcuts",
+        "bounds",
+    ]
     assert module.parts_for([MotionModel.SE3]) == []
 
 
@@ -134,7 +138,8 @@ def test_what_few_problems_need_is_waited_for_by_nobody(folder, monkeypatch):
     monkeypatch.setattr(module, "_start", Done)
     monkeypatch.setattr(module, "_behind", {})
     compilation = module.begin([MotionModel.REEDSSHEPP], several=True)
-    assert sorted(p for parts in started for p in parts) == ["bounds", "groups", "paths"]
+    now = ["bounds", "groups", "paths", "shortcuts"]
+    assert sorted(p for parts in started for p in parts) == now
     assert compilation.wait() > 0.0
     assert started[-1] == [module.LOWLY, "knots", "search"]
     compilation.wait()
@@ -143,7 +148,7 @@ def test_what_few_problems_need_is_waited_for_by_nobody(folder, monkeypatch):
 
 def test_what_is_compiled_behind_is_not_begun_twice(folder, monkeypatch):
     """However many solves begin meanwhile; but again where that process has ended in vain."""
-    for part in ("paths", "bounds", "groups"):
+    for part in ("paths", "shortcuts", "bounds", "groups"):
         compiled(part, monkeypatch)
     monkeypatch.setattr(module, "_behind", {})
     monkeypatch.setattr(module.child, "bare", lambda name: "import sys; sys.stdin.read()")
@@ -185,7 +190,7 @@ def test_a_folder_that_cannot_be_written_costs_a_word_and_no_more(tmp_path, monk
     with caplog.at_level(logging.WARNING):
         module.precompile(several=False)
         module.precompile(several=False)
-    assert ran == ["paths", "bounds"]
+    assert ran == ["paths", "shortcuts", "bounds"]
     assert "set UP_SAMP_CACHE_DIR to a writable folder" in caplog.text
 
 

@@ -26,6 +26,7 @@ from up_samp.model import (
     Trajectory,
 )
 from up_samp.motion.curves.reeds_shepp import shortest
+from up_samp.motion.curves.trapezoid import limits_of
 from up_samp.motion.service import MotionService
 
 _BODY = Body(
@@ -79,6 +80,19 @@ def compile_paths() -> None:
     service.scene.map_free(_BODY, start)
     shortest(start, goal, 1.0)
     service.plan(PathQuery(_BODY, (start, goal), parked), Deadline.never())
+
+
+def compile_shortcuts() -> None:
+    """Run what shortens a car's path, once: the last that planning it needs, so that another
+    process has time to compile it.
+    """
+    from up_samp.motion.planners.car_shortcuts import Effort, improve
+
+    scene = Scene(_hall())
+    world = scene.world(shape_of(_BODY, 0.01), (Placed("parked", _BODY, (3.0, 6.5, 0.0)),))
+    arcs = np.array([[0.0, 2.0], [1.0, 1.0], [0.0, 1.0]])
+    start = np.array((1.0, 6.0, 0.0))
+    improve(world, start, arcs, limits_of(_BODY.kinematics), Effort(4, 4, 0))
 
 
 def _motion(name: str, *poses: tuple[float, float, float]) -> TimedMotion:
