@@ -177,7 +177,7 @@ def test_a_child_that_fails_is_told_of_and_its_work_done_here(folder, monkeypatc
     assert "exit status 1, out of memory" in caplog.text
     assert (folder / "paths-0.kernel").exists()
     assert module.missing(["paths"]) == ()
-    assert told == [(2, 2)]
+    assert told == [(3, 3)]
 
 
 def test_a_folder_that_cannot_be_written_costs_a_word_and_no_more(tmp_path, monkeypatch, caplog):
