@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from unified_planning.environment import Environment
 from unified_planning.model import TimepointKind
 from unified_planning.model.motion import MotionActivity
 from unified_planning.model.scheduling import Activity
@@ -12,12 +13,12 @@ from up_samp.execution.graph import At, Event
 from up_samp.execution.values import ValuesNow
 
 
-def begun(activity: Activity, values: ValuesNow) -> Activity:
+def begun(activity: Activity, values: ValuesNow, environment: Environment) -> Activity:
     """Return an activity that has begun: mandatory, and only what is left of it."""
     name, state, unit = activity.name, values.state, values.unit
     drives = isinstance(activity, MotionActivity)
     kind = MotionActivity if drives else Activity
-    copy = kind(name, 1, False, _env=activity.environment)
+    copy = kind(name, 1, False, _env=environment)
     activity._clone_to(copy)
     start = state.fired[Event(At.START, name)]
     gone = values.since * unit - start

@@ -154,7 +154,11 @@ class _Builder:
         for activity in self.source.activities:
             if activity.name in self.past or activity.name in self.gone:
                 continue
-            copy = begun(activity, self.values) if activity.name in running else activity.clone()
+            copy = (
+                begun(activity, self.values, self.source.environment)
+                if activity.name in running
+                else activity.clone()
+            )
             copy._constraints = self._constraints(fix, activity, activity.name)
             target._activities.append(copy)
         target._motion_activities = [a for a in target._activities if isinstance(a, MotionActivity)]
