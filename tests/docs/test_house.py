@@ -78,9 +78,9 @@ def test_this_package_has_no_circle(house):
 LIMITS = {
     "long_functions": 7,
     "wide_functions": 21,
-    "long_files": 2,
+    "long_files": 1,
     "constants": 104,
-    "said_twice": 52,
+    "said_twice": 50,
 }
 """What the figures may be at most: lower them when they fall, never raise them for convenience."""
 
