@@ -279,7 +279,6 @@ class Attempts:
     def _set_hints(self, model: Any) -> None:
         """Give the model what is known as hints."""
         model.clear_hints()
-        position, known = self.model.store.position, sorted(self.known.items())
-        hint = model.proto.solution_hint  # at once: one call for each variable takes a second
-        hint.vars.extend([position(var) for var, _ in known])
-        hint.values.extend([int(value) for _, value in known])
+        for var, value in sorted(self.known.items()):
+            position = self.model.store.position(var)
+            model.add_hint(model.get_int_var_from_proto_index(position), value)
