@@ -131,3 +131,32 @@ def test_a_motion_lasts_as_long_as_its_reverse_whichever_is_asked_for_first():
                 found.append(report.trajectory.duration)
     assert found[:6] == pytest.approx(found[6:])
     assert found[::2] == pytest.approx(found[1::2])
+
+
+def test_the_longer_way_round_is_not_taken_for_the_fastest():
+    """Random pillars: a leg is about as short as a disc's way, or no longer than its reverse."""
+    rng, settings = np.random.default_rng(3), PlanarSettings()
+    asked = 0
+    for _ in range(12):
+        squares = [
+            Placed(f"p{k}", Body(((-1, -1), (1, -1), (1, 1), (-1, 1)), KIN), (*xy, 0.0))
+            for k, xy in enumerate(rng.uniform((4, 2), (16, 8), (3, 2)).tolist())
+        ]
+        ends = [(*rng.uniform((1, 1), (2.5, 9)), 1.6), (*rng.uniform((17.5, 1), (19, 9)), 3.1)]
+        planner = PlanarPlanner(Scene(box_map(20, 10)), 0, settings)
+        ways = [(ends[0], ends[1]), (ends[1], ends[0])]
+        queries = [LegQuery(SLIDER, a, b, tuple(squares)) for a, b in ways]
+        there, back = (planner.leg(q, Deadline.after(60)).trajectory for q in queries)
+        if there is None or back is None:
+            continue
+        asked += 1
+        once = PlanarPlanner(planner.scene, 0, PlanarSettings(roundabout=math.inf))
+        alone = [once.leg(q, Deadline.after(60)).trajectory.duration for q in queries]
+        least = min(alone)
+        for motion, first in zip((there, back), alone, strict=True):
+            assert motion.duration <= first + 1e-9
+            assert faults(motion, KIN) == []
+            # whoever is not as fast as the better direction is near the shortest way of a disc, which
+            # is at most what the better direction takes
+            assert motion.duration <= max(least + 0.01, settings.roundabout * least)
+    assert asked >= 8

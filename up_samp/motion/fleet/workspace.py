@@ -6,6 +6,7 @@ import itertools
 import math
 import weakref
 from collections.abc import Iterable
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 from weakref import WeakKeyDictionary
@@ -185,7 +186,8 @@ class Workspace:
         if self.scene is None:
             return {}
         car = CarTuning((0.7,), (8_000,), rounds=400, patience=120)
-        slider = PlanarSettings((1.0,), (16,), (20_000,), tight=None, rounds=200, shifts=(0.25,))
+        few = PlanarSettings((1.0,), (16,), (20_000,), tight=None, rounds=200, shifts=(0.25,))
+        slider = replace(few, roundabout=math.inf)
         return {
             MotionModel.REEDSSHEPP: CarPlanner(self.scene, 0, car),
             MotionModel.SE2: PlanarPlanner(self.scene, 0, slider),

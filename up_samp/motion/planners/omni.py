@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,9 @@ from up_samp.geometry import Scene, Shape
 from up_samp.model import Configuration, Deadline, Trajectory
 from up_samp.motion.budget import Budget
 from up_samp.motion.curves.blending import chain_time, moved_corner, pieces
-from up_samp.motion.guides.cost_to_go import Fields
+from up_samp.motion.curves.reeds_shepp import run_time
+from up_samp.motion.curves.trajectories import reversed_trajectory
+from up_samp.motion.guides.cost_to_go import Fields, field_value
 from up_samp.motion.guides.search_space import Grain, Guide, pose_space, widest_shape
 from up_samp.motion.planners import hybrid_astar as hybrid
 from up_samp.motion.planners.gliding import Glider
@@ -52,6 +54,8 @@ class PlanarSettings:
     """Effort of the planar planner. ``levels``: step in inner radii of the footprint, coarse to
     fine; ``bins``: headings at each level; ``nodes``: size of each search tree. ``tight``: the same
     for a last search that slides along walls into gaps narrower than its steps (None: without).
+    ``roundabout``: what takes longer than so many times the shortest way of a disc is sought from
+    its goal as well, where the steps fall elsewhere.
     """
 
     levels: tuple[float, ...] = (1.0, 0.5, 0.25)
@@ -62,6 +66,7 @@ class PlanarSettings:
     rounds: int = 600
     shifts: tuple[float, ...] = (0.25, 1.0, 0.5)
     slice: int = 4000
+    roundabout: float = 1.15
 
     @property
     def grains(self) -> list[_Grain]:
@@ -84,12 +89,38 @@ class PlanarPlanner:
 
     def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a fast motion between two poses among resting obstacles."""
-        body, start, goal, obstacles = query.body, query.start, query.goal, query.obstacles
         budget = Budget(deadline, query.effort)
-        shape = widest_shape(self.scene, body, (start, goal), obstacles)
+        ends = query.start, query.goal
+        shape = widest_shape(self.scene, query.body, ends, query.obstacles)
         if shape is None:
             reason = "the start or the goal touches the map or an obstacle"
             return Leg(None, reason, complete=True)
+        leg = self._one_way(query, shape, budget)
+        if leg.trajectory is None or not self._is_roundabout(query, shape, leg.trajectory):
+            return leg
+        back = self._one_way(replace(query, start=query.goal, goal=query.start), shape, budget)
+        if back.trajectory is None or back.trajectory.duration > leg.trajectory.duration - GAIN:
+            return replace(leg, effort=budget.used, complete=not budget.cut)
+        corners = None if back.corners is None else back.corners[::-1].copy()
+        return replace(back, trajectory=reversed_trajectory(back.trajectory), corners=corners)
+
+    def _is_roundabout(self, query: LegQuery, shape: Shape, motion: Trajectory) -> bool:
+        """Return whether a motion takes much longer than the shortest way of the disc in the body
+        and the turn on it.
+        """
+        field = self.fields.toward(shape, query.goal, query.obstacles)
+        limits, (x, y, th) = query.body.kinematics, map(float, query.start[:3])
+        metres = float(field_value(field, x, y)) if len(field.values) else math.inf
+        if not math.isfinite(metres):
+            metres = math.dist((x, y), query.goal[:2])
+        least = run_time(metres, float(limits.v_max), float(limits.a_max))
+        turn = abs(math.remainder(float(query.goal[2]) - th, 2 * math.pi))
+        least = max(least, turn / float(limits.omega_max))
+        return motion.duration > self.settings.roundabout * least + GAIN
+
+    def _one_way(self, query: LegQuery, shape: Shape, budget: Budget) -> Leg:
+        """Return a motion by a search from the start."""
+        body, goal, obstacles = query.body, query.goal, query.obstacles
         chain, shape, reason = self._chain(query, shape, budget)
         if chain is None:
             return Leg(None, reason, budget.used, not budget.cut)
