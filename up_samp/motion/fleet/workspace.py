@@ -187,7 +187,7 @@ class Workspace:
             return {}
         car = CarTuning((0.7,), (8_000,), rounds=400, patience=120)
         few = PlanarSettings((1.0,), (16,), (20_000,), tight=None, rounds=200, shifts=(0.25,))
-        slider = replace(few, roundabout=math.inf)
+        slider = replace(few, roundabout=math.inf, tries=1)
         return {
             MotionModel.REEDSSHEPP: CarPlanner(self.scene, 0, car),
             MotionModel.SE2: PlanarPlanner(self.scene, 0, slider),
