@@ -156,7 +156,7 @@ def test_the_longer_way_round_is_not_taken_for_the_fastest():
         for motion, first in zip((there, back), alone, strict=True):
             assert motion.duration <= first + 1e-9
             assert faults(motion, KIN) == []
-            # whoever is not as fast as the better direction is near the shortest way of a disc, which
+            # who is slower than the better direction is near the shortest way of a disc, and that
             # is at most what the better direction takes
             assert motion.duration <= max(least + 0.01, settings.roundabout * least)
     assert asked >= 8
