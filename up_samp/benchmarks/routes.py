@@ -24,12 +24,12 @@ from unified_planning.shortcuts import LT, And, Equals, Not, Or
 
 
 def before(a: Activity, b: Activity) -> FNode:
-    """Return that ``a`` ends strictly before ``b`` starts."""
+    """Return the constraint that ``a`` ends strictly before ``b`` starts."""
     return LT(a.end, b.start)
 
 
 def apart(a: Activity, b: Activity) -> FNode:
-    """Return that ``a`` and ``b`` do not share even an instant."""
+    """Return the constraint that ``a`` and ``b`` do not share even an instant."""
     return Or(before(a, b), before(b, a))
 
 

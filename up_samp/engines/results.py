@@ -65,7 +65,7 @@ def result_of(
 
 
 def too_late(name: str, params: Parameters, deadline: Deadline) -> SampResult:
-    """Return that the time was over before the problem was even read."""
+    """Say that the time was over before the problem was even read."""
     from up_samp.search.history import History
 
     why = "the time was over before the search began: the problem or its map is large"

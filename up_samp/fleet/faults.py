@@ -44,7 +44,7 @@ def show_path(path: Path) -> str:
 
 
 def missing(kind: str, name: str, known: Collection[str]) -> str:
-    """Return that there is no such name, and what may have been meant."""
+    """Say that there is no such name, and what may have been meant."""
     ranked = [(-difflib.SequenceMatcher(None, name, other).ratio(), other) for other in known]
     far, near = min(ranked, default=(0.0, ""))
     if far <= -0.6:

@@ -75,7 +75,7 @@ def _faults(error: ValidationError, data: Any, path: Path) -> list[Fault]:
 
 
 def no_such_key(name: str) -> str:
-    """Return that there is no such key, and which one may have been meant."""
+    """Say that there is no such key, and which one may have been meant."""
     known = {field.name for kind in RECORDS for field in fields(kind)}
     near = get_close_matches(name, sorted(known), 1, 0.7)
     return f"there is no such key; did you mean '{near[0]}'?" if near else "there is no such key"

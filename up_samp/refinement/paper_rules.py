@@ -38,7 +38,7 @@ def paper_condition(motions: Sequence[ScheduledMotion], rivals: Iterable[str]) -
 
 
 def _elsewhere(motions: Sequence[ScheduledMotion], places: Mapping[str, str]) -> list[Literal]:
-    """Return that some other object is not at its place while one of the motions happens."""
+    """State that some other object is not at its place while one of the motions happens."""
     return [
         Elsewhere(m.activity, o, c)
         for m in motions

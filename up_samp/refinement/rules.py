@@ -48,12 +48,12 @@ def only_given(refinement: Refinement, given: Given) -> Refinement:
 
 
 def differs(given: Given) -> list[Literal]:
-    """Return that one of the decisions is another."""
+    """State that one of the decisions is another."""
     return [Differs(variable, value) for variable, value in given]
 
 
 def other_motions(motions: Iterable[ScheduledMotion]) -> list[Literal]:
-    """Return that one of the motions is not made, or not between these configurations."""
+    """State that one of the motions is not made, or not between these configurations."""
     literals: dict[Literal, None] = {}
     for motion in motions:
         literals[Absent(motion.activity)] = None
@@ -62,7 +62,7 @@ def other_motions(motions: Iterable[ScheduledMotion]) -> list[Literal]:
 
 
 def impossible(activity: str, why: str) -> Refinement:
-    """Return that a motion can never be made (the map alone forbids it)."""
+    """State that a motion can never be made (the map alone forbids it)."""
     return Refinement(Clause((Absent(activity),)), Layer.GEOMETRIC, Strength.PROVEN, why)
 
 
@@ -74,7 +74,7 @@ def lasts(
     layer: Layer = Layer.BOUND,
     strength: Strength = Strength.PROVEN,
 ) -> Refinement:
-    """Return that a motion takes at least ``units``."""
+    """State that a motion takes at least ``units``."""
     return Refinement(Lasts(activity, units), layer, strength, why)
 
 
@@ -90,7 +90,7 @@ class Reason:
 def needs_open(
     activity: str, obstacle: str, configuration: str, tail: int, reason: Reason
 ) -> Refinement:
-    """Return that an obstacle must have left ``configuration`` ``tail`` units before the end.
+    """State that an obstacle must have left ``configuration`` ``tail`` units before the end.
 
     Right only where nothing brings the obstacle back there (see :func:`blocked_while`).
     """
@@ -99,23 +99,23 @@ def needs_open(
 
 
 def needs_away(activity: str, obstacle: str, configuration: str, why: str) -> Refinement:
-    """Return that a static obstacle must be elsewhere all the time."""
+    """State that a static obstacle must be elsewhere all the time."""
     statement = Requires(activity, obstacle, frozenset({configuration}), Span.WHOLE)
     return Refinement(statement, Layer.GEOMETRIC, Strength.PROVEN, why)
 
 
 def stays_put(activity: str, change: str, obstacle: str) -> Refinement:
-    """Return that a static obstacle is not set elsewhere (at the end of ``change``) meanwhile."""
+    """State that a static obstacle is not set elsewhere (at the end of ``change``) meanwhile."""
     return _not_during(activity, change, end_of(change), obstacle)
 
 
 def not_while_driving(activity: str, drive: str, obstacle: str) -> Refinement:
-    """Return that a static obstacle does not drive (``drive``) meanwhile."""
+    """State that a static obstacle does not drive (``drive``) meanwhile."""
     return _not_during(activity, drive, start_of(drive), obstacle)
 
 
 def _not_during(activity: str, other: str, begins: TimeRef, obstacle: str) -> Refinement:
-    """Return that what ``other`` does to an obstacle, from ``begins`` to its end, comes before or
+    """State that what ``other`` does to an obstacle, from ``begins`` to its end, comes before or
     after ``activity``.
     """
     literals = (
@@ -129,13 +129,13 @@ def _not_during(activity: str, other: str, begins: TimeRef, obstacle: str) -> Re
 
 
 def needs_away_at_start(activity: str, obstacle: str, configuration: str, why: str) -> Refinement:
-    """Return that an obstacle which lies on the motion's first pose must not be there then."""
+    """State that an obstacle which lies on the motion's first pose must not be there then."""
     statement = Requires(activity, obstacle, frozenset({configuration}), Span.START)
     return Refinement(statement, Layer.GEOMETRIC, Strength.PROVEN, why)
 
 
 def gone_before(point: TimeRef, changes: Iterable[str], units: int, reason: Reason) -> Refinement:
-    """Return that an obstacle has gone ``units`` before an activity's start or end.
+    """State that an obstacle has gone ``units`` before an activity's start or end.
 
     Right where it is in the way at first and nothing brings it back there: then it has gone when
     any of ``changes``, the activities that set it elsewhere, has ended. Unlike a condition on its
@@ -154,7 +154,7 @@ def blocked_while(
     *,
     strength: Strength = Strength.PROVEN,
 ) -> Refinement:
-    """Return that a motion cannot be made while all ``blockers`` rest (object -> configuration).
+    """State that a motion cannot be made while all ``blockers`` rest (object -> configuration).
 
     Some blocker must be elsewhere, or some activity that moves one (``movers``) must overlap.
     This is RCOND -> CHCONF with only the rivals that matter.
@@ -175,7 +175,7 @@ def slower_while(
     *,
     strength: Strength = Strength.RELATIVE,
 ) -> Refinement:
-    """Return that a motion takes ``units`` while all ``blockers`` rest where they are."""
+    """State that a motion takes ``units`` while all ``blockers`` rest where they are."""
     base = blocked_while(activity, blockers, movers, why, strength=strength)
     return unless_longer(base, activity, units)
 
@@ -194,7 +194,7 @@ def unary_place(
     taken: bool,
     leaving: Iterable[tuple[str, str, str]] = (),
 ) -> Refinement:
-    """Return that poses which overlap can hold only one object at a time."""
+    """State that poses which overlap can hold only one object at a time."""
     statement = Exclusive(
         name, frozenset(arrivals), frozenset(departures), taken, frozenset(leaving)
     )
@@ -205,7 +205,7 @@ def unary_place(
 def handed_over(
     leaving: str, coming: str, units: int, why: str, *, strength: Strength
 ) -> Refinement:
-    """Return that ``coming`` ends ``units`` after the start of ``leaving``, which gives the place
+    """State that ``coming`` ends ``units`` after the start of ``leaving``, which gives the place
     free, or before that.
     """
     literals = (
@@ -292,7 +292,7 @@ def group_fails(
     movers: Mapping[str, Iterable[str]],
     why: str,
 ) -> Refinement:
-    """Return that a group found no trajectories as timed: some offset or end must change.
+    """State that a group found no trajectories as timed: some offset or end must change.
 
     Nothing is proven by a search that ran out of time, so the cut is heuristic and narrow.
     """
@@ -316,7 +316,7 @@ def not_together(
     movers: Mapping[str, Iterable[str]],
     why: str,
 ) -> Refinement:
-    """Return that motions which found no trajectories at several offsets do not all go at once:
+    """State that motions which found no trajectories at several offsets do not all go at once:
     one of them ends before another begins. Heuristic, as :func:`group_fails`.
     """
     names = tuple(m.activity for m in motions)
@@ -334,7 +334,7 @@ def not_together(
 def _moved_away(
     names: tuple[str, ...], blockers: Mapping[str, str], movers: Mapping[str, Iterable[str]]
 ) -> list[Literal]:
-    """Return that some blocker is elsewhere, or that something moves it meanwhile."""
+    """State that some blocker is elsewhere, or that something moves it meanwhile."""
     literals: list[Literal] = []
     for obstacle, configuration in sorted(blockers.items()):
         literals += [Elsewhere(n, obstacle, configuration) for n in names]

@@ -33,7 +33,7 @@ def blocked_as_timed(
     rides: Collection[str] = (),
     strength: Strength = Strength.PROVEN,
 ) -> Refinement:
-    """Return that a motion cannot be made while obstacles rest as they do in this schedule.
+    """State that a motion cannot be made while obstacles rest as they do in this schedule.
 
     ``set_by`` tells which change (activity) set each obstacle where it is (``None``: it is there
     from the first), ``changes`` at what time each obstacle's present and absent (-1) other
@@ -67,7 +67,7 @@ def as_timed(
     *,
     strength: Strength,
 ) -> Refinement:
-    """Return that a group does not work just as it is timed: the last resort, it always rejects
+    """State that a group does not work just as it is timed: the last resort, it always rejects
     (under the decisions that the configurations hang on, see ``rules.only_given``).
 
     ``arrivals`` are the late motions' needed ends in units after the first start (none: the group
@@ -111,7 +111,7 @@ def as_timed(
 
 
 def _elsewhen(reference: TimeRef, point: TimeRef, offset: int) -> list[Literal]:
-    """Return that a timepoint is not ``offset`` units after a reference."""
+    """State that a timepoint is not ``offset`` units after a reference."""
     return [Apart(point, reference, 1 - offset), Apart(reference, point, offset + 1)]
 
 
@@ -122,7 +122,7 @@ def set_onto(
     sets: Mapping[str, tuple[int, int] | None],
     why: str,
 ) -> Refinement:
-    """Return that ``change`` must not set something to where another object rests: *proven*.
+    """State that ``change`` must not set something to where another object rests: *proven*.
 
     ``setter`` is the activity that brought the other object there (``None``: it is there from the
     first), ``moves`` and ``sets`` are the times of all activities that drive it and that set it
@@ -151,7 +151,7 @@ def set_onto(
 
 
 def exactly_as_timed(times: Mapping[str, tuple[int, int]], why: str) -> Refinement:
-    """Return that activities do not go together just as they are timed: some offset or end must
+    """State that activities do not go together just as they are timed: some offset or end must
     change, or one of them must be absent. *Heuristic*; it always rejects the schedule.
     """
     literals: list[Literal] = [Absent(name) for name in times]

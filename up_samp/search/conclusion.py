@@ -64,7 +64,7 @@ def conclude_without_schedule(search: Search, report: ScheduleReport) -> SearchR
 
 
 def conclude_beforehand(search: Search) -> SearchResult | None:
-    """Return that nothing is left where our own scheduler sees it soon, None otherwise.
+    """Conclude that nothing is left where our own scheduler sees it soon, None otherwise.
 
     Other engines are not told all that is proven (``for_proofs``), and few of them prove anything:
     they might go on for ever. Asked before the first round, and with more and more of them between.

@@ -55,7 +55,7 @@ def times_of(search: Search, itinerary: Itinerary) -> Earliest | None:
 
 
 def _beside_changes(itinerary: Itinerary) -> Iterable[Difference]:
-    """Return that motions stay before or after the changes (of doors) that they may meet, as they
+    """State that motions stay before or after the changes (of doors) that they may meet, as they
     are in the candidate; those that have one in their midst come after it.
     """
     for motion in itinerary.motions:

@@ -40,7 +40,7 @@ class AtOnce:
         return budget.deadline
 
     def more(self, *, planned: bool) -> bool:
-        """Return that there is no more time to be had."""
+        """Say that there is no more time to be had."""
         return False
 
 

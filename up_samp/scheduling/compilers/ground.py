@@ -154,7 +154,7 @@ def never_empty(problem: PlainProblem, condition: Condition) -> bool:
 
 
 def empty(problem: PlainProblem, condition: Condition) -> Expr:
-    """Return that the condition's interval holds no instant.
+    """Return the constraint that the condition's interval holds no instant.
 
     In conditions the plan's end is one after the last of all ends and effects, not the makespan.
     """

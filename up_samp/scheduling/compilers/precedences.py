@@ -172,7 +172,7 @@ class _Compiler:
         return ways
 
     def _holds(self, condition: Condition, expression: Expr) -> Expr:
-        """Return that ``expression`` holds throughout the condition's interval."""
+        """State that ``expression`` holds throughout the condition's interval."""
         fluents = list(dict.fromkeys(e for e in subexpressions(expression) if e[0] == "flu"))
         if not fluents:
             return expression
@@ -191,7 +191,7 @@ class _Compiler:
         )
 
     def _single(self, condition: Condition, fluent: Expr, expression: Expr) -> Expr:
-        """Return that a condition on one fluent holds: a supporter, and no threat."""
+        """State that a condition on one fluent holds: a supporter, and no threat."""
         if fluent in self.counted:
             raise UnsupportedError(f"the condition on {show(fluent)}, which is counted")
         right = _RightValues(self.problem, fluent, expression)
@@ -218,7 +218,7 @@ class _Compiler:
     def _no_threat(
         self, condition: Condition, change: _Change, since: Expr, value_right: Expr
     ) -> Expr:
-        """Return that a change does not come between the supporter and the interval's end."""
+        """State that a change does not come between the supporter and the interval's end."""
         ways = [negation(change.happens), ("le", later(change.time, 1), since)]
         own = change.owner is None or change.owner == condition.owner or condition.owner is None
         if own and value_right != FALSE and _may_be_inside(change.time, condition):

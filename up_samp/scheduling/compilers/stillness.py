@@ -81,7 +81,7 @@ def _still(condition: Condition) -> Expr | None:
 
 
 def _outside(condition: Condition, effect: Effect, optional: frozenset[str]) -> Expr:
-    """Return that the effect does not happen within the interval (always, if that is empty)."""
+    """State that the effect does not happen within the interval (always, if that is empty)."""
     owners = (condition.owner, effect.owner)
     ways: list[Expr] = [negation(("pres", owner)) for owner in owners if owner in optional]
     if effect.condition != TRUE and all(s[0] != "flu" for s in subexpressions(effect.condition)):

@@ -42,7 +42,7 @@ class PaperCuts:
         return []
 
     def no_path(self, motions: Motions, alone: Alone) -> list[Refinement]:
-        """Return that a motion has no path while blocking obstacles rest: RCOND -> CHCONF.
+        """State that a motion has no path while blocking obstacles rest: RCOND -> CHCONF.
 
         An RRT tells the blockers (an extension ran into them) and the unreachable configurations.
         """
@@ -88,7 +88,7 @@ class PaperCuts:
         return sorted(cases, key=lambda c: (c.activity, c.given)), found.blockers
 
     def too_slow(self, motions: Motions, alone: Alone, units: int) -> list[Refinement]:
-        """Return that the motion and all alike last ``units`` while others rest at their places:
+        """State that the motion and all alike last ``units`` while others rest at their places:
         RCOND -> CHTIME.
         """
         return [

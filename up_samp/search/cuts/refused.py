@@ -27,7 +27,7 @@ def cuts_from(facts: Facts, itinerary: Itinerary, refusals: Sequence[Refusal]) -
 
 
 def _set_onto(facts: Facts, itinerary: Itinerary, refusal: Refusal) -> Refinement | None:
-    """Return that an object must not be set to where another one rests, if that is it."""
+    """State that an object must not be set to where another one rests, if that is it."""
     if refusal.kind != "collision" or len(refusal.activities) != 1 or len(refusal.objects) != 2:
         return None
     (activity,), (thing, other) = refusal.activities, refusal.objects
@@ -52,7 +52,7 @@ def _set_onto(facts: Facts, itinerary: Itinerary, refusal: Refusal) -> Refinemen
 
 
 def _as_timed(facts: Facts, itinerary: Itinerary, refusal: Refusal) -> Refinement:
-    """Return that the activities of a refusal, with what moved its objects last, do not go
+    """State that the activities of a refusal, with what moved its objects last, do not go
     together as they are timed; all that are present where it names none.
     """
     times = itinerary.schedule.times

@@ -66,7 +66,7 @@ def _periods(facts: Facts, itinerary: Itinerary, name: str) -> list[tuple[float,
 
 
 def rest_cuts(failure: Failure, late: str) -> list[Refinement]:
-    """Return that objects which rest in the way all the time make a motion slower."""
+    """State that objects which rest in the way all the time make a motion slower."""
     facts, itinerary = failure.facts, failure.itinerary
     motion, timed = failure.scheduled[late], failure.timed[late]
     window = (facts.seconds(motion.start), facts.seconds(motion.end))

@@ -43,11 +43,11 @@ class SmallCuts:
         return duration_of(motions, knowledge, cases, motions.budget.query())
 
     def no_path(self, motions: Motions, alone: Alone) -> list[Refinement]:
-        """Return that the motion and all alike must not be made while the blockers rest there."""
+        """State that the motion and all alike must not be made while the blockers rest there."""
         return blocked(motions.facts, alone)
 
     def too_slow(self, motions: Motions, alone: Alone, units: int) -> list[Refinement]:
-        """Return that the motion and all alike take that long while the blockers rest there."""
+        """State that the motion and all alike take that long while the blockers rest there."""
         movers, why, strength = motions.facts.movers, alone.why, alone.strength
         places = _that_delay(motions, alone, units)
         found = []
@@ -95,7 +95,7 @@ def _that_delay(motions: Motions, alone: Alone, units: int) -> dict[str, str]:
 
 
 def blocked(facts: Facts, alone: Alone) -> list[Refinement]:
-    """Return that the motion and all alike must not be made while the blockers rest there."""
+    """State that the motion and all alike must not be made while the blockers rest there."""
     movers, why = facts.movers, alone.why
     return [
         rules.only_given(
@@ -117,7 +117,7 @@ def _first_violated(
 
 
 def _together_cut(failure: Failure) -> Refinement:
-    """Return that motions do not go together: as they are timed at first; what fails at other
+    """State that motions do not go together: as they are timed at first; what fails at other
     offsets, too, is kept apart whatever the offsets.
     """
     names = failure.report.conflict or set(failure.scheduled)

@@ -13,7 +13,7 @@ from up_samp.search.visits import near
 
 
 def unary_places(motions: Motions) -> list[Refinement]:
-    """Return that configurations which overlap hold one driving object at a time."""
+    """State that configurations which overlap hold one driving object at a time."""
     nodes = _resting_nodes(motions.facts)
     found = []
     covered: set[tuple[int, int]] = set()

@@ -85,7 +85,7 @@ def opened(
     tail: int,
     reason: rules.Reason,
 ) -> Refinement:
-    """Return that an obstacle which does not come back has left ``tail`` units before the end."""
+    """State that an obstacle which does not come back has left ``tail`` units before the end."""
     changes = facts.movers[obstacle]
     if len(changes) <= 1 and not case.given:
         return rules.needs_open(case.activity, obstacle, configuration, tail, reason)

@@ -180,5 +180,5 @@ class Legs:
 
 
 def entry_form(stop: ActivityVars, time: Lin, lead: int) -> Form:
-    """Return that ``time`` comes ``lead`` or more before ``stop``, if that is present."""
+    """State that ``time`` comes ``lead`` or more before ``stop``, if that is present."""
     return disjunction([~stop.present, time.shift(lead).le(stop.start)])
