@@ -31,7 +31,7 @@ from unified_planning.model.motion import SchedulingMotionProblem
 from up_samp.io.plan_dict import PlanDict, plan_to_dict
 from up_samp.io.restore import plan_from_dict
 from up_samp.model import Deadline, ProblemError
-from up_samp.system.workers import Task, Workers
+from up_samp.system.workers import Workers, WorkItem
 from up_samp.upio.plan import SampSchedule
 from up_samp.validation import validate_plan
 
@@ -98,8 +98,8 @@ def solve_portfolio(
         # what a worker found has to come back, too
         each = None if timeout is None else 0.95 * timeout / turns
         ends = None if each is None or turns > 1 else time.time() + each
-        tasks: list[Task[Said]] = [
-            Task(
+        tasks: list[WorkItem[Said]] = [
+            WorkItem(
                 run_member,
                 (data, number, each, ends),
                 partial(_run_here, problem, member, each),

@@ -12,7 +12,7 @@ from multiprocessing import get_context
 
 import pytest
 
-from up_samp.system.workers import Task, Workers
+from up_samp.system.workers import Workers, WorkItem
 
 FOREVER = partial(float, "inf")
 
@@ -24,14 +24,14 @@ def power(base, here):
         here.append(base)
         return base**seconds
 
-    return Task(operator.pow, (base,), now, lambda: 2)
+    return WorkItem(operator.pow, (base,), now, lambda: 2)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no such signals there")
 def test_a_pool_whose_process_dies(caplog):
     here = []
     # it gets the signal whose number is its remaining time
-    deadly = Task(signal.raise_signal, (), lambda seconds: -1, lambda: int(signal.SIGKILL))
+    deadly = WorkItem(signal.raise_signal, (), lambda seconds: -1, lambda: int(signal.SIGKILL))
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         workers = Workers(pool)
         assert workers.answers([power(3, here)], FOREVER) == [9]
@@ -52,7 +52,7 @@ def test_the_first_question_is_answered_first():
         time.sleep(0.2 / (1 + number))
         return number
 
-    tasks = [Task(late, (k,), partial(late, k), lambda: 9.0) for k in range(4)]
+    tasks = [WorkItem(late, (k,), partial(late, k), lambda: 9.0) for k in range(4)]
     with ThreadPoolExecutor(4) as pool:
         assert Workers(pool).answers(tasks, FOREVER) == [0, 1, 2, 3]
 
@@ -60,8 +60,8 @@ def test_the_first_question_is_answered_first():
 def test_nobody_is_waited_for_past_the_end():
     gate = threading.Event()
     tasks = [
-        Task(lambda seconds: gate.wait(20.0), (), lambda seconds: False, lambda: 0.1),
-        Task(lambda seconds: True, (), lambda seconds: False, lambda: 0.1),
+        WorkItem(lambda seconds: gate.wait(20.0), (), lambda seconds: False, lambda: 0.1),
+        WorkItem(lambda seconds: True, (), lambda seconds: False, lambda: 0.1),
     ]
     began = time.monotonic()
     with ThreadPoolExecutor(1) as pool:
@@ -80,7 +80,7 @@ def test_what_is_lost_too_late_is_not_done_here():
     with Refusing(1) as pool:
         workers = Workers(pool)
         none, two = (
-            Task(int, (), lambda seconds: 2, lambda left=left: left) for left in (0.0, 1.0)
+            WorkItem(int, (), lambda seconds: 2, lambda left=left: left) for left in (0.0, 1.0)
         )
         assert workers.answers([none, two], FOREVER) == [None, 2]
         assert workers.lost == 2

@@ -26,7 +26,7 @@ from up_samp.model import (
 from up_samp.motion.protocol import Leg, LegQuery
 from up_samp.motion.service import MotionService
 from up_samp.motion.tuning import MotionTuning
-from up_samp.system.workers import Task, Workers
+from up_samp.system.workers import Workers, WorkItem
 
 CHUNK = 6
 """Paths that are asked for in one task."""
@@ -166,8 +166,8 @@ class Crew:
         deadlines: Sequence[Deadline],
     ) -> list[Answer | None]:
         """Return what ``do`` returns for each of ``given``, in this order."""
-        tasks: list[Task[Answer]] = [
-            Task(work, (self.scope, do, *one), partial(self._here, do, one), deadline.remaining)
+        tasks: list[WorkItem[Answer]] = [
+            WorkItem(work, (self.scope, do, *one), partial(self._here, do, one), deadline.remaining)
             for one, deadline in zip(given, deadlines, strict=True)
         ]
         last = max((d.at for d in deadlines), default=0.0)

@@ -21,7 +21,7 @@ log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Task(Generic[Answer]):
+class WorkItem(Generic[Answer]):
     """``do(*given, seconds)`` for a worker, ``here(seconds)`` for this process, with the same
     answer; ``remaining()`` are the seconds that are left for it.
     """
@@ -43,7 +43,7 @@ class Workers:
     lost: int = 0
 
     def answers(
-        self, tasks: Sequence[Task[Answer]], until: Callable[[], float]
+        self, tasks: Sequence[WorkItem[Answer]], until: Callable[[], float]
     ) -> list[Answer | None]:
         """Return the tasks' answers in their order; None for what is not there in time.
 
@@ -52,7 +52,7 @@ class Workers:
         futures = [self._submit(task) for task in tasks]
         return [self._taken(f, t, until()) for f, t in zip(futures, tasks, strict=True)]
 
-    def _submit(self, task: Task[Answer]) -> Future[Answer] | None:
+    def _submit(self, task: WorkItem[Answer]) -> Future[Answer] | None:
         try:
             return self.executor.submit(task.do, *task.given, task.remaining())
         except Exception as error:  # a broken pool refuses tasks
@@ -60,7 +60,7 @@ class Workers:
             return None
 
     def _taken(
-        self, future: Future[Answer] | None, task: Task[Answer], seconds: float
+        self, future: Future[Answer] | None, task: WorkItem[Answer], seconds: float
     ) -> Answer | None:
         """Return a worker's answer, or this process's own where the worker is lost."""
         why: object = "the executor takes no more tasks"

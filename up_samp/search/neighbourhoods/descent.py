@@ -31,7 +31,7 @@ from up_samp.search.neighbourhoods.view import View
 from up_samp.search.search import Search
 from up_samp.search.stages import IMPROVING
 from up_samp.search.tuning import NeighbourhoodsTuning
-from up_samp.system.workers import Task
+from up_samp.system.workers import WorkItem
 
 
 @dataclass
@@ -149,7 +149,7 @@ class Descent:
             return
         parts = [small_problem(view, freed) for freed in some]
         tasks = [
-            Task(
+            WorkItem(
                 solve_sent,
                 (pickle.dumps(small.problem), settings, guess),
                 partial(_solve_here, small, settings, guess),
