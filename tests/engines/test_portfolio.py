@@ -1,9 +1,9 @@
 """Portfolios: the best plan of all members, whoever is first and whoever is lost."""
 
 import pickle
-from concurrent.futures import BrokenExecutor, Executor, Future
 
 import pytest
+from oracles.odd_executors import Backwards
 from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.environment import get_environment
 from unified_planning.shortcuts import OneshotPlanner
@@ -13,30 +13,6 @@ from up_samp.benchmarks.instances import instance
 from up_samp.model import ProblemError
 from up_samp.portfolio import Member, Said, seeds, solve_portfolio
 from up_samp.validation import validate_plan
-
-
-class Backwards(Executor):
-    """Does its tasks in reverse order, with copies of what it is given; some workers are lost."""
-
-    def __init__(self, lost=()):
-        self.lost, self.waiting = lost, []
-
-    def submit(self, do, *given):
-        future = Future()
-        self.waiting.append((len(self.waiting), future, do, pickle.loads(pickle.dumps(given))))
-        wait = future.result
-
-        def result(timeout=None):
-            while self.waiting:
-                number, one, task, args = self.waiting.pop()
-                if number in self.lost:
-                    one.set_exception(BrokenExecutor("the worker is gone"))
-                else:
-                    one.set_result(task(*args))
-            return wait(timeout)
-
-        future.result = result
-        return future
 
 
 @pytest.fixture(scope="module")

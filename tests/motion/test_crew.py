@@ -1,14 +1,14 @@
 """Motion queries done by workers: the same answers, whoever is first and whoever is lost."""
 
 import os
-import signal
 import threading
 import time
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
 
 import numpy as np
 import pytest
+from oracles.odd_executors import Backwards, Killing
 
 from up_samp.benchmarks import tight_places as tight
 from up_samp.model import Body, Deadline, Kinematics, MotionModel, Outcome, PathQuery
@@ -36,34 +36,9 @@ def same(one, two):
     )
 
 
-class LastFirst(Executor):
-    """Does its tasks in reverse order once an answer is asked for; some workers are lost."""
-
-    def __init__(self, lost=()):
-        self.tasks, self.lost = [], lost
-
-    def submit(self, do, *given):
-        future = Future()
-        self.tasks.append((future, do, given))
-        number = len(self.tasks) - 1
-        wait = future.result
-
-        def result(timeout=None):
-            while self.tasks:
-                one, task, args = self.tasks.pop()
-                if number in self.lost:
-                    one.set_exception(RuntimeError("the worker is gone"))
-                else:
-                    one.set_result(task(*args))
-            return wait(timeout)
-
-        future.result = result
-        return future
-
-
 @pytest.mark.parametrize(
     "executor",
-    [LastFirst(), LastFirst(lost={0}), None],
+    [Backwards(), Backwards(lost={0}, error=RuntimeError), None],
     ids=["reversed", "one lost", "threads"],
 )
 def test_answers_do_not_depend_on_the_workers(executor):
@@ -83,7 +58,7 @@ def test_groups_come_back_in_the_order_asked():
     groups = [tight.pocket(tight.omni()), tight.pocket(tight.differential())]
     grid = groups[0].grid
     service = MotionService(grid)
-    crew = Crew(Workers(LastFirst()), service)
+    crew = Crew(Workers(Backwards()), service)
     queries = [g.query for g in groups]
     deadlines = [Deadline.after(100.0), Deadline.after(120.0)]
     found = crew.coordinate(queries, deadlines, method="ladder", seed=0)
@@ -111,20 +86,6 @@ def test_nothing_is_waited_for_past_the_deadline():
 def test_flyers_and_laws_of_motion_stay_here():
     assert can_be_sent(tight.car())
     assert not can_be_sent(Body((), Kinematics(MotionModel.SE3), mesh="drone.stl"))
-
-
-class Killing(Executor):
-    """Hands tasks on, and kills a worker after the second one."""
-
-    def __init__(self, executor, victim):
-        self.executor, self.victim, self.handed = executor, victim, 0
-
-    def submit(self, do, *given):
-        self.handed += 1
-        future = self.executor.submit(do, *given)
-        if self.handed == 2:
-            os.kill(self.victim, signal.SIGKILL)
-        return future
 
 
 @pytest.mark.long

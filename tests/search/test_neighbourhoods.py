@@ -2,13 +2,8 @@
 
 import logging
 import os
-import pickle
 import random
-import signal
 from concurrent.futures import (
-    BrokenExecutor,
-    Executor,
-    Future,
     ProcessPoolExecutor,
     ThreadPoolExecutor,
 )
@@ -18,6 +13,7 @@ from functools import partial
 from multiprocessing import get_context
 
 import pytest
+from oracles.odd_executors import Backwards, Killing
 
 from up_samp.benchmarks.instances import instance
 from up_samp.model import CandidateSchedule, Deadline, ScheduleReport, ScheduleStatus
@@ -259,31 +255,6 @@ def test_the_whole_is_tried_first_where_that_may_help(begun):
     assert len(asked) == 2
 
 
-class Backwards(Executor):
-    """Does its tasks in reverse order, with copies of what it is given; some workers are lost."""
-
-    def __init__(self, lost=()):
-        self.lost, self.handed, self.waiting = set(lost), 0, []
-
-    def submit(self, do, *given):
-        future = Future()
-        self.waiting.append((self.handed, future, do, pickle.loads(pickle.dumps(given))))
-        self.handed += 1
-        wait = future.result
-
-        def result(timeout=None):
-            while self.waiting:
-                number, one, task, args = self.waiting.pop()
-                if number in self.lost:
-                    one.set_exception(BrokenExecutor("the worker is gone"))
-                else:
-                    one.set_result(task(*args))
-            return wait(timeout)
-
-        future.result = result
-        return future
-
-
 def test_workers_change_nothing(begun, monkeypatch, caplog):
     """Small problems are solved alike, whoever solves them, and in the order asked."""
     search, plan = begun
@@ -303,20 +274,6 @@ def test_workers_change_nothing(begun, monkeypatch, caplog):
     told = [r for r in caplog.records if r.levelno >= logging.WARNING]
     assert len(told) == 1
     assert "a worker is lost" in told[0].getMessage()
-
-
-class Killing(Executor):
-    """Hands tasks on, and kills a worker after the second one."""
-
-    def __init__(self, executor, victim):
-        self.executor, self.victim, self.handed = executor, victim, 0
-
-    def submit(self, do, *given):
-        self.handed += 1
-        future = self.executor.submit(do, *given)
-        if self.handed == 2:
-            os.kill(self.victim, signal.SIGKILL)
-        return future
 
 
 @contextmanager
