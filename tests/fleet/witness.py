@@ -11,9 +11,9 @@ import random
 from dataclasses import dataclass, field
 
 import numpy as np
-from shapely.geometry import Polygon, box
+from shapely.geometry import Polygon
 
-from up_samp.fleet.importers import map_from_polygons
+from tests.fleet.floors import CLOSED, LEAF, LEFT, OPEN, RIGHT, WALL, map_with, zone_of
 from up_samp.fleet.loads import with_load
 from up_samp.fleet.outlines import body_of, placed, still
 from up_samp.fleet.reading import read_record
@@ -22,10 +22,6 @@ from up_samp.geometry import load_map
 from up_samp.model import Deadline, PathQuery, Placed
 from up_samp.motion import MotionService
 
-LEFT = [(x, y) for x in (1.6, 4.2, 6.6) for y in (1.5, 4.5, 7.5)]
-RIGHT = [(x, y) for x in (9.4, 11.8, 14.4) for y in (1.5, 4.5, 7.5)]
-WALL = (box(7.9, 0, 8.1, 3.5), box(7.9, 5.5, 8.1, 9))
-LEAF, CLOSED, OPEN = (0.2, 1.96), (8.0, 4.5, 0.0), (8.0, 6.6, 0.0)
 PALLET = (0.9, 0.7)
 
 
@@ -53,26 +49,19 @@ class Maker:
         if not rooms:
             self.features -= {"door"}
         self.walls = WALL if rooms else ()
-        free = box(0, 0, 16, 9)
-        for w in self.walls:
-            free = free.difference(w)
-        name = "rooms" if rooms else "hall"
+        path = map_with(self.walls, folder)
         self.spec = {
-            "map": str(folder / f"{name}.yaml"), "seconds_per_unit": self.unit,
+            "map": str(path), "seconds_per_unit": self.unit,
             "robot_types": {}, "robots": {}, "places": {}, "doors": {}, "zones": {},
             "resources": {}, "orders": [], "tasks": [], "walls": list(self.walls),
         }  # fmt: skip
-        if not (folder / f"{name}.yaml").exists():
-            map_from_polygons(free, folder, name, 0.1)
-        self.service = MotionService(load_map(folder / f"{name}.yaml"))
+        self.service = MotionService(load_map(path))
         self.clock = 0
         self.zone, self.crowd = None, 0
         self.shuts, self.opened = None, {}
         self.closes = self.rng.choice([None, None, 15.0, 30.0])
         if "zone" in self.features:
-            x, y = self.rng.choice([4.2, 8.0, 11.8]), self.rng.choice([2.5, 4.5, 7.5])
-            w, h = self.rng.choice([0.8, 2.2]), self.rng.choice([0.8, 1.8])
-            self.zone = box(x - w, y - h, x + w, y + h)
+            self.zone = zone_of(self.rng)
         self.open = False
         self.windows: list = []
         self.more, self.begun = random.Random(-1 - seed), []
@@ -139,23 +128,7 @@ class Maker:
             if self.at[robot] == to:
                 return
         poses = [tuple(self.spec["places"][p]["pose"]) for p in (self.at[robot], to)]
-        here = [self.spec["places"][p]["pose"] for r, p in self.at.items() if r != robot]
-        others = [Placed(f"o{i}", body_of(self.kind), tuple(p)) for i, p in enumerate(here)]
-        others += [
-            Placed(o, still(PALLET), tuple(self.spec["places"][p]["pose"]))
-            for o, p in self.loads.items()
-            if o != load and p not in (self.at[robot], to)
-        ]
-        if any(p == to for o, p in self.loads.items() if o != load) and load is not None:
-            raise NoWitnessError
-        if "door" in self.features:
-            others.append(Placed("gate", still(LEAF), OPEN if self.open else CLOSED))
-        if any(self.at[r] == to for r in self.at):
-            raise NoWitnessError
-        if self._crossing(robot, to, load):
-            others.append(
-                Placed("zone", still(tuple(self.zone.exterior.coords[:-1])), (0.0, 0.0, 0.0))
-            )
+        others = self._in_the_way(robot, to, load)
         rides = load is not None and self.at[robot] == self.loads.get(load)
         body = with_load(self.kind, Attached(PALLET)) if rides else body_of(self.kind)
         way = self.service.plan(
@@ -179,6 +152,26 @@ class Maker:
         if rides:
             self.loads[load] = to
         self.at[robot] = to
+
+    def _in_the_way(self, robot, to, load) -> list[Placed]:
+        """Return what a drive has to get around: robots, loads, the door and perhaps the zone."""
+        here = [self.spec["places"][p]["pose"] for r, p in self.at.items() if r != robot]
+        others = [Placed(f"o{i}", body_of(self.kind), tuple(p)) for i, p in enumerate(here)]
+        others += [
+            Placed(o, still(PALLET), tuple(self.spec["places"][p]["pose"]))
+            for o, p in self.loads.items()
+            if o != load and p not in (self.at[robot], to)
+        ]
+        if any(p == to for o, p in self.loads.items() if o != load) and load is not None:
+            raise NoWitnessError
+        if "door" in self.features:
+            others.append(Placed("gate", still(LEAF), OPEN if self.open else CLOSED))
+        if any(self.at[r] == to for r in self.at):
+            raise NoWitnessError
+        if self._crossing(robot, to, load):
+            corners = tuple(self.zone.exterior.coords[:-1])
+            others.append(Placed("zone", still(corners), (0.0, 0.0, 0.0)))
+        return others
 
     def _needs_door(self, a, b) -> bool:
         sides = [self.spec["places"][p]["pose"][0] < 8 for p in (a, b)]
