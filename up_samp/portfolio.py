@@ -6,8 +6,9 @@
         result = solve_portfolio(problem, seeds(4), executor=executor, timeout=60)
 
 The members are independent. Whoever is back first has no say: the result is the shortest plan, the
-first of them where several are as short; and the plan is optimal if it meets any member's bound. A
-member whose worker is lost is run here, if there is time.
+first of them where several are as short. It is optimal if it meets its own member's bound, or any
+absolute one: a relative bound speaks of the motions that its member's planner finds. A member whose
+worker is lost is run here, if there is time.
 """
 
 from __future__ import annotations
@@ -31,11 +32,15 @@ from unified_planning.model.motion import SchedulingMotionProblem
 from up_samp.io.plan_dict import PlanDict, plan_to_dict
 from up_samp.io.restore import plan_from_dict
 from up_samp.model import Deadline, ProblemError
+from up_samp.search.params import Parameters
 from up_samp.system.workers import Workers, WorkItem
 from up_samp.upio.plan import SampSchedule
 from up_samp.validation import validate_plan
 
 log = logging.getLogger(__name__)
+
+SAME = ("seconds_per_unit", "margin")
+"""What is part of the question: members that differ in it answer different ones."""
 
 
 @dataclass(frozen=True)
@@ -80,8 +85,10 @@ def solve_portfolio(
     """
     if not members:
         raise ProblemError("a portfolio needs at least one member")
-    if len({m.params.get("seconds_per_unit", 1.0) for m in members}) > 1:
-        raise ProblemError("the members of a portfolio need the same 'seconds_per_unit'")
+    for name in SAME:
+        usual = getattr(Parameters(), name)
+        if len({m.params.get(name, usual) for m in members}) > 1:
+            raise ProblemError(f"the members of a portfolio need the same {name!r}")
     try:
         data = pickle.dumps((problem, tuple(members)))
     except Exception as error:
@@ -135,9 +142,13 @@ def _run(problem: SchedulingMotionProblem, member: Member, seconds: float) -> Sa
 
     import up_samp  # noqa: F401  (registers the engines)
 
-    get_environment().credits_stream = None
-    with OneshotPlanner(name=member.engine, params=dict(member.params)) as planner:
-        result = planner.solve(problem, timeout=None if seconds == float("inf") else seconds)
+    environment = get_environment()
+    before, environment.credits_stream = environment.credits_stream, None
+    try:
+        with OneshotPlanner(name=member.engine, params=dict(member.params)) as planner:
+            result = planner.solve(problem, timeout=None if seconds == float("inf") else seconds)
+    finally:
+        environment.credits_stream = before  # this may be the caller's process
     told = " ".join(m.message for m in result.log_messages or ())
     metrics = result.metrics or {}
     bound, kind = int(metrics.get("lower_bound", 0)), str(metrics.get("bound_kind", ""))
@@ -155,24 +166,32 @@ def _result(
     """Return the best plan that stands before the validator, with the best bound."""
     metrics = {"members": str(len(said)), "lost": str(lost)}
     metrics["statuses"] = ", ".join(s.status for s in said)
-    bound = max(said, key=lambda s: s.lower_bound)
-    metrics |= {"lower_bound": str(bound.lower_bound), "bound_kind": bound.bound_kind}
     ranked = [(s.makespan, number) for number, s in enumerate(said) if s.makespan is not None]
     for makespan, number in sorted(ranked):
         plan = _judged(problem, said[number])
         if plan is None:
             log.error("the plan of member %d is not valid here", number)
             continue
+        bound = _bound(said, said[number])
+        metrics |= {"lower_bound": str(bound.lower_bound), "bound_kind": bound.bound_kind}
         metrics |= {"makespan": str(makespan), "member": str(number)}
-        optimal = said[number].status == Status.SOLVED_OPTIMALLY.name or (
-            0 < bound.lower_bound == makespan
-        )
+        met = bool(problem.quality_metrics) and 0 < bound.lower_bound == makespan
+        optimal = met or said[number].status == Status.SOLVED_OPTIMALLY.name
         status = Status.SOLVED_OPTIMALLY if optimal else Status.SOLVED_SATISFICING
         return PlanGenerationResult(status, plan, "portfolio", metrics)
     proven = Status.UNSOLVABLE_PROVEN.name
     first = next((s for s in said if s.status == proven), said[0])
-    metrics["why"] = first.message
-    return PlanGenerationResult(Status[first.status], None, "portfolio", metrics)
+    bound = _bound(said, first)
+    metrics |= {"lower_bound": str(bound.lower_bound), "bound_kind": bound.bound_kind}
+    metrics["why"] = "no member's plan is valid here" if ranked else first.message
+    status = Status.INTERNAL_ERROR if ranked else Status[first.status]
+    return PlanGenerationResult(status, None, "portfolio", metrics)
+
+
+def _bound(said: Sequence[Said], own: Said) -> Said:
+    """Return who tells the greatest bound that holds for what ``own`` found."""
+    told = [own, *(s for s in said if s.bound_kind == "absolute")]
+    return max(told, key=lambda s: s.lower_bound)
 
 
 def _judged(problem: SchedulingMotionProblem, said: Said) -> SampSchedule | None:

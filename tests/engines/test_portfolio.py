@@ -3,6 +3,7 @@
 import pickle
 
 import pytest
+from oracles.fresh import fresh_environment
 from oracles.odd_executors import Backwards
 from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.environment import get_environment
@@ -17,7 +18,8 @@ from up_samp.validation import validate_plan
 
 @pytest.fixture(scope="module")
 def small():
-    return instance("jobshop-r1-j1-m1").build()
+    with fresh_environment():
+        return instance("jobshop-r1-j1-m1").build()
 
 
 def test_a_problem_has_an_environment_of_its_own(small):
@@ -77,6 +79,17 @@ def test_a_bound_of_one_proves_the_plan_of_another(small, told):
     assert (result.plan, result.status) == ("short", Status.SOLVED_OPTIMALLY)
 
 
+def test_a_relative_bound_holds_for_its_own_member_alone(small, told):
+    relative = "relative to the motion planner's durations"
+    said = [Said(FOUND, {"valid": "a"}, 20, 5, relative), Said("TIMEOUT", None, None, 20, relative)]
+    told(*said)
+    result = solve_portfolio(small, seeds(2), executor=Backwards())
+    assert (result.status, result.metrics["lower_bound"]) == (Status.SOLVED_SATISFICING, "5")
+    told(Said(OPTIMAL, {"valid": None}, 10, 10, relative), Said("TIMEOUT"))
+    result = solve_portfolio(small, seeds(2), executor=Backwards())
+    assert (result.plan, result.status) == (None, Status.INTERNAL_ERROR)
+
+
 def test_a_plan_that_is_not_valid_here_does_not_count(small, told):
     told(Said(OPTIMAL, {"valid": None}, 10, 10), Said(FOUND, {"valid": "long"}, 30, 5))
     result = solve_portfolio(small, seeds(2), executor=Backwards())
@@ -96,6 +109,8 @@ def test_what_cannot_be_is_said(small):
         solve_portfolio(small, [])
     with pytest.raises(ProblemError, match="the same 'seconds_per_unit'"):
         solve_portfolio(small, [Member(), Member(params={"seconds_per_unit": 0.5})])
+    with pytest.raises(ProblemError, match="the same 'margin'"):
+        solve_portfolio(small, [Member(), Member(params={"margin": 0.2})])
     with pytest.raises(ProblemError, match="cannot be sent"):
         solve_portfolio(small, [Member(params={"progress": lambda event: None})])
 

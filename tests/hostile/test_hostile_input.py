@@ -254,6 +254,13 @@ def test_fluents_that_have_no_value_are_refused_by_name(harm, engine, tmp_path):
         planner.solve(found, timeout=20)
 
 
+def test_a_fluent_that_nobody_uses_needs_no_value(tmp_path):
+    found = problem(tmp_path)
+    found.add_fluent(Fluent("free"))
+    with OneshotPlanner(name="samp-refine[cpsat]") as planner:
+        assert planner.solve(found, timeout=60).plan is not None
+
+
 def test_a_body_without_a_motion_model_is_refused_by_name(tmp_path):
     found = problem(tmp_path)
     found.object("car")._motion_model = None

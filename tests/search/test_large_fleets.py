@@ -1,14 +1,18 @@
 """Large problems: jobs dealt out, thinned problems, motions decided one after the other."""
 
+from dataclasses import replace
+
 import pytest
 from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.shortcuts import AnytimePlanner, OneshotPlanner, get_environment
 
+from tests.search.guesses import along_the_axes, dealt_out
 from up_samp import Fleet
 from up_samp.benchmarks.maps import drawn_map
 from up_samp.benchmarks.warehouse import A_MAX, OMEGA_MAX, V_MAX, draw_orders, store, warehouse
-from up_samp.search.deals import Guess, deal, decided_by
+from up_samp.search.deals import decided_by
 from up_samp.search.jobs import find_jobs
+from up_samp.search.stopping import FirstPlan
 from up_samp.upio import read_problem
 from up_samp.upio.thin import thinned
 from up_samp.validation import validate_plan
@@ -21,6 +25,17 @@ def problem():
     return warehouse(3, 8, encoding="compact")
 
 
+@pytest.mark.parametrize("tuning", [{}, {"cold": 0.0}, {"warm": 0.0, "cold": 0.0}])
+def test_work_that_takes_no_time_is_dealt_out(problem, tuning):
+    snapshot = read_problem(problem)
+    jobs = find_jobs(problem, snapshot)
+    options = tuple(tuple(replace(o, work=0.0) for o in some) for some in jobs.options)
+    for lasts in (lambda body, a, b: 0.0, along_the_axes):
+        dealt = dealt_out(replace(jobs, options=options), snapshot, lasts, **tuning)
+        done = sorted(j for tour in dealt.tours.values() for j, _ in tour)
+        assert done == list(range(len(jobs.options)))
+
+
 def test_jobs_are_dealt_out_once_each(problem):
     snapshot = read_problem(problem)
     jobs = find_jobs(problem, snapshot)
@@ -31,23 +46,24 @@ def test_jobs_are_dealt_out_once_each(problem):
         f"{what}_robot0_order0" for what in ("fetch", "load", "carry", "unload")
     }
     assert first.extras == {"leave_robot0_order0"}
-    dealt = deal(jobs, Guess(snapshot))
+    dealt = dealt_out(jobs, snapshot)
     done = sorted(j for tour in dealt.tours.values() for j, _ in tour)
     assert done == list(range(len(jobs.options)))
-    ends = [dealt.end(robot, tour) for robot, tour in dealt.tours.items()]
+    ends = [dealt.cost(robot, tour) for robot, tour in dealt.tours.items()]
     assert max(ends) < 0.6 * sum(ends)
 
 
 def test_a_thinned_problem_has_what_was_dealt_out_and_nothing_else(problem):
     snapshot = read_problem(problem)
     jobs = find_jobs(problem, snapshot)
-    dealt = deal(jobs, Guess(snapshot))
+    dealt = dealt_out(jobs, snapshot)
     names = [a.name for a in problem.activities]
     thin = thinned(problem, decided_by(dealt, names))
     kept = {a.name for a in thin.activities}
-    assert dealt.leaders() <= kept < set(names)
+    leaders = {jobs.options[j][k].leader for tour in dealt.tours.values() for j, k in tour}
+    assert leaders <= kept < set(names)
     loads = {n for n in kept if n.startswith("load_")}
-    assert loads == dealt.leaders()
+    assert loads == leaders
     assert len([n for n in kept if n.startswith("leave_")]) == sum(map(bool, dealt.tours.values()))
     assert len(problem.activities) == len(names)
 
@@ -112,3 +128,14 @@ def test_plans_of_large_fleets_get_better():
                 break
     assert len(found) > 1
     assert found[0] > found[-1]
+
+
+def test_a_criterion_ends_the_search_after_the_first_plan(problem):
+    """Tours are not made better for as long as there is time."""
+    plans = []
+    stop = {"stop": FirstPlan(), "tuning": SOON}
+    with AnytimePlanner(name="samp-refine[cpsat]", params=stop) as planner:
+        plans += [r for r in planner.get_solutions(problem, timeout=120) if r.plan is not None]
+    assert plans
+    assert float(plans[-1].metrics["seconds_total"]) < 60
+    assert {r.metrics["makespan"] for r in plans} == {plans[0].metrics["makespan"]}

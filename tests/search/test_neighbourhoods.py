@@ -13,6 +13,7 @@ from functools import partial
 from multiprocessing import get_context
 
 import pytest
+from oracles.fresh import fresh_environment
 from oracles.odd_executors import Backwards, Killing
 
 from up_samp.benchmarks.instances import instance
@@ -36,7 +37,8 @@ NAME = "logistics-do-all-r3-i4"
 
 def search_of(name=NAME, encoding="lean", seed=0):
     """A search that knows bounds on motions, and has no plan."""
-    problem = instance(name).build(encoding, True)
+    with fresh_environment():
+        problem = instance(name).build(encoding, True)
     wrapped = Wrapped("cpsat", {"workers": 1}, lambda *_: [], True)
     deadline = Deadline.after(300.0)
     search = open_search(
@@ -274,6 +276,21 @@ def test_workers_change_nothing(begun, monkeypatch, caplog):
     told = [r for r in caplog.records if r.levelno >= logging.WARNING]
     assert len(told) == 1
     assert "a worker is lost" in told[0].getMessage()
+
+
+def test_what_cannot_be_sent_is_solved_here(begun, monkeypatch, caplog):
+    search, plan = begun
+    view, chance = view_of(search, plan), random.Random(1)
+    some = [choice(view, chance, 2) for choice in CHOICES[:2]]
+    descent = Descent(replace(search.tuning.neighbourhoods, effort=0.1))
+    environment = view.relaxation.problem.environment
+    monkeypatch.setattr(environment, "law", lambda state: state, raising=False)
+    workers = Workers(Backwards())
+    monkeypatch.setattr(search, "workers", workers)
+    found = list(descent._schedules(search, view, some, Deadline.after(100.0)))
+    assert len(found) == 2
+    assert workers.executor.handed == 0
+    assert "cannot be sent to workers" in caplog.text
 
 
 @contextmanager

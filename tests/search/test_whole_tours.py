@@ -8,6 +8,7 @@ from functools import partial
 import pytest
 from unified_planning.shortcuts import get_environment
 
+from tests.search.guesses import dealt_out
 from tests.spacetime.spacetime_oracle import room
 from up_samp.benchmarks.warehouse import WAREHOUSE_ENCODINGS, warehouse
 from up_samp.geometry import lay_out
@@ -15,7 +16,7 @@ from up_samp.model import Body, Deadline, Kinematics, MotionModel, Rest, TimedMo
 from up_samp.motion import MotionService
 from up_samp.motion.fleet.committed import Committed
 from up_samp.search import session
-from up_samp.search.deals import Guess, deal, decided_by, state_order
+from up_samp.search.deals import decided_by, state_order
 from up_samp.search.jobs import find_jobs
 from up_samp.search.large import homes_of
 from up_samp.search.loop import get_schedule, state_what_is_known
@@ -105,11 +106,11 @@ def opened(problem, seed):
     snapshot, grid = lay_out(read_problem(problem))
     service = session.open_service(snapshot, grid, Parameters())
     jobs = find_jobs(problem, snapshot)
-    dealt = deal(jobs, Guess(snapshot), seed=seed)
+    dealt = dealt_out(jobs, snapshot, seed=seed)
     thin = thinned(problem, decided_by(dealt, [a.name for a in problem.activities]))
     state_order(thin, dealt)
     wrapped = session.Wrapped("cpsat", {}, lambda problem, plan: [], True)
-    search = session.open_thin(wrapped, Parameters(), service, thin, Deadline.after(120))
+    search = session.open_thin(wrapped, Parameters(), service, None, thin, Deadline.after(120))
     state_what_is_known(search)
     report = get_schedule(search, optimal=False)
     search.scheduler.close()

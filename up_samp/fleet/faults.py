@@ -128,8 +128,8 @@ def _chargers(records: FleetRecords) -> Iterator[Fault]:
                 text += "reserve on: say step, in s"
                 yield Fault(("places", name, "charger"), text)
             elif given * battery.grains < battery.capacity:
-                text = f"a step gives {given:g}, less than a thousandth of what the battery of "
-                text += f"'{kind}' holds ({battery.capacity:g}): say a longer step, in s"
+                text = f"a step gives {given:g}, less than 1/{battery.grains} of what the battery "
+                text += f"of '{kind}' holds ({battery.capacity:g}): say a longer step, in s"
                 yield Fault(("places", name, "charger"), text)
 
 

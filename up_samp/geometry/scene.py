@@ -80,7 +80,7 @@ class Scene:
         if not (math.isfinite(margin) and margin >= 0):
             raise ValueError(f"the margin must be a finite number >= 0 m, not {margin!r}")
         self.grid = grid
-        self.margin = margin
+        self.margin = float(margin)  # kernels are compiled for floats
         self._polys: Memory[PolyData] = Memory(512)
 
     @cached_property

@@ -271,7 +271,11 @@ class ControlTuning(Tunables):
     shortest: float = tunable(0.02, "s", "of a piece, at least", least=1e-4)
     coarse: int = tunable(8, "integration steps", "of a piece while shooting", least=1)
     exact: float = tunable(
-        1e-8, "m or rad", "from its goal at which a shot counts as having hit it", least=1e-12
+        1e-8,
+        "m or rad",
+        "from its goal at which a shot counts as having hit it",
+        least=1e-12,
+        most=1e-5,
     )
     direct: int = tunable(24, "shots", "from the start, before anything is searched", least=0)
     shortcuts: int = tunable(40, "rounds", "of shortening", least=0)

@@ -35,10 +35,10 @@ class Better:
     tried: set[tuple[object, ...]] = field(default_factory=set)
     """Exchanges of jobs that did not help since the last change."""
 
-    def improved(self, deadline: Deadline) -> Iterator[Decided]:
-        """Yield tours that are over sooner than all before."""
+    def improved(self, over: Callable[[], bool], deadline: Deadline) -> Iterator[Decided]:
+        """Yield tours that are over sooner than all before, until it is ``over``."""
         stale = 0
-        while stale < self.tuning.stale and not deadline.expired():
+        while stale < self.tuning.stale and not over():
             change = self._other_jobs if self.rng.random() < self.tuning.jobs else self._other_order
             found, before = change(deadline), self.best
             stale += 1

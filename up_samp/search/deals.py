@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity
 
-from up_samp.model import Body, Configuration
+from up_samp.model import Body, Configuration, Deadline
 from up_samp.model.snapshot import Snapshot, TermKind
 from up_samp.search.jobs import Jobs
 from up_samp.search.tuning import DealsTuning
@@ -25,16 +25,13 @@ Lasts = Callable[[Body, Configuration, Configuration], float]
 Step = tuple[int, int]
 """A job and which of its options is taken."""
 
-FOREVER = 1e6
-"""What counts for a drive that is known to be impossible (s)."""
-
 
 class Guess:
-    """What work takes a robot, from place to place (s): ``lasts``, or else lines along the axes."""
+    """What work takes a robot, from place to place (s): ``lasts``."""
 
-    def __init__(self, snapshot: Snapshot, lasts: Lasts | None = None) -> None:
+    def __init__(self, snapshot: Snapshot, lasts: Lasts) -> None:
         self.snapshot = snapshot
-        self._lasts = lasts or along_the_axes
+        self._lasts = lasts
         self._known: dict[tuple[Body, Configuration, Configuration], float] = {}
 
     def ride(self, robot: str, a: Configuration, b: Configuration) -> float:
@@ -42,15 +39,8 @@ class Guess:
         key = self.snapshot.objects[robot].body, a, b
         known = self._known.get(key)
         if known is None:
-            known = self._known[key] = 0.0 if a == b else min(FOREVER, self._lasts(*key))
+            known = self._known[key] = 0.0 if a == b else self._lasts(*key)
         return known
-
-
-def along_the_axes(body: Body, a: Configuration, b: Configuration) -> float:
-    """Return a guess (s) of a drive between two poses in the plane, with a turn."""
-    limits = body.kinematics
-    length = abs(a[0] - b[0]) + abs(a[1] - b[1])
-    return length / limits.v_max + limits.v_max / limits.a_max + 2.0
 
 
 @dataclass
@@ -67,14 +57,6 @@ class Deal:
 
     def cost(self, robot: str, tour: Sequence[Step]) -> float:
         """Return a guess of when a robot has done a tour (s), and what is late counts more."""
-        end, late = self._guess(robot, tour)
-        return end + self.tuning.late * late
-
-    def end(self, robot: str, tour: Sequence[Step]) -> float:
-        """Return a guess of when a robot has done a tour (s)."""
-        return self._guess(robot, tour)[0]
-
-    def _guess(self, robot: str, tour: Sequence[Step]) -> tuple[float, float]:
         snapshot, ride = self.guess.snapshot, self.guess.ride
         here = snapshot.configurations[snapshot.initial[robot]]
         total = late = 0.0
@@ -87,7 +69,7 @@ class Deal:
                 late += max(
                     0.0, self.tuning.traffic * total - option.due * snapshot.seconds_per_unit
                 )
-        return total, late
+        return total + self.tuning.late * late
 
     def _busy(self, step: Step) -> float:
         """Return how long (s) a step takes from its entry to its exit."""
@@ -98,10 +80,6 @@ class Deal:
             known = self._work[step] = known * (1.0 + self.bias.get(step, 0.0))
         return known
 
-    def leaders(self) -> set[str]:
-        """Return the options that are taken."""
-        return {self.jobs.options[j][k].leader for tour in self.tours.values() for j, k in tour}
-
     def with_tours(self, changed: Mapping[str, list[Step]]) -> Deal:
         """Return the same with other tours of some robots."""
         return replace(self, tours={**self.tours, **changed})
@@ -110,16 +88,16 @@ class Deal:
 def deal(
     jobs: Jobs,
     guess: Guess,
-    tuning: DealsTuning | None = None,
+    tuning: DealsTuning,
+    deadline: Deadline,
     *,
     seed: int = 0,
     noise: float = 0.0,
 ) -> Deal:
-    """Return a quick and balanced share of all jobs.
+    """Return a quick and balanced share of all jobs: as good as it gets until ``deadline``.
 
     :param noise: share by which guesses of what jobs take are changed.
     """
-    tuning = tuning or DealsTuning()
     rng = random.Random(seed)
     bias = {
         (j, k): rng.uniform(-noise, noise)
@@ -132,7 +110,7 @@ def deal(
     due = [min(o.due for o in options) for options in jobs.options]
     for job in sorted(range(len(jobs.options)), key=lambda j: (due[j], -work[j], j)):
         found.tours = {**found.tours, **inserted(found, job)}
-    return exchanged(found, tuning.exchanges * len(jobs.options), rng)
+    return exchanged(found, tuning.exchanges * len(jobs.options), rng, deadline)
 
 
 def inserted(found: Deal, job: int) -> dict[str, list[Step]]:
@@ -151,7 +129,7 @@ def inserted(found: Deal, job: int) -> dict[str, list[Step]]:
     return {best[2]: best[3]}
 
 
-def exchanged(found: Deal, tries: int, rng: random.Random) -> Deal:
+def exchanged(found: Deal, tries: int, rng: random.Random, deadline: Deadline) -> Deal:
     """Return the best share that annealing comes by: jobs moved, or exchanged by two robots."""
     robots, tuning = sorted(found.tours), found.tuning
     tours = {robot: list(tour) for robot, tour in found.tours.items()}
@@ -164,8 +142,11 @@ def exchanged(found: Deal, tries: int, rng: random.Random) -> Deal:
             continue
         after = {robot: found.cost(robot, tour) ** tuning.steep for robot, tour in changed.items()}
         worse = sum(after[r] - weigh[r] for r in sorted(after))
-        heat = tuning.warm * (tuning.cold / tuning.warm) ** (number / tries)
-        if worse > 0 and rng.random() >= math.exp(-worse / (heat * total)):
+        if deadline.expired():
+            break
+        cooling = (tuning.cold / tuning.warm) ** (number / tries) if tuning.warm else 0.0
+        heat = tuning.warm * cooling * total
+        if worse > 0 and (heat <= 0 or rng.random() >= math.exp(-worse / heat)):
             continue
         tours.update(changed)
         weigh.update(after)

@@ -202,7 +202,7 @@ class _Look:
         members = self._needs.drawn(leader)
         driven = [task for name in sorted(members) for task in self._tasks.get(name, ())]
         unit = self._snapshot.seconds_per_unit
-        work = sum(self._lengths[n] * unit for n in members if n not in self._tasks)
+        work = sum(self._lengths[n] * unit for n in sorted(members) if n not in self._tasks)
         found = self._driven(driven) if driven else self._standing(members)
         if found is None:
             return None
@@ -228,7 +228,8 @@ class _Look:
         told = [self._stands.get(name) for name in sorted(members)]
         if None in told or len({stand[0] for stand in told if stand is not None}) != 1:
             return None
-        before = {m: {n for n in members if m in self._then[n]} for m in members}
+        # sorted: a set's order, which differs from process to process, would decide among equals
+        before = {m: sorted(n for n in members if m in self._then[n]) for m in sorted(members)}
         try:
             order = list(TopologicalSorter(before).static_order())
         except CycleError:

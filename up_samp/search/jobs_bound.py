@@ -24,6 +24,7 @@ from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity
 
 from up_samp.model import Body, Configuration
+from up_samp.model.deadline import check_time
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
 from up_samp.motion import MotionService
 from up_samp.scheduling.cpsat.encode.durations import least
@@ -47,7 +48,10 @@ def bound_by_jobs(
     robots = {o.robot for options in jobs.options for o in options}
     if not counted:
         return 0
-    costs = [min(work.of(option) for option in options) for options in counted]
+    costs = []
+    for options in counted:
+        check_time()
+        costs.append(min(work.of(option) for option in options))
     total = max(sum(costs), _assigned(work, counted, facts.snapshot))
     return max(max(costs), -(-total // len(robots)))
 
@@ -63,6 +67,7 @@ def _assigned(work: _Work, counted: Sequence[tuple[Option, ...]], snapshot: Snap
         supply += work.arrivals(options)
     table = np.full((len(counted), len(supply) + len(counted)), np.inf)
     for row, options in enumerate(counted):
+        check_time()
         for option in options:
             for place, cost in work.by_origin(option):
                 for column, source in enumerate(supply):
@@ -119,7 +124,7 @@ class _Work:
 
     def traced(self, robot: str) -> bool:
         """Return whether it is known where each drive of a robot ends, and only drives move it."""
-        tasks = self._driven[robot]
+        tasks = self._driven.get(robot, ())
         known = all(t.terms[-1].kind is TermKind.CONSTANT for t in tasks)
         return known and robot not in self._moved
 
@@ -197,16 +202,13 @@ class _Work:
         other drive begins there.
         """
         if robot not in self._left:
-            self._left[robot] = _places_left(self._facts.snapshot, robot, self._jobs)
+            traced, snapshot = self.traced(robot), self._facts.snapshot
+            self._left[robot] = _places_left(snapshot, robot, self._jobs) if traced else frozenset()
         return self._left[robot]
 
 
 def _places_left(snapshot: Snapshot, robot: str, jobs: Jobs) -> frozenset[str]:
     tasks = [t for t in snapshot.tasks if t.object == robot]
-    known = all(t.terms[-1].kind is TermKind.CONSTANT for t in tasks)
-    moved = {*(c.object for c in snapshot.changes), *(r.load for r in snapshot.rides)}
-    if not known or robot in moved:
-        return frozenset()
     arrivals: dict[str, list[str]] = defaultdict(list)
     leaving: dict[str, set[str]] = defaultdict(set)
     for task in tasks:

@@ -17,12 +17,13 @@ from dataclasses import dataclass, replace
 
 from unified_planning.model.motion import SchedulingMotionProblem
 
-from up_samp.model import Deadline
+from up_samp.model import Deadline, OutOfTimeError
+from up_samp.model.deadline import in_force
 from up_samp.model.snapshot import Snapshot
 from up_samp.search.attempt import build, keep_if_better
 from up_samp.search.better_tours import Better
 from up_samp.search.bounds import Incumbent
-from up_samp.search.conclusion import SearchResult, conclude
+from up_samp.search.conclusion import SearchResult, conclude, conclude_stopped
 from up_samp.search.deals import Deal, Guess, deal, decided_by, state_order
 from up_samp.search.events import Phase
 from up_samp.search.jobs import Jobs, find_jobs
@@ -69,7 +70,7 @@ def solve_large(
     first = search.budget.share(large.tuning.share, float("inf"))
     search.tell.stage(Phase.PREPARE, "who does which job", len(large.jobs.options))
     found, failed = None, 0
-    for number, dealt in enumerate(deals_of(search, large), start=1):
+    for number, dealt in enumerate(deals_of(search, large, first), start=1):
         with search.history.stages.of(BUILDING):
             deadline = first.within(large.tuning.turn * first.remaining())
             opened = candidate_of(large, dealt, deadline)
@@ -80,10 +81,11 @@ def solve_large(
         failed += opened is None
         if found is not None or first.expired() or failed >= large.tuning.unscheduled:
             break
+        if search.stopped:
+            return conclude_stopped(search)
     better = None if found is None else keep_if_better(search, found.plan)
     with search.history.stages.of(STATING):
-        proven = bound_by_jobs(large.problem, search.facts, search.motions.service, large.jobs)
-    search.bounds.lower = max(search.bounds.lower, proven)
+        search.bounds.lower = max(search.bounds.lower, bound_of(search, large))
     if better is not None:
         yield better
         if not optimal:
@@ -92,10 +94,21 @@ def solve_large(
         yield from improve(search, large, found, found.tours)
     if search.bounds.met or search.budget.deadline.expired():
         return conclude(search)
+    if search.stopped:
+        return conclude_stopped(search)
     return (yield from solve(search, optimal=optimal))
 
 
-def deals_of(search: Search, large: Large) -> Iterator[Deal]:
+def bound_of(search: Search, large: Large) -> int:
+    """Return units that no plan can beat: 0 where there is no time left to find more."""
+    try:
+        with in_force(search.budget.deadline):
+            return bound_by_jobs(large.problem, search.facts, search.motions.service, large.jobs)
+    except OutOfTimeError:
+        return 0
+
+
+def deals_of(search: Search, large: Large, deadline: Deadline) -> Iterator[Deal]:
     """Yield shares of the jobs: the best one found, then others, by guesses that are more and more
     different, and more and more careful about what is due.
     """
@@ -106,7 +119,8 @@ def deals_of(search: Search, large: Large) -> Iterator[Deal]:
         # who was late was guessed to be too quick
         traffic = tuning.deals.traffic * (1.0 + large.tuning.slower * number)
         deals = replace(tuning.deals, traffic=traffic)
-        yield deal(large.jobs, guess, deals, seed=search.seed + number, noise=noise)
+        seed = search.seed + number
+        yield deal(large.jobs, guess, deals, deadline, seed=seed, noise=noise)
 
 
 @dataclass(frozen=True)
@@ -193,8 +207,8 @@ def improve(
 
     rng = random.Random(search.seed)
     better = Better(found.dealt, *tours, open_tours, large.tuning, rng)
-    changes = better.improved(deadline)
-    while not search.bounds.met:
+    changes = better.improved(lambda: deadline.expired() or search.stopped, deadline)
+    while not (search.bounds.met or search.stopped):
         with search.history.stages.of(BUILDING):
             decided = next(changes, None)
         if decided is None:

@@ -50,7 +50,7 @@ def solve(search: Search, *, optimal: bool) -> Generator[Incumbent, None, Search
     with search.history.stages.of(STATING):
         state_what_is_known(search)
     while not search.budget.deadline.expired():
-        if search.stop is not None and search.stop(search.tell.state()):
+        if search.stopped:
             return conclude_stopped(search)
         ending = conclude_beforehand(search)
         if ending is not None:

@@ -83,6 +83,11 @@ class Search:
         """What happened so far."""
         return self.knowledge.history
 
+    @property
+    def stopped(self) -> bool:
+        """Whether the user's criterion says that it is enough."""
+        return self.stop is not None and self.stop(self.tell.state())
+
     def learn(self, refinements: Iterable[Refinement]) -> int:
         """Tell the scheduler what is new of these and return how many that were."""
         new = self.knowledge.learn(refinements)

@@ -112,9 +112,10 @@ def open_search(
         wrapped.native,
     )
     with stages.of(READING):
-        search = assemble(asked, service, params, deadline)
+        workers = None if params.executor is None else Workers(params.executor)
+        search = assemble(asked, service, params, deadline, workers)
         if wrapped.native and params.incumbents and params.components is None and start is None:
-            inner = partial(open_thin, wrapped, params, service)
+            inner = partial(open_thin, wrapped, params, service, workers)
             search.large = large_of(problem, snapshot, inner, search.tuning.large)
     search.history.stages = stages
     search.start = None if start is None else start_of(problem, start)
@@ -125,6 +126,7 @@ def open_thin(
     wrapped: Wrapped,
     params: Parameters,
     service: MotionService,
+    workers: Workers | None,
     problem: SchedulingMotionProblem,
     deadline: Deadline,
 ) -> Search:
@@ -164,11 +166,15 @@ def open_thin(
 
     build = partial(to_plan, problem, snapshot)
     asked = Problem(relax_anew, scheduler_for, build, lambda plan: [], native=True)
-    return assemble(asked, service, replace(mine, components=components), deadline)
+    return assemble(asked, service, replace(mine, components=components), deadline, workers)
 
 
 def assemble(
-    problem: Problem, service: MotionService, params: Parameters, deadline: Deadline
+    problem: Problem,
+    service: MotionService,
+    params: Parameters,
+    deadline: Deadline,
+    workers: Workers | None,
 ) -> Search:
     """Return a search of the components that the parameters ask for."""
     deadline = replace(deadline, at=min(deadline.at, deadline.started + runtime_of(params.stop)))
@@ -180,7 +186,6 @@ def assemble(
     history, bounds = History(), Bounds()
     knowledge = Knowledge(relaxation, history)
     budget = Budget(deadline, params.query_seconds, mine.budget)
-    workers = None if params.executor is None else Workers(params.executor)
     crew = None if workers is None else Crew(workers, service)
     motions = Motions(facts, service, budget, crew)
     tell = Telling(observers_of(params), partial(state_of, history, bounds, deadline))

@@ -28,6 +28,7 @@ class Rewriter:
         self._types: dict[Type, Type] = {}
         self._objects: dict[Object, Object] = {}
         self._fluents: dict[Fluent, Fluent] = {}
+        self._met: dict[Fluent, None] = {}
         self._parameters: dict[Parameter, Parameter] = {}
         self._expressions: dict[int, FNode] = {}
         """By the number of a node, which is its own in the environment."""
@@ -52,8 +53,8 @@ class Rewriter:
 
     @property
     def fluents(self) -> list[Fluent]:
-        """All fluents that were met, as they are in the SAMP problem."""
-        return list(self._fluents)
+        """All fluents that expressions name, as they are in the SAMP problem."""
+        return list(self._met)
 
     def fluent(self, fluent: Fluent) -> Fluent:
         """Return the plain fluent of the same name and signature."""
@@ -92,6 +93,7 @@ class Rewriter:
         # preconditions without fluents are millions of nodes: most arguments were seen before
         plain = tuple([known.get(a.node_id) or self(a) for a in arguments])
         if kind is Op.FLUENT_EXP:
+            self._met[expression.fluent()] = None
             return manager.FluentExp(self.fluent(expression.fluent()), plain)
         if all(map(is_, plain, arguments)):
             return expression

@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.model import (
     Deadline,
@@ -20,8 +19,6 @@ from up_samp.motion.fleet.timed_path import TimedPath, run_of
 from up_samp.motion.fleet.timings import natural_timing
 from up_samp.motion.fleet.waiting import Window, fit
 from up_samp.motion.fleet.workspace import Workspace
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def is_good(run: TimedPath | None, motion: TimedMotion) -> bool:

@@ -17,9 +17,6 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
-import numpy as np
-import numpy.typing as npt
-
 from up_samp.model import (
     Deadline,
     FixedMotion,
@@ -34,8 +31,6 @@ from up_samp.motion.fleet.cell_times import TIMES
 from up_samp.motion.fleet.flyer_contacts import Flight
 from up_samp.motion.fleet.one_flyer import PrioritisedFlyers, decided, resting
 from up_samp.motion.fleet.workspace import PathPlanner, fleet_tuning
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def coordinate_flights(service: PathPlanner, query: GroupQuery, deadline: Deadline) -> GroupReport:

@@ -40,7 +40,9 @@ class SafeIntervalPlanner:
         self.scene = scene
         self.fields = Fields(scene)
         self._labels: dict[int, search.Labels] = {}
-        self._fine = Fineness(tuning.pieces, tuning.piece, tuning.visits, tuning.guard)
+        self._fine = Fineness(
+            tuning.pieces, float(tuning.piece), tuning.visits, float(tuning.guard)
+        )
 
     def paths(
         self,
@@ -106,7 +108,7 @@ class SafeIntervalPlanner:
                 float(earliest),
                 float(latest),
                 self.tuning.nearest,
-                self.tuning.reach,
+                float(self.tuning.reach),
             )
             strrt.grow(forest, growth, self.tuning.batch, 1000 * seed + batch)
             if deadline.expired() or (

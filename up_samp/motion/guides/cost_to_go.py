@@ -17,8 +17,6 @@ from up_samp.model import Placed
 from up_samp.motion.guides.visibility import sees
 
 FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
-
 MAX_CELLS = 60_000
 
 

@@ -98,7 +98,9 @@ class PlanarPlanner:
             reason = "the start or the goal touches the map or an obstacle"
             return Leg(None, reason, complete=True)
         leg = self._one_way(query, shape, budget)
-        if leg.trajectory is None or not self._is_roundabout(query, shape, leg.trajectory):
+        if not leg.complete or leg.trajectory is None:
+            return leg
+        if not self._is_roundabout(query, shape, leg.trajectory):
             return leg
         back = self._one_way(replace(query, start=query.goal, goal=query.start), shape, budget)
         if back.trajectory is None or back.trajectory.duration > leg.trajectory.duration - GAIN:
@@ -110,15 +112,20 @@ class PlanarPlanner:
         """Return whether a motion takes much longer than the shortest way of the disc in the body
         and the turn on it.
         """
-        field = self.fields.toward(shape, query.goal, query.obstacles)
         limits, (x, y, th) = query.body.kinematics, map(float, query.start[:3])
+        turn = abs(math.remainder(float(query.goal[2]) - th, 2 * math.pi)) / float(limits.omega_max)
+
+        def slow(metres: float) -> bool:
+            least = max(run_time(metres, float(limits.v_max), float(limits.a_max)), turn)
+            return motion.duration > self.settings.roundabout * least + GAIN
+
+        # most legs are hardly longer than the beeline, and a field of the whole map is dear
+        beeline = math.dist((x, y), query.goal[:2])
+        if not slow(beeline):
+            return False
+        field = self.fields.toward(shape, query.goal, query.obstacles)
         metres = float(field_value(field, x, y)) if len(field.values) else math.inf
-        if not math.isfinite(metres):
-            metres = math.dist((x, y), query.goal[:2])
-        least = run_time(metres, float(limits.v_max), float(limits.a_max))
-        turn = abs(math.remainder(float(query.goal[2]) - th, 2 * math.pi))
-        least = max(least, turn / float(limits.omega_max))
-        return motion.duration > self.settings.roundabout * least + GAIN
+        return slow(metres if math.isfinite(metres) else beeline)
 
     def _one_way(self, query: LegQuery, shape: Shape, budget: Budget) -> Leg:
         """Return a motion by a search from the start."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -15,8 +14,6 @@ from up_samp.motion.planners.control_law import Piece, Roller, miss, steps_of, t
 from up_samp.motion.tuning import ControlTuning
 
 FloatArray = npt.NDArray[np.float64]
-
-log = logging.getLogger(__name__)
 
 
 class Shot:

@@ -34,10 +34,9 @@ from up_samp.model import (
     check_time,
 )
 from up_samp.motion.proofs.heading_slices import separated
-from up_samp.motion.proofs.regions import MOST_ALTERNATIVES, Regions, _box, _links, mark_blocked
+from up_samp.motion.proofs.regions import MOST_ALTERNATIVES, Regions, box_of, links_of, mark_blocked
 
 BoolArray = npt.NDArray[np.bool_]
-IntArray = npt.NDArray[np.int32]
 
 
 class Certifier:
@@ -216,7 +215,7 @@ class Certifier:
         count = label_regions(free & (owners == 0), labels)
         sets: dict[int, int] = {}
         # what lies in obstacles is few cells: look at no others
-        near = _box(owners)
+        near = box_of(owners)
         zone = free[near] & (owners[near] != 0)
         for value in np.unique(owners[near][zone]):
             part = np.empty(zone.shape, dtype=np.int32)
@@ -225,7 +224,7 @@ class Certifier:
             sets.update((count + i, int(value)) for i in range(1, n + 1))
             count += n
         rows, cols = np.nonzero(zone)
-        return Regions(labels, sets, _links(labels, rows + near[0].start, cols + near[1].start))
+        return Regions(labels, sets, links_of(labels, rows + near[0].start, cols + near[1].start))
 
 
 def _minimal(sets: list[frozenset[str]]) -> list[frozenset[str]]:

@@ -17,8 +17,6 @@ MOST_ALTERNATIVES = 16
 
 IntArray = npt.NDArray[np.int32]
 
-BoolArray = npt.NDArray[np.bool_]
-
 
 @kernel
 def mark_blocked(
@@ -96,7 +94,7 @@ class Regions:
         return found
 
 
-def _box(owners: npt.NDArray[np.int64]) -> tuple[slice, slice]:
+def box_of(owners: npt.NDArray[np.int64]) -> tuple[slice, slice]:
     """Return the smallest part of the grid that holds all cells that are not 0."""
     rows = np.flatnonzero(owners.any(axis=1))
     if len(rows) == 0:
@@ -106,7 +104,7 @@ def _box(owners: npt.NDArray[np.int64]) -> tuple[slice, slice]:
     return band, slice(int(cols[0]), int(cols[-1]) + 1)
 
 
-def _links(
+def links_of(
     labels: IntArray, rows: npt.NDArray[np.intp], cols: npt.NDArray[np.intp]
 ) -> dict[int, frozenset[int]]:
     """Return which regions touch (8-connected); only the cells at ``rows`` and ``cols`` can join

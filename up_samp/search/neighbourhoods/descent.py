@@ -7,6 +7,7 @@ other or by workers, all at once.
 
 from __future__ import annotations
 
+import logging
 import pickle
 import random
 from collections.abc import Iterator, Sequence
@@ -32,6 +33,8 @@ from up_samp.search.search import Search
 from up_samp.search.stages import IMPROVING
 from up_samp.search.tuning import NeighbourhoodsTuning
 from up_samp.system.workers import WorkItem
+
+log = logging.getLogger(__name__)
 
 
 @dataclass
@@ -88,8 +91,7 @@ class Descent:
                 yield better
 
     def _over(self, search: Search, deadline: Deadline) -> bool:
-        stopped = search.stop is not None and search.stop(search.tell.state())
-        return stopped or deadline.expired() or search.bounds.met
+        return search.stopped or deadline.expired() or search.bounds.met
 
     def _hopeless(self, search: Search) -> bool:
         """Return whether a first attempt at a proof, or at a better schedule of the whole, would
@@ -148,14 +150,21 @@ class Descent:
                 yield _whole(report, small, guess)
             return
         parts = [small_problem(view, freed) for freed in some]
+        try:
+            sent = [pickle.dumps(small.problem) for small in parts]
+        except Exception as error:  # a problem brings its environment, with all that is in there
+            log.warning("problems cannot be sent to workers, and are solved here: %s", error)
+            search.workers = None
+            yield from self._schedules(search, view, some, deadline)
+            return
         tasks = [
             WorkItem(
                 solve_sent,
-                (pickle.dumps(small.problem), settings, guess),
+                (data, settings, guess),
                 partial(_solve_here, small, settings, guess),
                 deadline.remaining,
             )
-            for small in parts
+            for small, data in zip(parts, sent, strict=True)
         ]
         answers = search.workers.answers(tasks, deadline.remaining)
         for answer, small in zip(answers, parts, strict=True):

@@ -1,0 +1,17 @@
+"""Shares of jobs by simple guesses."""
+
+from up_samp.model import Deadline
+from up_samp.search.deals import Guess, deal
+from up_samp.search.tuning import DealsTuning
+
+
+def along_the_axes(body, a, b):
+    """Return a guess (s) of a drive between two poses in the plane, with a turn."""
+    limits = body.kinematics
+    length = abs(a[0] - b[0]) + abs(a[1] - b[1])
+    return length / limits.v_max + limits.v_max / limits.a_max + 2.0
+
+
+def dealt_out(jobs, snapshot, lasts=along_the_axes, seed=0, **tuning):
+    guess = Guess(snapshot, lasts)
+    return deal(jobs, guess, DealsTuning(**tuning), Deadline.never(), seed=seed)
