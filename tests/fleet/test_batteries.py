@@ -99,7 +99,7 @@ def test_large_reserves_and_small_steps_are_taken():
 
 def test_steps_too_small_to_be_counted_are_refused():
     """They were counted as a thousandth of the battery, more than they give."""
-    with pytest.raises(FleetError, match=r"gives 20, less than a thousandth .* \(30000\)"):
+    with pytest.raises(FleetError, match=r"gives 20, less than 1/1000 .* \(30000\)"):
         floor(30000)
 
 
