@@ -18,13 +18,16 @@ def test_a_drive_takes_no_less_than_its_bound_and_is_asked_for_once():
         assert not drives.knows(body, start, pose["slot0"])
         there = drives.drive(body, start, pose["slot0"], Deadline.after(60.0))
         back = drives.drive(body, pose["slot0"], start, Deadline.after(60.0))
-        assert there is not None and there.complete and back is not None
+        assert there is not None
+        assert back is not None
+        assert there.complete
         # the same motion, the other way round
         assert abs(there.seconds - back.seconds) < 1e-9
         assert there.seconds >= drives.least(body, start, pose["slot0"]) > 0.0
         asked = drives.asked
         assert drives.drive(body, start, pose["slot0"], Deadline.after(60.0)) == there
-        assert drives.asked == asked and drives.knows(body, start, pose["slot0"])
+        assert drives.asked == asked
+        assert drives.knows(body, start, pose["slot0"])
 
 
 def test_there_is_no_drive_into_a_wall():
