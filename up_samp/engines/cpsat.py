@@ -261,7 +261,7 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
                 status, plan = PlanGenerationResultStatus.INTERNAL_ERROR, None
             elif not final:
                 status = PlanGenerationResultStatus.INTERMEDIATE
-            elif report.status is ScheduleStatus.FOUND and problem.quality_metrics:
+            elif report.late and problem.quality_metrics:
                 # the engine promises optimal plans, and this one is not proven to be one
                 status = PlanGenerationResultStatus.TIMEOUT
         return PlanGenerationResult(status, plan, self.name, metrics, messages)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable
+from fractions import Fraction
 from typing import Any
 
 from unified_planning.model import FNode, TimepointKind, Timing
@@ -126,13 +128,32 @@ class _Reader:
 
     def _activity(self, activity: UpActivity) -> Activity:
         duration = activity.duration
-        lower, upper = self.expression(duration.lower), self.expression(duration.upper)
+        lower, upper = (self._bound(activity, up) for up in (False, True))
         if duration.is_left_open():
             lower = _shift(lower, 1)
         if duration.is_right_open():
             upper = _shift(upper, -1)
         parameters = tuple((p.name, read_type(p.type)) for p in activity.parameters)
         return Activity(activity.name, activity.optional, lower, upper, parameters)
+
+    def _bound(self, activity: UpActivity, upper: bool) -> Expr:
+        """Return a bound of a duration; a fraction is rounded to the next whole number inside."""
+        duration = activity.duration
+        node = duration.upper if upper else duration.lower
+        if not node.is_real_constant():
+            return self.expression(node)
+        value = Fraction(node.real_constant_value())
+        rounded = math.floor(value) if upper else math.ceil(value)
+        other = duration.lower if upper else duration.upper
+        least, most = (other, rounded) if upper else (rounded, other)
+        if other.is_constant() and _number(least) > _number(most):
+            raise UnsupportedError(
+                f"the duration of activity '{activity.name}', {duration}, holds no whole number: "
+                "choose a smaller unit for all times"
+            )
+        if rounded != value and (duration.is_right_open() if upper else duration.is_left_open()):
+            rounded += 1 if upper else -1  # what is open is closed by a unit less, and is so here
+        return ("int", rounded)
 
     def _scoped(self, constraint: FNode, scope: Any) -> Expr:
         guard = conjunction(self.expression(s) for s in scope)
@@ -207,6 +228,8 @@ class _Reader:
         if kind in (OperatorKind.AND, OperatorKind.OR):
             join = conjunction if kind == OperatorKind.AND else disjunction
             return join(self.expression(a) for a in node.args)
+        if kind in (OperatorKind.LE, OperatorKind.LT, OperatorKind.EQUALS):
+            return self._compared(_OPERATORS[kind], node)
         if kind in _OPERATORS:
             return (_OPERATORS[kind], *(self.expression(a) for a in node.args))
         if kind in (OperatorKind.EXISTS, OperatorKind.FORALL):
@@ -214,6 +237,37 @@ class _Reader:
             join = disjunction if kind == OperatorKind.EXISTS else conjunction
             return join(put(inner) for put in self._instances(node.variables()))
         return self._leaf(node)
+
+    def _compared(self, operator: str, node: FNode) -> Expr:
+        """Return a comparison; fractions that are added to its sides are rounded away."""
+        (left, plus), (right, minus) = (self._split(a) for a in node.args)
+        short = plus - minus
+        if short == 0:
+            return (operator, left, right)
+        if operator == "eq" and short.denominator != 1:  # never, but of absent activities
+            low, high = _shift(left, math.floor(short)), _shift(left, math.ceil(short))
+            return conjunction([("le", high, right), ("le", right, low)])
+        return (
+            operator,
+            _shift(left, math.floor(short) if operator == "lt" else math.ceil(short)),
+            right,
+        )
+
+    def _split(self, node: FNode) -> tuple[Expr, Fraction]:
+        """Return a sum as an expression of whole numbers, and the fraction that is added to it."""
+        if node.is_real_constant():
+            value = Fraction(node.real_constant_value())
+            return ("int", math.floor(value)), value % 1
+        if node.is_timing_exp():
+            timing = node.timing()
+            delay = Fraction(timing.delay)
+            return self._timing(Timing(math.floor(delay), timing.timepoint), None), delay % 1
+        if node.is_plus() or node.is_minus():
+            sides = [self._split(a) for a in node.args]
+            rest = sum((f for _, f in sides[1:]), Fraction(0))
+            total = sides[0][1] + (rest if node.is_plus() else -rest)
+            return (_OPERATORS[node.node_type], *(e for e, _ in sides)), total
+        return self.expression(node), Fraction(0)
 
     def _leaf(self, node: FNode) -> Expr:
         if node.is_bool_constant():
@@ -236,6 +290,10 @@ class _Reader:
         if node.is_variable_exp():
             return ("var", node.variable().name)
         raise UnsupportedError(f"expression {node}")
+
+
+def _number(value: FNode | int) -> Fraction:
+    return Fraction(value if isinstance(value, int) else value.constant_value())
 
 
 def _shift(expression: Expr, by: int) -> Expr:

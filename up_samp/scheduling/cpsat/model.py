@@ -23,7 +23,7 @@ from up_samp.scheduling.cpsat.encode.numbers import NumericTimeline
 from up_samp.scheduling.cpsat.encode.pairs import Disjunctions
 from up_samp.scheduling.cpsat.encode.states import States
 from up_samp.scheduling.cpsat.encode.store import Store
-from up_samp.scheduling.cpsat.encode.terms import Terms, World
+from up_samp.scheduling.cpsat.encode.terms import Terms, World, countable
 from up_samp.scheduling.cpsat.encode.timeline import Timeline
 from up_samp.scheduling.cpsat.encode.unary import find_unary
 from up_samp.scheduling.cpsat.encode.variables import Variables
@@ -230,11 +230,16 @@ class ScheduleModel:
             self.disjunctions.gaps.values(), default=0
         )
         for timing, _, _ in parts.effects:
-            horizon.beside(int(abs(timing.delay)))
+            horizon.beside(countable(int(abs(timing.delay))))
         for span, _, _ in parts.conditions:
             horizon.beside(int(abs(span.lower.delay) + abs(span.upper.delay)))
         # room for what may be appended later, so that growing seldom means rebuilding
         self.limit = max(2 * horizon.bound() + 100, self.limit_at_least)
+        if self.limit > LIMITS.latest:
+            raise UnsupportedError(
+                f"cpsat counts times to {LIMITS.latest}, and a schedule of this problem may last "
+                "longer: choose a larger unit"
+            )
         delays = [int(abs(t.delay)) for t, _, _ in parts.effects]
         delays += [int(abs(s.upper.delay)) for s, _, _ in parts.conditions]
         self.states.far = constant(self.limit + max(delays, default=0) + 2)

@@ -142,7 +142,9 @@ class CpsatSession:
         if search.best is None:
             return ScheduleReport(ScheduleStatus.OUT_OF_TIME, bound=bound, seconds=seconds)
         self._last = search.best
-        proven = search.proven and search.orders.optimal and model.horizon.certain
+        # a schedule that is longer than the horizon is no better, but may have more of other things
+        all_seen = model.horizon.certain or search.minimizes_makespan
+        proven = search.proven and search.orders.optimal and all_seen
         status = ScheduleStatus.OPTIMAL if proven else ScheduleStatus.FOUND
         late = not proven and search.deadline.expired()
         return ScheduleReport(status, search.best, bound, seconds=seconds, late=late)

@@ -5,7 +5,11 @@ from __future__ import annotations
 from fractions import Fraction
 
 from unified_planning.model import FNode
+from unified_planning.model.scheduling import Activity
 from unified_planning.model.timing import DurationInterval
+
+from up_samp.model import UnsupportedError
+from up_samp.scheduling.cpsat.encode.limits import LIMITS
 
 
 def constant_bounds(duration: DurationInterval) -> tuple[int | None, int | None]:
@@ -22,7 +26,29 @@ def constant_bounds(duration: DurationInterval) -> tuple[int | None, int | None]
         upper = value.numerator // value.denominator
         if duration.is_right_open() and upper == value:
             upper -= 1
+        upper = min(upper, LIMITS.longest)
     return lower, upper
+
+
+def check_duration(activity: Activity) -> None:
+    """Refuse a duration that whole numbers cannot tell: times are counted in units.
+
+    :raises UnsupportedError: if there are durations, but no whole ones, or it is too long.
+    """
+    duration = activity.duration
+    lower, upper = constant_bounds(duration)
+    if lower is None or upper is None:
+        return
+    if lower > LIMITS.longest:
+        raise UnsupportedError(
+            f"activity '{activity.name}' lasts {duration.lower} units and more; "
+            f"cpsat counts to {LIMITS.longest}"
+        )
+    if lower > upper and Fraction(duration.upper.constant_value()) > 0:
+        raise UnsupportedError(
+            f"cpsat plans in whole units, and the duration of activity '{activity.name}', "
+            f"{duration}, holds no whole number: choose a smaller unit for all times"
+        )
 
 
 def least(duration: DurationInterval) -> int:

@@ -7,6 +7,7 @@ literal, a :class:`Cmp`, or a tuple ``("&" | "|", forms...)``.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
@@ -98,7 +99,22 @@ def compare(difference: Lin, op: str) -> Form:
         if holds:
             return TRUE
         return disjunction([~p for p in difference.needs])
-    return Cmp(difference.terms, difference.const, op, difference.needs)
+    return _in_lowest_terms(Cmp(difference.terms, difference.const, op, difference.needs))
+
+
+def _in_lowest_terms(cmp: Cmp) -> Form:
+    """Return a comparison divided by what its coefficients have in common, to whole numbers.
+
+    Fractions were multiplied out: ``2 * start >= 11`` is ``start >= 6``, a difference again.
+    """
+    common = math.gcd(*(c for _, c in cmp.terms))
+    if common <= 1:
+        return cmp
+    whole = cmp.const % common == 0
+    if cmp.op != "<=" and not whole:
+        return TRUE if cmp.op == "!=" else disjunction([~p for p in cmp.needs])
+    terms = tuple((v, c // common) for v, c in cmp.terms)
+    return cmp._replace(terms=terms, const=-(-cmp.const // common))
 
 
 def conjunction(forms: Iterable[Form]) -> Form:

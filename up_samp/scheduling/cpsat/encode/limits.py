@@ -11,6 +11,10 @@ class ModelLimits:
 
     magnitude: int = 10**9
     """Largest magnitude of an integer variable that the problem does not bound."""
+    longest: int = 2**50
+    """Largest number that a problem may name; sums of many have to fit into 63 bits."""
+    latest: int = 2**58
+    """Latest time of a schedule; a few such numbers are summed."""
     never: int = 10**9
     """Gap between activities that are never both there."""
     placeholder: int = 10**7

@@ -75,7 +75,17 @@ def int_bounds(tpe: Type) -> tuple[int, int]:
         raise UnsupportedError(f"values of type '{tpe}' are not supported by cpsat (integers are)")
     low = -LIMITS.magnitude if tpe.lower_bound is None else int(tpe.lower_bound)
     high = LIMITS.magnitude if tpe.upper_bound is None else int(tpe.upper_bound)
-    return low, high
+    return countable(low), countable(high)
+
+
+def countable(value: int) -> int:
+    """Return ``value``, if sums of such numbers can be counted with.
+
+    :raises UnsupportedError: if they cannot.
+    """
+    if abs(value) > LIMITS.longest:
+        raise UnsupportedError(f"cpsat counts to {LIMITS.longest}, not to {value}")
+    return value
 
 
 class Terms:
@@ -152,6 +162,7 @@ class Terms:
     def _rational_time(self, node: FNode) -> tuple[Lin, int]:
         timing = node.timing()
         delay = Fraction(timing.delay)
+        countable(math.ceil(delay))
         point = self.timepoint(timing)
         time = times(point, delay.denominator).shift(delay.numerator)
         if delay.denominator == 1 and timing.timepoint.container is not None:
@@ -163,7 +174,7 @@ class Terms:
         delay = Fraction(timing.delay)
         if delay.denominator != 1:
             raise UnsupportedError(f"cpsat plans in integer time; the delay of '{timing}' is none")
-        return self.timepoint(timing).shift(int(delay))
+        return self.timepoint(timing).shift(countable(int(delay)))
 
     def timepoint(self, timing: Timing) -> Lin:
         """Return the timepoint of ``timing``, without its delay."""
@@ -183,7 +194,7 @@ class Terms:
     def _atom(self, node: FNode) -> Lin:
         kind = node.node_type
         if kind in (Op.INT_CONSTANT, Op.BOOL_CONSTANT):
-            return constant(int(node.constant_value()))
+            return constant(countable(int(node.constant_value())))
         if kind is Op.OBJECT_EXP:
             return constant(self.world.objects[node.object().name])
         if kind is Op.PARAM_EXP:

@@ -8,8 +8,8 @@ from unified_planning.model import DurationInterval
 from unified_planning.model.scheduling import Activity
 
 from up_samp.model import UnsupportedError
-from up_samp.scheduling.cpsat.encode.durations import constant_bounds
-from up_samp.scheduling.cpsat.encode.forms import TRUE, Lin, Literal, compare, constant
+from up_samp.scheduling.cpsat.encode.durations import check_duration, constant_bounds
+from up_samp.scheduling.cpsat.encode.forms import FALSE, TRUE, Lin, Literal, compare, constant
 from up_samp.scheduling.cpsat.encode.horizon import Horizon
 from up_samp.scheduling.cpsat.encode.limits import LIMITS
 from up_samp.scheduling.cpsat.encode.states import States
@@ -51,6 +51,7 @@ class Variables:
 
     def add_activity(self, activity: Activity, limit: int = LIMITS.placeholder) -> None:
         """Make the variables of an activity that ends by ``limit``."""
+        check_duration(activity)
         store = self.store
         present = self._decision(activity.name) if activity.optional else TRUE
         needs = () if present == TRUE else (present,)
@@ -61,7 +62,8 @@ class Variables:
         if lower is not None and lower == upper:
             end, size = start.shift(lower), constant(lower)
         else:
-            size = Lin(((store.integer(lower or 0, limit if upper is None else upper), 1),))
+            longest = limit if upper is None else max(upper, lower or 0)
+            size = Lin(((store.integer(lower or 0, longest), 1),))
             end = Lin(((store.integer(0, limit), 1),), 0, needs)
         made = ActivityVars(
             activity.name, len(self.world.activities), present, start, end, lower or 0, upper, size
@@ -95,9 +97,12 @@ class Variables:
                 raise UnsupportedError(f"there is no object for '{parameter.name}' of type '{tpe}'")
             var = self.store.member(values)
         else:
-            var = self.store.integer(*int_bounds(tpe))
+            low, high = int_bounds(tpe)
+            var = self.store.integer(low, max(low, high))
         made = self.of(activity)
         needs = () if made is None or made.present == TRUE else (made.present,)
+        if tpe.is_int_type() and low > high:
+            self.store.enforce(FALSE, needs)  # there is no such number
         self.world.parameters[parameter.name] = Lin(((var, 1),), 0, needs)
         self.parameters[parameter.name] = (var, tpe, None if activity is None else activity.name)
 
@@ -105,6 +110,8 @@ class Variables:
         """Tie an activity's times and duration (a ``vague`` one is said elsewhere) together."""
         store = self.store
         made = self.world.activities[activity.name]
+        if made.most is not None and made.most < made.least:
+            store.enforce(FALSE, (made.present,))  # it lasts no time that there is
         if made.size.terms:
             total = made.start.plus(made.size).plus(made.end, -1)
             store.enforce(compare(total._replace(needs=()), "=="), (made.present,))
@@ -141,7 +148,7 @@ class Variables:
             self.store.enforce(made.end.le(made.start.shift(upper)), when)
         made.least, made.most = lower or 0, upper
         if made.size.terms and upper is not None:
-            self.store.bounds[made.size.terms[0][0]] = (made.least, upper)
+            self.store.bounds[made.size.terms[0][0]] = (made.least, max(made.least, upper))
 
     def make_decisions(self) -> None:
         """Make the variables that solutions are read from, even where nothing constrains them."""
