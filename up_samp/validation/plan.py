@@ -302,7 +302,7 @@ def _jumps(
     for jump in scene.jumps:
         at = jump.time * seconds
         own = {t.object for t in scene.tasks if t.activity == jump.activity}
-        together = own | scene.carried[jump.activity]
+        together = own | scene.carried.get(jump.activity, frozenset())
         if jump.object in own or jump.object not in scene.shapes:
             continue
         track = resting(scene.pose(jump.place), scene.shapes[jump.object].radius)

@@ -171,7 +171,7 @@ class JudgedScene:
     def rides(self) -> list[Ride]:
         """All loads that travel with what an activity drives (rule 18)."""
         found = []
-        for effect in self._effects:
+        for effect in self._settings:
             tasks = [t for t in self._constraints if t.activity == effect.activity]
             mine = [ride for ride in (self._ride(t, effect) for t in tasks) if ride is not None]
             if len(mine) > 1:
@@ -210,9 +210,9 @@ class JudgedScene:
 
     @cached_property
     def carried(self) -> dict[str, frozenset[str]]:
-        """What each present activity moves by its effects: no obstacle to what it drives."""
+        """What each present activity moves by effects alone: no obstacle to what it drives."""
         found: dict[str, set[str]] = {}
-        for jump in self._effects:
+        for jump in self._settings:
             found.setdefault(jump.activity, set()).add(jump.object)
         return {activity: frozenset(names) for activity, names in found.items()}
 
@@ -261,6 +261,12 @@ class JudgedScene:
     def effects(self) -> tuple[Jump, ...]:
         """All motion effects of present activities, with the configurations that they mean."""
         return tuple(self._effects)
+
+    @cached_property
+    def _settings(self) -> list[Jump]:
+        """The motion effects on objects that their activity does not drive as well."""
+        driven = {(t.activity, t.object) for t in self._constraints}
+        return [e for e in self._effects if (e.activity, e.object) not in driven]
 
     @cached_property
     def _effects(self) -> list[Jump]:
