@@ -84,7 +84,20 @@ def test_what_motions_have_no_part_in(tmp_path):
     hall.problem.add_constraint(LT(wait.end, go.start))
     hall.problem.add_constraint(LT(go.end, wait.start))
     for engine in PROVING:
-        assert "whatever the motions" in refused(hall, engine)
+        why = refused(hall, engine)
+        assert "whatever the motions" in why
+        assert "(end(wait) < start(go)) is asked for" in why
+        assert "(end(go) < start(wait)) is asked for" in why
+        assert "may last" not in why
+
+
+def test_a_motion_that_starts_where_nothing_brings_its_robot(tmp_path):
+    hall = Hall(tmp_path, robots=2)
+    hall.move("there", 1, "left1", "right1")
+    hall.move("go", 0, "right0", "left0")
+    why = refused(hall)
+    assert "go needs r0 at right0 (r0 begins at left0)" in why
+    assert "there" not in why
 
 
 def test_few_of_many_facts_are_named(tmp_path):

@@ -6,9 +6,9 @@ scheduler judges, whatever engine is wrapped: its "infeasible" is a proof.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from up_samp.model import Deadline, ScheduleReport, ScheduleStatus, UnsupportedError
 from up_samp.model.refinement import (
@@ -27,6 +27,7 @@ from up_samp.model.refinement import (
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.search.budget import Budget
+from up_samp.search.demands import Demand, demands, limits_on
 from up_samp.search.tuning import ProofTuning
 from up_samp.upio import Relaxation, write_refinement
 
@@ -89,38 +90,39 @@ class Prover:
         """
         few = self.few_of(facts)
         if not few:
-            return "the activities cannot be scheduled, whatever the motions"
+            met = self._met((), list(demands(self.relax())), self.tuning.demands)
+            text = "the activities cannot be scheduled, whatever the motions"
+            return f"{text}: {' and '.join(met)}" if met else text
         text = "these proven facts leave no schedule: " + listed(few)
-        limits = self._limits_met(few)
+        names = {a for fact in few for a in activities_of(fact.statement)}
+        limits = self._met(few, list(limits_on(self.relax(), names)), self.tuning.limits)
         return f"{text}; but {' and '.join(limits)}" if limits else text
 
-    def _limits_met(self, facts: Sequence[Refinement]) -> list[str]:
-        """Return the limits on the facts' activities without which there would be a schedule, as
-        far as there are few to look at.
+    def _met(self, facts: Sequence[Refinement], asked: Sequence[Demand], most: int) -> list[str]:
+        """Return those of the demands without which there would be a schedule in spite of the
+        facts, if there are no more than ``most`` to look at.
         """
-        names = {a for fact in facts for a in activities_of(fact.statement)}
-        limits = list(_limits(self.relax(), names))
-        if not limits or len(limits) > self.tuning.limits:
+        if not asked or len(asked) > most:
             return []
         deadline = self.budget.share(self.tuning.explain_share, self.tuning.explain_seconds)
 
-        def fails(kept: Sequence[_Limit]) -> bool:
-            return self._infeasible(facts, [x for x in limits if x not in kept], deadline)
+        def fails(kept: Sequence[Demand]) -> bool:
+            return self._infeasible(facts, [x for x in asked if x not in kept], deadline)
 
-        met = _fewest(limits, fails)
-        return [] if deadline.expired() else [limit.text for limit in met]
+        met = _fewest(asked, fails)
+        return [] if deadline.expired() else [demand.text for demand in met]
 
     def _infeasible(
-        self, facts: Sequence[Refinement], lifted: Sequence[_Limit], deadline: Deadline
+        self, facts: Sequence[Refinement], lifted: Sequence[Demand], deadline: Deadline
     ) -> bool:
-        """Return whether it is proven that there is no schedule; ``lifted`` limits do not count."""
+        """Return whether it is proven that nothing is left; ``lifted`` demands do not count."""
         report = self._schedule(facts, lifted, deadline)
         return report is not None and _none_left(report)
 
     def _schedule(
         self,
         facts: Sequence[Refinement],
-        lifted: Sequence[_Limit],
+        lifted: Sequence[Demand],
         deadline: Deadline,
         *,
         before: int | None = None,
@@ -129,8 +131,8 @@ class Prover:
         if deadline.expired():
             return None
         relaxation = self.relax()
-        for limit in lifted:
-            limit.lift(relaxation)
+        for demand in lifted:
+            demand.lift(relaxation)
         for fact in facts:
             write_refinement(relaxation, fact)
         problem = relaxation.problem
@@ -172,57 +174,6 @@ def _fewest(items: Sequence[T], fails: Callable[[Sequence[T]], bool]) -> list[T]
         return first + second
 
     return search([], True, list(items))
-
-
-# --------------------------------------------------------------- limits of the problem
-@dataclass(frozen=True)
-class _Limit:
-    """A constraint of the problem, by its activity (``None``: the problem's own) and place;
-    ``index`` is None for an activity's longest duration.
-    """
-
-    owner: str | None
-    index: int | None
-    text: str
-
-    def lift(self, relaxation: Relaxation) -> None:
-        """Take the limit out of a fresh relaxation."""
-        if self.index is None:
-            assert self.owner is not None
-            activity = relaxation.activities[self.owner]
-            activity.set_duration_bounds(activity.duration.lower, 1_000_000)
-            return
-        constraints = _constraints(relaxation, self.owner)
-        constraints[self.index] = (relaxation.problem.environment.expression_manager.TRUE(), [])
-
-
-def _constraints(relaxation: Relaxation, owner: str | None) -> list[Any]:
-    chronicle = relaxation.problem._base if owner is None else relaxation.activities[owner]
-    found: list[Any] = chronicle._constraints
-    return found
-
-
-def _limits(relaxation: Relaxation, names: set[str]) -> Iterator[_Limit]:
-    for name in sorted(names & set(relaxation.activities)):
-        upper = relaxation.activities[name].duration.upper
-        if upper.is_int_constant():
-            yield _Limit(name, None, f"{name} may last {upper} at most")
-    for owner in (None, *sorted(relaxation.activities)):
-        for index, (constraint, _) in enumerate(_constraints(relaxation, owner)):
-            if names & _mentioned(constraint):
-                yield _Limit(owner, index, f"{constraint} is asked for")
-
-
-def _mentioned(expression: Any) -> set[str]:
-    """Return the activities whose start or end an expression speaks of."""
-    found: set[str] = set()
-    stack = [expression]
-    while stack:
-        node = stack.pop()
-        stack.extend(node.args)
-        if node.is_timing_exp() and node.timing().timepoint.container is not None:
-            found.add(node.timing().timepoint.container)
-    return found
 
 
 def activities_of(statement: Statement) -> set[str]:

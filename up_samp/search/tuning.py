@@ -63,6 +63,12 @@ class ProofTuning(Tunables):
         "of the problem that are looked at to tell what the facts run into",
         least=0,
     )
+    demands: int = tunable(
+        300,
+        "demands",
+        "of the problem that are looked at where no motion is to blame",
+        least=0,
+    )
     rarer: int = tunable(
         3,
         "times",

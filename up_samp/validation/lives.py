@@ -11,9 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.validation.collisions import Shape
+from up_samp.validation.judged import JudgedMotion, Jump
 from up_samp.validation.paths import pose_gap
 from up_samp.validation.rides import Ride, between, carried_along
-from up_samp.validation.scene import JudgedMotion, JudgedScene, Jump
+from up_samp.validation.scene import JudgedScene
 from up_samp.validation.se3 import AnyTrack, SpaceTrack, track_of
 from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.tracks import Track

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from unified_planning.model.motion import SE2WithControlsPath
 
 from up_samp.model import Trajectory, check_time
-from up_samp.validation.scene import JudgedMotion
+from up_samp.validation.judged import JudgedMotion
 from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.tracks import Track, pieces_of
 from up_samp.validation.verdict import JUDGING_GRACE, Violation

@@ -13,6 +13,7 @@ import numpy as np
 
 from up_samp.model import ProblemError, Trajectory, check_time
 from up_samp.validation.collisions import Shape, hits_map
+from up_samp.validation.judged import JudgedMotion, Obstacle
 from up_samp.validation.kinematics import motion_violations
 from up_samp.validation.lives import (
     FloatArray,
@@ -25,7 +26,7 @@ from up_samp.validation.lives import (
 from up_samp.validation.maps import BlockedMap
 from up_samp.validation.metrics import evaluate_metric
 from up_samp.validation.paths import passes, path_of, pose_gap, read_trajectory
-from up_samp.validation.scene import JudgedMotion, JudgedScene, Obstacle
+from up_samp.validation.scene import JudgedScene
 from up_samp.validation.schedule import JudgedSchedule, judge_schedule
 from up_samp.validation.se3 import AnyTrack, hits, hits_map_from_space
 from up_samp.validation.solids import Solid
