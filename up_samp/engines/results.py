@@ -103,6 +103,8 @@ def metrics_of(params: Parameters, search: Search) -> dict[str, str]:
         "seconds_per_unit": repr(params.seconds_per_unit),
         **history.stages.metrics(),
     }
+    if bounds.relative and bounds.absolute:
+        metrics["absolute_bound"] = str(bounds.absolute)
     if history.recognised or history.left_over:
         metrics["recognised"] = "; ".join(history.recognised)
         metrics["left_over"] = "; ".join(history.left_over)

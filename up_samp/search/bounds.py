@@ -22,16 +22,27 @@ class Incumbent:
 
 @dataclass
 class Bounds:
-    """Makespans in units. ``relative``: the lower one rests on the motion planner's durations."""
+    """Makespans in units. ``relative``: the lower one rests on the motion planner's durations;
+    ``absolute`` is the best one that does not.
+    """
 
     lower: int = 0
     relative: bool = False
+    absolute: int = 0
     incumbent: Incumbent | None = None
 
     @property
     def upper(self) -> int | None:
         """Makespan of the best plan so far."""
         return None if self.incumbent is None else self.incumbent.schedule.makespan
+
+    def raise_lower(self, units: int, *, relative: bool) -> None:
+        """Take note of a lower bound; ``relative``: it rests on the planner's durations."""
+        if not relative:
+            self.absolute = max(self.absolute, units)
+        if units > self.lower:
+            self.lower = units
+            self.relative |= relative
 
     @property
     def met(self) -> bool:

@@ -170,7 +170,8 @@ def conclude(search: Search) -> SearchResult:
     )
     if not refuted:
         return SearchResult(Conclusion.OPTIMAL)
-    bounds.lower = 0
+    believed = search.problem.native and bounds.absolute <= makespan
+    bounds.lower = bounds.absolute if believed else 0
     what = "plan" if bound > makespan else "schedule that agrees with all that is known"
     return SearchResult(
         Conclusion.SOLVED, f"the lower bound {bound} is not believed: there is a shorter {what}"

@@ -17,8 +17,7 @@ from dataclasses import dataclass, replace
 
 from unified_planning.model.motion import SchedulingMotionProblem
 
-from up_samp.model import Deadline, OutOfTimeError
-from up_samp.model.deadline import in_force
+from up_samp.model import Deadline
 from up_samp.model.snapshot import Snapshot
 from up_samp.search.attempt import build, keep_if_better
 from up_samp.search.better_tours import Better
@@ -27,7 +26,7 @@ from up_samp.search.conclusion import SearchResult, conclude, conclude_stopped
 from up_samp.search.deals import Deal, Guess, deal, decided_by, state_order
 from up_samp.search.events import Phase
 from up_samp.search.jobs import Jobs, find_jobs
-from up_samp.search.jobs_bound import bound_by_jobs
+from up_samp.search.large_bounds import state_bounds
 from up_samp.search.loop import get_schedule, solve, state_what_is_known
 from up_samp.search.search import Search
 from up_samp.search.stages import BUILDING, STATING
@@ -85,7 +84,7 @@ def solve_large(
             return conclude_stopped(search)
     better = None if found is None else keep_if_better(search, found.plan)
     with search.history.stages.of(STATING):
-        search.bounds.lower = max(search.bounds.lower, bound_of(search, large))
+        state_bounds(search, large.problem, large.jobs, relative=optimal)
     if better is not None:
         yield better
         if not optimal:
@@ -97,15 +96,6 @@ def solve_large(
     if search.stopped:
         return conclude_stopped(search)
     return (yield from solve(search, optimal=optimal))
-
-
-def bound_of(search: Search, large: Large) -> int:
-    """Return units that no plan can beat: 0 where there is no time left to find more."""
-    try:
-        with in_force(search.budget.deadline):
-            return bound_by_jobs(large.problem, search.facts, search.motions.service, large.jobs)
-    except OutOfTimeError:
-        return 0
 
 
 def deals_of(search: Search, large: Large, deadline: Deadline) -> Iterator[Deal]:

@@ -136,7 +136,7 @@ def get_schedule(search: Search, *, optimal: bool) -> ScheduleReport:
         search.history.recognised = report.recognised
         search.history.left_over = report.left_over
     if report.bound is not None and not guessing:
-        bounds.lower = max(bounds.lower, report.bound)
+        bounds.raise_lower(report.bound, relative=bounds.relative)
     search.tell.schedule(report)
     return report
 

@@ -31,7 +31,7 @@ def stands_of(problem: SchedulingMotionProblem, snapshot: Snapshot) -> dict[str,
             stand
             for conditions in activity.conditions.values()
             for condition in conditions
-            if (stand := _stand(condition, whose)) is not None
+            if (stand := stand_told(condition, whose)) is not None
         }
         if len(told) == 1:
             (found[activity.name],) = told
@@ -58,7 +58,7 @@ def _whereabouts(problem: SchedulingMotionProblem, snapshot: Snapshot) -> Mappin
     }
 
 
-def _stand(condition: FNode, whose: Mapping[FNode, str]) -> Stand | None:
+def stand_told(condition: FNode, whose: Mapping[FNode, str]) -> Stand | None:
     """Return what a condition of the form "fluent equals place" tells."""
     if condition.node_type is not Op.EQUALS:
         return None

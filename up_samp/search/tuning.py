@@ -233,6 +233,10 @@ class LargeTuning(Tunables):
     )
     relaxed: float = effort_of(0.1, "for the routing relaxation of what was dealt out")
     again: float = share_of(0.6, "of the time that is left after the first plan, for better tours")
+    bounding: float = share_of(0.1, "of the time that is left after the first plan, for bounds")
+    drives: int = tunable(
+        3000, "drives", "at most, that the planner is asked for to raise the bound", least=0
+    )
     stale: int = tunable(150, "changes", "of tours in a row that may bring nothing", least=1)
     jobs: float = share_of(0.5, "of the changes, that give a job to another robot")
     together: int = tunable(3, "tours", "at most, that the last one is decided before", least=1)

@@ -1,0 +1,327 @@
+"""What doing a job takes a robot at least: drives, work, and units between them.
+
+The ways to do jobs are told by the *kind* of robot (robots of equal bodies), with the drives that
+they are made of, so that drives can be measured better later.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from unified_planning.model.motion import SchedulingMotionProblem
+
+from up_samp.model import Body
+from up_samp.model.deadline import check_time
+from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
+from up_samp.motion import MotionService
+from up_samp.scheduling.cpsat.encode.durations import least
+from up_samp.search.facts import Facts
+from up_samp.search.gaps import closed, gaps_told, held_by
+from up_samp.search.jobs import Jobs, Option
+from up_samp.search.lines import Line, Stop
+from up_samp.search.sure_stands import sure_stands
+
+Leg = tuple[Body, str, str]
+"""What is driven, from one configuration to another (names)."""
+Units = Callable[[Leg], int]
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way in which robots of a ``kind`` (a number) do a ``job``: they come to ``goal`` from one
+    of the ``origins`` (None: nothing is known of how they come), drive ``legs`` and are busy for
+    some units beside that. Then they have come to the places ``ends``; to those ``after`` only
+    after they had come to the goal.
+    """
+
+    job: int
+    kind: int
+    busy: int
+    legs: tuple[Leg, ...]
+    body: Body
+    goal: str | None
+    ends: tuple[str, ...]
+    after: frozenset[str]
+    origins: frozenset[str] = frozenset()
+
+    def drives(self, origin: str | None) -> tuple[Leg, ...]:
+        """Return all drives if it comes from an origin."""
+        if origin is None or self.goal is None:
+            return self.legs
+        return (*self.legs, (self.body, origin, self.goal))
+
+    def units(self, origin: str | None, units: Units) -> int:
+        """Return what it takes from an origin."""
+        return self.busy + sum(units(leg) for leg in self.drives(origin))
+
+    def least(self, units: Units) -> int:
+        """Return what it takes from wherever it takes least."""
+        origins: list[str | None] = [None] if self.goal is None else [*sorted(self.origins)]
+        return min(self.units(origin, units) for origin in origins)
+
+
+class Fleet:
+    """The robots that do jobs, by kind: ``sizes``, and how many begin where (``starts``)."""
+
+    def __init__(self, snapshot: Snapshot, jobs: Jobs) -> None:
+        self.robots = sorted({o.robot for options in jobs.options for o in options})
+        bodies = list(dict.fromkeys(snapshot.objects[r].body for r in self.robots))
+        self.kind_of = {r: bodies.index(snapshot.objects[r].body) for r in self.robots}
+        self.sizes = Counter(self.kind_of.values())
+        self.starts = Counter((self.kind_of[r], snapshot.initial[r]) for r in self.robots)
+
+
+class Work:
+    """What the options of all jobs take at least."""
+
+    def __init__(
+        self, problem: SchedulingMotionProblem, facts: Facts, service: MotionService, jobs: Jobs
+    ) -> None:
+        self._facts, self._service, self._jobs = facts, service, jobs
+        self.fleet = Fleet(facts.snapshot, jobs)
+        self._tasks: dict[str, list[MotionTask]] = defaultdict(list)
+        self._driven: dict[str, list[MotionTask]] = defaultdict(list)
+        for task in facts.snapshot.tasks:
+            self._tasks[task.activity].append(task)
+            self._driven[task.object].append(task)
+        snapshot = facts.snapshot
+        self._moved = {*(c.object for c in snapshot.changes), *(r.load for r in snapshot.rides)}
+        self._durations = {a.name: least(a.duration) for a in problem.activities}
+        self._units: dict[Leg, int] = {}
+        self._left: dict[str, frozenset[str]] = {}
+        self._gaps = gaps_told(problem)
+        self._in_turn = _in_turn(problem, jobs, self.fleet.robots)
+        self._stands = sure_stands(problem, snapshot)
+        self._lines = {r: self._line(r) for r in self.fleet.robots if self.traced(r)}
+
+    def ways(self, counted: Sequence[Sequence[Option]]) -> list[Way]:
+        """Return the ways to do some jobs; alike ones of robots of a kind are one."""
+        found: dict[Way, set[str]] = defaultdict(set)
+        for job, options in enumerate(counted):
+            check_time()
+            for option in options:
+                way = self._way(job, option)
+                found[replace(way, origins=frozenset())] |= way.origins
+        return [replace(way, origins=frozenset(some)) for way, some in found.items()]
+
+    def units(self, leg: Leg) -> int:
+        """Return units that a drive takes at least."""
+        known = self._units.get(leg)
+        if known is None:
+            body, start, goal = leg
+            pose = self._facts.snapshot.configurations
+            seconds = self._service.lower_bound(body, pose[start], pose[goal])
+            known = self._units[leg] = self._facts.units(seconds)
+        return known
+
+    def comings(self, called: Collection[tuple[int, str]]) -> dict[tuple[int, str], int]:
+        """Return by kind of robots and place what it takes at least to come there without doing a
+        counted job: the drive, and what has to be done with it and with no other such drive.
+        """
+        found: dict[tuple[int, str], int] = {}
+        for robot in self.fleet.robots:
+            check_time()
+            kind = self.fleet.kind_of[robot]
+            tasks = [t for t in self._driven[robot] if (kind, t.terms[-1].name) in called]
+            # what jobs count without this drive is counted there
+            drawn = {
+                t.activity: self._jobs.drawn(t.activity) & self._with[t.activity] for t in tasks
+            }
+            often = Counter(name for names in drawn.values() for name in names)
+            for task in tasks:
+                own = {n for n in drawn[task.activity] if often[n] == 1}
+                at = kind, task.terms[-1].name
+                units = self._drive(task) + self._apart(robot, own - {task.activity})
+                found[at] = min(found.get(at, units), units)
+        return found
+
+    @cached_property
+    def _with(self) -> Mapping[str, frozenset[str]]:
+        """Activity -> what no option of a job has as a member without it."""
+        options = [o for some in self._jobs.options for o in some]
+        shared: dict[str, list[frozenset[str]]] = defaultdict(list)
+        for option in options:
+            for name in option.members:
+                shared[name].append(option.members)
+        always = {name: frozenset.intersection(*some) for name, some in shared.items()}
+        found: dict[str, set[str]] = defaultdict(set)
+        for name, others in always.items():
+            for other in others:
+                found[other].add(name)
+        return defaultdict(frozenset, {name: frozenset(some) for name, some in found.items()})
+
+    def _apart(self, robot: str, names: Collection[str]) -> int:
+        """Return what a robot's activities take at least, those that are done in turn."""
+        drives = sum(
+            self._drive(t) for name in names for t in self._tasks.get(name, ()) if t.object == robot
+        )
+        turn = self._in_turn.get(robot, frozenset())
+        return drives + sum(self._durations[n] for n in names if n not in self._tasks and n in turn)
+
+    def take(self, leg: Leg, units: int) -> None:
+        """Take it that a drive takes some units at least."""
+        self._units[leg] = max(units, self.units(leg))
+
+    def traced(self, robot: str) -> bool:
+        """Return whether it is known where each drive of a robot ends, and only drives move it."""
+        tasks = self._driven.get(robot, ())
+        known = all(t.terms[-1].kind is TermKind.CONSTANT for t in tasks)
+        return known and robot not in self._moved
+
+    def _way(self, job: int, option: Option) -> Way:
+        robot = option.robot
+        driven = [t for name in sorted(option.members) for t in self._tasks.get(name, ())]
+        direct = [t for t in driven if len(t.terms) == 2 and self._known_ends(t)]
+        calls = [t for t in driven if t.terms[0].kind is not TermKind.CONSTANT]
+        call = calls[0] if len(calls) == 1 and self.traced(robot) else None
+        origins = None if call is None else self._origins(call)
+        if call is None or not origins or len(call.terms) > 2:
+            call, origins = None, ()
+        busy = sum(self._drive(t) for t in driven if t not in direct and t is not call)
+        busy += self._beside(option)
+        legs = tuple((self._body(t), t.terms[0].name, t.terms[-1].name) for t in direct)
+        ends = tuple(t.terms[-1].name for t in driven) if self.traced(robot) else ()
+        return Way(
+            job,
+            self.fleet.kind_of[robot],
+            busy,
+            legs,
+            self._facts.snapshot.objects[robot].body if call is None else self._body(call),
+            None if call is None else call.terms[-1].name,
+            ends,
+            frozenset() if call is None else self._after(option, call, driven),
+            frozenset(origins or ()),
+        )
+
+    def _after(
+        self, option: Option, call: MotionTask, driven: Sequence[MotionTask]
+    ) -> frozenset[str]:
+        """Return the places to which an option comes only after it has come to its call's goal."""
+        gaps = closed(self._gaps, option.members)
+        sooner = {
+            t.terms[-1].name
+            for t in driven
+            if t is not call and (call.activity, t.activity) not in gaps
+        }
+        return frozenset(t.terms[-1].name for t in driven) - sooner
+
+    def _beside(self, option: Option) -> int:
+        """Return units that an option takes beside its drives: only what is done one after the
+        other adds up.
+        """
+        if option.robot not in self._in_turn:
+            return 0
+        total = sum(self._durations[n] for n in option.members if n not in self._tasks)
+        line = self._lines.get(option.robot)
+        return total if line is None else total + line.idle(option.members)
+
+    def _line(self, robot: str) -> Line | None:
+        """Return what a robot does one after the other; None where it may drive beside that."""
+        names = self._in_turn.get(robot)
+        if names is None or not all(t.activity in names for t in self._driven[robot]):
+            return None
+        stops = {name: self._stop(name, robot) for name in sorted(names)}
+        for task in self._driven[robot]:
+            # of several drives it is not looked which is the first
+            several = len(self._tasks[task.activity]) > 1
+            stops[task.activity] = Stop(None, None, True) if several else self._drives(task)
+        return Line(stops, self._gaps)
+
+    def _stop(self, name: str, robot: str) -> Stop:
+        place = self._stands.places.get((name, robot))
+        here = None if place is None else frozenset((place,))
+        reads = self._stands.reads.get(name, frozenset())
+        return Stop(here, here, setting=self._stands.sets.get(name, frozenset()), reading=reads)
+
+    def _drives(self, task: MotionTask) -> Stop:
+        name, first, last = task.activity, task.terms[0], task.terms[-1]
+        origins = self._origins(task)
+        fluent = first.name if first.kind is TermKind.FLUENT else ""
+        loose = fluent in self._stands.fluents
+        read = self._stands.reads.get(name, frozenset())
+        return Stop(
+            None if origins is None else frozenset(origins),
+            frozenset((last.name,)),
+            drives=True,
+            loose=loose and fluent not in read,
+            setting=self._stands.sets.get(name, frozenset()),
+            reading=read | {fluent} if loose else read,
+        )
+
+    def _known_ends(self, task: MotionTask) -> bool:
+        return all(t.kind is TermKind.CONSTANT for t in (task.terms[0], task.terms[-1]))
+
+    def _body(self, task: MotionTask) -> Body:
+        return self._facts.snapshot.body(task.activity, task.index, task.object)
+
+    def _drive(self, task: MotionTask) -> int:
+        if task.terms[-1].kind is not TermKind.CONSTANT:
+            return 0
+        origins = self._origins(task) or ()
+        body, goal = self._body(task), task.terms[-1].name
+        return min((self.units((body, place, goal)) for place in origins), default=0)
+
+    def _origins(self, task: MotionTask) -> tuple[str, ...] | None:
+        """Return where a drive may begin, None where that is not known."""
+        first = task.terms[0]
+        if first.kind is TermKind.CONSTANT:
+            return (first.name,)
+        choice = self._facts.choices.get((task.activity, first, False))
+        if choice is None:
+            return None
+        left = self._left_by_others(task.object)
+        return tuple(v for v in choice.values if v not in left)
+
+    def _left_by_others(self, robot: str) -> frozenset[str]:
+        """Return the places of a robot that every arrival has a drive of its own away from: no
+        other drive begins there (there would be more departures than arrivals).
+        """
+        if robot not in self._left:
+            snapshot, traced = self._facts.snapshot, self.traced(robot)
+            left = _places_left(snapshot, robot, self._jobs) if traced else frozenset()
+            self._left[robot] = left
+        return self._left[robot]
+
+
+def _in_turn(
+    problem: SchedulingMotionProblem, jobs: Jobs, robots: Sequence[str]
+) -> dict[str, frozenset[str]]:
+    """Return what a robot may do one after the other, by robot, where all of its work for jobs
+    holds one resource for one.
+    """
+    held = held_by(problem)
+    holders: dict[str, set[str]] = defaultdict(set)
+    for name, resources in held.items():
+        for resource in resources:
+            holders[resource].add(name)
+    mine: dict[str, set[str]] = defaultdict(set)
+    for options in jobs.options:
+        for option in options:
+            mine[option.robot] |= option.members
+    found = {}
+    for robot in robots:
+        shared = frozenset.intersection(*(held[name] for name in mine[robot]))
+        if shared:
+            found[robot] = frozenset(holders[min(shared)])
+    return found
+
+
+def _places_left(snapshot: Snapshot, robot: str, jobs: Jobs) -> frozenset[str]:
+    tasks = [t for t in snapshot.tasks if t.object == robot]
+    arrivals: dict[str, list[str]] = defaultdict(list)
+    leaving: dict[str, set[str]] = defaultdict(set)
+    for task in tasks:
+        first, last = task.terms[0], task.terms[-1]
+        arrivals[last.name].append(task.activity)
+        if first.kind is TermKind.CONSTANT and first.name != last.name:
+            leaving[first.name].add(task.activity)
+    found = set()
+    for place, coming in arrivals.items():
+        away = [jobs.drawn(name) & leaving[place] for name in coming]
+        own = set().union(*away)
+        if place != snapshot.initial[robot] and all(away) and len(own) == sum(map(len, away)):
+            found.add(place)
+    return frozenset(found)

@@ -1,0 +1,172 @@
+"""How soon all jobs can be done when robots share them as evenly as can be: a linear relaxation.
+
+Each job is done in one way. Robots of a kind leave a place as often as they come there, and once
+more for each that begins there (the relaxation of routes as a flow). All that robots of a kind do
+takes no longer than the makespan for each of them. Jobs may be cut in pieces, so no plan is better.
+
+The value is what the solver's multipliers prove (Lagrange): whatever its tolerances, it is a bound.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import linprog
+from scipy.sparse import csr_array
+
+from up_samp.search.job_work import Leg, Way, Work
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Share:
+    """No plan is shorter than ``units``. ``legs``: the drives that the share is made of."""
+
+    units: float
+    legs: frozenset[Leg] = frozenset()
+
+
+def least_share(work: Work, ways: Sequence[Way], seconds: float) -> Share:
+    """Return a bound on the makespan of all jobs, 0 where there is no time for it.
+
+    :param seconds: limit of the solver.
+    """
+    model = _Model(work, ways)
+    found = linprog(
+        model.costs,
+        A_ub=model.less.matrix(len(model.costs)),
+        b_ub=np.array(model.less.limits),
+        A_eq=model.equal.matrix(len(model.costs)),
+        b_eq=np.array(model.equal.limits),
+        method="highs",
+        options={"time_limit": max(seconds, 0.01)},
+    )
+    if found.status != 0:
+        return Share(0.0)
+    proven = model.proven(found.eqlin.marginals, found.ineqlin.marginals)
+    return Share(proven, model.legs(found.x))
+
+
+@dataclass
+class _Rows:
+    """Rows of a linear program."""
+
+    limits: list[float] = field(default_factory=list)
+    _entries: list[tuple[int, int, float]] = field(default_factory=list)
+
+    def add(self, entries: Sequence[tuple[int, float]], limit: float) -> None:
+        """Add a row: (column, coefficient)s and the right-hand side."""
+        self._entries += [(len(self.limits), column, value) for column, value in entries]
+        self.limits.append(float(limit))
+
+    def matrix(self, columns: int) -> csr_array:
+        """Return all rows; coefficients of the same place add up."""
+        rows, cols, values = zip(*self._entries, strict=True) if self._entries else ((), (), ())
+        return csr_array((values, (rows, cols)), shape=(len(self.limits), columns))
+
+
+class _Model:
+    """The linear program: least T such that the jobs fit. Column 0 is T."""
+
+    def __init__(self, work: Work, ways: Sequence[Way]) -> None:
+        self._work, self._ways = work, ways
+        self.less, self.equal = _Rows(), _Rows()
+        self._columns = [(i, p) for i, w in enumerate(ways) for p in _origins(w)]
+        self._first = {pair: 1 + n for n, pair in enumerate(self._columns)}
+        self._called = sorted({(w.kind, p) for w in ways if w.goal is not None for p in w.origins})
+        self._comings = sorted(work.comings(set(self._called)).items())
+        self._others = {at: 1 + len(self._columns) + n for n, (at, _) in enumerate(self._comings)}
+        self.costs = np.zeros(1 + len(self._columns) + len(self._others))
+        self.costs[0] = 1.0
+        self._units = [ways[i].units(p, work.units) for i, p in self._columns]
+        self._most = np.ones(len(self.costs))
+        jobs = {w.job for w in ways}
+        worst = defaultdict[int, int](int)
+        for (i, _), units in zip(self._columns, self._units, strict=True):
+            worst[ways[i].job] = max(worst[ways[i].job], units)
+        self._most[0] = sum(worst.values())
+        self._most[list(self._others.values())] = len(jobs)
+        self._state_jobs(jobs)
+        self._state_places()
+        self._state_time()
+
+    def _state_jobs(self, jobs: set[int]) -> None:
+        """Each job is done once."""
+        by_job = defaultdict[int, list[tuple[int, float]]](list)
+        for pair, column in self._first.items():
+            by_job[self._ways[pair[0]].job].append((column, 1.0))
+        for job in sorted(jobs):
+            self.equal.add(by_job[job], 1.0)
+
+    def _state_places(self) -> None:
+        """Nobody leaves a place more often than somebody came there or began there, whether for
+        these jobs or otherwise; and for a job, somebody who did not come there by doing it.
+        """
+        leaving = defaultdict[tuple[int, str], list[int]](list)
+        coming = defaultdict[tuple[int, str], list[tuple[int, float]]](list)
+        for (i, p), column in self._first.items():
+            way = self._ways[i]
+            if p is not None:
+                leaving[way.kind, p].append(column)
+            for end in way.ends:
+                coming[way.kind, end].append((column, -1.0))
+        for at in self._called:
+            starts, out, came = self._work.fleet.starts[at], leaving[at], coming[at]
+            other = [(self._others[at], -1.0)] if at in self._others else []
+            self.less.add([*((c, 1.0) for c in out), *came, *other], starts)
+            for job in sorted({self._job(column) for column, _ in came}):
+                mine = [c for c in out if self._job(c) == job and self._is_after(c, at[1])]
+                theirs = [(c, v) for c, v in came if self._job(c) != job]
+                if mine:
+                    self.less.add([*((c, 1.0) for c in mine), *theirs, *other], starts)
+
+    def _state_time(self) -> None:
+        """Robots of a kind have time until T, each."""
+        for kind, size in sorted(self._work.fleet.sizes.items()):
+            entries = [(0, -float(size))]
+            for (pair, column), units in zip(self._first.items(), self._units, strict=True):
+                if self._ways[pair[0]].kind == kind:
+                    entries.append((column, float(units)))
+            for (which, place), units in self._comings:
+                if which == kind:
+                    entries.append((self._others[which, place], float(units)))
+            self.less.add(entries, 0.0)
+
+    def _job(self, column: int) -> int:
+        return self._ways[self._columns[column - 1][0]].job
+
+    def _is_after(self, column: int, place: str) -> bool:
+        """Return whether a way comes to a place only after its call, if it comes there."""
+        way = self._ways[self._columns[column - 1][0]]
+        return place in way.after or place not in way.ends
+
+    def proven(self, equal: FloatArray, less: FloatArray) -> float:
+        """Return what multipliers prove: no choice of all columns within their limits that keeps
+        the rows costs less.
+        """
+        less = np.minimum(less, 0.0)
+        columns = len(self.costs)
+        reduced = self.costs - equal @ self.equal.matrix(columns)
+        reduced = reduced - less @ self.less.matrix(columns)
+        parts = [*(equal * self.equal.limits), *(less * self.less.limits)]
+        parts += list(np.minimum(reduced, 0.0) * self._most)
+        return math.fsum(parts)
+
+    def legs(self, values: FloatArray) -> frozenset[Leg]:
+        """Return the drives of what is used."""
+        return frozenset(
+            leg
+            for (i, p), column in self._first.items()
+            if values[column] > 1e-7
+            for leg in self._ways[i].drives(p)
+        )
+
+
+def _origins(way: Way) -> Sequence[str | None]:
+    return [None] if way.goal is None else sorted(way.origins)
