@@ -128,6 +128,30 @@ def test_variables_that_decide_presences_make_alternatives(problem):
     assert made["load1x"].present == made["load1y"].present == model.parameters["builds1"][0]
 
 
+@pytest.mark.parametrize("told", ["which is which", "who does all"])
+def test_alternatives_are_of_one_kind_in_whatever_order_they_are_written(problem, told):
+    """One of two robots does two things that take the same time, at two places."""
+    spot = UserType("spot")
+    spots = {k: problem.add_object(k, spot) for k in "xy"}
+    at = [problem.add_fluent(f"at{r}", spot, default_initial_value=spots["x"])() for r in range(2)]
+    who = [problem.add_variable(f"who{r}", BoolType()) for r in range(2)]
+    made = {}
+    for name in ("1x", "0y", "0x", "1y"):
+        a = made[name] = problem.add_activity(f"do{name}", 3, optional=True)
+        here = Equals(at[int(name[0])], spots[name[1]])
+        a.add_condition(TimePointInterval(Timing(0, a.start)), here)
+        problem.add_constraint(Iff(who[int(name[0])], a.present))
+    if told == "which is which":
+        for k in "xy":
+            problem.add_constraint(Or(made[f"0{k}"].present, made[f"1{k}"].present))
+    else:
+        problem.add_constraint(Or(*who))
+    problem.add_constraint(Not(And(*who)))
+    form = normal_form(Watcher(problem).look())
+    found = {frozenset(g.names) for g in find_groups(form.parts, form.presences)}
+    assert found == {frozenset({"do0x", "do1x"}), frozenset({"do0y", "do1y"})}
+
+
 # -- timings ---------------------------------------------------------------------------------------
 def test_effects_late_in_a_fixed_length_are_told_from_the_end(problem):
     flag = problem.add_fluent("flag", BoolType(), default_initial_value=False)
@@ -248,11 +272,18 @@ def test_who_may_come_from_anywhere_has_to_be_named(problem):
 
 
 def test_what_is_done_once_and_for_all_is_a_milestone(problem):
+    """It is told of what moves something; the clauses themselves are stated, and nothing else."""
     a, b, c = three(problem)
+    spot = UserType("spot")
+    spots = [problem.add_object(f"spot{i}", spot) for i in range(3)]
+    at = problem.add_fluent("at", spot, default_initial_value=spots[0])
+    c.add_effect(c.end, at(), spots[1])
     helped(problem, c, [a, b], [], False)
-    (state,) = [s for k, s in built(problem).states.vars.items() if k[0] == "#milestone"]
+    model = built(problem)
+    (state,) = [s for k, s in model.states.vars.items() if k[0] == "#milestone"]
     assert [w.owner for w in state.writes] == [0, 1]
-    assert [r.owner for r in state.reads] == [2]
+    assert [r.owner for r in model.implied[state.key]] == [2]
+    assert state.reads == []
 
 
 # -- unary resources -------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.detection import find_routes
+from up_samp.scheduling.cpsat.routing.dispatch import find_tasks
 
 ALL = [*TIGHT, *LOOSE]
 
@@ -68,6 +69,11 @@ def test_routes_are_found_in_every_style(style):
         assert all((r.step, r.gap) == style.units[:2] for r in routes)
         assert all(len(r.entries) == len(site.doors) for r in routes)
         assert len(model.exact) == 2 * len(site.tasks)
+        tasks = find_tasks(model, routes)
+        # whoever opens it, and whatever says that it is busy, a door is opened once
+        openings = [t for t in tasks if not t.wanted]
+        assert all(len(t.ways) == 2 for t in openings)
+        assert len(openings) == len(site.doors)
 
 
 def test_a_shop_is_proven_optimal_in_every_style():

@@ -94,6 +94,23 @@ def test_nobody_passes_through_a_unary_place_where_another_rests():
     assert not holds(place.statement, schedule(**first, in2=(0, 16), out2=(16, 28)), nowhere)
 
 
+def test_a_parameter_may_tell_who_comes_to_a_unary_place_and_leaves_it():
+    goes = [("go1", "go1.to", "m"), ("go2", "go2.to", "m")]
+    leaves = [("go1", "go1.source", "m"), ("go2", "go2.source", "m")]
+    place = rules.unary_place("m", [], [], False, leaves, goes).statement
+
+    def told(**parameters):
+        values = {f"{k[:3]}.{k[4:]}": v for k, v in parameters.items()}
+        return CandidateSchedule({"go1": (0, 5), "go2": (3, 8)}, values)
+
+    assert not holds(place, told(go1_to="m", go2_to="m"), nowhere)
+    assert holds(place, told(go1_to="m", go2_to="n"), nowhere)
+    assert holds(place, told(go1_to="n", go2_to="m"), nowhere)
+    taken = rules.unary_place("m", [], [], True, leaves, goes).statement
+    assert not holds(taken, told(go1_source="n", go2_to="m"), nowhere)
+    assert holds(taken, told(go1_source="m", go2_to="m"), nowhere)
+
+
 def test_requirements_over_their_spans():
     tail = rules.needs_open("a", "door", "shut", 3, rules.Reason("blocks")).statement
     start = rules.needs_away_at_start("a", "door", "shut", "on it").statement

@@ -181,8 +181,8 @@ class Exclusive:
 
     ``arrivals`` are activities that bring an object there (at their end), ``departures`` those
     that take it away (at their start: it rests there until then); ``taken`` tells whether an
-    object is there at first. ``leaving`` are departures (activity, variable, value) only where the
-    variable, which tells where they begin, has that value.
+    object is there at first. ``leaving`` are departures, ``coming`` arrivals (activity, variable,
+    value) only where the variable, which tells where they begin or end, has that value.
     """
 
     name: str
@@ -190,6 +190,14 @@ class Exclusive:
     departures: frozenset[str]
     taken: bool
     leaving: frozenset[tuple[str, str, str]] = frozenset()
+    coming: frozenset[tuple[str, str, str]] = frozenset()
+
+    def back_at(self, activity: str) -> int:
+        """Return how long after the start of a departure the place is free again: at once for who
+        may come back, at its end.
+        """
+        returns = activity in self.arrivals or any(activity == name for name, _, _ in self.coming)
+        return 0 if returns else 1
 
     def __str__(self) -> str:
         return f"place {self.name} holds one object"

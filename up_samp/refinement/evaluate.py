@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 
 from up_samp.model import CandidateSchedule
 from up_samp.model.refinement import (
@@ -66,17 +66,14 @@ def _meets_requirement(
 
 
 def _fits_place(statement: Exclusive, schedule: CandidateSchedule) -> bool:
-    changes = [(schedule.times[a][1], 1) for a in statement.arrivals if a in schedule.times]
-    changes += [
-        (schedule.times[a][0] + (a not in statement.arrivals), -1)
-        for a in statement.departures
-        if a in schedule.times
-    ]
-    changes += [
-        (schedule.times[a][0] + (a not in statement.arrivals), -1)
-        for a, variable, value in statement.leaving
-        if a in schedule.times and schedule.parameters.get(variable) == value
-    ]
+    def decided(some: Iterable[tuple[str, str, str]]) -> list[str]:
+        return [a for a, variable, value in some if schedule.parameters.get(variable) == value]
+
+    times = schedule.times
+    arrivals = [*statement.arrivals, *decided(statement.coming)]
+    departures = [*statement.departures, *decided(statement.leaving)]
+    changes = [(times[a][1], 1) for a in arrivals if a in times]
+    changes += [(times[a][0] + statement.back_at(a), -1) for a in departures if a in times]
     level = 1 if statement.taken else 0
     for time in sorted({t for t, _ in changes}):
         level += sum(step for t, step in changes if t == time)

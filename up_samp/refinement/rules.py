@@ -193,10 +193,16 @@ def unary_place(
     departures: Iterable[str],
     taken: bool,
     leaving: Iterable[tuple[str, str, str]] = (),
+    coming: Iterable[tuple[str, str, str]] = (),
 ) -> Refinement:
     """State that poses which overlap can hold only one object at a time."""
     statement = Exclusive(
-        name, frozenset(arrivals), frozenset(departures), taken, frozenset(leaving)
+        name,
+        frozenset(arrivals),
+        frozenset(departures),
+        taken,
+        frozenset(leaving),
+        frozenset(coming),
     )
     why = "objects that rest at these configurations would overlap"
     return Refinement(statement, Layer.BOUND, Strength.PROVEN, why)

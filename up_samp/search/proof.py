@@ -181,8 +181,8 @@ def activities_of(statement: Statement) -> set[str]:
     if isinstance(statement, Lasts | Requires):
         return {statement.activity}
     if isinstance(statement, Exclusive):
-        leaving = {name for name, _, _ in statement.leaving}
-        return {*statement.arrivals, *statement.departures, *leaving}
+        decided = {name for name, _, _ in (*statement.leaving, *statement.coming)}
+        return {*statement.arrivals, *statement.departures, *decided}
     found: set[str] = set()
     assert isinstance(statement, Clause)
     for literal in statement.literals:

@@ -98,21 +98,23 @@ def _write_exclusive(relaxation: Relaxation, place: Exclusive) -> None:
         problem.environment.type_manager.IntType(0, 1),
         default_initial_value=0 if place.taken else 1,
     )
-    for name in sorted(place.arrivals):
+    manager = problem.environment.expression_manager
+
+    def when(*given: str) -> FNode:
+        if not given:
+            return manager.TRUE()
+        variable, value = given
+        chosen = manager.ParameterExp(relaxation.variable(variable))
+        return manager.Equals(chosen, manager.ObjectExp(problem.object(value)))
+
+    for name, *given in (*((n,) for n in sorted(place.arrivals)), *sorted(place.coming)):
         activity = relaxation.activities[name]
-        activity.add_decrease_effect(activity.end, free, 1)
-    for name in sorted(place.departures):
+        activity.add_decrease_effect(activity.end, free, 1, when(*given))
+    for name, *given in (*((n,) for n in sorted(place.departures)), *sorted(place.leaving)):
         activity = relaxation.activities[name]
         # who goes from one of the configurations to another may be back at once
-        back = Timing(0 if name in place.arrivals else 1, activity.start)
-        activity.add_increase_effect(back, free, 1)
-    manager = problem.environment.expression_manager
-    for name, variable, value in sorted(place.leaving):
-        activity = relaxation.activities[name]
-        back = Timing(0 if name in place.arrivals else 1, activity.start)
-        origin = manager.ParameterExp(relaxation.variable(variable))
-        there = manager.Equals(origin, manager.ObjectExp(problem.object(value)))
-        activity.add_increase_effect(back, free, 1, there)
+        back = Timing(place.back_at(name), activity.start)
+        activity.add_increase_effect(back, free, 1, when(*given))
 
 
 def _absent(relaxation: Relaxation, literal: Absent) -> FNode:

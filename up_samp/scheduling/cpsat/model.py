@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import itertools
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, TypeVar
 
@@ -12,16 +11,19 @@ from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.model import Deadline, OutOfTimeError, UnsupportedError, check_time, in_force
 from up_samp.scheduling.cpsat.draft import ModelDraft
-from up_samp.scheduling.cpsat.encode.alternatives import Alternatives, find_groups, merge_forms
+from up_samp.scheduling.cpsat.encode.alternatives import find_groups, merge_forms
+from up_samp.scheduling.cpsat.encode.domains import domains
 from up_samp.scheduling.cpsat.encode.durations import constant_bounds
 from up_samp.scheduling.cpsat.encode.forms import TRUE, Form, Lin, constant, disjunction
 from up_samp.scheduling.cpsat.encode.histories import find_histories
 from up_samp.scheduling.cpsat.encode.horizon import Horizon
 from up_samp.scheduling.cpsat.encode.limits import LIMITS
 from up_samp.scheduling.cpsat.encode.metrics import objective_of
+from up_samp.scheduling.cpsat.encode.milestones import find_milestones
 from up_samp.scheduling.cpsat.encode.numbers import NumericTimeline
 from up_samp.scheduling.cpsat.encode.pairs import Disjunctions
 from up_samp.scheduling.cpsat.encode.states import States
+from up_samp.scheduling.cpsat.encode.statevars import Key, Read, StateVar
 from up_samp.scheduling.cpsat.encode.store import Store
 from up_samp.scheduling.cpsat.encode.terms import Terms, World, countable
 from up_samp.scheduling.cpsat.encode.timeline import Timeline
@@ -63,6 +65,8 @@ class ScheduleModel:
         self.read_counts: dict[Any, int] = {}
         self.replaced: set[Any] = set()
         """State variables that disjunctions say as well: they have no timeline."""
+        self.implied: dict[Key, list[Read]] = {}
+        """What clauses ask of state variables: it is stated by these clauses alone."""
         self.objective: Lin | None = None
         self.disjunctions = Disjunctions()
         self.stated: list[Form] = []
@@ -90,7 +94,7 @@ class ScheduleModel:
         self.variables = Variables(self.world, self.states, self.horizon, form.presences, leaders)
         for activity in self._in_time(form.parts.activities):
             self.variables.add_activity(activity)
-        self.exact = self._alternatives(groups)
+        self.exact = self.disjunctions.take_alternatives(groups, self.world.activities, self.store)
         """Presence of each alternative -> presences of its whole group, one of them true."""
         draft = ModelDraft(form)
         for _, state in FAMILIES:
@@ -107,6 +111,7 @@ class ScheduleModel:
 
     def _written(self, draft: ModelDraft) -> None:
         draft.forms = self._forms(draft.parts, first=True)
+        self.world.domains = domains(draft.forms, self.variables)
         self.horizon.preconditions(draft.form.preconditions)
 
     def _dynamic(self, draft: ModelDraft) -> None:
@@ -133,6 +138,12 @@ class ScheduleModel:
 
     def _precedences(self, draft: ModelDraft) -> None:
         draft.rest += self._histories(draft.form.preconditions)
+
+    def _milestones(self, draft: ModelDraft) -> None:
+        made, self.implied = find_milestones(draft.rest, self.states)
+        self._adopt(made)
+        self.replaced.update(state.key for state in made)
+        self.read_counts.update((state.key, 0) for state in made)
 
     def _merged(self, draft: ModelDraft) -> None:
         draft.rest = self.stated = merge_forms(draft.rest, self.exact)
@@ -181,19 +192,6 @@ class ScheduleModel:
         if self.world.makespan_used:
             self._exact_makespan()  # perhaps what was appended is the first to mention it
         self.variables.make_decisions()
-
-    def _alternatives(self, groups: list[Alternatives]) -> dict[int, tuple[int, ...]]:
-        """Tell who is never there together; return presence -> presences of its exact group."""
-        exact: dict[int, tuple[int, ...]] = {}
-        for group in groups:
-            members = [self.world.activities[name] for name in group.names]
-            indices = sorted(a.index for a in members)
-            self.disjunctions.exclusive.update(itertools.combinations(indices, 2))
-            self.store.at_most_one([a.present for a in members])
-            if group.exact:
-                self.disjunctions.groups.append(members)
-                exact.update({a.present: tuple(m.present for m in members) for a in members})
-        return exact
 
     def _forms(self, parts: Additions, first: bool = False) -> list[Form]:
         forms: list[Form] = []
@@ -267,13 +265,14 @@ class ScheduleModel:
         self.unread = found.left
         for state, reads in found.reads:
             state.reads += reads
-        for state in (*found.states, *found.milestones):
+        self._adopt(found.states)
+        return self._forms(Additions(constraints=[p.constraint for p in found.left]))
+
+    def _adopt(self, states: Iterable[StateVar]) -> None:
+        """Take what was found to be a state variable for one."""
+        for state in states:
             self.states.vars[state.key] = state
             self.states.dynamic.add(state.key[0])
-        for state in found.milestones:
-            self.replaced.add(state.key)
-            self.read_counts[state.key] = len(state.reads)
-        return self._forms(Additions(constraints=[p.constraint for p in found.left]))
 
     def _timelines(self, draft: ModelDraft | None = None) -> None:
         for key, state in self._in_time(self.states.vars.items()):
@@ -336,6 +335,7 @@ FAMILIES: tuple[tuple[str, Callable[[ScheduleModel, ModelDraft], None]], ...] = 
     ("disjunctions of pairs", ScheduleModel._disjunctions),
     ("unary resources", ScheduleModel._unary),
     ("precedences that say states", ScheduleModel._precedences),
+    ("what clauses need to have been done", ScheduleModel._milestones),
     ("alternatives said as one", ScheduleModel._merged),
     ("loads of resources", ScheduleModel._loads),
     ("the metric", ScheduleModel._metric),

@@ -35,19 +35,19 @@ def _resting_nodes(facts: Facts) -> list[tuple[str, str]]:
     elsewise = {c.object for c in snapshot.changes} | {r.load for r in snapshot.rides}
     for name in sorted(facts.drivers):
         tasks = [t for t in snapshot.tasks if t.object == name]
-        constant = all(t.kind is TermKind.CONSTANT for task in tasks for t in task.terms[1:])
-        constant = constant and all(_origins(facts, task) for task in tasks)
+        ends = [_places(facts, task, i) for task in tasks for i in (0, -1)]
         heeds = all(t.avoid is None or t.avoid >= facts.drivers - {name} for t in tasks)
-        if constant and heeds and name not in elsewise:
-            nodes |= {(name, task.terms[-1].name) for task in tasks}
-            nodes |= {(name, place) for task in tasks for place in _origins(facts, task)}
+        if all(ends) and heeds and name not in elsewise:
+            nodes |= {(name, place) for places in ends for place in places}
             nodes.add((name, snapshot.initial[name]))
     return sorted(nodes)
 
 
-def _origins(facts: Facts, task: MotionTask) -> dict[str, str | None]:
-    """Return where a motion may begin, with the variable that tells it (None: it is no choice)."""
-    term = task.terms[0]
+def _places(facts: Facts, task: MotionTask, which: int) -> dict[str, str | None]:
+    """Return where a motion may begin (``which`` 0) or end (-1), with the variable that tells it
+    (None: it is no choice).
+    """
+    term = task.terms[which]
     if term.kind is TermKind.CONSTANT:
         return {term.name: None}
     choice = facts.choices.get((task.activity, term, False))
@@ -88,17 +88,19 @@ def _grow(
 
 def _place(facts: Facts, members: list[tuple[str, str]]) -> Refinement:
     inside = set(members)
-    arrivals, departures, leaving = set(), set(), set()
+    always: dict[int, set[str]] = {0: set(), -1: set()}
+    decided: dict[int, set[tuple[str, str, str]]] = {0: set(), -1: set()}
     for task in facts.snapshot.tasks:
-        if (task.object, task.terms[-1].name) in inside:
-            arrivals.add(task.activity)
-        for place, variable in _origins(facts, task).items():
-            if (task.object, place) not in inside:
-                continue
-            if variable is None:
-                departures.add(task.activity)
-            else:
-                leaving.add((task.activity, variable, place))
+        for which in always:
+            for place, variable in _places(facts, task, which).items():
+                if (task.object, place) not in inside:
+                    continue
+                if variable is None:
+                    always[which].add(task.activity)
+                else:
+                    decided[which].add((task.activity, variable, place))
     taken = any(facts.snapshot.initial[name] == place for name, place in members)
     name = "_".join(sorted({place for _, place in members}))
-    return rules.unary_place(name, arrivals, departures, taken, leaving)
+    return rules.unary_place(
+        name, always[-1], always[0], taken, leaving=decided[0], coming=decided[-1]
+    )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import partial
 
 from up_samp.model import Placed
@@ -43,28 +43,32 @@ def _certify(
         if facts.returns_to(placed.name, configuration):
             return _blocked_while(facts, cases, placed.name, configuration, why)
         changes = facts.movers[placed.name]
-        return [
-            rules.only_given(
-                rules.gone_before(start_of(c.activity), changes, 0, rules.Reason(why)), c.given
-            )
-            for c in cases
-        ]
+        return [_gone_from_the_start(c, changes, rules.Reason(why)) for c in cases]
     proof = service.certificate(body, poses, (placed,))
     if proof is None:
         return []
     # a static obstacle stays all the time: then it must be gone from the start
-    # (a condition cannot hang on decisions: there the weaker cut has to do)
-    static = [c for c in cases if placed.name in (c.task.static or ()) and not c.given]
+    static = [c for c in cases if placed.name in (c.task.static or ())]
     others = [c for c in cases if c not in static]
-    found = [rules.needs_away(c.activity, placed.name, configuration, why) for c in static]
-    if not others:
-        return found
+    found = [
+        rules.needs_away(c.activity, placed.name, configuration, why) for c in static if not c.given
+    ]
+    static = [c for c in static if c.given]  # a condition cannot hang on decisions
     if facts.returns_to(placed.name, configuration):
-        cuts = _blocked_while(facts, others, placed.name, configuration, why)
-    else:
-        reason, tail = rules.Reason(why), _tail_units(motions, signature, placed)
-        cuts = [opened(facts, c, placed.name, configuration, tail, reason) for c in others]
-    return found + cuts
+        return found + _blocked_while(facts, static + others, placed.name, configuration, why)
+    reason, changes = rules.Reason(why), facts.movers[placed.name]
+    found += [_gone_from_the_start(c, changes, reason) for c in static]
+    if others:
+        tail = _tail_units(motions, signature, placed)
+        found += [opened(facts, c, placed.name, configuration, tail, reason) for c in others]
+    return found
+
+
+def _gone_from_the_start(
+    case: MotionCase, changes: Iterable[str], reason: rules.Reason
+) -> Refinement:
+    cut = rules.gone_before(start_of(case.activity), changes, 0, reason)
+    return rules.only_given(cut, case.given)
 
 
 def _blocked_while(

@@ -19,6 +19,7 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.model.timing import TimepointKind
 
 from up_samp.scheduling.cpsat.encode.forms import Cmp, Form, Literal, disjunction
+from up_samp.scheduling.cpsat.encode.nodes import walk
 from up_samp.scheduling.cpsat.normal.presences import Presences, decided
 from up_samp.scheduling.cpsat.problem import Additions
 
@@ -42,18 +43,20 @@ def find_groups(parts: Additions, presences: Presences | None = None) -> list[Al
     members = _Members(parts, presences or Presences({}))
     lengths = {a.name: _length(a) for a in parts.activities if a.optional}
     exclusive: set[frozenset[str]] = set()
+    named: dict[tuple[str, ...], None] = {}
     wanted: dict[tuple[str, ...], None] = {}
     for constraint, scope, _ in parts.constraints:
         if any(not s.is_true() for s in scope):
             continue
         names = _all_decided(_options(constraint))
         if names is not None:
+            named.update(dict.fromkeys(members.named(names)))
             wanted.update(dict.fromkeys(members.in_parallel(names)))
             continue
         pair = _excluded(constraint)
         if pair is not None:
             exclusive |= members.products(pair)
-    candidates = [(names, True) for names in wanted]
+    candidates = [(names, True) for names in named | wanted]
     candidates += [(names, False) for names in _switched_once(parts)]
     groups, taken = [], set[str]()
     for names, exact in candidates:
@@ -78,22 +81,64 @@ class _Members:
             leader: [n for n in names if n in optional]
             for leader, names in presences.classes().items()
         }
+        together = {name for names in self._of.values() if len(names) > 1 for name in names}
+        self._kinds = _kinds(parts, together)
+        self._own = _own_decisions(parts, optional)
 
     def of(self, name: str) -> list[str]:
         """Return the activities that are there exactly when ``name`` is."""
         leader = self._presences.of(name)
         return self._of.get(leader, [name])
 
+    def named(self, names: tuple[str, ...]) -> list[tuple[str, ...]]:
+        """Return the tuple of activities that ``names`` are meant to decide about, if any is."""
+        own = [self._own.get(name) for name in names]
+        return [] if None in own else [tuple(name for name in own if name)]
+
     def in_parallel(self, names: tuple[str, ...]) -> list[tuple[str, ...]]:
-        """Return the tuples of activities of which one is there because one of ``names`` is: the
-        first ones of all, the second ones, and so on.
+        """Return the tuples of activities of which one is there because one of ``names`` is: those
+        of one kind, the first ones of all, the second ones, and so on.
         """
-        return list(zip(*(self.of(name) for name in names), strict=False))
+        lists = [self.of(name) for name in names]
+        kinds = dict.fromkeys(self._kinds.get(name) for name in lists[0])
+        found: list[tuple[str, ...]] = []
+        for kind in kinds:
+            alike = [[n for n in some if self._kinds.get(n) == kind] for some in lists]
+            found += zip(*alike, strict=False)
+        return found
 
     def products(self, pair: tuple[str, str]) -> set[frozenset[str]]:
         """Return the pairs of activities that exclude each other because ``pair`` does."""
         one, other = (self.of(name) for name in pair)
         return {frozenset((a, b)) for a in one for b in other if a != b}
+
+
+def _kinds(parts: Additions, names: set[str]) -> dict[str, tuple[int | None, frozenset[str]]]:
+    """Return activity -> what it is like, whoever does it: how long it takes, and all constants
+    that its conditions, effects and own constraints speak of.
+    """
+    lengths = {a.name: _length(a) for a in parts.activities if a.name in names}
+    constants: dict[str, set[str]] = {name: set() for name in names}
+    nodes = [(c, owner) for _, c, owner in parts.conditions]
+    nodes += [(e.value, owner) for _, e, owner in parts.effects]
+    nodes += [(c, owner) for c, _, owner in parts.constraints]
+    for node, owner in nodes:
+        if owner is not None and owner.name in names:
+            constants[owner.name].update(str(x) for x in walk(node) if x.is_constant())
+    return {name: (lengths[name], frozenset(some)) for name, some in constants.items()}
+
+
+def _own_decisions(parts: Additions, optional: set[str]) -> dict[str, str]:
+    """Return activity or bool variable -> the one activity that it decides about, as written."""
+    found = {name: {name} for name in optional}
+    for node, scope, _ in parts.constraints:
+        if scope or node.node_type not in (Op.IFF, Op.EQUALS) or len(node.args) != 2:
+            continue
+        names = [decided(arg) for arg in node.args]
+        for one, other in (names, names[::-1]):
+            if one is not None and other in optional and one not in optional:
+                found.setdefault(one, set()).add(str(other))
+    return {name: next(iter(some)) for name, some in found.items() if len(some) == 1}
 
 
 def _options(node: FNode) -> list[FNode]:

@@ -30,12 +30,9 @@ START = -1
 
 @dataclass
 class Histories:
-    """``states`` say all of the preconditions that are not in ``left``; those in ``milestones`` are
-    implied by what is left: something that is done once and for all.
-    """
+    """``states`` say all of the preconditions that are not in ``left``."""
 
     states: list[StateVar] = field(default_factory=list)
-    milestones: list[StateVar] = field(default_factory=list)
     left: list[Precondition] = field(default_factory=list)
     reads: list[tuple[StateVar, list[Read]]] = field(default_factory=list)
     """Conditions on state variables that are there already, and tell the same."""
@@ -72,13 +69,7 @@ def find_histories(
             found.reads.append(reads)
         else:
             found.states.append(_history(("#history", number), writers, some, activities))
-    by_helpers: dict[frozenset[str], list[Precondition]] = {}
-    for precondition in lasting:
-        if id(precondition) not in told:
-            by_helpers.setdefault(frozenset(precondition.helpers), []).append(precondition)
-            found.left.append(precondition)
-    for number, some in enumerate(by_helpers.values()):
-        found.milestones.append(_milestone(("#milestone", number), some, activities))
+    found.left += [p for p in lasting if id(p) not in told]
     return found
 
 
@@ -282,27 +273,15 @@ def _history(
         values[writer] = codes.setdefault(leaves, len(codes))
     state = StateVar(key, (0, len(codes) - 1), list(range(len(codes))), values[START])
     for i in order:
-        state.writes.append(_write(index[i], values[i], 0))
+        state.writes.append(_write(index[i], values[i]))
     for precondition, some in zip(preconditions, allowed, strict=True):
         mine = frozenset(values[w] for w in some)
         state.reads.append(_read(activities[precondition.activity], mine))
     return state
 
 
-def _milestone(
-    key: Key, preconditions: list[Precondition], activities: dict[str, ActivityVars]
-) -> StateVar:
-    state = StateVar(key, (0, 1), [0, 1], 0)
-    gap = min(p.gap for p in preconditions)
-    for name in sorted(preconditions[0].helpers, key=lambda n: activities[n].index):
-        state.writes.append(_write(activities[name], 1, gap))
-    for precondition in preconditions:
-        state.reads.append(_read(activities[precondition.activity], frozenset({1})))
-    return state
-
-
-def _write(activity: ActivityVars, value: int, gap: int) -> Write:
-    time = activity.end.shift(gap - 1)._replace(needs=())
+def _write(activity: ActivityVars, value: int) -> Write:
+    time = activity.end.shift(-1)._replace(needs=())
     return Write(activity.index, activity.present, time, constant(value))
 
 

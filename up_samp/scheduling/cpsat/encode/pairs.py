@@ -9,6 +9,7 @@ from unified_planning.model import FNode
 from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.timing import TimepointKind
 
+from up_samp.scheduling.cpsat.encode.alternatives import Alternatives
 from up_samp.scheduling.cpsat.encode.cliques import clique_cover, graph_of
 from up_samp.scheduling.cpsat.encode.forms import TRUE, Cmp, Form, Lin, indicator_sum
 from up_samp.scheduling.cpsat.encode.limits import LIMITS
@@ -53,6 +54,21 @@ class Disjunctions:
         """Return how far apart two activities (indices) are when both are there; -1 if not."""
         pair = (min(a, b), max(a, b))
         return LIMITS.never if pair in self.exclusive else self.gaps.get(pair, -1)
+
+    def take_alternatives(
+        self, groups: list[Alternatives], activities: dict[str, ActivityVars], store: Store
+    ) -> dict[int, tuple[int, ...]]:
+        """Tell who is never there together; return presence -> presences of its exact group."""
+        exact: dict[int, tuple[int, ...]] = {}
+        for group in groups:
+            members = [activities[name] for name in group.names]
+            indices = sorted(a.index for a in members)
+            self.exclusive.update(itertools.combinations(indices, 2))
+            store.at_most_one([a.present for a in members])
+            if group.exact:
+                self.groups.append(members)
+                exact.update({a.present: tuple(m.present for m in members) for a in members})
+        return exact
 
     def add_written(
         self, constraint: FNode, scope: list[FNode], activities: dict[str, ActivityVars]

@@ -78,9 +78,8 @@ class Readings(GroundFluents):
             ((_, state),) = self.grounds(single, Terms(self.world, no_fluents, owner))
             value = self.world.parameters.get(chosen)
             if state.key[0] in self.dynamic and state.values is not None and value is not None:
-                low, high = self.store.range(value)
                 # all effects are known by now
-                allowed = frozenset(v for v in state.held() if low <= v <= high)
+                allowed = frozenset(state.held()) & self._left(value)
                 self._read(state, Read(number, active, lo, hi, allowed, value, loose=loose))
                 return
         decided, rest = unless_decided(node)
@@ -94,6 +93,12 @@ class Readings(GroundFluents):
             return
         terms = Terms(self.world, self.reader(owner, active, lo, hi, loose), owner)
         self.store.enforce(terms.form(node), (active,))
+
+    def _left(self, value: Lin) -> frozenset[int]:
+        """Return what a parameter may be."""
+        low, high = self.store.range(value)
+        known = self.world.domains.get(value.terms[0][0]) if value.terms else None
+        return frozenset(range(low, high + 1)) if known is None else known
 
     def _literals(self, form: Form, opposite: Form) -> list[Literal]:
         """Return literals that together are true exactly if a form of parameters holds."""

@@ -52,6 +52,16 @@ class States(Readings):
         """Return the activity with this index."""
         return self.activities[index]
 
+    def movers(self) -> frozenset[int]:
+        """Return who sets a state variable of more than two values to something."""
+        return frozenset(
+            write.owner
+            for state in self.vars.values()
+            if state.values is None or len(state.values) > 2
+            for write in state.writes
+            if write.owner is not None and not write.add
+        )
+
     def add_effect(self, timing: Timing, effect: Effect, owner: ActivityVars | None) -> None:
         """Register the writes of an effect."""
         if effect.forall:
@@ -72,7 +82,7 @@ class States(Readings):
         condition = reading.form(effect.condition)
         if condition != TRUE:
             opposite = reading.form(effect.condition, False)
-            active = self.store.all_of([active, self.store.equivalent(condition, opposite)])
+            active = self.store.all_of([active, *self._literals(condition, opposite)])
         value = reading.linear(effect.value)._replace(needs=())
         if effect.is_decrease():
             value = constant(0).plus(value, -1)

@@ -53,6 +53,8 @@ class World:
     store: Store
     activities: dict[str, ActivityVars] = field(default_factory=dict)
     parameters: dict[str, Lin] = field(default_factory=dict)
+    domains: dict[int, frozenset[int]] = field(default_factory=dict)
+    """Parameter (variable) -> values that are left by the constraints on it alone, if any are."""
     objects: dict[str, int] = field(default_factory=dict)
     object_types: list[Any] = field(default_factory=list)
     makespan: int = -1

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from up_samp.scheduling.cpsat.encode.forms import TRUE
 from up_samp.scheduling.cpsat.encode.statevars import Key, Read, StateVar
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.encode.timeline import Timeline
@@ -16,6 +15,7 @@ from up_samp.scheduling.cpsat.routing.changes import Change, changes_of
 from up_samp.scheduling.cpsat.routing.entrances import find_entries, find_still
 from up_samp.scheduling.cpsat.routing.lengths import Lengths
 from up_samp.scheduling.cpsat.routing.route import INFINITE, Move, Route
+from up_samp.scheduling.cpsat.routing.visits import find_visits
 
 if TYPE_CHECKING:
     from up_samp.scheduling.cpsat.model import ScheduleModel
@@ -158,7 +158,7 @@ def _route(model: ScheduleModel, place: Place, lengths: Lengths) -> Route:
         lag=1 + min(c.delay for c in bound),
     )
     _find_returns(model, route)
-    _find_visits(model, route)
+    find_visits(model, route)
     find_entries(model, route, bound)
     route.still = {} if place.free else find_still(model, state, place.owners)
     return route
@@ -244,29 +244,3 @@ def _find_returns(model: ScheduleModel, route: Route) -> None:
         fixed = route.initial in places and route.final is None and not route.free
         if whoever <= movers and fixed:
             route.final = places
-
-
-def _find_visits(model: ScheduleModel, route: Route) -> None:
-    """Find the places to which one of some moves has to be made.
-
-    A visit begins when such a move ends, so nothing may need a rest after it.
-    """
-    if route.gap > 0:
-        return
-    leading: dict[int, set[int]] = {}
-    for move in route.moves:
-        if move.name not in route.odd:
-            leading.setdefault(model.world.activities[move.name].present, set()).add(move.to)
-    clauses = [form[1:] if form.__class__ is tuple and form[0] == "|" else (form,)
-               for form in model.stated]  # fmt: skip
-    clauses += [*model.exact.values(), *((p,) for p in leading if p == TRUE)]
-    visited = set()
-    for every in clauses:
-        clause = [x for x in every if x.__class__ is not int or not model.store.never(x)]
-        if all(literal.__class__ is int and literal in leading for literal in clause):
-            places = set().union(*(leading[literal] for literal in clause))
-            visited |= places if len(places) == 1 else set()
-    known = {next(iter(places)) for _, places in route.stops if len(places) == 1}
-    for place in sorted(visited - known):
-        route.visits.append((f"visit {place} of {route.key}", frozenset((place,))))
-    route.late |= {name for name, _ in route.visits}

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from up_samp.scheduling.cpsat.encode.forms import TRUE, Cmp
-from up_samp.scheduling.cpsat.encode.statevars import Key
+from up_samp.scheduling.cpsat.encode.statevars import Key, StateVar
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.openings import RoutedTask, with_openings
 from up_samp.scheduling.cpsat.routing.route import Route
@@ -82,8 +82,12 @@ def find_tasks(model: ScheduleModel, routes: list[Route]) -> list[RoutedTask]:
         if least is not None:
             tasks[i].apart.append((j, least))
             tasks[j].apart.append((i, least))
-    _find_changes(model, owners, tasks)
-    _find_stirs(model, tasks)
+    # what else it sets (that it is busy) tells no two ways to do a task apart
+    asked = {e.state for route in routes for some in route.entries.values() for e in some}
+    asked.update(key for route in routes for key in route.still)
+    states = {k: s for k, s in model.states.vars.items() if k in asked and not s.numeric}
+    _find_changes(model, states, owners, tasks)
+    _find_stirs(model, states, tasks)
     return with_openings(model, routes, tasks)
 
 
@@ -127,10 +131,13 @@ def _gap_between(model: ScheduleModel, one: RoutedTask, other: RoutedTask) -> in
     return min(gaps)
 
 
-def _find_changes(model: ScheduleModel, owners: dict[int, int], tasks: list[RoutedTask]) -> None:
-    for key, state in model.states.vars.items():
-        if state.numeric:
-            continue
+def _find_changes(
+    model: ScheduleModel,
+    states: dict[Key, StateVar],
+    owners: dict[int, int],
+    tasks: list[RoutedTask],
+) -> None:
+    for key, state in states.items():
         for write in state.writes:
             if write.owner in owners and not write.value.terms:
                 activity = model.states.activity(write.owner)
@@ -141,11 +148,11 @@ def _find_changes(model: ScheduleModel, owners: dict[int, int], tasks: list[Rout
                     task.changes.append(change)
 
 
-def _find_stirs(model: ScheduleModel, tasks: list[RoutedTask]) -> None:
+def _find_stirs(model: ScheduleModel, states: dict[Key, StateVar], tasks: list[RoutedTask]) -> None:
     """Find what each task changes at a known time whoever does it, be it to the same value."""
     found: dict[str, set[tuple[Key, int]]] = {}
-    for key, state in model.states.vars.items():
-        for write in state.writes if not state.numeric else ():
+    for key, state in states.items():
+        for write in state.writes:
             if write.owner is None:
                 continue
             activity = model.states.activity(write.owner)

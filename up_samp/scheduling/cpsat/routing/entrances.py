@@ -42,24 +42,37 @@ Needs = dict[Move, dict[tuple[Key, frozenset[int]], int]]
 
 
 def _needs(model: ScheduleModel, route: Route, movers: set[int]) -> Needs:
-    asked: dict[int, list[tuple[Literal, tuple[Key, frozenset[int]], int]]] = {}
+    asked: dict[int, list[tuple[Read, tuple[Key, frozenset[int]]]]] = {}
     for other in model.states.vars.values():
         if any(write.owner in movers for write in other.writes):
             continue  # a move may provide what it needs itself
-        for read in other.reads:
+        held = frozenset(other.held()) if other.values is not None else None
+        for read in (*other.reads, *model.implied.get(other.key, ())):
             if read.owner in movers and read.allowed is not None and not read.guard_only:
-                activity = model.states.activity(read.owner or 0)
-                before = model.states.difference(activity.end, read.lo)[0]
-                if before >= 0:
-                    need = (read.active, (other.key, read.allowed), before + 1 + route.step)
-                    asked.setdefault(activity.index, []).append(need)
+                # however it is said what has to hold, it is the same of what may hold at all
+                allowed = read.allowed if held is None else read.allowed & held
+                asked.setdefault(read.owner or 0, []).append((read, (other.key, allowed)))
     found: Needs = {}
     for move in route.moves:
         activity = model.world.activities[move.name]
         some = asked.get(activity.index, ())
         true = _true(model, activity, move) if some else set()
-        found[move] = {need: lead for active, need, lead in some if active in true}
+        mine = found[move] = {}
+        for read, need in some:
+            before = _before_end(model, activity, move, read)
+            if read.active in true and before >= 0:
+                mine[need] = max(mine.get(need, 0), before + 1 + route.step)
     return found
+
+
+def _before_end(model: ScheduleModel, activity: ActivityVars, move: Move, read: Read) -> int:
+    """Return how long before the end of a move it needs something, at least."""
+    before, most = model.states.difference(activity.end, read.lo)
+    if before == most:
+        return before
+    # a move between certain places may last longer than its activity does at least
+    since, latest = model.states.difference(read.lo, activity.start)
+    return max(before, move.least - since) if since == latest else before
 
 
 def _true(model: ScheduleModel, activity: ActivityVars, move: Move) -> set[Literal]:

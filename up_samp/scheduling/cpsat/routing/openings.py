@@ -18,7 +18,8 @@ from up_samp.scheduling.cpsat.routing.route import Route
 class RoutedTask:
     """Done once at most, in one of ``ways``: (route, stop's name, places). One that is ``wanted``
     is done in one of them in every schedule. ``after`` are (task, time from its start), ``apart``
-    are (task, gap). ``changes`` are (state, value, time from the start).
+    are (task, gap). ``changes`` are (state, value, time from the start), of the states that ways
+    need or that moves keep as they are.
     A ``visit`` is done by nothing but arriving.
     """
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from up_samp.scheduling.cpsat.encode.forms import Literal
 from up_samp.scheduling.cpsat.encode.statevars import Key, Write
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
-from up_samp.scheduling.cpsat.routing.route import Route
+from up_samp.scheduling.cpsat.routing.route import Move, Route
 
 if TYPE_CHECKING:
     from up_samp.scheduling.cpsat.model import ScheduleModel
@@ -45,18 +45,16 @@ def find_unit_places(model: ScheduleModel, routes: list[Route]) -> list[UnitPlac
             continue
         if any(w.owner not in owners for w in writes):
             continue
-        arrivals, departures = _unit_moves(model, routes, writes)
-        if arrivals is None:
+        changes = _unit_changes(model, routes, writes)
+        if changes is None:
             continue
+        arrivals, departures = changes
         places = []
         for route in routes:
-            inside = frozenset(m.to for m in route.moves if m.name in arrivals)
-            comes = {m.name for m in route.moves if m.to in inside}
-            own = {m.name for m in route.moves}
+            comes = {(m.name, m.to) for m in route.moves}
+            inside = frozenset(to for name, to in comes if to in arrivals.get(name, ()))
             begins = {(m.name, origin) for m in route.moves for origin in m.origins}
-            goes = {(name, origin) for name, origin in begins if origin in inside}
-            given = {(name, o) for name, o in begins if o in departures.get(name, ())}
-            if comes != arrivals & own or goes != given:
+            if not (_are(comes, inside, arrivals) and _are(begins, inside, departures)):
                 break
             places.append((route.key, inside))
         else:
@@ -68,50 +66,65 @@ def find_unit_places(model: ScheduleModel, routes: list[Route]) -> list[UnitPlac
     return found
 
 
-Departures = dict[str, frozenset[int]]
-"""Moves that give a unit back -> the places from which they do."""
+Ends = dict[str, frozenset[int]]
+"""Moves that take a unit (or give one back) -> the places to (or from) which they do."""
 
 
-def _unit_moves(
+def _are(ends: set[tuple[str, int]], inside: frozenset[int], known: Ends) -> bool:
+    """Return whether those moves take or give a unit, of one route, that lead in or out."""
+    return {e for e in ends if e[1] in inside} == {e for e in ends if e[1] in known.get(e[0], ())}
+
+
+def _unit_changes(
     model: ScheduleModel, routes: list[Route], writes: list[Write]
-) -> tuple[set[str] | None, Departures]:
+) -> tuple[Ends, Ends] | None:
     """Return who takes a unit at its end and who gives it back at its start, or a unit after it;
     None if anybody does anything else with it.
     """
-    arrivals: set[str] = set()
-    departures: Departures = {}
-    origins: dict[str, frozenset[int]] = {}
+    taken, given = Ends(), Ends()
+    moves: dict[str, list[Move]] = {}
     for move in (move for route in routes for move in route.moves):
-        origins[move.name] = origins.get(move.name, frozenset()) | move.origins
+        moves.setdefault(move.name, []).append(move)
     for write in writes:
         activity = model.states.activity(write.owner or 0)
+        step = 0 if write.value.terms else write.value.const
         start = model.states.difference(write.time, activity.start) in ((0, 0), (1, 1))
         end = model.states.difference(write.time, activity.end) == (0, 0)
-        always = write.active == activity.present
-        if write.value.terms or not (always or start):
-            return None, {}
-        if write.value.const == -1 and end and always:
-            arrivals.add(activity.name)
-            continue
-        begun = origins[activity.name] if always else _begun(model, activity, write.active)
-        if write.value.const != 1 or not start or not begun:
-            return None, {}
-        departures[activity.name] = departures.get(activity.name, frozenset()) | begun
-    return arrivals, departures
+        if not (step == -1 and end) and not (step == 1 and start):
+            return None
+        places = _places(model, activity, write.active, moves[activity.name], arrives=step == -1)
+        if not places:
+            return None
+        found = taken if step == -1 else given
+        found[activity.name] = found.get(activity.name, frozenset()) | places
+    return taken, given
 
 
-def _begun(model: ScheduleModel, activity: ActivityVars, active: Literal) -> frozenset[int]:
-    """Return the places of which a literal tells that an activity begins there (none, if it says
-    anything else).
+def _places(
+    model: ScheduleModel,
+    activity: ActivityVars,
+    active: Literal,
+    moves: list[Move],
+    *,
+    arrives: bool,
+) -> frozenset[int]:
+    """Return the places of which a literal tells that an activity begins or ends there (none, if
+    it says anything else).
     """
-    own = {i for i, _, owner in model.parameters.values() if owner == activity.name}
-    store = model.store
-    found = set()
-    for variable in own:
-        low, high = store.bounds[variable]
-        for value in range(low, high + 1):
-            there = store.value_known(variable, value)
-            if there is not None:
-                both = store.conjunction_known([activity.present, there])
-                found |= {value} if both == active else set()
+    found = set[int]()
+    for move in moves:
+        places = frozenset((move.to,)) if arrives else move.origins
+        if active == activity.present:
+            found |= places
+        elif len(places) == 1:
+            # who goes from one place to another is told by one variable where it comes from, and
+            # by another one where it goes to
+            tells = (model.store.value_known(*item) for item in move.values if item[1] in places)
+            present = activity.present
+            if any(t is not None and _both(model, present, t) == active for t in tells):
+                found |= places
     return frozenset(found)
+
+
+def _both(model: ScheduleModel, one: Literal, other: Literal) -> Literal | None:
+    return model.store.conjunction_known([one, other])

@@ -1,0 +1,56 @@
+"""However a problem is written, the same is recognised in what is stated before the first schedule:
+routes, lengths, doors that are needed open, places for one, tasks and who may do them.
+"""
+
+import pytest
+
+from tests.metamorphic.motions import ALIKE, OTHERS, MotionStyle
+from tests.metamorphic.sites import FAMILIES, doors, haulage, kits, shop, store
+from tests.metamorphic.structures import structures
+from up_samp.model import MotionModel
+from up_samp.motion.compile import precompile
+
+SMALL = {
+    "shop": lambda: shop(0, jobs=1),
+    "store": lambda: store(0, robots=1, items=1),
+    "haulage": lambda: haulage(0, robots=1, items=1),
+    "kits": lambda: kits(0, robots=1),
+    "doors": lambda: doors(1, robots=1),
+}
+FEW = [
+    MotionStyle(),
+    MotionStyle(one_of="inside", order="inside", at="parameter", shuffled=1),
+    MotionStyle(moves="leave"),
+    MotionStyle(moves="leave", alone="uses", team="presences", shuffled=6),
+]
+BUSY = [
+    MotionStyle(alone="strictly", machine="strictly", arrive="end", obstacles="lists"),
+    MotionStyle(alone="busy", machine="held", arrive="end", obstacles="mixed", shuffled=3),
+]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled():
+    """Compile all kernels first."""
+    precompile([MotionModel.SE2])
+
+
+def differing(site, styles, folder):
+    """Return the styles of one meaning in which not the same is recognised."""
+    found = {}
+    for style in styles:
+        seen = structures(site, style, folder)
+        found.setdefault(style.units, {}).setdefault(seen, []).append(str(style))
+    return [list(some.values()) for some in found.values() if len(some) > 1]
+
+
+@pytest.mark.parametrize("family", SMALL)
+def test_the_same_is_recognised_in_styles_that_mean_the_same(family, tmp_path):
+    assert differing(SMALL[family](), FEW + BUSY, tmp_path) == []
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("family", FAMILIES)
+def test_the_same_is_recognised_in_all_styles(family, seed, tmp_path):
+    assert differing(FAMILIES[family](seed), [*ALIKE, *OTHERS], tmp_path) == []
