@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import warnings
 from collections.abc import Callable, Generator, Iterator
+from functools import partial
 from typing import IO, TYPE_CHECKING, Any
 
 from unified_planning.engines import (
@@ -167,8 +168,15 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
 
         A plan to begin from is of this problem, or of one with some of its activities.
         """
+        from up_samp.engines.movers import solve_settled
+        from up_samp.upio.movers import settle_movers
+
         problem, timeout, start = call.problem, call.timeout, call.warm_start_plan
         moves = isinstance(problem, SchedulingMotionProblem) and problem.motion_activities
+        if moves and (settled := settle_movers(problem)) is not None:
+            again = partial(self._results, optimal=optimal)
+            yield from solve_settled(settled, call, again, self.params.seconds_per_unit)
+            return
         compiling = begin_compiling(problem) if moves else None
         # imports, too, are made before the clock runs
         from up_samp.engines.plain import schedule_plainly

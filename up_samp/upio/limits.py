@@ -14,6 +14,8 @@ class ProblemLimits:
     numbers do not tell 1 cm from 0."""
     turned: float = 1e4
     """Largest heading, rad."""
+    movers: int = 200
+    """Most choices of objects that one activity may move."""
     footprint: float = 1e5
     """Largest coordinate of a footprint, m."""
 

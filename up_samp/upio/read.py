@@ -33,6 +33,7 @@ from up_samp.upio.limits import LIMITS
 from up_samp.upio.read_maps import check_flat, map_driven, read_maps
 from up_samp.upio.read_movable import read_movable
 from up_samp.upio.rides import Floor, find_rides, laden_bodies
+from up_samp.upio.told import told_by
 
 
 def read_problem(problem: SchedulingMotionProblem, seconds_per_unit: float = 1.0) -> Snapshot:
@@ -221,6 +222,8 @@ def _obstacle_names(
 ) -> frozenset[str] | None:
     if given is None:
         return None
+    for item, value in given.items() if isinstance(given, dict) else ():
+        told_by(activity, item, value)
     names = {o.name for o in given}
     unknown = sorted(names - objects)
     if unknown:

@@ -9,12 +9,14 @@ Dynamic obstacles' fluents ask nothing more (``up_samp.validation.semantics``, r
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from unified_planning.model import FNode, Timing
+from unified_planning.model import Fluent, FNode, Object, Timing
 from unified_planning.model.motion import MotionActivity
 from unified_planning.model.scheduling import Activity
 from unified_planning.model.timing import RightOpenTimeInterval, TimePointInterval
+
+from up_samp.model import ProblemError
 
 if TYPE_CHECKING:
     from up_samp.upio.relaxation import Relaxation
@@ -28,8 +30,27 @@ def hold_told(relaxation: Relaxation, source: MotionActivity) -> None:
         if not isinstance(told, dict):
             continue
         for movable, value in told.items():
-            (node,) = relaxation.problem.environment.expression_manager.auto_promote(value)
+            node = told_by(source.name, movable, value)
             _hold(relaxation, activity, movable.name, relaxation.rewriter(node))
+
+
+def told_by(activity: str, obstacle: Object, value: Any) -> FNode:
+    """Return the expression that tells where an obstacle is: what the problem gives, and a fluent
+    of one parameter that is the obstacle, of that obstacle.
+
+    :raises ProblemError: for a fluent of other parameters.
+    """
+    if not isinstance(value, Fluent):
+        return obstacle.environment.expression_manager.auto_promote(value)[0]
+    types = [p.type for p in value.signature]
+    if not types:
+        return value()
+    if len(types) == 1 and types[0].is_compatible(obstacle.type):
+        return value(obstacle)
+    raise ProblemError(
+        f"activity '{activity}': the fluent '{value.name}' of its obstacle '{obstacle.name}' has "
+        f"{len(types)} parameters; say which, as in {value.name}(...)"
+    )
 
 
 def _hold(relaxation: Relaxation, activity: Activity, name: str, told: FNode) -> None:

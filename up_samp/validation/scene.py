@@ -277,12 +277,18 @@ class JudgedScene:
                 if not isinstance(items, dict):
                     found.append(Obstacle(item.name, static))
                     continue
-                (node,) = self.problem.environment.expression_manager.auto_promote(items[item])
+                node = self._telling(items[item], item)
                 what = f"the configuration of obstacle {item.name} of {owner}"
                 place = self._name(node, start, owner, what)
                 key = self._reader(start, owner).key(node) if node.is_fluent_exp() else None
                 found.append(Obstacle(item.name, static, place, key))
         return tuple(found)
+
+    def _telling(self, given: Any, item: Any) -> Any:
+        """Return the expression for a listed obstacle: ``at`` means ``at(item)`` (rule 19)."""
+        if getattr(given, "arity", 0) == 1 and given.signature[0].type.is_compatible(item.type):
+            return given(item)
+        return self.problem.environment.expression_manager.auto_promote(given)[0]
 
     def _reader(self, instant: int, owner: str | None) -> Reader:
         return Reader(

@@ -1,0 +1,261 @@
+"""Activities whose moved object is a parameter: one activity for each object, and plans back.
+
+"Some robot fetches the pallet" is one activity with a parameter for the robot. Motions are planned
+for one body each, so the problem that is solved has, beside such an activity, an optional one for
+each object that the parameter may be, with the motions and all that is said of the object. It is
+there if and only if the parameter is that object, and lasts as long.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from unified_planning.model import Effect, FNode, Object, Parameter, TimeInterval, Timepoint, Timing
+from unified_planning.model.motion import (
+    ActivityWaypoints,
+    MotionActivity,
+    MovableObject,
+    SchedulingMotionProblem,
+)
+from unified_planning.model.scheduling import Activity
+from unified_planning.model.timing import DurationInterval
+
+from up_samp.model import UnsupportedError
+from up_samp.upio.limits import LIMITS
+from up_samp.upio.plan import SampSchedule
+from up_samp.upio.spans import with_timings
+
+
+@dataclass(frozen=True)
+class Settled:
+    """A problem whose motions move objects that are named. ``copies`` tell each added activity's
+    name and that of the original one it stands for.
+    """
+
+    original: SchedulingMotionProblem
+    problem: SchedulingMotionProblem
+    copies: Mapping[str, str]
+
+    def back(self, plan: SampSchedule) -> SampSchedule:
+        """Return a plan of ``problem`` as one of the original."""
+        there = {a.name: a for a in plan.activities}
+        activities = [a for a in self.original.activities if a.name in there]
+        assignment = {}
+        for activity in activities:
+            for variable in (activity.start, activity.end, *activity.parameters):
+                assignment[variable] = plan.get(variable)
+        for variable in self.original.base_variables:
+            assignment[variable] = plan.get(variable)
+        paths = {}
+        for (moved, constraint), path in plan.motion_paths.items():
+            index = moved.motion_constraints.index(constraint)
+            activity = self.original.get_activity(self.copies.get(moved.name, moved.name))
+            paths[activity, activity.motion_constraints[index]] = path
+        trajectories = {self._key(key): t for key, t in plan.trajectories.items()}
+        return SampSchedule(
+            activities,
+            assignment,
+            paths,
+            trajectories,
+            self.original.environment,
+            plan.seconds_per_unit,
+        )
+
+    def _key(self, key: str) -> str:
+        """Return the name of a trajectory, which may be that of an activity's further motion."""
+        if key in self.copies:
+            return self.copies[key]
+        name, mark, index = key.rpartition("#")
+        return f"{self.copies[name]}{mark}{index}" if name in self.copies else key
+
+
+def settle_movers(problem: SchedulingMotionProblem) -> Settled | None:
+    """Return the problem with named objects in all motions (None: it has no others).
+
+    :raises UnsupportedError: where there would be too many activities.
+    """
+    choosing = {a.name: found for a in problem.motion_activities if (found := movers(a))}
+    if not choosing:
+        return None
+    settled = problem.clone()
+    names = {a.name for a in problem.activities}
+    copies: dict[str, str] = {}
+    activities: list[Activity] = []
+    for activity in problem.activities:
+        parameters = choosing.get(activity.name)
+        if parameters is None:
+            activities.append(next(a for a in settled._activities if a.name == activity.name))
+            continue
+        activities.append(_without_motions(activity, parameters))
+        mine = []
+        for chosen in _choices(problem, activity, parameters):
+            copy = _copy(activity, _fresh(activity, chosen, names), chosen)
+            copies[copy.name] = activity.name
+            mine.append((copy, chosen))
+        activities += [copy for copy, _ in mine]
+        _tie(settled, activity, mine)
+    settled._activities[:] = activities
+    settled._motion_activities[:] = [a for a in activities if isinstance(a, MotionActivity)]
+    return Settled(problem, settled, copies)
+
+
+def movers(activity: MotionActivity) -> list[Parameter]:
+    """Return the activity's own parameters that say which objects it moves."""
+    moved = [c.movable for c in activity.motion_constraints if isinstance(c, ActivityWaypoints)]
+    named = [e.parameter() for e in (*moved, *activity.motion_effects) if e.is_parameter_exp()]
+    return [p for p in dict.fromkeys(named) if p in activity.parameters]
+
+
+def _choices(
+    problem: SchedulingMotionProblem, activity: MotionActivity, parameters: list[Parameter]
+) -> Iterator[dict[Parameter, Object]]:
+    """Yield what the parameters may be, together."""
+    domains = [
+        [o for o in problem.objects(p.type) if isinstance(o, MovableObject)] for p in parameters
+    ]
+    several = [p.name for p, domain in zip(parameters, domains, strict=True) if not domain]
+    if several:
+        raise UnsupportedError(f"there is no movable object for '{several[0]}'")
+    size = 1
+    for domain in domains:
+        size *= len(domain)
+    if size > LIMITS.movers:
+        raise UnsupportedError(
+            f"activity '{activity.name}' may move {size} different choices of objects, more than "
+            f"{LIMITS.movers}: name the objects that take part"
+        )
+    for chosen in itertools.product(*domains):
+        yield dict(zip(parameters, chosen, strict=True))
+
+
+def _fresh(activity: MotionActivity, chosen: Mapping[Parameter, Object], names: set[str]) -> str:
+    name = f"{activity.name}({', '.join(o.name for o in chosen.values())})"
+    while name in names:
+        name += "_"
+    names.add(name)
+    return name
+
+
+class _Put:
+    """Puts objects in place of the parameters that name them, and a copy in its original's."""
+
+    def __init__(self, activity: MotionActivity, name: str, chosen: Mapping[Parameter, Object]):
+        self.activity, self.name = activity, name
+        manager = activity._environment.expression_manager
+        self._values = {manager.ParameterExp(p): manager.ObjectExp(o) for p, o in chosen.items()}
+
+    def __call__(self, node: FNode) -> FNode:
+        """Return an expression over objects."""
+        return node.substitute(self._values)
+
+    def speaks(self, nodes: Iterable[FNode]) -> bool:
+        """Return whether some expression speaks of the parameters."""
+        return any(self(node) != node for node in nodes)
+
+    def timing(self, timing: Timing) -> Timing:
+        """Return a time of the copy for one of the activity."""
+        point = timing.timepoint
+        if point.container != self.activity.name:
+            return timing
+        return Timing(timing.delay, Timepoint(point.kind, self.name))
+
+    def span(self, span: TimeInterval) -> TimeInterval:
+        """Return an interval of the copy for one of the activity."""
+        ends = self.timing(span.lower), self.timing(span.upper)
+        return TimeInterval(*ends, span.is_left_open(), span.is_right_open())
+
+    def obstacles(self, given: Any) -> Any:
+        """Return obstacles as a constraint lists them: by fluents, or without."""
+        if not isinstance(given, dict):
+            return given
+        return {o: self(e) if isinstance(e, FNode) else e for o, e in given.items()}
+
+
+def _spoken(effect: Effect) -> tuple[FNode, ...]:
+    return effect.fluent, effect.value, effect.condition
+
+
+def _without_motions(activity: MotionActivity, parameters: list[Parameter]) -> Activity:
+    """Return the activity without its motions, and without what is said of what it moves."""
+    plain = Activity(activity.name, 1, activity.optional, _env=activity._environment)
+    plain._set_duration_constraint(activity.duration)
+    plain._parameters.update(activity._parameters)
+    plain._constraints += activity._constraints
+    # any object shows what speaks of them
+    stand_in = {p: Object("?", p.type, activity._environment) for p in parameters}
+    put = _Put(activity, activity.name, stand_in)
+    for span, conditions in activity.conditions.items():
+        rest = [c for c in conditions if not put.speaks([c])]
+        if rest:
+            plain._conditions[with_timings(span)] = rest
+    for timing, effects in activity.effects.items():
+        for effect in effects:
+            if not put.speaks(_spoken(effect)):
+                plain._add_effect_instance(timing, effect)
+    return plain
+
+
+def _copy(
+    activity: MotionActivity, name: str, chosen: Mapping[Parameter, Object]
+) -> MotionActivity:
+    """Return the activity of one choice: its motions, and what is said of what it moves."""
+    put = _Put(activity, name, chosen)
+    copy = MotionActivity(name, 1, True, _env=activity._environment)
+    lasts = activity.duration
+    copy._set_duration_constraint(
+        DurationInterval(
+            put(lasts.lower), put(lasts.upper), lasts.is_left_open(), lasts.is_right_open()
+        )
+    )
+    for span, conditions in activity.conditions.items():
+        mine = [put(c) for c in conditions if put.speaks([c])]
+        if mine:
+            copy._conditions[put.span(with_timings(span))] = mine
+    for timing, effects in activity.effects.items():
+        for effect in effects:
+            if put.speaks(_spoken(effect)):
+                said = Effect(*map(put, _spoken(effect)), effect.kind, effect.forall)
+                copy._add_effect_instance(put.timing(timing), said)
+    for constraint in activity.motion_constraints:
+        copy.add_motion_constraint(
+            ActivityWaypoints(
+                put(constraint.movable),
+                put(constraint.starting),
+                [put(w) for w in constraint.waypoints],
+                put.obstacles(constraint.static_obstacles),
+                put.obstacles(constraint.dynamic_obstacles_at_start),
+                activity._environment,
+            )
+            if isinstance(constraint, ActivityWaypoints)
+            else constraint
+        )
+    for movable, place in activity.motion_effects.items():
+        copy.add_motion_effect(put(movable), put(place))
+    return copy
+
+
+def _tie(
+    problem: SchedulingMotionProblem,
+    activity: MotionActivity,
+    copies: list[tuple[MotionActivity, dict[Parameter, Object]]],
+) -> None:
+    """Say that the copy of what was chosen is there, when the activity is, and no other."""
+    manager = problem.environment.expression_manager
+    here = [manager.auto_promote(activity.present)[0]] if activity.optional else []
+    presences = []
+    for copy, chosen in copies:
+        present = manager.auto_promote(copy.present)[0]
+        values = [
+            manager.Equals(manager.ParameterExp(p), manager.ObjectExp(o)) for p, o in chosen.items()
+        ]
+        problem.add_constraint(manager.Iff(present, manager.And(*here, *values)))
+        for mine, its in ((copy.start, activity.start), (copy.end, activity.end)):
+            problem.add_constraint(manager.Equals(mine, its), scope=[copy.present])
+        presences.append(present)
+    # said once more, as it is recognised best
+    problem.add_constraint(manager.Or(*presences, *(manager.Not(h) for h in here)))
+    for one, other in itertools.combinations(presences, 2):
+        problem.add_constraint(manager.Or(manager.Not(one), manager.Not(other)))
