@@ -23,6 +23,7 @@ from up_samp.scheduling.compilers.read import read_problem as read_plain
 from up_samp.scheduling.partial_order.differences import Planned
 from up_samp.scheduling.partial_order.objects import performers
 from up_samp.scheduling.partial_order.orders import orders_of
+from up_samp.upio.movers import named_as_planned
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +51,7 @@ def dependencies_of(
     :class:`UnsupportedError` for what no executive can keep.
     """
     unit = float(plan["seconds_per_unit"])
+    problem = named_as_planned(problem, plan)
     snapshot = snapshot_of(problem, unit)
     plan = with_avoid(plan, snapshot)
     planned = planned_of(problem, plan)

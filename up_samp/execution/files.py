@@ -17,6 +17,7 @@ from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.plan_dict import PlanDict, snapshot_of
 from up_samp.io.versions import VERSIONS
 from up_samp.model import ProblemError
+from up_samp.upio.movers import named_as_planned
 
 
 def with_dependencies(
@@ -26,6 +27,7 @@ def with_dependencies(
     its samples, and what it must keep clear of.
     """
     dependencies = dependencies_of(problem, plan, margin=margin)
+    problem = named_as_planned(problem, plan)
     snapshot = snapshot_of(problem, float(plan["seconds_per_unit"]))
     drives = {d.key: d for life in dependencies.lives.values() for d in life.drives}
     data: PlanDict = {}

@@ -28,6 +28,7 @@ from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.values import ValuesNow
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import Configuration, ProblemError, UnsupportedError
+from up_samp.upio.movers import named_as_planned
 
 
 def remaining_problem(
@@ -41,10 +42,12 @@ def remaining_problem(
 
     What is done is gone from it, with its effects in the initial state; what has begun is
     mandatory and starts at 0, motions from where their robot can stop; everything else is as it
-    was, so that the rest may be planned anew. Raises :class:`ProblemError` where something that
+    was, so that the rest may be planned anew: by the robots that the plan chose, where a parameter
+    says which one moves. Raises :class:`ProblemError` where something that
     has to be done cannot be any more.
     """
-    return _Builder(problem, plan, state, drives, surprise or Surprise()).build()
+    named = named_as_planned(problem, plan)
+    return _Builder(named, plan, state, drives, surprise or Surprise()).build()
 
 
 class _Builder:

@@ -23,6 +23,7 @@ from up_samp.io.restore import plan_from_dict
 from up_samp.model import ProblemError
 from up_samp.model.frames import PlacedMap
 from up_samp.model.snapshot import ChangeTask, Snapshot, Term, TermKind
+from up_samp.upio.movers import named_as_planned
 from up_samp.upio.read import read_problem
 
 _CLOSE = 2.0 * 10.0**-PRECISION.decimals
@@ -36,7 +37,7 @@ def contradictions(problem: SchedulingMotionProblem, plan: PlanDict) -> list[str
     validator judges (the times of activities and the motions). An unknown field is none: later
     minor versions may have more.
     """
-    snapshot = read_problem(problem, plan["seconds_per_unit"])
+    snapshot = read_problem(named_as_planned(problem, plan), plan["seconds_per_unit"])
     return [
         *_head(plan, snapshot),
         *_map(plan, snapshot),
@@ -53,7 +54,8 @@ def poses_beyond(problem: SchedulingMotionProblem, plan: PlanDict) -> list[str]:
     """Return, in words, which motions lead further from the map than it is large, or turn round
     and round: nobody can have planned them, and sweeping them has no end.
     """
-    limits = [_limits(m) for m in read_problem(problem, plan["seconds_per_unit"]).maps]
+    snapshot = read_problem(named_as_planned(problem, plan), plan["seconds_per_unit"])
+    limits = [_limits(m) for m in snapshot.maps]
     everywhere = (-math.inf, -math.inf), (math.inf, math.inf)
     found = []
     for motion in plan["motions"]:

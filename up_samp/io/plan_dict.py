@@ -25,6 +25,7 @@ from up_samp.model import (
     Trajectory,
 )
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
+from up_samp.upio.movers import named_as_planned
 from up_samp.upio.plan import trajectory_key
 from up_samp.upio.read import read_problem
 
@@ -56,8 +57,9 @@ def plan_to_dict(
     unit than ``seconds_per_unit``.
     """
     seconds_per_unit = _unit(seconds_per_unit, getattr(plan, "seconds_per_unit", None))
-    snapshot = snapshot_of(problem, seconds_per_unit)
     activities = _activities(problem, plan)
+    named = named_as_planned(problem, {"activities": activities})
+    snapshot = snapshot_of(named, seconds_per_unit)
     times = {a["name"]: (a["start"], a["end"]) for a in activities}
     whole = seconds_per_unit % 1 == 0
     maps = described_maps(snapshot)

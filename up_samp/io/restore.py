@@ -12,6 +12,7 @@ from up_samp.io.sampling import rows_trajectory
 from up_samp.model import CandidateSchedule, ProblemError, Trajectory
 from up_samp.model.errors import short
 from up_samp.model.schedule import Value
+from up_samp.upio.movers import named_as_planned
 from up_samp.upio.plan import SampSchedule, build_plan, trajectory_key
 from up_samp.upio.read import read_problem
 
@@ -24,7 +25,7 @@ def plan_from_dict(problem: SchedulingMotionProblem, plan: PlanDict) -> SampSche
     """
     check_plan(plan, "the plan")
     unit = plan["seconds_per_unit"]
-    snapshot = read_problem(problem, unit)
+    snapshot = read_problem(named_as_planned(problem, plan), unit)
     known = {a.name: a for a in problem.activities}
     times: dict[str, tuple[int, int]] = {}
     parameters: dict[str, Value] = dict(plan.get("parameters", {}))

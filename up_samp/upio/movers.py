@@ -20,10 +20,10 @@ from unified_planning.model.motion import (
     MovableObject,
     SchedulingMotionProblem,
 )
-from unified_planning.model.scheduling import Activity
+from unified_planning.model.scheduling import Activity, SchedulingProblem
 from unified_planning.model.timing import DurationInterval
 
-from up_samp.model import UnsupportedError
+from up_samp.model import ProblemError, UnsupportedError
 from up_samp.upio.limits import LIMITS
 from up_samp.upio.plan import SampSchedule
 from up_samp.upio.spans import with_timings
@@ -100,6 +100,43 @@ def settle_movers(problem: SchedulingMotionProblem) -> Settled | None:
     settled._activities[:] = activities
     settled._motion_activities[:] = [a for a in activities if isinstance(a, MotionActivity)]
     return Settled(problem, settled, copies)
+
+
+def named_as_planned(problem: SchedulingProblem, plan: Mapping[str, Any]) -> SchedulingProblem:
+    """Return the problem with the objects that a plan (a dictionary, ``docs/plan-format.md``) has
+    chosen named in its motions; activities that the plan leaves out move nothing. It is the problem
+    itself where no parameter says what moves.
+    """
+    choosing = {a.name: movers(a) for a in getattr(problem, "motion_activities", ())}
+    if not any(choosing.values()):
+        return problem
+    given = {e["name"]: e.get("parameters", {}) for e in plan["activities"]}
+    named = problem.clone()
+    for k, activity in enumerate(problem.activities):
+        parameters = choosing.get(activity.name)
+        if not parameters:
+            continue
+        values = given.get(activity.name, {})
+        chosen = {p: _chosen(problem, activity, p, values) for p in parameters if values}
+        kept = _copy(activity, activity.name, chosen, whole=True)
+        if not chosen:
+            kept.clear_motion_constraints()
+            kept.clear_motion_effects()
+        named._activities[k] = kept
+    named._motion_activities[:] = [a for a in named._activities if isinstance(a, MotionActivity)]
+    return named
+
+
+def _chosen(problem: Any, activity: Activity, parameter: Parameter, values: Any) -> Object:
+    own = parameter.name.removeprefix(f"{activity.name}.")
+    value = values.get(own)
+    chosen = problem.object(value) if isinstance(value, str) and problem.has_object(value) else None
+    if not isinstance(chosen, MovableObject) or not parameter.type.is_compatible(chosen.type):
+        raise ProblemError(
+            f"the plan gives the parameter '{own}' of activity '{activity.name}' no object "
+            "that moves"
+        )
+    return chosen
 
 
 def movers(activity: MotionActivity) -> list[Parameter]:
@@ -199,11 +236,16 @@ def _without_motions(activity: MotionActivity, parameters: list[Parameter]) -> A
 
 
 def _copy(
-    activity: MotionActivity, name: str, chosen: Mapping[Parameter, Object]
+    activity: MotionActivity, name: str, chosen: Mapping[Parameter, Object], *, whole: bool = False
 ) -> MotionActivity:
-    """Return the activity of one choice: its motions, and what is said of what it moves."""
+    """Return the activity of one choice: its motions, and what is said of what it moves (all that
+    is said, if ``whole``).
+    """
     put = _Put(activity, name, chosen)
-    copy = MotionActivity(name, 1, True, _env=activity._environment)
+    copy = MotionActivity(name, 1, activity.optional or not whole, _env=activity._environment)
+    if whole:
+        copy._parameters.update(activity._parameters)
+        copy._constraints += activity._constraints
     lasts = activity.duration
     copy._set_duration_constraint(
         DurationInterval(
@@ -211,12 +253,12 @@ def _copy(
         )
     )
     for span, conditions in activity.conditions.items():
-        mine = [put(c) for c in conditions if put.speaks([c])]
+        mine = [put(c) for c in conditions if whole or put.speaks([c])]
         if mine:
             copy._conditions[put.span(with_timings(span))] = mine
     for timing, effects in activity.effects.items():
         for effect in effects:
-            if put.speaks(_spoken(effect)):
+            if whole or put.speaks(_spoken(effect)):
                 said = Effect(*map(put, _spoken(effect)), effect.kind, effect.forall)
                 copy._add_effect_instance(put.timing(timing), said)
     for constraint in activity.motion_constraints:
