@@ -29,6 +29,7 @@ from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
 from up_samp.scheduling.cpsat.routing.list_scheduling import improve
+from up_samp.scheduling.cpsat.routing.sequels import steps_of
 from up_samp.scheduling.cpsat.routing.workload import bound_by_work
 from up_samp.upio import read_problem, relax
 from up_samp.upio.plan import build_schedule
@@ -121,7 +122,8 @@ def bounds(name: str, problem: Any) -> dict[str, Any]:
     found = bound_by_work(model, work)
     bound = found.value
     bounded = time.process_time()
-    start = list(found.sequence)
+    some = found.sequences
+    start = steps_of(work, some, some.found[0]) if some is not None and some.found else []
     tour = improve(work, 60 * len(work.tasks), 0, lambda: False, start=start, enough=bound)
     makespan = tour.schedule.makespan if tour is not None else None
     return {

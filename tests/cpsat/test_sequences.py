@@ -6,7 +6,7 @@ from unittest import mock
 
 import pytest
 from unified_planning.model import ClosedTimeInterval, RightOpenTimeInterval, Timing
-from unified_planning.shortcuts import Equals, Not, UserType
+from unified_planning.shortcuts import Equals, IntType, Not, UserType
 
 from cpsat.sites import Site, Task, shop
 from cpsat.styles import Style
@@ -18,8 +18,11 @@ from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
 from up_samp.scheduling.cpsat.routing.list_scheduling import decode
+from up_samp.scheduling.cpsat.routing.sequels import steps_of, times_of
 from up_samp.scheduling.cpsat.routing.workload import WorkBound, bound_by_work
 from up_samp.scheduling.cpsat.solve import strategy
+from up_samp.upio.plan import build_schedule
+from up_samp.validation import validate_schedule
 
 STILL = [
     lambda m: RightOpenTimeInterval(Timing(0, m.start), Timing(-1, m.end)),
@@ -29,13 +32,21 @@ STILL = [
 
 
 class Still(Writer):
-    """Writes a site in which nobody moves while a door moves."""
+    """Writes a site in which nobody moves while a door moves. ``narrow``: where nobody is at first,
+    there is room for one.
+    """
 
-    def __init__(self, site, style, span):
+    def __init__(self, site, style, span, narrow=False):
         self.span = STILL[span]
+        self.narrow = narrow
         super().__init__(site, style)
 
     def _doors(self):
+        places = [p for p in self.site.places if self.narrow and p not in self.site.starts]
+        self.room = {
+            p: self.problem.add_fluent(f"room{p}", IntType(0, 1), default_initial_value=1)
+            for p in places
+        }
         leaf = UserType("leaf")
         self.closed, self.ajar = (self.problem.add_object(n, leaf) for n in ("closed", "ajar"))
         return {
@@ -51,6 +62,10 @@ class Still(Writer):
             m.add_condition(self.span(m), Equals(door(), door()))
         if b in self.open:
             m.add_condition(self.span(m), Not(Equals(self.open[b](), self.closed)))
+        if b in self.room:
+            m.add_decrease_effect(m.end, self.room[b](), 1)
+        if a in self.room:
+            m.add_increase_effect(m.start, self.room[a](), 1)
         return m
 
     def _opening(self, r, p):
@@ -61,7 +76,9 @@ class Still(Writer):
 
 
 def gated(seed):
-    """Return (a small random site with doors, a style, how long doors hold still)."""
+    """Return (a small random site with doors, a style, how long doors hold still, whether places
+    hold one).
+    """
     rng = random.Random(seed)
     places = range(rng.choice([3, 4, 4]))
     robots = rng.choice([1, 2, 2, 2, 3])
@@ -88,7 +105,8 @@ def gated(seed):
         lasts=rng.choice(["fixed", "bounds"]),
         alone=rng.choice(["after", "strictly", "uses"]),
     )
-    return site, style, rng.randrange(len(STILL))
+    span = rng.randrange(len(STILL))
+    return site, style, span, rng.random() < 0.5
 
 
 def no_bound(_model, _work, known, *_, **__):
@@ -175,7 +193,34 @@ def test_what_a_bound_is_met_by_is_tried_as_a_schedule():
     model = ScheduleModel(problem)
     work = find_work(model, find_routes(model))
     found = bound_by_work(model, work)
-    tour = decode(work, list(found.sequence))
-    assert tour.schedule.makespan == found.value
+    path = found.sequences.found[0]
+    assert decode(work, steps_of(work, found.sequences, path)).schedule.makespan == found.value
+    assert times_of(model, work, found.sequences, path).makespan == found.value
     report = CpsatSession(problem, workers=1, effort=0.2).solve(Deadline.after(60))
     assert (report.status, report.bound) == (ScheduleStatus.OPTIMAL, found.value)
+
+
+def test_sequences_among_few_beginnings_become_schedules():
+    """The best beginnings lead to a schedule that ends when the bound says, and to none before."""
+    for seed in range(3):
+        problem = Still(shop(2, 2, 2, seed=seed), Style(), 0, narrow=True).problem
+        model = ScheduleModel(problem)
+        work = find_work(model, find_routes(model))
+        bound = bound_by_work(model, work)
+        some = bound.sequences.anew(10**6)
+        assert not some.sought(bound.value - 1, 100, lambda: False)
+        assert some.sought(bound.value + 3, 100, lambda: False)
+        schedule = times_of(model, work, some, some.found[0])
+        assert bound.value <= schedule.makespan <= bound.value + 3
+        assert not validate_schedule(problem, build_schedule(problem, schedule)).violations
+
+
+def test_a_known_schedule_ends_the_search_for_a_bound():
+    problem = Still(shop(2, 2, 2, seed=3), Style(), 0).problem
+    model = ScheduleModel(problem)
+    work = find_work(model, find_routes(model))
+    best = bound_by_work(model, work).value
+    found = bound_by_work(model, work, value=best)
+    assert found.value == best
+    assert not found.sequences.found
+    assert bound_by_work(model, work, value=best - 3).value == best - 3

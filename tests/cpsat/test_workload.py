@@ -1,5 +1,6 @@
 """The lower bound by all the work there is."""
 
+import numpy as np
 import pytest
 from unified_planning.shortcuts import IntType
 
@@ -13,7 +14,7 @@ from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.assignment import bound_by_assignment, shares
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
-from up_samp.scheduling.cpsat.routing.labels import Labels
+from up_samp.scheduling.cpsat.routing.labels import NEAR, Labels
 from up_samp.scheduling.cpsat.routing.workload import bound_by_work
 
 
@@ -124,10 +125,10 @@ def test_a_large_fleets_bound_ends_soon_when_its_time_is_over():
 
 def test_labels_that_are_compared_for_long_look_at_the_clock():
     """A thousand labels, each worse than the one before: all but the first fall away in time."""
-    some = Labels.first([0]).rows([0] * 1000)
+    some = Labels.first(np.zeros((1, 1), dtype=np.int32)).rows([0] * 1000)
     for row in range(1000):
         some.free[row] = some.leave[row] = row
-    assert len(some.undominated(24)) == 1
+    assert len(some.undominated(NEAR)) == 1
     looks = Looks(0)
-    assert len(some.undominated(24, looks)) == 1000
+    assert len(some.undominated(NEAR, looks)) == 1000
     assert looks.done == 1

@@ -64,9 +64,9 @@ class StagesTuning(Tunables):
         "up to so many, the relaxation is solved sooner than tours are annealed",
         least=0,
     )
-    bound_share: float = share_of(0.1, "of the time that is left, for bounds without search")
+    bound_share: float = share_of(0.25, "of the time that is left, for bounds without search")
     bound_labels: int = tunable(
-        1_500_000,
+        4_000_000,
         "labels",
         "beginnings of sequences of tasks that proofs of a lower bound may look at, where the "
         "optimum is asked for (some 10 microseconds each)",
@@ -75,6 +75,14 @@ class StagesTuning(Tunables):
     bound_labels_again: int = tunable(
         150_000, "labels", "the same when a schedule that was found before is at hand", least=0
     )
+    beam: int = tunable(
+        500,
+        "labels",
+        "beginnings of each length among which sequences of tasks are sought that end before the "
+        "schedule in hand, where the optimum is asked for",
+        least=1,
+    )
+    beam_content: int = tunable(100, "labels", "the same where it is not", least=1)
     tour_share: float = share_of(0.2, "of the time that is left, for tours")
     relaxed_share: float = share_of(
         0.35, "of the time that is left, for each attempt at the routing relaxation"

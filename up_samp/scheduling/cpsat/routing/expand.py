@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterable
 
 from up_samp.model import CandidateSchedule
 from up_samp.scheduling.cpsat.encode.statevars import Key
+from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.route import Move, Route, Still
 
 Changes = dict[str, list[tuple[Key, int]]]
@@ -37,6 +38,19 @@ def expand(
     for name in (name for route in routes for name, _ in route.visits):
         times.pop(name, None)
     return CandidateSchedule(times, schedule.parameters)
+
+
+def changes_of(model: ScheduleModel) -> Changes:
+    """Return what each activity changes at a known time."""
+    changes: Changes = {}
+    for key, state in model.states.vars.items():
+        for write in state.writes if not state.numeric else ():
+            if write.owner is not None:
+                owner = model.states.activity(write.owner)
+                low, high = model.states.difference(write.time, owner.end)
+                if low == high:
+                    changes.setdefault(owner.name, []).append((key, low))
+    return changes
 
 
 def calm(still: Still, events: Iterable[tuple[Key, int]], start: int, length: int) -> int:

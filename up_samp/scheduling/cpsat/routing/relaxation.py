@@ -33,7 +33,7 @@ from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.problem import Additions
 from up_samp.scheduling.cpsat.routing.dispatch import find_tasks
-from up_samp.scheduling.cpsat.routing.expand import Changes, expand
+from up_samp.scheduling.cpsat.routing.expand import changes_of, expand
 from up_samp.scheduling.cpsat.routing.legs import Arc, Legs, Travel, entry_form
 from up_samp.scheduling.cpsat.routing.levels import Course, find_levels
 from up_samp.scheduling.cpsat.routing.once import opened_once
@@ -254,15 +254,7 @@ class RoutingRelaxation:
 
     def expanded(self, schedule: CandidateSchedule) -> CandidateSchedule:
         """Return a schedule of the routing relaxation with moves put in."""
-        changes: Changes = {}
-        for key, state in self.full.states.vars.items():
-            for write in state.writes if not state.numeric else ():
-                if write.owner is not None:
-                    owner = self.full.states.activity(write.owner)
-                    low, high = self.full.states.difference(write.time, owner.end)
-                    if low == high:
-                        changes.setdefault(owner.name, []).append((key, low))
-        return expand(self.routes, schedule, changes)
+        return expand(self.routes, schedule, changes_of(self.full))
 
     def hints(self, known: dict[int, int]) -> dict[int, int]:
         """Translate values of the full model's variables to this model's."""

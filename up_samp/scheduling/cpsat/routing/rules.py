@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from up_samp.scheduling.cpsat.routing.dispatch import Work
 from up_samp.scheduling.cpsat.routing.programme import Programme, way_back
-from up_samp.scheduling.cpsat.routing.ways import Ways
+from up_samp.scheduling.cpsat.routing.ways import MOST_BITS, NEVER, Ways, places_of
 
 
 @dataclass(frozen=True)
@@ -94,12 +95,11 @@ def change_of(programme: Programme, ways: list[Ways], number: int) -> Change | N
     found: list[Change] = []
     for key, delay in programme.tasks[number].stirs:
         still = {a: r.still[key] for a, r in enumerate(programme.routes) if key in r.still}
-        shut = {
-            axis: np.array(
-                [_shut(programme, ways[axis], p, delay - last) for p in ways[axis].places]
-            )
-            for axis, (_, last) in still.items()
-        }
+        shut = {}
+        for axis, (_, last) in still.items():
+            shut[axis] = np.zeros(len(ways[axis].travel), dtype=np.int64)
+            for place, here in ways[axis].number.items():
+                shut[axis][here] = _shut(programme, ways[axis], place, delay - last)
         slack = max((delay - first for first, _ in still.values()), default=0)
         found.append(Change(delay, max(0, slack), still, shut))
     return max(found, key=lambda change: len(change.still), default=None)
@@ -131,3 +131,163 @@ def left_of(choices: list[Choice], ways: list[Ways], sets: Any) -> Any:
         left[rows, choice.traveller, 0] |= np.bitwise_or.reduce(hop[choice.place])
         left[rows, choice.traveller, 1] |= np.bitwise_or.reduce(hop[:, choice.place])
     return left
+
+
+def open_of(choices: list[Choice], ways: list[Ways], sets: Any) -> Any:
+    """Return, for each set of tasks, traveller and place, whether a task is left to do there."""
+    found = np.zeros((len(sets), len(ways), max(len(w.places) for w in ways)), dtype=bool)
+    for choice in choices:
+        found[:, choice.traveller, choice.place] |= sets >> choice.task & 1 == 0
+    return found
+
+
+def moving_of(changes: list[Change | None], travellers: int, sets: Any) -> Any:
+    """Return, for each set of tasks and traveller, whether a task is left during which it rests."""
+    found = np.zeros((len(sets), travellers), dtype=bool)
+    for task, change in enumerate(changes):
+        for axis in change.still if change is not None else ():
+            found[:, axis] |= sets >> task & 1 == 0
+    return found
+
+
+def in_order(before: list[int]) -> list[int]:
+    """Return the tasks, each after all that have to start ``before`` it (bits)."""
+    found: list[int] = []
+    done = 0
+    while len(found) < len(before):
+        ready = [t for t, needs in enumerate(before) if not done >> t & 1 and not needs & ~done]
+        found += ready
+        done |= sum(1 << t for t in ready)
+    return found
+
+
+def doors_of(programme: Programme, ways: list[Ways]) -> list[list[tuple[int, int, int]]]:
+    """Return, for each task, (traveller, place, time from its start): when who goes on from there
+    has come, where the task opens the way.
+    """
+    found: list[list[tuple[int, int, int]]] = []
+    for task in programme.tasks:
+        delays = [d for key, _, d in task.changes if key == task.opens]
+        found.append(
+            [
+                (axis, number, delays[0] + entry.lead)
+                for axis, some in enumerate(ways)
+                for place, number in some.number.items()
+                if place != some.route.initial
+                for entry in some.route.entries.get(place, ())
+                if task.opens is not None and entry.state == task.opens
+            ]
+        )
+    return found
+
+
+def handovers_of(work: Work, ways: list[Ways]) -> Any:
+    """Return, for each traveller, place, other traveller and its place, how long after the one can
+    leave its place the other one can go on from its own, at least: where only one of them fits
+    (-NEVER: they do not heed each other there).
+    """
+    shape = len(ways), len(ways[0].travel)
+    found = np.full((*shape, *shape), -NEVER, dtype=np.int64)
+    for unit in work.units:
+        for axis, some in enumerate(ways):
+            for other, others in enumerate(ways):
+                here = some.among(unit.places_of(some.route.key))
+                there = others.among(unit.places_of(others.route.key))
+                if other != axis:
+                    found[np.ix_([axis], here, [other], there)] = others.route.step
+    return found
+
+
+@dataclass(frozen=True)
+class Rules:
+    """All that sequences of tasks have to obey, and what is needed to bound them."""
+
+    programme: Programme
+    ways: list[Ways]
+    choices: list[Choice]
+    changes: list[Change | None]
+    """Of each task."""
+    ordered: Any
+    """From the start of each task to that of each later one, at least, by precedences alone."""
+    order: list[int]
+    """The tasks, each after those that have to start before it."""
+    waits: Any
+    """From the start of each task to that of each later one, at least."""
+    tails: list[int]
+    """From the start of each task to the end of all that has to come after it, at least."""
+    sets: Any
+    """All sets of tasks that may be done (bits), in order."""
+    rests: Any
+    """A row for each of them: the least time that is left, for all positions of the travellers."""
+    shape: tuple[int, ...]
+    left: Any
+    """(set, traveller, 2): bits of the direct moves from and to places where work is left."""
+    open: Any
+    """(set, traveller, place): whether a task is left that it may do there."""
+    matters: Any
+    """The same: whether it matters when it is there."""
+    homes: Any
+    """(traveller, place): whether it may be there in the end (nowhere, if it does not matter)."""
+    doors: list[list[tuple[int, int, int]]]
+    """(traveller, place, time from the start) of each task: when the way there is open."""
+    handovers: Any
+    """(traveller, place, other, its place): from when the one can leave to when the other is ready.
+    """
+
+    @staticmethod
+    def of(work: Work, programme: Programme, tables: dict[int, Any]) -> Rules | None:
+        """Return the rules for the tasks of a programme; ``None`` if these are too many."""
+        size = max(len(places_of(route)) for route in programme.routes)
+        if max(len(programme.tasks), size) > MOST_BITS:
+            return None
+        ways = [Ways.of(r, axis, programme.tasks, size) for axis, r in enumerate(programme.routes)]
+        choices = choices_of(programme, ways)
+        ordered, waits = waits_of(work, programme)
+        sets = np.array(sorted(tables), dtype=np.int64)
+        changes = [change_of(programme, ways, number) for number in range(len(programme.tasks))]
+        work_left = open_of(choices, ways, sets)
+        homes = np.stack([w.among(w.route.final or ()) for w in ways])
+        return Rules(
+            programme,
+            ways,
+            choices,
+            changes,
+            ordered,
+            in_order(programme.before),
+            waits,
+            tails_of(programme, ordered),
+            sets,
+            np.stack([tables[int(done)].ravel() for done in sets]),
+            tables[0].shape,
+            left_of(choices, ways, sets),
+            work_left,
+            work_left | homes | moving_of(changes, len(ways), sets)[:, :, None],
+            homes,
+            doors_of(programme, ways),
+            handovers_of(work, ways),
+        )
+
+    def plain(self) -> Rules:
+        """Return the same with no regard to changes and to moves that happen once."""
+        ways = [replace(w, hop=0 * w.hop, leading=0 * w.leading) for w in self.ways]
+        return replace(self, ways=ways, changes=[None] * len(self.changes))
+
+    @cached_property
+    def lengths(self) -> Any:
+        """How long each choice takes; last: nothing that was done."""
+        return np.array([*(self.programme.tasks[c.task].length for c in self.choices), 0])
+
+    @cached_property
+    def gaps(self) -> Any:
+        """How long each traveller rests between two tasks."""
+        return np.array([route.gap for route in self.programme.routes])
+
+    def row(self, done: Any) -> Any:
+        """Return the rows of sets of tasks in tables."""
+        return np.searchsorted(self.sets, done)
+
+    def rest(self, done: Any, last: Any) -> Any:
+        """Return the least time that is left for all travellers together."""
+        spots = np.array([*(c.spot for c in self.choices), 0])
+        where = np.ravel_multi_index(tuple(spots[last].T), self.shape)
+        return self.rests[self.row(done), where]

@@ -7,21 +7,24 @@ the only one and the best way: it happens once at most, and who needs it again t
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from up_samp.scheduling.cpsat.routing.openings import RoutedTask
-from up_samp.scheduling.cpsat.routing.route import INFINITE, Route
+from up_samp.scheduling.cpsat.routing.route import Route
 
 MOST_BITS = 62
 """Places, or direct moves, that have a bit in a word."""
+NEVER = 2**29
+"""A time that does not come, in tables: two of them are still one word."""
 
 
 @dataclass(frozen=True)
 class Ways:
-    """What one traveller needs from place to place (times; INFINITE: there is no way)."""
+    """What one traveller needs from place to place (times; NEVER: there is no way)."""
 
     route: Route
     places: list[int]
@@ -36,21 +39,33 @@ class Ways:
     """All such bits of the moves from each place."""
 
     @staticmethod
-    def of(route: Route, axis: int, tasks: list[RoutedTask]) -> Ways:
-        """Return the ways of a route (its number: ``axis``) among ``tasks``."""
-        places = sorted({route.initial} | {b for _, b in route.travel})
+    def of(route: Route, axis: int, tasks: list[RoutedTask], size: int) -> Ways:
+        """Return the ways of a route (its number: ``axis``) among ``tasks``, in tables that are
+        large enough for ``size`` places.
+        """
+        places = places_of(route)
         number = {place: k for k, place in enumerate(places)}
-        size = len(places)
-        travel = np.full((size, size), INFINITE, dtype=np.int64)
+        travel = np.full((size, size), NEVER, dtype=np.int32)
         for (a, b), time in route.travel.items():
-            travel[number[a], number[b]] = time
+            travel[number[a], number[b]] = min(time, NEVER)
         detour = travel.copy()
         hop = np.zeros((size, size), dtype=np.int64)
         for bit, (a, b) in enumerate(_told_apart(route, axis, tasks)[:MOST_BITS]):
             hop[number[a], number[b]] = 1 << bit
             other = route.way(a, frozenset((b,)), {m.name for m in route.hops[a, b]})
-            detour[number[a], number[b]] = INFINITE if other is None else other[0]
+            detour[number[a], number[b]] = NEVER if other is None else min(other[0], NEVER)
         return Ways(route, places, number, travel, detour, hop, np.bitwise_or.reduce(hop, axis=1))
+
+    def among(self, some: Iterable[int]) -> Any:
+        """Return which of the places are among ``some``."""
+        found = np.zeros(len(self.travel), dtype=bool)
+        found[[number for place, number in self.number.items() if place in some]] = True
+        return found
+
+
+def places_of(route: Route) -> list[int]:
+    """Return all places where the traveller may be."""
+    return sorted({route.initial} | {b for _, b in route.travel})
 
 
 def _told_apart(route: Route, axis: int, tasks: list[RoutedTask]) -> list[tuple[int, int]]:

@@ -20,6 +20,7 @@ from up_samp.scheduling.cpsat.routing.dispatch import Work
 from up_samp.scheduling.cpsat.routing.openings import RoutedTask
 from up_samp.scheduling.cpsat.routing.programme import Programme, cost, way_back
 from up_samp.scheduling.cpsat.routing.route import INFINITE, Route
+from up_samp.scheduling.cpsat.routing.rules import Rules
 from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
 
 
@@ -49,12 +50,12 @@ def lanes(model: ScheduleModel, routes: list[Route]) -> list[list[int]]:
 
 @dataclass(frozen=True)
 class WorkBound:
-    """A lower bound on the makespan, and who does which task in the ``sequence`` that the proof of
-    a greater one failed at (empty: none was sought, or found). What that leaves out may be little.
+    """A lower bound on the makespan, and the sequences of tasks that it was found among (``None``:
+    they are too many); what the proof of a greater bound failed at is ``found`` there.
     """
 
     value: int
-    sequence: tuple[tuple[int, int], ...] = ()
+    sequences: Sequences | None = None
 
 
 def bound_by_work(
@@ -64,12 +65,14 @@ def bound_by_work(
     over: Callable[[], bool] = lambda: False,
     *,
     labels: int = 1_000_000,
+    value: int = 0,
 ) -> WorkBound:
     """Return a lower bound on the makespan; of large fleets, by who does what alone.
 
     :param known: a lower bound.
     :param over: tells that the time is up.
-    :param labels: beginnings of sequences of tasks that may be looked at (0: none).
+    :param labels: beginnings of sequences of tasks that proofs may look at (0: there is none).
+    :param value: the makespan of a schedule (0: there is none); no more is asked for.
     """
     programme = Programme.of(work) or Programme.of(work, doors=False)
     if programme is None:
@@ -85,28 +88,14 @@ def bound_by_work(
     )
     total = programme.start(tables) + extra
     known = max(known, -(-total // len(lanes(model, work.routes))))
-    sequences = Sequences.of(work, programme, tables, labels) if labels else None
-    if sequences is None:
+    rules = Rules.of(work, programme, tables)
+    if rules is None:
         return WorkBound(known)
-    known = raised(sequences.plain(), known, over)
-    known = raised(sequences, known, over)
-    return WorkBound(known, tuple(_steps(work, sequences)))
-
-
-def _steps(work: Work, sequences: Sequences) -> Iterator[tuple[int, int]]:
-    """Yield the steps (task, number of its way) of the sequence that was found."""
-    numbers = {id(task): number for number, task in enumerate(work.tasks)}
-    for choice in (sequences.choices[c] for c in sequences.found):
-        task = sequences.programme.tasks[choice.task]
-        place = sequences.ways[choice.traveller].places[choice.place]
-        yield (
-            numbers[id(task)],
-            next(
-                way
-                for way, (axis, _, places) in enumerate(task.ways)
-                if axis == choice.traveller and place in places
-            ),
-        )
+    sequences = Sequences(rules, labels)
+    if labels:
+        known = raised(sequences.plain(), known, over, value)
+        known = raised(sequences, known, over, value)
+    return WorkBound(known, sequences)
 
 
 # -- what has to be squeezed in ----------------------------------------------------------------

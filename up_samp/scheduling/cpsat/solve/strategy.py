@@ -7,6 +7,7 @@ routing relaxation, the last ones are CP-SAT's own search.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -18,6 +19,8 @@ from up_samp.scheduling.cpsat.routing.dispatch import Work, find_work
 from up_samp.scheduling.cpsat.routing.list_scheduling import decode, improve, sequence_of
 from up_samp.scheduling.cpsat.routing.relaxation import RoutingRelaxation
 from up_samp.scheduling.cpsat.routing.route import Route
+from up_samp.scheduling.cpsat.routing.sequels import steps_of, times_of
+from up_samp.scheduling.cpsat.routing.sequences import Sequences
 from up_samp.scheduling.cpsat.routing.workload import bound_by_work
 from up_samp.scheduling.cpsat.solve import options as profiles
 from up_samp.scheduling.cpsat.solve.attempts import Attempts
@@ -37,8 +40,8 @@ class Solve:
     guess: CandidateSchedule | None = None
     routes: list[Route] | None = None
     work: Work | None = None
-    sequence: list[Step] = field(default_factory=list)
-    """Of tasks, that the lower bound was met by."""
+    sequences: Sequences | None = None
+    """All of the tasks, with those that the lower bound was met by."""
     expected: int = 0
     done: list[str] = field(default_factory=list)
     """The stages that were run."""
@@ -99,16 +102,62 @@ def _bound_by_work(search: Solve) -> None:
     tuning = whole.orders.tuning
     labels = tuning.bound_labels if search.guess is None else tuning.bound_labels_again
     labels = labels if search.optimal else 0
-    found = bound_by_work(whole.model, search.work, whole.bound, ends, labels=labels)
-    whole.bound, search.sequence = found.value, list(found.sequence)
+    found = bound_by_work(
+        whole.model, search.work, whole.bound, ends, labels=labels, value=whole.value
+    )
+    whole.bound, search.sequences = found.value, found.sequences
+
+
+def _met_by(search: Solve) -> bool:
+    """Whether the bound was met by sequences."""
+    return search.sequences is not None and bool(search.sequences.found)
 
 
 def _follow_the_bound(search: Solve) -> None:
     """What a bound was met by is a schedule mostly, or near one."""
+    assert search.sequences is not None
+    if not _realize_one(search, search.sequences):
+        tour = decode(_work(search), _steps(search))
+        if tour is not None and tour.schedule.makespan < search.whole.value:
+            search.whole.realize(tour.schedule)
+
+
+def _realize_one(search: Solve, sequences: Sequences) -> bool:
+    """Make the first one of the sequences that were found, and that can be, a better schedule."""
+    whole = search.whole
+    for found in sequences.found:
+        guess = times_of(whole.model, _work(search), sequences, found)
+        if whole.over() or guess.makespan >= whole.value:
+            break
+        if whole.realize(guess):
+            return True
+    return False
+
+
+def _seek_sequences(search: Solve) -> None:
+    """Seek sequences that end before the schedule in hand, among a few promising beginnings, as
+    long as they lead to better ones.
+    """
+    whole, tuning = search.whole, search.whole.orders.tuning
+    assert search.sequences is not None
+    over = search.share(tuning.tour_share).expired
+    width = tuning.beam if search.optimal else tuning.beam_content
+    sequences = search.sequences.anew(sys.maxsize)
+    while not whole.over() and sequences.sought(whole.value - 1, width, over):
+        if not _realize_one(search, sequences):
+            return
+
+
+def _work(search: Solve) -> Work:
     assert search.work is not None
-    tour = decode(search.work, search.sequence)
-    if tour is not None and tour.schedule.makespan < search.whole.value:
-        search.whole.realize(tour.schedule)
+    return search.work
+
+
+def _steps(search: Solve) -> list[Step]:
+    """Return who does which task in the sequence that the bound was met by (none: it was not)."""
+    if search.sequences is None or not search.sequences.found:
+        return []
+    return steps_of(_work(search), search.sequences, search.sequences.found[0])
 
 
 def _anneal_tours(search: Solve) -> None:
@@ -118,7 +167,7 @@ def _anneal_tours(search: Solve) -> None:
     rounds = 0 if few else tuning.tour_rounds * len(work.tasks)
     deadline = search.share(tuning.tour_share)
     seed, bound = search.whole.orders.run.seed, search.whole.bound
-    tour = improve(work, rounds, seed, deadline.expired, start=search.sequence, enough=bound)
+    tour = improve(work, rounds, seed, deadline.expired, start=_steps(search), enough=bound)
     if tour is not None:
         search.whole.realize(tour.schedule)
         search.expected = max(search.expected, search.whole.value)
@@ -200,10 +249,15 @@ STAGES = (
     Stage("bound by work", lambda s: s.work is not None, _bound_by_work),
     Stage(
         "follow the bound",
-        lambda s: bool(s.sequence) and s.whole.best is not None,
+        lambda s: _met_by(s) and s.whole.best is not None,
         _follow_the_bound,
     ),
     Stage("anneal tours", lambda s: s.work is not None and s.whole.best is None, _anneal_tours),
+    Stage(
+        "seek sequences",
+        lambda s: s.sequences is not None and s.whole.best is not None,
+        _seek_sequences,
+    ),
     Stage("solve the routing relaxation", lambda s: bool(s.routes), _solve_relaxation),
     Stage("climb: a small problem", lambda s: not s.routes, lambda s: s.whole.climb()),
     Stage(
