@@ -1,7 +1,11 @@
 """Shares of jobs by simple guesses."""
 
+import random
+
 from up_samp.model import Deadline
-from up_samp.search.deals import Guess, deal
+from up_samp.search.deals import deal
+from up_samp.search.guesses import Guess
+from up_samp.search.rehearsal import Rehearsal
 from up_samp.search.tuning import DealsTuning
 
 
@@ -13,5 +17,5 @@ def along_the_axes(body, a, b):
 
 
 def dealt_out(jobs, snapshot, lasts=along_the_axes, seed=0, **tuning):
-    guess = Guess(snapshot, lasts)
-    return deal(jobs, guess, DealsTuning(**tuning), Deadline.never(), seed=seed)
+    rehearsal = Rehearsal(Guess(snapshot, lasts), jobs, DealsTuning(**tuning))
+    return deal(rehearsal, Deadline.never(), random.Random(seed))

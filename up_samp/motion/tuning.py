@@ -188,8 +188,10 @@ class CoupledTuning(Tunables):
 class MemoryTuning(Tunables):
     """What a fleet's workspace remembers (``motion/fleet/workspace.py``)."""
 
-    paths: int = tunable(300, "paths", "of each kind", least=1)
-    diagrams: int = tunable(20_000, "pairs of paths", "whose conflicts are known", least=1)
+    paths: int = tunable(
+        4_000, "paths", "of each kind: a fleet of 50 with 150 orders drives 300", least=1
+    )
+    diagrams: int = tunable(400_000, "pairs of paths", "whose conflicts are known", least=1)
     shadows: int = tunable(
         1_000, "sets of obstacles", "whose shadows on the floor are known", least=1
     )

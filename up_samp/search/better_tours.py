@@ -14,7 +14,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from up_samp.model import Deadline
-from up_samp.search.deals import Deal, Step
+from up_samp.search.deals import Deal
+from up_samp.search.rehearsal import Step
 from up_samp.search.tours import Decided, Tours
 from up_samp.search.tuning import LargeTuning
 

@@ -9,108 +9,96 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity
 
-from up_samp.model import Body, Configuration, Deadline
-from up_samp.model.snapshot import Snapshot, TermKind
+from up_samp.model import Configuration, Deadline
+from up_samp.model.snapshot import TermKind
+from up_samp.search.guesses import Guess, Way
 from up_samp.search.jobs import Jobs
+from up_samp.search.rehearsal import Rehearsal, Step
 from up_samp.search.tuning import DealsTuning
-
-Lasts = Callable[[Body, Configuration, Configuration], float]
-"""How long a body takes at least from one pose to another (s)."""
-Step = tuple[int, int]
-"""A job and which of its options is taken."""
-
-
-class Guess:
-    """What work takes a robot, from place to place (s): ``lasts``."""
-
-    def __init__(self, snapshot: Snapshot, lasts: Lasts) -> None:
-        self.snapshot = snapshot
-        self._lasts = lasts
-        self._known: dict[tuple[Body, Configuration, Configuration], float] = {}
-
-    def ride(self, robot: str, a: Configuration, b: Configuration) -> float:
-        """Return how long (s) a robot drives from one pose to another."""
-        key = self.snapshot.objects[robot].body, a, b
-        known = self._known.get(key)
-        if known is None:
-            known = self._known[key] = 0.0 if a == b else self._lasts(*key)
-        return known
 
 
 @dataclass
 class Deal:
-    """Who does which jobs in which order, by robot."""
+    """Who does which jobs in which order, by robot, and what that takes as far as it was
+    rehearsed.
+    """
 
-    guess: Guess
-    jobs: Jobs
+    rehearsal: Rehearsal
     tours: dict[str, list[Step]]
-    tuning: DealsTuning = field(default_factory=DealsTuning)
-    bias: Mapping[Step, float] = field(default_factory=dict)
-    """What a step is taken to cost more or less than guessed (share)."""
-    _work: dict[Step, float] = field(default_factory=dict)
+
+    @property
+    def guess(self) -> Guess:
+        """What drives take."""
+        return self.rehearsal.guess
+
+    @property
+    def jobs(self) -> Jobs:
+        """All jobs, with the ways to do each."""
+        return self.rehearsal.jobs
+
+    @property
+    def tuning(self) -> DealsTuning:
+        """What counts how much."""
+        return self.rehearsal.tuning
 
     def cost(self, robot: str, tour: Sequence[Step]) -> float:
-        """Return a guess of when a robot has done a tour (s), and what is late counts more."""
-        snapshot, ride = self.guess.snapshot, self.guess.ride
-        here = snapshot.configurations[snapshot.initial[robot]]
-        total = late = 0.0
-        for step in tour:
-            option = self.jobs.options[step[0]][step[1]]
-            total += ride(robot, here, option.entry) + self._busy(step)
-            here = option.exit
-            if option.due < math.inf:
-                # traffic takes time, too
-                late += max(
-                    0.0, self.tuning.traffic * total - option.due * snapshot.seconds_per_unit
-                )
-        return total + self.tuning.late * late
+        """Return when a robot would have done a tour if it were alone (s), and what is late counts
+        more.
+        """
+        end, late = self.rehearsal.alone(robot, tour)
+        return end + self.tuning.late * late
 
-    def _busy(self, step: Step) -> float:
-        """Return how long (s) a step takes from its entry to its exit."""
-        known = self._work.get(step)
-        if known is None:
-            option = self.jobs.options[step[0]][step[1]]
-            known = option.work + sum(self.guess.ride(option.robot, a, b) for a, b in option.legs)
-            known = self._work[step] = known * (1.0 + self.bias.get(step, 0.0))
-        return known
+    def late(self) -> float:
+        """Return by how much jobs are late in all (s)."""
+        return math.fsum(late for _, late in self.rehearsal.ends(self.tours).values())
+
+    def ways(self) -> list[Way]:
+        """Return all drives that are made, also those home."""
+        return [(robot, a, b) for robot in sorted(self.tours) for a, b in _all_ways(self, robot)]
 
     def with_tours(self, changed: Mapping[str, list[Step]]) -> Deal:
         """Return the same with other tours of some robots."""
         return replace(self, tours={**self.tours, **changed})
 
 
-def deal(
-    jobs: Jobs,
-    guess: Guess,
-    tuning: DealsTuning,
-    deadline: Deadline,
-    *,
-    seed: int = 0,
-    noise: float = 0.0,
-) -> Deal:
+def deal(rehearsal: Rehearsal, deadline: Deadline, rng: random.Random) -> Deal:
     """Return a quick and balanced share of all jobs: as good as it gets until ``deadline``.
 
-    :param noise: share by which guesses of what jobs take are changed.
+    The drives that are dealt out are planned, and jobs are dealt out again with what is known then,
+    until nothing new is learned (at most ``tuning.rounds`` times).
     """
-    rng = random.Random(seed)
-    bias = {
-        (j, k): rng.uniform(-noise, noise)
-        for j, options in enumerate(jobs.options)
-        for k in range(len(options))
-    }
+    jobs = rehearsal.jobs
     robots = sorted({o.robot for options in jobs.options for o in options})
-    found = Deal(guess, jobs, {robot: [] for robot in robots}, tuning, bias)
+    found = Deal(rehearsal, {robot: [] for robot in robots})
     work = [min(o.work for o in options) for options in jobs.options]
     due = [min(o.due for o in options) for options in jobs.options]
     for job in sorted(range(len(jobs.options)), key=lambda j: (due[j], -work[j], j)):
         found.tours = {**found.tours, **inserted(found, job)}
-    return exchanged(found, tuning.exchanges * len(jobs.options), rng, deadline)
+    return mended(exchanged(found, rng, deadline), rng, deadline)
+
+
+def biased(jobs: Jobs, noise: float, rng: random.Random) -> dict[Step, float]:
+    """Return shares, at most ``noise``, by which what jobs take is guessed otherwise."""
+    return {
+        (j, k): rng.uniform(-noise, noise)
+        for j, options in enumerate(jobs.options)
+        for k in range(len(options))
+    }
+
+
+def mended(found: Deal, rng: random.Random, deadline: Deadline) -> Deal:
+    """Return a share of all jobs that is as good as one can tell by what its drives really take."""
+    for _ in range(found.tuning.rounds):
+        if not found.guess.ask(found.ways(), deadline):
+            break
+        found = exchanged(found, rng, deadline, again=True)
+    return found
 
 
 def inserted(found: Deal, job: int) -> dict[str, list[Step]]:
@@ -129,28 +117,30 @@ def inserted(found: Deal, job: int) -> dict[str, list[Step]]:
     return {best[2]: best[3]}
 
 
-def exchanged(found: Deal, tries: int, rng: random.Random, deadline: Deadline) -> Deal:
-    """Return the best share that annealing comes by: jobs moved, or exchanged by two robots."""
-    robots, tuning = sorted(found.tours), found.tuning
+def exchanged(found: Deal, rng: random.Random, deadline: Deadline, *, again: bool = False) -> Deal:
+    """Return the best share that annealing comes by: jobs moved, or exchanged by two robots.
+
+    :param again: it was annealed before, and is not to be stirred up much.
+    """
+    tuning, weigh = found.tuning, found.rehearsal.weight
+    warm = tuning.cold + (tuning.warm - tuning.cold) * (tuning.warm_again if again else 1.0)
+    tries = math.ceil(tuning.exchanges * len(found.jobs.options) * (0.5 if again else 1.0))
     tours = {robot: list(tour) for robot, tour in found.tours.items()}
-    weigh = {robot: found.cost(robot, tours[robot]) ** tuning.steep for robot in robots}
-    total = math.fsum(weigh.values())
+    total = weigh(tours)
     best, least = dict(tours), total
     for number in range(tries):
         changed = _changed(found, tours, rng)
         if changed is None:
             continue
-        after = {robot: found.cost(robot, tour) ** tuning.steep for robot, tour in changed.items()}
-        worse = sum(after[r] - weigh[r] for r in sorted(after))
         if deadline.expired():
             break
-        cooling = (tuning.cold / tuning.warm) ** (number / tries) if tuning.warm else 0.0
-        heat = tuning.warm * cooling * total
-        if worse > 0 and (heat <= 0 or rng.random() >= math.exp(-worse / heat)):
+        then = weigh({**tours, **changed})
+        cooling = (tuning.cold / warm) ** (number / tries) if warm else 0.0
+        heat = warm * cooling * total
+        if then > total and (heat <= 0 or rng.random() >= math.exp((total - then) / heat)):
             continue
         tours.update(changed)
-        weigh.update(after)
-        total += worse
+        total = then
         if total < least:
             best, least = dict(tours), total
     return found.with_tours(best)
@@ -216,6 +206,17 @@ def _detours(deal: Deal) -> set[str]:
         home = a == last[task.object] and b not in stops
         if (a, b) not in ways[task.object] and not home:
             found.add(task.activity)
+    return found
+
+
+def _all_ways(deal: Deal, robot: str) -> list[tuple[Configuration, Configuration]]:
+    """Return from where to where a robot drives for its jobs, and home."""
+    found = sorted(_ways(deal, robot))
+    if deal.tours[robot]:
+        j, k = deal.tours[robot][-1]
+        option = deal.jobs.options[j][k]
+        home = deal.guess.home(option)
+        found += [] if home is None else [(option.exit, home)]
     return found
 
 

@@ -17,17 +17,19 @@ from dataclasses import dataclass, replace
 
 from unified_planning.model.motion import SchedulingMotionProblem
 
-from up_samp.model import Deadline
+from up_samp.model import Body, Configuration, Deadline, PathQuery
 from up_samp.model.snapshot import Snapshot
 from up_samp.search.attempt import build, keep_if_better
 from up_samp.search.better_tours import Better
 from up_samp.search.bounds import Incumbent
 from up_samp.search.conclusion import SearchResult, conclude, conclude_stopped
-from up_samp.search.deals import Deal, Guess, deal, decided_by, state_order
+from up_samp.search.deals import Deal, biased, deal, decided_by, state_order
 from up_samp.search.events import Phase
+from up_samp.search.guesses import Guess, pauses_of
 from up_samp.search.jobs import Jobs, find_jobs
 from up_samp.search.large_bounds import state_bounds
 from up_samp.search.loop import get_schedule, solve, state_what_is_known
+from up_samp.search.rehearsal import Rehearsal
 from up_samp.search.search import Search
 from up_samp.search.stages import BUILDING, STATING
 from up_samp.search.tours import Decided, Tours, plan_tours, undecided_tours
@@ -102,15 +104,30 @@ def deals_of(search: Search, large: Large, deadline: Deadline) -> Iterator[Deal]
     """Yield shares of the jobs: the best one found, then others, by guesses that are more and more
     different, and more and more careful about what is due.
     """
-    tuning, service = search.tuning, search.motions.service
-    guess = Guess(large.snapshot, service.lower_bound)
-    for number in range(large.tuning.deals):
-        noise = tuning.deals.noise * min(number, 5)
+    tuning, guess = search.tuning, guess_of(search, large)
+    for number in range(tuning.large.deals):
         # who was late was guessed to be too quick
         traffic = tuning.deals.traffic * (1.0 + large.tuning.slower * number)
         deals = replace(tuning.deals, traffic=traffic)
-        seed = search.seed + number
-        yield deal(large.jobs, guess, deals, deadline, seed=seed, noise=noise)
+        rng = random.Random(search.seed + number)
+        noise = tuning.deals.noise * min(number, 5)
+        bias = biased(large.jobs, noise, rng)
+        yield deal(Rehearsal(guess, large.jobs, deals, bias), deadline, rng)
+
+
+def guess_of(search: Search, large: Large) -> Guess:
+    """Return what work takes, as far as it can be told before motions are decided."""
+    service = search.motions.service
+
+    def drives(
+        body: Body, start: Configuration, goal: Configuration, deadline: Deadline
+    ) -> float | None:
+        with search.budget.motion_time():
+            report = service.plan(PathQuery(body, (start, goal), ()), deadline)
+        return None if report.trajectory is None else report.trajectory.duration
+
+    pauses = pauses_of(large.problem, large.jobs)
+    return Guess(large.snapshot, service.lower_bound, drives, pauses)
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from up_samp.model import CandidateSchedule, Deadline, Trajectory
+from up_samp.model import CandidateSchedule, Deadline, TimedMotion, Trajectory
 from up_samp.motion.fleet.committed import Committed
 from up_samp.motion.fleet.timed_path import TimedPath
 from up_samp.scheduling.partial_order import Earliest
@@ -133,7 +133,9 @@ class Tours(Decisions):
     ) -> None:
         super().__init__(search, itinerary, times, search.tuning.in_order)
         self._tours, self._homes = search.tuning.tours, homes
+        self._budget = search.budget
         self._begun = times.state()
+        self._alone_known: dict[str, float] = {}
         self._chains: dict[str, list[str]] = defaultdict(list)
         for motion in itinerary.motions:
             self._chains[motion.object].append(motion.activity)
@@ -247,20 +249,33 @@ class Tours(Decisions):
         return None
 
     def _ranked(self, first: Sequence[str]) -> list[str]:
-        """Return all robots: ``first``, then those with the least time to spare, until something of
-        theirs has to be done or until all is done.
+        """Return all robots: ``first``, then those that may well be late, then the others; those
+        with the least time to spare come first, until something of theirs has to be done or until
+        all is done.
         """
-        latest, times = self._times.latest(), self._times.times
-        ends = {r: times["end", chain[-1]] for r, chain in self._chains.items()}
-        last = self._tours.stretch * max(ends.values(), default=0)
+        latest, expected = self._times.latest(), self._expected()
+        last = {r: expected[chain[-1]] for r, chain in self._chains.items()}
+        longest = max(last.values(), default=0)
         spare = {
-            robot: min(
-                [last - ends[robot], *(latest["end", m] - times["end", m] for m in chain)],
-            )
+            robot: min(latest["end", m] - expected[m] for m in chain)
             for robot, chain in self._chains.items()
         }
-        rest = sorted((r for r in spare if r not in first), key=lambda r: (spare[r], r))
-        return [*(r for r in first if r in spare), *rest]
+        pressed = [r for r in last if spare[r] < self._tours.pressed * longest]
+        pressed.sort(key=lambda r: (spare[r], r))
+        others = sorted((r for r in last if r not in pressed), key=lambda r: (-last[r], r))
+        return list(dict.fromkeys(r for r in (*first, *pressed, *others) if r in last))
+
+    def _expected(self) -> dict[str, int]:
+        """Return when (units) each motion would end if all drove as if they were alone."""
+        before, found = self._times.state(), {}
+        for chain in self._chains.values():
+            for name in chain:
+                end = self._start(name) + self._facts.units(self._alone(name))
+                # what is too late even so ends at the time that it has
+                self._times.raised({("end", name): max(end, self._end(name))})
+                found[name] = self._end(name)
+        self._times.restore(before)
+        return found
 
     def _left(self, robot: str) -> list[str]:
         """Return the motions of a robot that are not decided."""
@@ -328,16 +343,40 @@ class Tours(Decisions):
         """Return a run that ends in a stay (s), if one is found."""
         self._tries += 1
         motion = self._timed(name)
-        due = max(motion.due, since + self._tuning.grace)
+        enough = self._tuning.patience * self._alone(name) + self._tuning.grace
+        due = max(motion.release + enough, since + self._tuning.grace)
         asked = replace(motion, present_until=until, due=due)
+        ways = self._floor.ways(asked)
+        best = self._floor.by_known_ways(asked)
+        if best is None or (best.arrival > due and ways.looks < self._tours.looks):
+            ways.looks += bool(ways.paths)
+            best = _sooner(best, self._look(asked, deadline))
+        if best is None or best.arrival > until:
+            return None
+        ways.paths.setdefault(best.path.number, best.path)
+        return best
+
+    def _look(self, asked: TimedMotion, deadline: Deadline) -> TimedPath | None:
+        """Return the best run on other ways than those that are known: with more and more effort,
+        until it is good.
+        """
         best = self._floor.plan(asked, deadline, QUICK).run
-        if best is None or best.arrival > due:
+        if best is None or best.arrival > asked.due:
             best = _sooner(best, self._floor.past_all_ends(asked, deadline))
         for effort in range(QUICK + 1, self._tours.effort + 1):
-            if deadline.expired() or (best is not None and best.arrival <= due):
+            if deadline.expired() or (best is not None and best.arrival <= asked.due):
                 break
             best = _sooner(best, self._floor.plan(asked, deadline, effort).run)
-        return None if best is None or best.arrival > until else best
+        return best
+
+    def _alone(self, name: str) -> float:
+        """Return how long (s) a motion takes if nobody else is on the floor."""
+        known = self._alone_known.get(name)
+        if known is None:
+            known = self._floor.alone(self._timed(name), self._budget.query())
+            least = self._least(name)
+            known = self._alone_known[name] = known if least < known < math.inf else least
+        return known
 
     def _done(self, stretch: Sequence[str]) -> int:
         """Return when (units) motions are over at the soonest, without a last one that may turn out

@@ -184,11 +184,11 @@ class ToursTuning(Tunables):
     )
     effort: int = tunable(1, "effort", "for one motion: speeds, lanes and detours", least=0, most=3)
     tries: int = tunable(200, "motions", "tried for one tour", least=1)
-    stretch: float = tunable(
-        1.2,
-        "factor",
-        "over the longest tour's time alone: until then the others have time to spare",
-        least=1,
+    looks: int = tunable(
+        2, "times", "that other ways from pose to pose are looked for, if one is known", least=0
+    )
+    pressed: float = share_of(
+        0.8, "of the longest tour's time alone: who has less to spare is decided before others"
     )
 
 
@@ -208,6 +208,21 @@ class DealsTuning(Tunables):
         least=1,
     )
     noise: float = share_of(0.06, "of what a job costs, by which guesses differ at first")
+    warm_again: float = share_of(
+        0.1, "of the warmth at first, when jobs are dealt out again with what was learned"
+    )
+    rounds: int = tunable(
+        4,
+        "times",
+        "at most, that the drives of a share are planned and jobs dealt out anew",
+        least=0,
+    )
+    handover: float = tunable(
+        5.0,
+        "s",
+        "from who leaves a shared place to who comes next, as far as one can guess",
+        least=0,
+    )
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from up_samp.model import Deadline, Placed, Rest, TimedMotion
+from up_samp.motion.fleet.detours import is_good
 from up_samp.motion.fleet.one_robot import Attempt, plan_one
 from up_samp.motion.fleet.paths import Path
 from up_samp.motion.fleet.priority_search import Group, alone, climb
 from up_samp.motion.fleet.timed_path import TimedPath, avoids, pair_flags, pose_at
 from up_samp.motion.fleet.waiting import Window, fit
-from up_samp.motion.fleet.workspace import PathPlanner, rest_run, workspace_of
+from up_samp.motion.fleet.workspace import PathPlanner, Ways, rest_run, workspace_of
 
 DETOURS = 1
 """The effort (see :func:`plan_one`) at which other ways are planned."""
@@ -62,6 +63,28 @@ class Committed:
         if effort == DETOURS and not self._workspace.detours_quickly(motion.body):
             effort = DETOURS - 1  # waiting is found sooner than another way
         return plan_one(self._workspace, motion, window, others, deadline, effort)
+
+    def alone(self, motion: TimedMotion, deadline: Deadline) -> float:
+        """Return how long (s) the best path of a motion takes if nobody else is there (inf: there
+        is none).
+        """
+        path = self._workspace.path(motion.body, motion.poses, (), deadline)
+        return path.natural.duration if isinstance(path, Path) else math.inf
+
+    def ways(self, motion: TimedMotion) -> Ways:
+        """Return the paths for a motion that were of use, for whoever it was."""
+        return self._workspace.ways(motion.body, motion.poses)
+
+    def by_known_ways(self, motion: TimedMotion) -> TimedPath | None:
+        """Return the earliest run of a motion on a path that was of use for it before, if any."""
+        window = Window(self.arrival(motion.object), motion.release)
+        others = self._others({motion.object}, motion.release)
+        best: TimedPath | None = None
+        for path in self.ways(motion).quickest_first():
+            best = fit(self._workspace, motion, window, path, others, best)
+            if is_good(best, motion):
+                break
+        return best
 
     def past_all_ends(self, motion: TimedMotion, deadline: Deadline) -> TimedPath | None:
         """Return the earliest run of a motion on its best path past the places where all others

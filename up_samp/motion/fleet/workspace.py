@@ -6,7 +6,7 @@ import itertools
 import math
 import weakref
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 from weakref import WeakKeyDictionary
@@ -76,6 +76,18 @@ def fleet_tuning(service: PathPlanner) -> FleetTuning:
     return found.fleet if isinstance(found, MotionTuning) else FleetTuning()
 
 
+@dataclass
+class Ways:
+    """Paths from pose to pose that were of use, by number, and how often others were looked for."""
+
+    paths: dict[int, Path] = field(default_factory=dict)
+    looks: int = 0
+
+    def quickest_first(self) -> list[Path]:
+        """Return the paths."""
+        return sorted(self.paths.values(), key=lambda path: (path.fastest, path.number))
+
+
 class Workspace:
     """Paths and their conflicts, remembered across queries of one motion service."""
 
@@ -89,6 +101,7 @@ class Workspace:
         self._drives: Memory[Path] = Memory(paths)
         self._lanes: Memory[Path | None] = Memory(paths)
         self._rests: Memory[Path] = Memory(paths)
+        self._ways: Memory[Ways] = Memory(paths)
         self._conflicts: Memory[IntArray] = Memory(self.tuning.memory.diagrams)
 
     @property
@@ -136,6 +149,10 @@ class Workspace:
             return self._paths.put(key, path)
         self.truncated += 1
         return path
+
+    def ways(self, body: Body, poses: tuple[Configuration, ...]) -> Ways:
+        """Return the ways of a body from pose to pose that were of use."""
+        return self._ways.get_or((body, poses), Ways)
 
     def detour(
         self,
