@@ -15,8 +15,9 @@ from dataclasses import dataclass, field
 
 from up_samp.model import Deadline
 from up_samp.search.deals import Deal
+from up_samp.search.decided import Decided
 from up_samp.search.rehearsal import Step
-from up_samp.search.tours import Decided, Tours
+from up_samp.search.tours import Tours
 from up_samp.search.tuning import LargeTuning
 
 OpenTours = Callable[[Deal, Deadline], Tours | None]

@@ -9,7 +9,8 @@ al. 2004).
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+import math
+from collections.abc import Collection, Iterable, Mapping
 
 from up_samp.model import CandidateSchedule, Rest, TimedMotion, Trajectory, UnsupportedError
 from up_samp.motion.fleet.committed import Committed
@@ -38,9 +39,26 @@ def can_decide(search: Search, itinerary: Itinerary) -> bool:
     return flat and not snapshot.rides and len(set(names)) == len(names)
 
 
-def times_of(search: Search, itinerary: Itinerary) -> Earliest | None:
+def alone(search: Search, itinerary: Itinerary) -> dict[str, int]:
+    """Return how long (units) the motions of a candidate take on their best paths, each alone on
+    the floor, as far as there are such paths.
+    """
+    facts, floor = search.facts, Committed(search.motions.service, ())
+    found = {}
+    for motion in itinerary.motions:
+        seconds = floor.alone(facts.body(motion), motion.poses, search.budget.query())
+        if seconds < math.inf:
+            found[motion.activity] = facts.units(seconds)
+    return found
+
+
+def times_of(
+    search: Search, itinerary: Itinerary, lengths: Mapping[str, int] | None = None
+) -> Earliest | None:
     """Return the earliest times of a candidate's activities in its partial order; None where it is
     none.
+
+    :param lengths: units that activities are to take at least, beside what the problem asks.
     """
     schedule, facts = itinerary.schedule, search.facts
     problem = restrict(search.own_relaxation(), facts.snapshot, schedule)
@@ -50,6 +68,8 @@ def times_of(search: Search, itinerary: Itinerary) -> Earliest | None:
     except UnsupportedError:
         return None
     differences += _beside_changes(itinerary)
+    for name, units in (lengths or {}).items():
+        differences.append(Difference(("start", name), ("end", name), units))
     times = Earliest(schedule.times, differences)
     return times if times.feasible else None
 

@@ -20,6 +20,7 @@ from up_samp.model import Body, Configuration, Deadline
 from up_samp.model.snapshot import Snapshot, TermKind
 from up_samp.search.jobs import Jobs, Option
 from up_samp.search.stands import orders_told
+from up_samp.search.tuning import DealsTuning
 
 Lasts = Callable[[Body, Configuration, Configuration], float]
 """How long a body takes at least from one pose to another (s)."""
@@ -27,12 +28,6 @@ Drives = Callable[[Body, Configuration, Configuration, Deadline], float | None]
 """How long a body takes alone on the floor from one pose to another (s), None if it is unknown."""
 Way = tuple[str, Configuration, Configuration]
 """A robot that drives, from where to where."""
-
-
-ENOUGH, CLOSE = 12, 1.1
-"""After how many drives of a body it is not asked any more what others take, if they all took as
-much longer than their bounds as each other, up to this factor.
-"""
 
 
 class Guess:
@@ -47,8 +42,9 @@ class Guess:
         lasts: Lasts,
         drives: Drives | None = None,
         pauses: Mapping[str, int] | None = None,
+        tuning: DealsTuning | None = None,
     ) -> None:
-        self.snapshot = snapshot
+        self.snapshot, self.tuning = snapshot, tuning or DealsTuning()
         self._lasts, self._drives = lasts, drives
         self._pauses = pauses or {}
         self._known: dict[tuple[Body, Configuration, Configuration], float] = {}
@@ -96,8 +92,9 @@ class Guess:
 
     def _told_well(self, body: Body) -> bool:
         """Return whether a body's drives take as much longer than their bounds as others of it."""
+        tuning = self.tuning
         ratios = [real / bound for bound, real in self._told[body]]
-        return len(ratios) >= ENOUGH and max(ratios) <= CLOSE * min(ratios)
+        return len(ratios) >= tuning.enough and max(ratios) <= tuning.close * min(ratios)
 
     def _least(self, key: tuple[Body, Configuration, Configuration]) -> float:
         known = self._known.get(key)

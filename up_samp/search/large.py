@@ -24,6 +24,7 @@ from up_samp.search.better_tours import Better
 from up_samp.search.bounds import Incumbent
 from up_samp.search.conclusion import SearchResult, conclude, conclude_stopped
 from up_samp.search.deals import Deal, biased, deal, decided_by, state_order
+from up_samp.search.decided import Decided
 from up_samp.search.events import Phase
 from up_samp.search.guesses import Guess, pauses_of
 from up_samp.search.jobs import Jobs, find_jobs
@@ -32,7 +33,7 @@ from up_samp.search.loop import get_schedule, solve, state_what_is_known
 from up_samp.search.rehearsal import Rehearsal
 from up_samp.search.search import Search
 from up_samp.search.stages import BUILDING, STATING
-from up_samp.search.tours import Decided, Tours, plan_tours, undecided_tours
+from up_samp.search.tours import Tours, plan_tours, undecided_tours
 from up_samp.search.tuning import LargeTuning
 from up_samp.upio import Itinerary, read_itinerary
 from up_samp.upio.thin import thinned
@@ -127,7 +128,7 @@ def guess_of(search: Search, large: Large) -> Guess:
         return None if report.trajectory is None else report.trajectory.duration
 
     pauses = pauses_of(large.problem, large.jobs)
-    return Guess(large.snapshot, service.lower_bound, drives, pauses)
+    return Guess(large.snapshot, service.lower_bound, drives, pauses, search.tuning.deals)
 
 
 @dataclass(frozen=True)

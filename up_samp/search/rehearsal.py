@@ -26,9 +26,6 @@ Stop = tuple[float, Configuration | None, float, float]
 works there, and when it has to be done (s).
 """
 
-DAYS = 5_000
-"""Days that are remembered."""
-
 
 @dataclass(frozen=True)
 class Day:
@@ -50,7 +47,7 @@ class Rehearsal:
     jobs: Jobs
     tuning: DealsTuning
     bias: Mapping[Step, float] = field(default_factory=dict)
-    _days: Memory[Day] = field(default_factory=lambda: Memory(DAYS))
+    _days: Memory[Day] = field(default_factory=lambda: Memory(5_000))
 
     def __post_init__(self) -> None:
         jobs = Counter[Configuration]()

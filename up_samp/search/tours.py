@@ -22,13 +22,14 @@ import enum
 import math
 from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-from up_samp.model import CandidateSchedule, Deadline, TimedMotion, Trajectory
+from up_samp.model import Deadline, TimedMotion
 from up_samp.motion.fleet.committed import Committed
 from up_samp.motion.fleet.timed_path import TimedPath
 from up_samp.scheduling.partial_order import Earliest
-from up_samp.search.decisions import QUICK, Decisions, can_decide, times_of
+from up_samp.search.decided import Decided
+from up_samp.search.decisions import QUICK, Decisions, alone, can_decide, times_of
 from up_samp.search.events import Phase
 from up_samp.search.search import Search
 from up_samp.search.world import motion_key
@@ -42,49 +43,6 @@ class End(enum.Enum):
     STUCK = enum.auto()
     LATE = enum.auto()
     """Something would be too late, whatever is tried from here on."""
-
-
-@dataclass(frozen=True)
-class Decided:
-    """All tours of a candidate: its ``schedule`` and, by activity, ``runs`` and when they are
-    (start, end; units). ``needless`` are last motions that nobody needs: their robots are in
-    nobody's way where they stand before.
-    """
-
-    schedule: CandidateSchedule
-    runs: Mapping[str, TimedPath]
-    pins: Mapping[str, tuple[int, int]]
-    keys: Mapping[str, str]
-    """What their trajectories are called in a plan."""
-    needless: frozenset[str] = frozenset()
-
-    def ends(self) -> dict[str, float]:
-        """Return when each robot's last motion that is needed ends (s)."""
-        found: dict[str, float] = defaultdict(float)
-        for name, run in self.runs.items():
-            arrival = 0.0 if name in self.needless else run.arrival
-            found[run.object] = max(found[run.object], arrival)
-        return dict(found)
-
-    def cost(self, steep: int) -> tuple[int, float]:
-        """Return the makespan of what is needed and the sum of its ends to the power ``steep``:
-        less is better.
-        """
-        ends = self.ends()
-        return self.lean().makespan, math.fsum(end**steep for end in ends.values())
-
-    def lean(self) -> CandidateSchedule:
-        """Return the schedule without what is needless."""
-        times = {n: t for n, t in self.schedule.times.items() if n not in self.needless}
-        return CandidateSchedule(times, self.schedule.parameters)
-
-    def trajectories(self) -> dict[str, Trajectory]:
-        """Return all motions that are needed by their names in a plan."""
-        return {
-            self.keys[name]: run.timing.trajectory
-            for name, run in self.runs.items()
-            if name not in self.needless
-        }
 
 
 def plan_tours(
@@ -121,7 +79,7 @@ def undecided_tours(search: Search, itinerary: Itinerary, homes: frozenset[str])
     """
     if not can_decide(search, itinerary):
         return None
-    times = times_of(search, itinerary)
+    times = times_of(search, itinerary, alone(search, itinerary))
     return None if times is None else Tours(search, itinerary, times, homes)
 
 
@@ -133,9 +91,7 @@ class Tours(Decisions):
     ) -> None:
         super().__init__(search, itinerary, times, search.tuning.in_order)
         self._tours, self._homes = search.tuning.tours, homes
-        self._budget = search.budget
         self._begun = times.state()
-        self._alone_known: dict[str, float] = {}
         self._chains: dict[str, list[str]] = defaultdict(list)
         for motion in itinerary.motions:
             self._chains[motion.object].append(motion.activity)
@@ -253,29 +209,17 @@ class Tours(Decisions):
         with the least time to spare come first, until something of theirs has to be done or until
         all is done.
         """
-        latest, expected = self._times.latest(), self._expected()
-        last = {r: expected[chain[-1]] for r, chain in self._chains.items()}
+        latest, times = self._times.latest(), self._times.times
+        last = {r: times["end", chain[-1]] for r, chain in self._chains.items()}
         longest = max(last.values(), default=0)
         spare = {
-            robot: min(latest["end", m] - expected[m] for m in chain)
+            robot: min(latest["end", m] - times["end", m] for m in chain)
             for robot, chain in self._chains.items()
         }
         pressed = [r for r in last if spare[r] < self._tours.pressed * longest]
         pressed.sort(key=lambda r: (spare[r], r))
         others = sorted((r for r in last if r not in pressed), key=lambda r: (-last[r], r))
         return list(dict.fromkeys(r for r in (*first, *pressed, *others) if r in last))
-
-    def _expected(self) -> dict[str, int]:
-        """Return when (units) each motion would end if all drove as if they were alone."""
-        before, found = self._times.state(), {}
-        for chain in self._chains.values():
-            for name in chain:
-                end = self._start(name) + self._facts.units(self._alone(name))
-                # what is too late even so ends at the time that it has
-                self._times.raised({("end", name): max(end, self._end(name))})
-                found[name] = self._end(name)
-        self._times.restore(before)
-        return found
 
     def _left(self, robot: str) -> list[str]:
         """Return the motions of a robot that are not decided."""
@@ -343,8 +287,7 @@ class Tours(Decisions):
         """Return a run that ends in a stay (s), if one is found."""
         self._tries += 1
         motion = self._timed(name)
-        enough = self._tuning.patience * self._alone(name) + self._tuning.grace
-        due = max(motion.release + enough, since + self._tuning.grace)
+        due = max(motion.due, since + self._tuning.grace)
         asked = replace(motion, present_until=until, due=due)
         ways = self._floor.ways(asked)
         best = self._floor.by_known_ways(asked)
@@ -368,15 +311,6 @@ class Tours(Decisions):
                 break
             best = _sooner(best, self._floor.plan(asked, deadline, effort).run)
         return best
-
-    def _alone(self, name: str) -> float:
-        """Return how long (s) a motion takes if nobody else is on the floor."""
-        known = self._alone_known.get(name)
-        if known is None:
-            known = self._floor.alone(self._timed(name), self._budget.query())
-            least = self._least(name)
-            known = self._alone_known[name] = known if least < known < math.inf else least
-        return known
 
     def _done(self, stretch: Sequence[str]) -> int:
         """Return when (units) motions are over at the soonest, without a last one that may turn out

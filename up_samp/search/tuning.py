@@ -217,6 +217,12 @@ class DealsTuning(Tunables):
         "at most, that the drives of a share are planned and jobs dealt out anew",
         least=0,
     )
+    enough: int = tunable(
+        12, "drives", "of a body, after which others are not planned if bounds tell them", least=1
+    )
+    close: float = tunable(
+        1.1, "factor", "between how far the bounds of those are off, at most", least=1
+    )
     handover: float = tunable(
         5.0,
         "s",

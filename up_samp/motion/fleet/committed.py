@@ -13,7 +13,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
-from up_samp.model import Deadline, Placed, Rest, TimedMotion
+from up_samp.model import Body, Configuration, Deadline, Placed, Rest, TimedMotion
 from up_samp.motion.fleet.detours import is_good
 from up_samp.motion.fleet.one_robot import Attempt, plan_one
 from up_samp.motion.fleet.paths import Path
@@ -64,11 +64,11 @@ class Committed:
             effort = DETOURS - 1  # waiting is found sooner than another way
         return plan_one(self._workspace, motion, window, others, deadline, effort)
 
-    def alone(self, motion: TimedMotion, deadline: Deadline) -> float:
-        """Return how long (s) the best path of a motion takes if nobody else is there (inf: there
-        is none).
+    def alone(self, body: Body, poses: tuple[Configuration, ...], deadline: Deadline) -> float:
+        """Return how long (s) a body takes on its best path if nobody else is there (inf: there is
+        none).
         """
-        path = self._workspace.path(motion.body, motion.poses, (), deadline)
+        path = self._workspace.path(body, poses, (), deadline)
         return path.natural.duration if isinstance(path, Path) else math.inf
 
     def ways(self, motion: TimedMotion) -> Ways:

@@ -114,6 +114,12 @@ class Path:
         return self.length / kin.v_max
 
     @cached_property
+    def rests(self) -> tuple[tuple[Ring, Configuration], tuple[Ring, Configuration]]:
+        """The body (footprint, pose) where it rests at first, and in the end."""
+        first, last = (tuple(float(x) for x in self.poses[i]) for i in (0, -1))
+        return (self.body.footprint, first), (self.body.footprint, last)
+
+    @cached_property
     def hull(self) -> Hull:
         """The body's convex parts."""
         return hull_of(self.body)

@@ -70,6 +70,27 @@ def _is_cleared(path: Path, rest: Path) -> bool:
     return rest.cells == 0 and (rest.body.footprint, pose_at(rest, 0)) in path.cleared
 
 
+def _but_cleared(rows: IntArray, a: Path, b: Path) -> IntArray:
+    """Return conflicting cells without rests of one path that the other one's planner has proven it
+    keeps clear of: cells are coarser than that.
+    """
+    if len(rows) == 0 or not (a.cleared or b.cleared):
+        return rows
+    for rest, cell in zip(a.rests, (0, a.cells + 1), strict=True):
+        if rest in b.cleared:
+            rows = rows[rows[:, 0] != cell]
+    for number, rest in enumerate(b.rests):
+        if rest not in a.cleared or len(rows) == 0:
+            continue
+        rows = rows.copy()
+        if number == 0:
+            rows[:, 1] = np.maximum(rows[:, 1], 1)
+        else:
+            rows[:, 2] = np.minimum(rows[:, 2], b.cells)
+        rows = rows[rows[:, 1] <= rows[:, 2]]
+    return rows
+
+
 def fleet_tuning(service: PathPlanner) -> FleetTuning:
     """Return a service's tunables for several robots (the defaults, where it has none)."""
     found = getattr(service, "tuning", None)
@@ -241,13 +262,14 @@ class Workspace:
         key = (a.number, b.number)
         known = self._conflicts.get(key)
         if known is not None:
-            return known
+            return _but_cleared(known, a, b)
         p, q = a.box, b.box
         if p[0] > q[2] or q[0] > p[2] or p[1] > q[3] or q[1] > p[3]:
             return self._conflicts.put(key, NOTHING)
         check_time()
         margin = kept(self.margin, a.poses[[0, -1]], a.hull, b.poses[[0, -1]], b.hull)
-        return self._conflicts.put(key, conflict_runs(a.swept, b.swept, margin))
+        found = self._conflicts.put(key, conflict_runs(a.swept, b.swept, margin))
+        return _but_cleared(found, a, b)
 
     def forbidden(
         self, path: Path, name: str, avoid: frozenset[str] | None, others: Iterable[TimedPath]
