@@ -6,6 +6,7 @@ they are made of, so that drives can be measured better later.
 
 from __future__ import annotations
 
+import math
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -57,6 +58,10 @@ class Way:
         """Return what it takes from an origin."""
         return self.busy + sum(units(leg) for leg in self.drives(origin))
 
+    def from_places(self, origins: Collection[str]) -> Way:
+        """Return the same from some places."""
+        return replace(self, origins=frozenset(origins))
+
     def least(self, units: Units) -> int:
         """Return what it takes from wherever it takes least."""
         origins: list[str | None] = [None] if self.goal is None else [*sorted(self.origins)]
@@ -92,10 +97,10 @@ class Work:
         self._durations = {a.name: least(a.duration) for a in problem.activities}
         self._units: dict[Leg, int] = {}
         self._left: dict[str, frozenset[str]] = {}
-        self._gaps = gaps_told(problem)
+        self.gaps = gaps_told(problem)
         self._in_turn = _in_turn(problem, jobs, self.fleet.robots)
         self._stands = sure_stands(problem, snapshot)
-        self._lines = {r: self._line(r) for r in self.fleet.robots if self.traced(r)}
+        self.lines = {r: self._line(r) for r in self.fleet.robots if self.traced(r)}
 
     def ways(self, counted: Sequence[Sequence[Option]]) -> list[Way]:
         """Return the ways to do some jobs; alike ones of robots of a kind are one."""
@@ -104,8 +109,8 @@ class Work:
             check_time()
             for option in options:
                 way = self._way(job, option)
-                found[replace(way, origins=frozenset())] |= way.origins
-        return [replace(way, origins=frozenset(some)) for way, some in found.items()]
+                found[way.from_places(())] |= way.origins
+        return [way.from_places(some) for way, some in found.items()]
 
     def units(self, leg: Leg) -> int:
         """Return units that a drive takes at least."""
@@ -161,9 +166,43 @@ class Work:
         turn = self._in_turn.get(robot, frozenset())
         return drives + sum(self._durations[n] for n in names if n not in self._tasks and n in turn)
 
-    def take(self, leg: Leg, units: int) -> None:
-        """Take it that a drive takes some units at least."""
+    def take(self, leg: Leg, units: int, *, over: Collection[str] = ()) -> None:
+        """Take it that a drive takes some units at least, if it does not stop at one of the places
+        ``over`` on its way.
+        """
+        snapshot = self._facts.snapshot
+        body, start, goal = leg
+        pose = snapshot.configurations
+        for place in sorted(set(over) - {start, goal}):
+            way = sum(math.dist(pose[place][:2], pose[end][:2]) for end in (start, goal))
+            if way / body.kinematics.v_max < self._facts.seconds(units):
+                units = min(
+                    units, self.units((body, start, place)) + self.units((body, place, goal))
+                )
         self._units[leg] = max(units, self.units(leg))
+
+    def alone(self, way: Way) -> int:
+        """Return units until a job can be done at the soonest, if that is all that is done: the
+        robot has to come from where it begins. 0 where it may come otherwise.
+        """
+        robots = [r for r in self.fleet.robots if self.fleet.kind_of[r] == way.kind]
+        if way.goal is None or any(self.lines.get(robot) is None for robot in robots):
+            return 0
+        starts = {self._facts.snapshot.initial[robot] for robot in robots}
+        return min(way.units(start, self.units) for start in sorted(starts))
+
+    def body(self, robot: str) -> Body:
+        """Return the body of a robot without loads."""
+        return self._facts.snapshot.objects[robot].body
+
+    def standing(self, name: str) -> int:
+        """Return how long an activity lasts at least, if it is no drive."""
+        return 0 if name in self._tasks else self._durations[name]
+
+    def stops(self, kind: int) -> frozenset[str]:
+        """Return the places where drives of a kind of robots end."""
+        robots = [r for r in self.fleet.robots if self.fleet.kind_of[r] == kind]
+        return frozenset(t.terms[-1].name for robot in robots for t in self._driven[robot])
 
     def traced(self, robot: str) -> bool:
         """Return whether it is known where each drive of a robot ends, and only drives move it."""
@@ -200,7 +239,7 @@ class Work:
         self, option: Option, call: MotionTask, driven: Sequence[MotionTask]
     ) -> frozenset[str]:
         """Return the places to which an option comes only after it has come to its call's goal."""
-        gaps = closed(self._gaps, option.members)
+        gaps = closed(self.gaps, option.members)
         sooner = {
             t.terms[-1].name
             for t in driven
@@ -215,7 +254,7 @@ class Work:
         if option.robot not in self._in_turn:
             return 0
         total = sum(self._durations[n] for n in option.members if n not in self._tasks)
-        line = self._lines.get(option.robot)
+        line = self.lines.get(option.robot)
         return total if line is None else total + line.idle(option.members)
 
     def _line(self, robot: str) -> Line | None:
@@ -228,7 +267,7 @@ class Work:
             # of several drives it is not looked which is the first
             several = len(self._tasks[task.activity]) > 1
             stops[task.activity] = Stop(None, None, True) if several else self._drives(task)
-        return Line(stops, self._gaps)
+        return Line(stops, self.gaps)
 
     def _stop(self, name: str, robot: str) -> Stop:
         place = self._stands.places.get((name, robot))

@@ -11,18 +11,19 @@ brought there by another drive.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from unified_planning.model.motion import SchedulingMotionProblem
 
-from up_samp.model import Deadline
+from up_samp.model import Body, Deadline
 from up_samp.model.deadline import check_time
 from up_samp.motion import MotionService
 from up_samp.search.drives import Drives
 from up_samp.search.facts import Facts
+from up_samp.search.job_items import items_of
 from up_samp.search.job_work import Leg, Work
 from up_samp.search.jobs import Jobs, Option
-from up_samp.search.shared_work import Share, least_share
+from up_samp.search.shared_work import Share, called, least_share
 
 ROUNDING = 1e-6
 """Units that a bound may be less than a whole number and still be it."""
@@ -38,7 +39,14 @@ class JobsBound:
         self._facts = facts
         self._work = Work(problem, facts, service, jobs)
         self._ways = self._work.ways(counted)
-        self._jobs = range(len(counted))
+        self._stops: dict[Body, frozenset[str]] = {}
+        self._shared, self._comings = self._ways, self._work.comings(called(self._ways))
+        items = None
+        if not any(way.goal for way in self._ways):
+            items = items_of(problem, jobs, self._work, counted)
+        if items is not None:  # it may drive anywhere in between
+            self._shared, self._comings = items, {}
+            self._stops = {way.body: self._work.stops(way.kind) for way in items}
 
     def absolute(self, deadline: Deadline) -> int:
         """Return units that no plan can beat."""
@@ -69,18 +77,27 @@ class JobsBound:
         start, goal = (self._facts.snapshot.configurations[name] for name in ends)
         found = None if deadline.expired() else drives.drive(body, start, goal, deadline)
         if found is not None and found.complete:
-            self._work.take(leg, self._facts.units(found.seconds))
+            over = self._stops.get(body, frozenset())
+            self._work.take(leg, self._facts.units(found.seconds), over=over)
 
     def _share(self, deadline: Deadline) -> Share:
-        return least_share(self._work, self._ways, deadline.remaining())
+        return least_share(self._work, self._shared, self._comings, deadline.remaining())
 
     def _units(self, share: Share) -> int:
-        costs = dict.fromkeys(self._jobs, math.inf)
-        for way in self._ways:
-            check_time()
-            costs[way.job] = min(costs[way.job], way.least(self._work.units))
-        even = sum(costs.values()) / len(self._work.fleet.robots)
-        return math.ceil(max(*costs.values(), even, share.units) - ROUNDING)
+        work = self._work
+        costs = _least((way.job, way.least(work.units)) for way in self._ways)
+        soonest = _least((way.job, work.alone(way)) for way in self._shared)
+        even = sum(costs) / len(work.fleet.robots)
+        return math.ceil(max(*costs, *soonest, even, share.units) - ROUNDING)
+
+
+def _least(costs: Iterable[tuple[int, int]]) -> list[int]:
+    """Return the least cost of each job."""
+    found: dict[int, int] = {}
+    for job, units in costs:
+        check_time()
+        found[job] = min(units, found.get(job, units))
+    return list(found.values())
 
 
 def _counted(jobs: Jobs) -> list[tuple[Option, ...]]:

@@ -29,7 +29,7 @@ class Line:
     """What one robot does in turn: its ``stops`` by activity, with the ``gaps`` that are told."""
 
     def __init__(self, stops: Mapping[str, Stop], gaps: Gaps) -> None:
-        self._stops, self._gaps = stops, gaps
+        self.stops, self._gaps = stops, gaps
         self._ending, self._beginning = (
             _by_place({name: stop.ends for name, stop in stops.items()}),
             _by_place({name: stop.begins for name, stop in stops.items()}),
@@ -43,8 +43,8 @@ class Line:
         """
         told = ChainMap(closed(self._gaps, members), dict(self._gaps))
         total = 0
-        for name in sorted(members & self._stops.keys()):
-            stop = self._stops[name]
+        for name in sorted(members & self.stops.keys()):
+            stop = self.stops[name]
             before = self._near(self._ending, stop.begins)
             total += idle_between(name, before, members, told, self._unless_driven, after=False)
             if stop.drives:
@@ -54,7 +54,7 @@ class Line:
 
     def gap(self, first: str, then: str) -> int:
         """Return units between two activities, of which the second comes right after the first."""
-        one, two = self._stops[first], self._stops[then]
+        one, two = self.stops[first], self.stops[then]
         told = self._gaps.get((first, then), 0)
         if not one.setting & two.reading:
             return told
@@ -63,13 +63,13 @@ class Line:
         return told if same else max(told, 1)
 
     def _unless_driven(self, first: str, then: str) -> int:
-        return 0 if self._stops[first].drives else self._gaps.get((first, then), 0)
+        return 0 if self.stops[first].drives else self._gaps.get((first, then), 0)
 
     def _near(
         self, table: Mapping[str | None, list[str]], places: frozenset[str] | None
     ) -> Collection[str]:
         if places is None:
-            return sorted(self._stops)
+            return sorted(self.stops)
         return dict.fromkeys(n for place in (*sorted(places), None) for n in table.get(place, ()))
 
 

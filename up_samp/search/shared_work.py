@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -32,12 +32,21 @@ class Share:
     legs: frozenset[Leg] = frozenset()
 
 
-def least_share(work: Work, ways: Sequence[Way], seconds: float) -> Share:
+Comings = Mapping[tuple[int, str], int]
+"""What it takes a kind of robots at least to come to a place otherwise than for jobs (units)."""
+
+
+def called(ways: Sequence[Way]) -> set[tuple[int, str]]:
+    """Return from where (kind, place) robots may come to jobs."""
+    return {(w.kind, p) for w in ways if w.goal is not None for p in w.origins}
+
+
+def least_share(work: Work, ways: Sequence[Way], comings: Comings, seconds: float) -> Share:
     """Return a bound on the makespan of all jobs, 0 where there is no time for it.
 
     :param seconds: limit of the solver.
     """
-    model = _Model(work, ways)
+    model = _Model(work, ways, comings)
     found = linprog(
         model.costs,
         A_ub=model.less.matrix(len(model.costs)),
@@ -74,13 +83,13 @@ class _Rows:
 class _Model:
     """The linear program: least T such that the jobs fit. Column 0 is T."""
 
-    def __init__(self, work: Work, ways: Sequence[Way]) -> None:
+    def __init__(self, work: Work, ways: Sequence[Way], comings: Comings) -> None:
         self._work, self._ways = work, ways
         self.less, self.equal = _Rows(), _Rows()
         self._columns = [(i, p) for i, w in enumerate(ways) for p in _origins(w)]
         self._first = {pair: 1 + n for n, pair in enumerate(self._columns)}
-        self._called = sorted({(w.kind, p) for w in ways if w.goal is not None for p in w.origins})
-        self._comings = sorted(work.comings(set(self._called)).items())
+        self._called = sorted(called(ways))
+        self._comings = sorted(comings.items())
         self._others = {at: 1 + len(self._columns) + n for n, (at, _) in enumerate(self._comings)}
         self.costs = np.zeros(1 + len(self._columns) + len(self._others))
         self.costs[0] = 1.0

@@ -40,13 +40,14 @@ def sure_stands(problem: SchedulingMotionProblem, snapshot: Snapshot) -> SureSta
     for activity in problem.activities if whose else ():
         for interval, conditions in activity.conditions.items():
             lower = interval.lower
-            if interval.is_left_open() or not lower.is_from_start() or lower.delay:
+            if not lower.is_from_start() or lower.delay:
                 continue
             for condition in conditions:
                 stand = stand_told(condition, whose)
                 if stand is not None:
                     places[activity.name, stand[0]] = stand[1]
-                    reads[activity.name] |= {str(a) for a in condition.args if a in whose}
+                    seen = () if interval.is_left_open() else condition.args
+                    reads[activity.name] |= {str(a) for a in seen if a in whose}
         for timing, effects in activity.effects.items():
             if timing.is_from_end() and not timing.delay:
                 sets[activity.name] |= {str(e.fluent) for e in effects if e.fluent in whose}

@@ -1,0 +1,82 @@
+"""What robots do in turn, what they carry, and the units that they surely lose."""
+
+from tests.search.test_large_fleets import fleet_of
+from up_samp.benchmarks.warehouse import warehouse
+from up_samp.geometry import lay_out
+from up_samp.search.carrying import carried
+from up_samp.search.gaps import closed, gaps_told, held_by, idle_between
+from up_samp.search.jobs import find_jobs
+from up_samp.search.sure_stands import sure_stands
+from up_samp.upio import read_problem
+
+
+def named(problem, name):
+    return next(a for a in problem.activities if a.name == name)
+
+
+def test_a_resource_that_somebody_else_gives_back_is_held_by_nobody():
+    problem = warehouse(2, 2, encoding="compact")
+    held = held_by(problem)
+    assert held["load_robot0_order0"] == {"hands0"}
+    assert held["carry_robot1_order1"] == {"hands1"}
+    lender = problem.add_activity("lender", duration=3, optional=True)
+    hands = problem.fluent("hands0")
+    lender.add_increase_effect(lender.start, hands, 1)
+    lender.add_decrease_effect(lender.end, hands, 1)
+    assert held_by(problem)["load_robot0_order0"] == frozenset()
+    assert held_by(problem)["carry_robot1_order1"] == {"hands1"}
+
+
+def test_a_place_is_sure_as_long_as_nothing_else_sets_its_fluent():
+    problem = warehouse(2, 2, encoding="compact")
+    snapshot, _ = lay_out(read_problem(problem))
+    sure = sure_stands(problem, snapshot)
+    assert sure.places["carry_robot0_order0", "robot0"].startswith("slot")
+    assert "unload_robot0_order0" in sure.reads
+    fluent = problem.fluent("robot_at")
+    robot, dock = problem.object("robot0"), problem.object("dock1")
+    wrong = problem.add_activity("wrong", duration=1, optional=True)
+    wrong.add_effect(wrong.end, fluent(robot), dock)
+    assert not {robot for _, robot in sure_stands(problem, snapshot).places} & {"robot0"}
+
+
+def test_what_is_told_only_while_another_one_is_there_is_not_told():
+    problem = warehouse(2, 2, encoding="compact")
+    told = gaps_told(problem)
+    assert told["load_robot0_order0", "carry_robot0_order0"] == 1
+    one, two = (named(problem, f"unload_robot0_order{k}") for k in (0, 1))
+    manager = problem.environment.expression_manager
+    before = manager.LT(one.end, two.start)
+    third = named(problem, "leave_robot1_order0")
+    problem.add_constraint(before, [one.present, two.present, third.present])
+    assert (one.name, two.name) not in gaps_told(problem)
+    problem.add_constraint(before, [one.present, two.present])
+    assert gaps_told(problem)[one.name, two.name] == 1
+
+
+def test_what_has_to_be_between_follows():
+    gaps = closed({("a", "b"): 1, ("b", "c"): 0, ("c", "x"): 3}, {"a", "b", "c"})
+    assert gaps == {("a", "b"): 1, ("b", "c"): 0, ("a", "c"): 0}
+    needs = frozenset("abc")
+
+    def before(name, others, units):
+        return idle_between(name, others, needs, gaps, lambda *pair: units[pair], after=False)
+
+    assert before("a", "xyz", {}) == 0, "it may be the first of all"
+    assert before("b", "ax", {("a", "b"): 2, ("x", "b"): 1}) == 1
+    # b has to be between a and c
+    assert before("c", "ab", {("b", "c"): 4}) == 4
+
+
+def test_what_is_carried_is_told_by_a_fluent_that_all_heed():
+    problem = fleet_of(2, 3).problem
+    snapshot, _ = lay_out(read_problem(problem))
+    needs = find_jobs(problem, snapshot).needs
+    pairs = carried(problem, needs, gaps_told(problem))
+    assert len(pairs) == 6
+    assert pairs["deliver_o1_r0"][0] == "pick_o1_r0"
+    heedless = named(problem, "pick_o0_r0")
+    for conditions in heedless.conditions.values():
+        conditions[:] = [c for c in conditions if not c.is_fluent_exp()]
+    left = carried(problem, needs, gaps_told(problem))
+    assert {taker for taker, _ in left.values()} == {"pick_o0_r1", "pick_o1_r1", "pick_o2_r1"}
