@@ -21,7 +21,7 @@ from up_samp.search.budget import Budget
 from up_samp.search.drives import Drives
 from up_samp.search.facts import Facts
 from up_samp.search.history import History
-from up_samp.search.job_work import Way
+from up_samp.search.job_ways import Way
 from up_samp.search.jobs import Jobs, find_jobs
 from up_samp.search.jobs_bound import JobsBound
 from up_samp.search.knowledge import Knowledge

@@ -14,7 +14,8 @@ from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.model.deadline import check_time
 from up_samp.search.carrying import carried
-from up_samp.search.job_work import Way, Work
+from up_samp.search.job_ways import Way
+from up_samp.search.job_work import Work
 from up_samp.search.jobs import Jobs, Option
 from up_samp.search.lines import Line
 

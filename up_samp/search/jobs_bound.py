@@ -21,7 +21,8 @@ from up_samp.motion import MotionService
 from up_samp.search.drives import Drives
 from up_samp.search.facts import Facts
 from up_samp.search.job_items import items_of
-from up_samp.search.job_work import Leg, Work
+from up_samp.search.job_ways import Leg
+from up_samp.search.job_work import Work
 from up_samp.search.jobs import Jobs, Option
 from up_samp.search.shared_work import Share, called, least_share
 

@@ -19,7 +19,8 @@ import numpy.typing as npt
 from scipy.optimize import linprog
 from scipy.sparse import csr_array
 
-from up_samp.search.job_work import Leg, Way, Work
+from up_samp.search.job_ways import Leg, Way
+from up_samp.search.job_work import Work
 
 FloatArray = npt.NDArray[np.float64]
 
