@@ -1,7 +1,8 @@
 """What a fleet's plan means on the floor: batteries, loads, zones, doors, windows, who is where.
 
 Judged from the problem as its author wrote it (a dictionary) and the plan file's dictionary, by
-sampled instants. Nothing of the package is used but the names that it gives activities.
+sampled instants. Nothing of the package is used but the names that it gives activities, and its
+path planner, which tells what a drive takes when nobody is in the way.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 from shapely.geometry import Polygon
 
 from tests.fleet.shapes import deep, moved, outline, same
+from tests.fleet.undisturbed import Undisturbed
 
 STEP = 0.1
 """Sampled instants are so far apart (s)."""
@@ -36,6 +38,7 @@ class Physics:
     def __init__(self, spec, plan) -> None:
         self.spec, self.plan = spec, plan
         self.unit = plan["seconds_per_unit"]
+        self.meter = Undisturbed(spec)
         self.done = [self._told(a) for a in plan["activities"]]
         self.motions = {r: [] for r in spec["robots"]}
         for m in plan["motions"]:
@@ -232,31 +235,60 @@ class Physics:
                         yield f"{robot} holds {n} {k} at {t}"
 
     def _batteries(self):
+        """Drives count as long as they are when nobody is in the way; what they really take may be
+        more, by detours among the others, and then the lowest level is told as it is.
+        """
         for robot in self.spec["robots"]:
             battery = self.kind(robot).get("battery")
             if battery is None:
                 continue
-            level = battery.get("level", battery["capacity"])
-            changes = []
-            for rows in self.motions[robot]:
+            for d in self.done:
+                charges = d.kind == "charge" and d.robot == robot
+                if charges and not self.is_at(robot, [d.what], d.start, d.end):
+                    yield f"{d}: the robot is not there"
+            low = battery.get("reserve", 0) - 1e-6 * battery["capacity"]
+            for t, level in self._course(robot, undisturbed=True):
+                if level < low:
+                    yield f"{robot}'s battery is at {level:.3f} after {t:.2f} s, without detours"
+
+    def levels(self, robot) -> list[float]:
+        """Return a robot's battery after each drive and charge, by what is really driven."""
+        return [level for _, level in self._course(robot, undisturbed=False)]
+
+    def _course(self, robot, *, undisturbed):
+        battery = self.kind(robot)["battery"]
+        changes = []
+        for rows in self.motions[robot]:
+            if undisturbed:
+                amount = self.meter.amount(robot, rows, self._riding(robot, rows))
+            else:
                 metres = np.hypot(*np.diff(rows[:, 1:3], axis=0).T).sum()
                 seconds = rows[-1, 0] - rows[0, 0]
-                amount = (
-                    battery.get("per_metre", 0) * metres + battery.get("per_second", 0) * seconds
+                amount = battery.get("per_metre", 0) * metres
+                amount += battery.get("per_second", 0) * seconds
+            changes.append((rows[-1, 0], -amount))
+        for d in self.done:
+            if d.kind == "charge" and d.robot == robot:
+                charger = self.spec["places"][d.what]["charger"]
+                changes.append(
+                    (d.end, charger["per_second"] * min(charger["step"], d.end - d.start))
                 )
-                changes.append((rows[-1, 0], -amount))
-            for d in self.done:
-                if d.kind == "charge" and d.robot == robot:
-                    charger = self.spec["places"][d.what]["charger"]
-                    changes.append(
-                        (d.end, charger["per_second"] * min(charger["step"], d.end - d.start))
-                    )
-                    if not self.is_at(robot, [d.what], d.start, d.end):
-                        yield f"{d}: the robot is not there"
-            for t, change in sorted(changes):
-                level = min(battery["capacity"], level + change)
-                if level < battery.get("reserve", 0) - 0.01 * battery["capacity"]:
-                    yield f"{robot}'s battery is at {level:.3f} after {t:.2f} s"
+        level = battery.get("level", battery["capacity"])
+        course = [(0.0, level)]
+        for t, change in sorted(changes):
+            level = min(battery["capacity"], level + change)
+            course.append((t, level))
+        return course
+
+    def _riding(self, robot, rows):
+        """Return the order, as it is written, whose load is on board in a drive."""
+        for d in self.done:
+            if d.kind == "carry" and d.robot == robot and d.start - 1e-6 <= rows[0, 0] < d.end:
+                order = self._order(d.what)
+                while isinstance(order["attached"], str):
+                    order = self._order(order["attached"])
+                return order
+        return None
 
     def _doors(self):
         for name, door in self.spec["doors"].items():

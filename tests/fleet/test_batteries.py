@@ -1,11 +1,14 @@
 """Batteries: drives take from them, chargers give, and nobody runs out."""
 
+import itertools
 from pathlib import Path
 
 import pytest
 
 from up_samp.fleet import Fleet, FleetError
 from up_samp.fleet.batteries import Meter, levels
+from up_samp.fleet.build import write_problem
+from up_samp.fleet.meanings import Kind, Meaning
 from up_samp.validation import validate_plan
 
 MAPS = Path(__file__).parents[2] / "examples" / "maps"
@@ -35,7 +38,7 @@ def test_a_robot_charges_where_it_has_to():
     assert validate_plan(fleet.problem, result.plan).valid
     charges = [a["name"] for a in result.data["activities"] if a["name"].startswith("charge_r")]
     assert charges
-    course = levels(fleet.records, result.data)["r"]
+    course = levels(fleet.records, result.written, result.data)["r"]
     assert all(2 - 1e-6 <= level <= 60 + 1e-6 for _, level in course)
     assert "the battery of r falls to" in result.explain()
     driven = sum(
@@ -132,3 +135,25 @@ def test_a_way_that_was_not_found_in_time_takes_what_no_way_takes_less_of(monkey
     fleet = floor(100, per_second=2.0)
     meter = Meter(fleet.records, fleet.folder)
     assert meter.drive("r", "home", "a") == 100  # 5 m, 2.5 s: 10 of 100
+
+
+def test_charges_count_for_who_charged_whatever_things_are_called():
+    """Activities of "r" at "x_at_y" and of "r_at_x" at "y" would be called the same."""
+    fleet = Fleet(MAPS / "two_rooms.yaml")
+    battery = {"capacity": 100, "level": 20, "per_metre": 1.0}
+    fleet.add_robot_type("agv", (1.2, 0.8), model="omni", v_max=2.0, a_max=1.0, battery=battery)
+    for i, (robot, place) in enumerate((("r", "x_at_y"), ("r_at_x", "y"))):
+        fleet.add_place(place, 3, 3 + 8 * i, charger={"per_second": 1.0, "step": 10})
+        fleet.add_robot(robot, "agv", place)
+    written = write_problem(fleet.records, fleet.folder)
+    for robot, place in itertools.product(("r", "r_at_x"), ("x_at_y", "y")):
+        steps = [
+            name
+            for name, meaning in written.meanings.items()
+            if meaning == Meaning(Kind.CHARGE, place, robot)
+        ]
+        done = [{"name": name, "end": 10 * k} for k, name in enumerate(steps[:3], start=1)]
+        plan = {"seconds_per_unit": 1.0, "activities": done, "motions": []}
+        course = levels(fleet.records, written, plan)
+        assert course.pop(robot) == [(0.0, 20), (10.0, 30), (20.0, 40), (30.0, 50)]
+        assert [*course.values()] == [[(0.0, 20)]]

@@ -70,6 +70,14 @@ def test_what_is_optional_is_left_out_where_that_is_cheaper(penalty, left):
     assert ("pick_far_r0" in times) == (not left)
 
 
+def test_a_task_may_be_called_like_an_order_that_is_left_out():
+    fleet = one_room()
+    fleet.add_task("leave_out_press", duration=5)
+    result = fleet.solve()
+    assert [a["name"] for a in result.data["activities"]] == ["leave_out_press"], result.explain()
+    assert result.left_out == []
+
+
 @pytest.mark.parametrize("capacity", [1, 2])
 def test_capacity_is_kept_and_used(capacity):
     fleet = one_room(capacity=capacity)

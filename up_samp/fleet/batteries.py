@@ -8,7 +8,6 @@ given down.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from up_samp.fleet.loads import load_of, place_of, ridden, with_load
+from up_samp.fleet.meanings import Kind, Written
 from up_samp.fleet.outlines import body_of, still
 from up_samp.fleet.records import Battery, Charger, FleetRecords
 from up_samp.geometry import load_map
@@ -130,12 +130,15 @@ def steps_of(battery: Battery, charger: Charger) -> int:
     return min(COUNTING.most_steps, max(1, usable(battery) // step_of(battery, charger)))
 
 
-def levels(records: FleetRecords, plan: Mapping[str, Any]) -> dict[str, list[tuple[float, float]]]:
+def levels(
+    records: FleetRecords, written: Written, plan: Mapping[str, Any]
+) -> dict[str, list[tuple[float, float]]]:
     """Return each battery's level (s, the user's units) after each drive and charge of a plan
-    dictionary, by what is really driven in it.
+    dictionary, by what is really driven in it; ``written`` is the problem that it solves.
     """
     unit = float(plan["seconds_per_unit"])
-    ends = {a["name"]: float(a["end"]) * unit for a in plan["activities"]}
+    done = written.happening(plan["activities"])
+    charges = [(m.robot, m.what, a) for m, a in done if m.kind is Kind.CHARGE]
     found = {}
     for robot, mine in records.robots.items():
         battery = records.robot_types[mine.type].battery
@@ -145,11 +148,11 @@ def levels(records: FleetRecords, plan: Mapping[str, Any]) -> dict[str, list[tup
             (row[-1][0], -taken(battery, rows_trajectory(row)))
             for row in (m["samples"] for m in plan["motions"] if m["object"] == robot)
         ]
-        for name, place in records.places.items():
-            if place.charger is not None:
-                given = step_of(battery, place.charger) * battery.capacity / battery.grains
-                steps = re.compile(rf"charge_{re.escape(f'{robot}_at_{name}')}_\d+_\d+")
-                changes += [(end, given) for a, end in ends.items() if steps.fullmatch(a)]
+        for who, place, a in charges:
+            charger = records.places[place].charger
+            if who == robot and charger is not None:
+                given = step_of(battery, charger) * battery.capacity / battery.grains
+                changes.append((float(a["end"]) * unit, given))
         level = battery.capacity if battery.level is None else battery.level
         found[robot] = [(0.0, level)]
         for time, change in sorted(changes):
@@ -158,10 +161,10 @@ def levels(records: FleetRecords, plan: Mapping[str, Any]) -> dict[str, list[tup
     return found
 
 
-def tell_levels(records: FleetRecords, plan: Mapping[str, Any]) -> list[str]:
+def tell_levels(records: FleetRecords, written: Written, plan: Mapping[str, Any]) -> list[str]:
     """Return in words how low batteries get, by what is really driven."""
     lines = []
-    for robot, course in levels(records, plan).items():
+    for robot, course in levels(records, written, plan).items():
         battery = records.robot_types[records.robots[robot].type].battery
         assert battery is not None
         least = min(level for _, level in course)

@@ -16,6 +16,7 @@ from unified_planning.shortcuts import MinimizeMakespan
 from up_samp.fleet.drives import Drives
 from up_samp.fleet.hands import add_loads
 from up_samp.fleet.jobs import Jobs
+from up_samp.fleet.meanings import Written
 from up_samp.fleet.records import FleetRecords
 from up_samp.fleet.site import Site
 from up_samp.fleet.statements import one_at_a_time
@@ -23,7 +24,13 @@ from up_samp.fleet.work import Work
 
 
 def build_problem(records: FleetRecords, folder: Path) -> SchedulingMotionProblem:
-    """Return the UP problem of ``records``; their map is relative to ``folder``.
+    """Return the UP problem of ``records``, see :func:`write_problem`."""
+    return write_problem(records, folder).problem
+
+
+def write_problem(records: FleetRecords, folder: Path) -> Written:
+    """Return the UP problem of ``records`` and what its activities stand for; their map is relative
+    to ``folder``.
 
     :raises FleetError: where more robots start in a zone than it takes.
     :raises UnsupportedError: where something cannot be said to the engines.
@@ -39,4 +46,4 @@ def build_problem(records: FleetRecords, folder: Path) -> SchedulingMotionProble
         one_at_a_time(site.problem, robot, activities)
     if records.objective == "makespan":
         site.problem.add_quality_metric(MinimizeMakespan())
-    return site.problem
+    return Written(site.problem, site.meanings)

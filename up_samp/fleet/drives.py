@@ -11,6 +11,7 @@ from unified_planning.shortcuts import Equals
 from up_samp.fleet.batteries import Meter
 from up_samp.fleet.crowds import Passing
 from up_samp.fleet.loads import is_stand_of, is_under, load_name, loads_of, place_of, ridden
+from up_samp.fleet.meanings import Kind, Meaning
 from up_samp.fleet.records import RobotType
 from up_samp.fleet.site import Site
 from up_samp.fleet.statements import at_start
@@ -46,7 +47,11 @@ class Drives:
     def _drive(self, robot: str, origin: str, to: str, name: str, longest: int) -> Activity:
         site = self._site
         mover = site.robots[robot]
-        a = site.problem.add_motion_activity(site.fresh(name), optional=True)
+        order = ridden(site.records, origin, to)
+        meaning = Meaning(Kind.MOVE, "", robot)
+        if order is not None:
+            meaning = Meaning(Kind.CARRY, order.id, robot)
+        a = site.problem.add_motion_activity(site.fresh(name, meaning), optional=True)
         a.set_duration_bounds(1, longest)
         areas = self._zones(a, robot, origin, to)
         a.add_motion_constraint(
@@ -66,7 +71,6 @@ class Drives:
         amount = self._meter.drive(robot, origin, to)
         if amount:
             a.add_decrease_effect(a.start, site.batteries[robot], amount)
-        order = ridden(site.records, origin, to)
         if order is not None:
             a.add_motion_effect(site.pallets[load_name(site.records, order)], site.stands[to])
         a.add_condition(at_start(a), Equals(site.at[robot], site.places[origin]))

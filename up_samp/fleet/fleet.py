@@ -12,10 +12,11 @@ from matplotlib.axes import Axes
 from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.fleet.batteries import tell_levels
-from up_samp.fleet.build import build_problem
+from up_samp.fleet.build import write_problem
 from up_samp.fleet.checks import Finding, check_fleet
 from up_samp.fleet.faults import NO_ROBOT, Fault, FleetError, find_faults
 from up_samp.fleet.files import read_problem_file, write_problem_file
+from up_samp.fleet.meanings import Written
 from up_samp.fleet.picture import draw_fleet
 from up_samp.fleet.reading import read_record
 from up_samp.fleet.records import (
@@ -61,14 +62,14 @@ class Fleet:
         }
         self._records: FleetRecords = read_record(FleetRecords, data)
         self._folder = Path()
-        self._problem: SchedulingMotionProblem | None = None
+        self._written: Written | None = None
 
     @classmethod
     def from_file(cls, file: str | PathLike[str]) -> Fleet:
         """Read a problem file (YAML or JSON)."""
         path = Path(file)
         fleet = cls.__new__(cls)
-        fleet._records, fleet._folder, fleet._problem = read_problem_file(path), path.parent, None
+        fleet._records, fleet._folder, fleet._written = read_problem_file(path), path.parent, None
         return fleet
 
     def save(self, file: str | PathLike[str]) -> Path:
@@ -151,14 +152,17 @@ class Fleet:
 
         It is written anew after each change; what you change in it, this fleet does not see.
         """
-        if self._problem is None:
+        return self._as_written().problem
+
+    def _as_written(self) -> Written:
+        if self._written is None:
             faults = find_faults(self._records)
             if not self._records.robots:
                 faults.append(NO_ROBOT)
             if faults:
                 raise FleetError(faults)
-            self._problem = build_problem(self._records, self._folder)
-        return self._problem
+            self._written = write_problem(self._records, self._folder)
+        return self._written
 
     def solve(self, timeout: float | None = 60.0, **params: Any) -> FleetResult:
         """Solve it. ``params`` are those of the engine (``optimal=True``, ``seed=1``, ...);
@@ -166,13 +170,13 @@ class Fleet:
         """
         unit = self._records.seconds_per_unit
         given = {"seconds_per_unit": unit, **params}
-        records, folder = self._records, self._folder
+        records, folder, written = self._records, self._folder, self._as_written()
         return solve_problem(
-            self.problem,
+            written,
             timeout,
             given,
             lambda: check_fleet(records, folder),
-            lambda plan: tell_levels(records, plan),
+            lambda plan: tell_levels(records, written, plan),
         )
 
     def check(self) -> list[Finding]:
@@ -201,4 +205,4 @@ class Fleet:
         faults = [f for f in find_faults(changed) if f.path[: len(path)] == path]
         if faults:
             raise FleetError(faults)
-        self._records, self._problem = changed, None
+        self._records, self._written = changed, None

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import LE, Not, Or, Plus
 
+from up_samp.fleet.meanings import Kind, Meaning
 from up_samp.fleet.records import Order, Task
 from up_samp.fleet.sequence import earlier_than
 from up_samp.fleet.site import Site
@@ -104,9 +105,8 @@ class Jobs:
         ways = [*activities]
         if job.optional and job.penalty is not None:
             length = int(activities[0].duration.lower.constant_value())
-            skip = self._problem.add_activity(
-                self._site.fresh(f"skip_{part}_{job.id}"), length, optional=True
-            )
+            name = self._site.fresh(f"skip_{part}_{job.id}", Meaning(Kind.SKIP, job.id))
+            skip = self._problem.add_activity(name, length, optional=True)
             together(self._problem, [skip], [self._leave(job.id, job.penalty)])
             ways.append(skip)
         exactly_one(self._problem, ways)
@@ -115,7 +115,7 @@ class Jobs:
         """Return the activity that stands for leaving a job out; it lasts as long as that costs."""
         if job not in self._leaving:
             units = self._site.up(penalty)
-            name = self._site.fresh(f"leave_out_{job}")
+            name = self._site.fresh(f"leave_out_{job}", Meaning(Kind.LEAVE, job))
             a = self._problem.add_activity(name, duration=units, optional=True)
             self._leaving[job] = a
         return self._leaving[job]

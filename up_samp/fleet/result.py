@@ -18,6 +18,7 @@ from unified_planning.plans import Plan
 from unified_planning.shortcuts import OneshotPlanner
 
 from up_samp.engines.registration import register
+from up_samp.fleet.meanings import Kind, Written
 from up_samp.io import PlanDict, result_to_dict, write_plan
 from up_samp.model import SampError
 from up_samp.plotting import places_of, plot_gantt, plot_map, write_html
@@ -25,15 +26,20 @@ from up_samp.plotting import places_of, plot_gantt, plot_map, write_html
 
 @dataclass(frozen=True, eq=False)
 class FleetResult:
-    """A solver's answer. ``outcome`` is UP's own result."""
+    """A solver's answer to a problem. ``outcome`` is UP's own result."""
 
-    problem: SchedulingMotionProblem
+    written: Written
     outcome: PlanGenerationResult
     seconds_per_unit: float = 1.0
     check: Callable[[], Sequence[object]] = tuple
     """What a look at the problem finds; asked for where there is no plan."""
     tell: Callable[[PlanDict], list[str]] = lambda _: []
     """What else there is to say of a plan."""
+
+    @property
+    def problem(self) -> SchedulingMotionProblem:
+        """The UP problem that was solved."""
+        return self.written.problem
 
     @property
     def status(self) -> str:
@@ -56,9 +62,8 @@ class FleetResult:
     @property
     def left_out(self) -> list[str]:
         """The ids of optional orders and tasks that are not done; each adds to the makespan."""
-        prefix = "leave_out_"
-        names = [a["name"] for a in self.data["activities"]]
-        return [n.removeprefix(prefix) for n in names if n.startswith(prefix)]
+        done = self.written.happening(self.data["activities"])
+        return [meaning.what for meaning, _ in done if meaning.kind is Kind.LEAVE]
 
     @cached_property
     def data(self) -> PlanDict:
@@ -121,20 +126,21 @@ class FleetResult:
 
 
 def solve_problem(
-    problem: SchedulingMotionProblem,
+    written: Written,
     timeout: float | None,
     params: Mapping[str, Any],
     check: Callable[[], Sequence[object]] = tuple,
     tell: Callable[[PlanDict], list[str]] = lambda _: [],
 ) -> FleetResult:
-    """Solve ``problem``; ``params["engine"]`` names the scheduler (``cpsat`` if it is absent)."""
+    """Solve a problem; ``params["engine"]`` names the scheduler (``cpsat`` if it is absent)."""
     register()
     rest = {k: v for k, v in params.items() if k != "engine"}
     name = f"samp-refine[{params.get('engine', 'cpsat')}]"
+    problem = written.problem
     problem.environment.credits_stream = None
     with OneshotPlanner(name=name, params=rest) as planner:
         outcome = planner.solve(problem, timeout=timeout)
-    return FleetResult(problem, outcome, float(rest.get("seconds_per_unit", 1.0)), check, tell)
+    return FleetResult(written, outcome, float(rest.get("seconds_per_unit", 1.0)), check, tell)
 
 
 def saved(ax: Axes, file: str | PathLike[str] | None) -> Axes:

@@ -21,6 +21,7 @@ from up_samp.fleet.batteries import first_level, usable
 from up_samp.fleet.crowds import Crowd
 from up_samp.fleet.faults import Fault, FleetError
 from up_samp.fleet.loads import MARK, ends_of, load_name, load_pose, loads_of, place_of, poses_of
+from up_samp.fleet.meanings import Meaning
 from up_samp.fleet.outlines import corners, movable
 from up_samp.fleet.records import FleetRecords, Outline, Pose, RobotType
 
@@ -30,7 +31,7 @@ class Site:
 
     ``at`` holds the fluents that tell where robots and doors are, ``stands`` where a load
     is while its robot is at a stand, ``pallets`` the loads by the first order that carries each,
-    ``rooms`` how many more robots fit into a zone.
+    ``rooms`` how many more robots fit into a zone. ``meanings`` fills as activities get names.
     """
 
     def __init__(self, records: FleetRecords, folder: Path) -> None:
@@ -51,7 +52,7 @@ class Site:
         self.keep_out: dict[str, list[MovableObject]] = {}
         self.crowds: list[Crowd] = []
         self.rooms: dict[str, tuple[MovableObject, FNode]] = {}
-        self._names: set[str] = set()
+        self.meanings: dict[str, Meaning] = {}
         for name, pose in poses_of(records).items():
             self.places[name] = self._pose(name, pose)
         for name, resource in records.resources.items():
@@ -65,15 +66,16 @@ class Site:
         """Return the type of a robot."""
         return self.records.robot_types[self.records.robots[robot].type]
 
-    def fresh(self, name: str) -> str:
+    def fresh(self, name: str, meaning: Meaning) -> str:
         """Return a name for an activity: ``name``, or one with a number that no other has. Names
-        of robots and places may hold underscores, and so two activities may want the same.
+        of robots and places may hold underscores, and so two activities may want the same. What
+        it stands for is told by its ``meaning`` alone.
         """
         number, found = 1, name
-        while found in self._names:
+        while found in self.meanings:
             number += 1
             found = f"{name}~{number}"
-        self._names.add(found)
+        self.meanings[found] = meaning
         return found
 
     def up(self, seconds: float) -> int:

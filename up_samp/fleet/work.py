@@ -10,6 +10,7 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import Equals, Or
 
 from up_samp.fleet.batteries import step_of, steps_of
+from up_samp.fleet.meanings import Kind, Meaning
 from up_samp.fleet.records import Stop, Task
 from up_samp.fleet.site import Site
 from up_samp.fleet.statements import at_start, ends_before, only_with, present, while_there
@@ -82,15 +83,16 @@ class Work:
         site = self._site
         length, window, resources = self._figures(visit)
         units = site.up(length)
+        name = site.fresh(visit.name, meaning_of(visit))
         if visit.role is Role.OPEN:
-            a: Any = site.problem.add_motion_activity(site.fresh(visit.name), units, optional=True)
+            a: Any = site.problem.add_motion_activity(name, units, optional=True)
             opened, state = site.places[f"{visit.what}.open"], site.at[visit.what]
             a.add_motion_effect(site.doors[visit.what], opened)
             a.add_condition(at_start(a), Equals(state, site.places[f"{visit.what}.closed"]))
             a.add_effect(a.end, state, opened)
             self._shut(visit, a)
         else:
-            a = site.problem.add_activity(site.fresh(visit.name), duration=units, optional=True)
+            a = site.problem.add_activity(name, duration=units, optional=True)
         here = [Equals(site.at[visit.robot], site.places[p]) for p in visit.places]
         a.add_condition(while_there(a), here[0] if len(here) == 1 else Or(here))
         self._limit(a, window, resources)
@@ -103,7 +105,8 @@ class Work:
         door = self._records.doors[visit.what]
         if door.closes is None:
             return
-        name = site.fresh(visit.name.replace(Role.OPEN.value, "close", 1))
+        meaning = Meaning(Kind.CLOSE, visit.what)
+        name = site.fresh(visit.name.replace(Role.OPEN.value, "close", 1), meaning)
         a: Any = problem.add_motion_activity(name, site.up(door.closes), optional=True)
         only_with(problem, a, opening)
         problem.add_constraint(Equals(opening.end, a.start), present(opening, a))
@@ -122,7 +125,7 @@ class Work:
         level, at = site.batteries[visit.robot], site.at[visit.robot]
         before: Activity | None = None
         for step in range(1, steps_of(battery, charger) + 1):
-            name = site.fresh(f"{visit.name}_{step}")
+            name = site.fresh(f"{visit.name}_{step}", meaning_of(visit))
             a = problem.add_activity(name, site.up(charger.step), optional=True)
             a.add_condition(while_there(a), Equals(at, site.places[visit.what]))
             # A unit early: with a drive that starts at its end, the two would add up, and a step
@@ -142,7 +145,8 @@ class Work:
             ways = [("", task.duration, ())]
         self.machines[task.id] = {}
         for mode, duration, resources in ways:
-            name = self._site.fresh(f"{task.id}_{mode}" if mode else task.id)
+            name = f"{task.id}_{mode}" if mode else task.id
+            name = self._site.fresh(name, Meaning(Kind.TASK, task.id))
             optional = task.optional or bool(mode)
             a = problem.add_activity(name, self._site.up(duration), optional=optional)
             self._limit(a, task.window, (*task.resources, *resources))
@@ -168,3 +172,17 @@ class Work:
             a.add_deadline(self._site.down(window[1]))
         for resource in resources:
             a.uses(self._site.resources[resource])
+
+
+def meaning_of(visit: Visit) -> Meaning:
+    """Return what the activities of a visit stand for."""
+    return Meaning(_KINDS[visit.role], visit.what, visit.robot)
+
+
+_KINDS = {
+    Role.PICKUP: Kind.PICKUP,
+    Role.DELIVERY: Kind.DELIVERY,
+    Role.TASK: Kind.TASK,
+    Role.OPEN: Kind.OPEN,
+    Role.CHARGE: Kind.CHARGE,
+}
