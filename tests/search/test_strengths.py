@@ -1,6 +1,7 @@
 """What a claim of optimality may rest on: exact motions, and searches that were finished."""
 
 import math
+import random
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -10,6 +11,9 @@ from unified_planning.engines.mixins.oneshot_planner import OptimalityGuarantee
 from unified_planning.model.motion import MotionModels, MovableObject
 from unified_planning.shortcuts import OneshotPlanner
 
+from tests.fuzz.cases import Case, Robot, Style
+from tests.fuzz.floors import rooms
+from tests.fuzz.problems import build
 from up_samp.benchmarks.places import box
 from up_samp.model import (
     Body,
@@ -21,8 +25,10 @@ from up_samp.model import (
     PathQuery,
     TimedMotion,
 )
+from up_samp.model.refinement import Layer, Strength
 from up_samp.motion import MotionService, register_planner
 from up_samp.motion.planners.car import CarPlanner
+from up_samp.search.events import Observer
 from up_samp.search.facts import LATE, Facts
 from up_samp.test_cases.scene import SceneBuilder
 from up_samp.validation import validate_plan
@@ -159,3 +165,39 @@ def test_a_group_is_complete_only_if_all_its_paths_are(planner):
         assert report.complete is planner.complete
         alone = service.plan(PathQuery(body, ways["east"]), Deadline.after(60))
         assert alone.complete is planner.complete
+
+
+def through_a_doorway(folder):
+    """Three cars, two one way and one the other, and a doorway for one."""
+    floor = rooms(random.Random(4))
+    ways = (("r0", "box", "p1", "p4"), ("r1", "long", "p2", "p5"), ("r2", "square", "p5", "p1"))
+    robots = tuple(Robot(n, True, shape, start, ((goal,),), 0) for n, shape, start, goal in ways)
+    style = Style("all", "order", 0, "optional", "pairs")
+    return build(Case(4, floor, robots, style), folder)
+
+
+class Seen(Observer):
+    """Remembers what was learned of groups."""
+
+    def __init__(self):
+        self.groups = []
+
+    def on_refinement(self, event):
+        self.groups += [r for r in event.refinements if r.layer is Layer.GROUP]
+
+
+def test_no_order_of_three_robots_is_a_proof(tmp_path):
+    """Their orders, and who gives way where, are tried and not searched to an end. The facts on
+    which a bound may rest leave 22 units; the best plan found takes 23.
+    """
+    problem, seen = through_a_doorway(tmp_path), Seen()
+    with OneshotPlanner(
+        name="samp-refine[cpsat]",
+        params={"seconds_per_unit": 0.5, "observers": [seen], "max_restarts": 0},
+        optimality_guarantee=OptimalityGuarantee.SOLVED_OPTIMALLY,
+    ) as solver:
+        result = solver.solve(problem, timeout=30)
+    assert validate_plan(problem, result.plan, seconds_per_unit=0.5).valid
+    assert {r.strength for r in seen.groups} == {Strength.HEURISTIC}
+    assert result.status is Status.SOLVED_SATISFICING
+    assert int(result.metrics["lower_bound"]) <= 22 < int(result.metrics["makespan"])

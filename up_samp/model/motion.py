@@ -215,7 +215,8 @@ class GroupReport:
     ``late`` end after their due (``late[name]`` is the arrival, s): the group fits its windows iff
     ``late`` is empty. ``conflict`` is a small set of motion names that really conflict (for late
     or failed groups). ``blockers`` are objects that rest in the way.
-    ``complete``: no search for it was cut short by a deadline.
+    ``complete``: no search for it was cut short by a deadline. ``exhaustive``: on their fastest
+    ways the motions cannot be coordinated in other manners than were tried.
     """
 
     outcome: Outcome
@@ -226,3 +227,4 @@ class GroupReport:
     reason: str = ""
     seconds: float = 0.0
     complete: bool = False
+    exhaustive: bool = False

@@ -237,6 +237,7 @@ def pair_meets(
     way and ends no earlier than ``second_ends`` after the first's start, or the first does and
     ends no earlier than ``first_ends`` after the second's start (collision intervals of
     continuous-time conflict-based search, Andreychuk et al. 2019, as scheduling disjunctions).
+    A guess, unless it decides everything who goes first.
     """
     low, high = offsets
     literals = (
@@ -247,7 +248,7 @@ def pair_meets(
         Apart(start_of(first), end_of(second), second_ends),
         Apart(start_of(second), end_of(first), first_ends),
     )
-    return Refinement(Clause(literals), Layer.GROUP, Strength.RELATIVE, why)
+    return Refinement(Clause(literals), Layer.GROUP, Strength.HEURISTIC, why)
 
 
 def group_timing(

@@ -18,6 +18,7 @@ from up_samp.model import (
 )
 from up_samp.model.refinement import Strength
 from up_samp.motion.fleet import earliest_arrival
+from up_samp.motion.fleet.precedence import order_decides
 from up_samp.motion.proofs.after_opening import AfterOpening
 from up_samp.search.budget import Budget
 from up_samp.search.facts import Facts
@@ -79,6 +80,10 @@ class Motions:
         # what a search that was cut short found need not be the earliest: it says nothing
         found = report.outcome is Outcome.FOUND and report.complete
         return report.trajectory.end if found and report.trajectory is not None else None
+
+    def order_decides(self, first: TimedMotion, second: TimedMotion) -> bool:
+        """Return whether it decides everything which of two motions goes first where they meet."""
+        return order_decides(self.service, first, second, self.budget.query())
 
     @cached_property
     def after(self) -> AfterOpening:

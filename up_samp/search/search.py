@@ -76,6 +76,8 @@ class Search:
     """What to begin from: see :mod:`up_samp.search.start`."""
     large: Large | None = None
     """The problem as one that is looked at in parts, if it is large."""
+    remembered: dict[int, object] = field(default_factory=dict)
+    """What components keep of this search from one call to the next, by their ``id``."""
     _own: tuple[tuple[int, int], Relaxation] | None = None
 
     @property

@@ -14,6 +14,7 @@ from dataclasses import replace
 
 from up_samp.model import Deadline, GroupQuery, GroupReport, Outcome
 from up_samp.motion.fleet.one_robot import Attempt, failed, nothing, sample_one
+from up_samp.motion.fleet.precedence import heeds, one_decides
 from up_samp.motion.fleet.priority_search import Group, Node, alone, climb, window_of
 from up_samp.motion.fleet.timed_path import TimedPath, fixed_run
 from up_samp.motion.fleet.workspace import PathPlanner, Workspace, rest_run, workspace_of
@@ -53,7 +54,21 @@ def _coordinated(
         return _hopeless(name, attempt, deadline, time.monotonic() - began)
     climb(group, root)
     conflict = _shrunk(group, root, query) if _is_bad(group) else frozenset()
-    return _report(group, conflict, time.monotonic() - began)
+    report = _report(group, conflict, time.monotonic() - began)
+    return replace(report, exhaustive=_is_tried_out(group, root))
+
+
+def _is_tried_out(group: Group, root: Node) -> bool:
+    """Return whether there are no other ways to coordinate the group than were tried: two robots,
+    each in time alone, of which the one goes first or the other.
+    """
+    if len(root.runs) != 2 or group.least > 0.0:
+        return False
+    one, other = group.motions.values()
+    if one.object == other.object or not (heeds(one, other) and heeds(other, one)):
+        return False
+    paths = [root.runs[m.name].path for m in (one, other)]
+    return one_decides(group.workspace.conflicts(*paths))
 
 
 def _one_by_one(group: Group, seed: int, began: float) -> GroupReport:

@@ -58,8 +58,12 @@ class Failure:
 
     @property
     def strength(self) -> Strength:
-        """What the lateness is worth: a search that was cut short proves nothing."""
-        proves = self.found and self.report.complete and not self.cut_short
+        """What the lateness is worth. A search that was cut short proves nothing; nor does one for
+        several robots unless all ways to coordinate them were tried.
+        """
+        alone = len({m.object for m in self.group}) == 1
+        searched = self.report.complete and not self.cut_short
+        proves = self.found and searched and (alone or self.report.exhaustive)
         return Strength.RELATIVE if proves else Strength.HEURISTIC
 
     @cached_property

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from up_samp.model import Deadline, FixedMotion, ScheduledMotion, TimedMotion
-from up_samp.model.refinement import Given, Refinement
+from up_samp.model.refinement import Given, Refinement, Strength
 from up_samp.model.snapshot import MotionTask
 from up_samp.refinement import rules
 from up_samp.search.cases import MotionCase
@@ -128,9 +128,14 @@ def _pair_cut(
     if low > high or needed_b is None or needed_a is None:
         return None
     why = f"{a.activity} and {b.activity} meet when started {low} to {high} units apart"
+    exhaustive = failure.motions.order_decides(timed_a, timed_b)
+    strength = Strength.RELATIVE if exhaustive else Strength.HEURISTIC
     return [
         rules.only_given(
-            rules.pair_meets(x.activity, y.activity, (low, high), needed_b, needed_a, why),
+            replace(
+                rules.pair_meets(x.activity, y.activity, (low, high), needed_b, needed_a, why),
+                strength=strength,
+            ),
             tuple(sorted({*x.given, *y.given})),
         )
         for x, y in _same_pairs(failure, first, second)

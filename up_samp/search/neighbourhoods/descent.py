@@ -43,7 +43,6 @@ class State:
     plan that hold no better schedule.
     """
 
-    search: Search
     roulette: Roulette
     view: View | None = None
     exhausted: list[Freed] = field(default_factory=list)
@@ -55,29 +54,31 @@ class State:
 
 @dataclass
 class Descent:
-    """Yields better plans than the search has; see the package."""
+    """Yields better plans than the search has; see the package. Where it is with one search, that
+    search remembers: the component may outlive it.
+    """
 
     tuning: NeighbourhoodsTuning = field(default_factory=NeighbourhoodsTuning)
     choices: Sequence[Choice] = CHOICES
-    _state: State | None = None
 
     def __call__(self, search: Search, stuck: bool) -> Iterator[Incumbent]:
         """Yield plans that are better than all before them, for a share of the time: where the
         scheduler is ``stuck``, and once before it is asked for more than it can do.
         """
-        begun = self._state is not None and self._state.search is search
-        if not stuck and (begun or not self._hopeless(search)):
+        state = search.remembered.get(id(self))
+        if not stuck and (state is not None or not self._hopeless(search)):
             return
         share = self.tuning.share if stuck else self.tuning.first_share
         deadline = search.budget.share(share, float("inf"))
         owners = owners_of(search.own_relaxation())
         if len(owners.robots) < 2:
             return
-        if not begun or self._state is None:
+        if state is None:
             chance = random.Random(search.seed)
-            roulette = Roulette(self.choices, self.tuning, chance, len(owners.robots))
-            self._state = State(search, roulette)
-        state, stale = self._state, 0
+            state = State(Roulette(self.choices, self.tuning, chance, len(owners.robots)))
+            search.remembered[id(self)] = state
+        assert isinstance(state, State)
+        stale = 0
         while stale < self.tuning.stale and not self._over(search, deadline):
             plan, relaxation = search.bounds.incumbent, search.own_relaxation()
             assert plan is not None
@@ -85,7 +86,7 @@ class Descent:
             if view is None or view.plan is not plan or view.relaxation is not relaxation:
                 state.view = View(relaxation, search.facts.snapshot, owners, plan)
                 state.exhausted.clear()
-            better = self._step(state, deadline)
+            better = self._step(search, state, deadline)
             stale = stale + self.tuning.together if better is None else 0
             if better is not None:
                 yield better
@@ -100,11 +101,11 @@ class Descent:
         activities = search.knowledge.relaxation.problem.activities
         return sum(a.optional for a in activities) >= self.tuning.activities
 
-    def _step(self, state: State, deadline: Deadline) -> Incumbent | None:
+    def _step(self, search: Search, state: State, deadline: Deadline) -> Incumbent | None:
         """Look at some neighbourhoods until one has a better schedule; return the better plan if
         one comes of it.
         """
-        search, roulette, view = state.search, state.roulette, state.view
+        roulette, view = state.roulette, state.view
         assert view is not None
         drawn = [roulette.draw() for _ in range(self.tuning.together)]
         some = [self.choices[k](view, roulette.chance, roulette.robots) for k in drawn]
