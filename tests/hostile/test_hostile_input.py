@@ -1,5 +1,6 @@
 """Maps, problems and parameters that no one should write: refused in words, in bounded time."""
 
+import json
 import math
 import struct
 import time
@@ -28,6 +29,7 @@ from unified_planning.shortcuts import (
     Timing,
 )
 
+from up_samp.fleet import FleetError, read_problem_file
 from up_samp.geometry import load_map
 from up_samp.model import Deadline, ProblemError, SampError
 from up_samp.model.errors import short
@@ -269,3 +271,57 @@ def test_a_body_without_a_motion_model_is_refused_by_name(tmp_path):
         pytest.raises(ProblemError, match="'car'"),
     ):
         planner.solve(found, timeout=20)
+
+
+FIGURES = {
+    "seconds_per_unit": (1e-308, 1e308, math.inf),
+    "robot_types.agv.v_max": (1e-308, 1e308, "fast", [1.0]),
+    "robot_types.agv.a_max": (1e-308, math.nan),
+    "robot_types.agv.turning_radius": (1e9, -1),
+    "robot_types.agv.footprint": ([1e308, 1e308], [[0, 0, 0]] * 3, ["a", "b"]),
+    "robot_types.agv.capacity.item": (10**400, 2.5),
+    "robot_types.agv.battery.capacity": (1e308, 0),
+    "robot_types.agv.battery.per_metre": (1e308, -1),
+    "places.home": ([1e308, 0, 0], [0, -1e308, 0], [0, 0, 1e15], [0, 0], "home"),
+    "places.plug.park": (10**9, 0.5),
+    "places.plug.charger.times": (10**9, 0),
+    "zones.wet.polygon": ([[0, 0], [1e308, 0], [0, 1]], [[0, 0]] * 2, [0] * 5000),
+    "orders": ([{"id": "x" * 10**5, "pickup": "home", "delivery": "home"}], {}),
+}
+
+
+@pytest.mark.parametrize(("place", "value"), [(k, v) for k, vs in FIGURES.items() for v in vs],
+                         ids=lambda x: short(x)[:30])  # fmt: skip
+def test_figures_of_problem_files_that_nothing_real_has_are_refused_by_name(place, value, tmp_path):
+    battery = {"capacity": 100.0, "per_metre": 1.0}
+    spec = {
+        "format": "up-samp-problem",
+        "version": 1,
+        "map": "m.yaml",
+        "seconds_per_unit": 1.0,
+        "robot_types": {
+            "agv": {"footprint": [1.0, 0.6], "capacity": {"item": 1}, "battery": battery}
+        },
+        "robots": {"r": {"type": "agv", "start": "home"}},
+        "places": {
+            "home": [3, 3, 0],
+            "plug": {"pose": [9, 3, 0], "charger": {"per_second": 1.0, "times": 1}},
+        },
+        "zones": {"wet": {"polygon": [[0, 0], [1, 0], [0, 1]], "keep_out": ["agv"]}},
+        "orders": [],
+    }
+    file = tmp_path / "problem.json"
+    file.write_text(json.dumps(spec))
+    assert read_problem_file(file).robots  # it is the one figure that is wrong
+    *before, last = place.split(".")
+    part = spec
+    for key in before:
+        part = part[key]
+    part[last] = value
+    file.write_text(json.dumps(spec))
+    with pytest.raises(FleetError) as error:
+        read_problem_file(file)
+    text = str(error.value)
+    assert place.split(".")[0] in text or str(file) in text
+    assert last in text or before[-1] in text
+    assert len(text) < 3000

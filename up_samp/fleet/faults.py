@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from up_samp.fleet.abilities import able, carries, needs_robot, with_skills
+from up_samp.fleet.limits import FIGURES
 from up_samp.fleet.records import FleetRecords, Order, Stop, Task
 from up_samp.fleet.sequence import earlier_than
 from up_samp.model import ProblemError
@@ -32,7 +33,14 @@ class FleetError(ProblemError):
 
     def __init__(self, faults: Iterable[Fault], text: str | None = None) -> None:
         self.faults = tuple(faults)
-        super().__init__(text or "\n".join(map(str, self.faults)))
+        super().__init__(text or told(self.faults))
+
+
+def told(faults: Sequence[Fault], tell: Callable[[Fault], str] = str) -> str:
+    """Return faults as text, a line each; of very many only the first."""
+    lines = [tell(fault) for fault in faults[: FIGURES.shown]]
+    more = len(faults) - len(lines)
+    return "\n".join([*lines, f"... and {more} more"] if more > 0 else lines)
 
 
 def show_path(path: Path) -> str:

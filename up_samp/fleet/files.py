@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from up_samp.fleet.faults import Fault, FleetError, Path, find_faults
+from up_samp.fleet.faults import Fault, FleetError, Path, find_faults, told
 from up_samp.fleet.limits import LIMITS
 from up_samp.fleet.reading import read_record
 from up_samp.fleet.records import FleetRecords
@@ -152,8 +152,7 @@ class _Lines:
 
     def error(self, faults: tuple[Fault, ...] | list[Fault]) -> FleetError:
         """Return an error that tells file and line of each fault."""
-        lines = [f"{self.path}:{self.line(fault.path)}: {fault}" for fault in faults]
-        return FleetError(faults, "\n".join(lines))
+        return FleetError(faults, told(faults, lambda f: f"{self.path}:{self.line(f.path)}: {f}"))
 
     def line(self, path: Path) -> int:
         """Return the line of the deepest part of ``path`` that is written in the file."""

@@ -20,3 +20,23 @@ class FileLimits:
 
 
 LIMITS = FileLimits()
+
+
+@dataclass(frozen=True)
+class FigureLimits:
+    """Figures beyond them are refused by name: nothing real has them, and they cannot be counted
+    with.
+    """
+
+    largest: float = 1e9
+    """Of all figures without a limit of their own."""
+    least: float = 1e-6
+    """Of what has to be more than nothing."""
+    visits: int = 200
+    """How often a robot may come to a charger, a door, or a place to park: each visit is an
+    activity of its own."""
+    shown: int = 20
+    """So many faults are told at a time."""
+
+
+FIGURES = FigureLimits()

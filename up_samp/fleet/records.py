@@ -9,8 +9,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal
 
-from annotated_types import Ge, Gt, MinLen
-from pydantic import BeforeValidator, ConfigDict, StringConstraints
+from annotated_types import Ge, Gt, Le, MinLen
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, StringConstraints
+
+from up_samp.fleet.limits import FIGURES
+from up_samp.upio.limits import LIMITS
 
 FORMAT = "up-samp-problem"
 VERSION = 1
@@ -19,12 +22,25 @@ STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 """Unknown keys are errors, and so are numbers that are none."""
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_.-]*$", max_length=80)]
-Count = Annotated[int, Gt(0)]
-Positive = Annotated[float, Gt(0)]
-Seconds = Annotated[float, Gt(0)]
-Moment = Annotated[float, Ge(0)]
-Pose = tuple[float, float, float]
-Point = tuple[float, float]
+
+
+def _not_tiny(value: float) -> float:
+    if value < FIGURES.least:
+        raise ValueError(f"should be {FIGURES.least:g} or more")
+    return value
+
+
+Count = Annotated[int, Gt(0), Le(int(FIGURES.largest))]
+Visits = Annotated[int, Gt(0), Le(FIGURES.visits)]
+Positive = Annotated[float, Gt(0), Le(FIGURES.largest), AfterValidator(_not_tiny)]
+Length = Annotated[float, Gt(0), Le(LIMITS.footprint), AfterValidator(_not_tiny)]
+Seconds = Positive
+Moment = Annotated[float, Ge(0), Le(FIGURES.largest)]
+Rate = Annotated[float, Ge(0), Le(FIGURES.largest)]
+Coordinate = Annotated[float, Ge(-LIMITS.farthest), Le(LIMITS.farthest)]
+Heading = Annotated[float, Ge(-LIMITS.turned), Le(LIMITS.turned)]
+Pose = tuple[Coordinate, Coordinate, Heading]
+Point = tuple[Coordinate, Coordinate]
 Window = tuple[Moment, Moment]
 Polygon = Annotated[tuple[Point, ...], MinLen(3)]
 
@@ -40,8 +56,8 @@ def _outline(value: Any) -> Any:
 
 
 Outline = Annotated[
-    tuple[Positive, Positive] | Polygon,
-    BeforeValidator(_outline, json_schema_input_type=tuple[Positive, Positive] | Polygon),
+    tuple[Length, Length] | Polygon,
+    BeforeValidator(_outline, json_schema_input_type=tuple[Length, Length] | Polygon),
 ]
 """``(length, width)`` of a rectangle around the reference point, or the corners of a polygon."""
 
@@ -64,9 +80,9 @@ class Battery:
 
     __pydantic_config__ = STRICT
     capacity: Positive
-    per_metre: Annotated[float, Ge(0)] = 0.0
-    per_second: Annotated[float, Ge(0)] = 0.0
-    reserve: Annotated[float, Ge(0)] = 0.0
+    per_metre: Rate = 0.0
+    per_second: Rate = 0.0
+    reserve: Rate = 0.0
     level: Positive | None = None
     grains: ClassVar[int] = 1000
     """A full one holds so many of the whole numbers that levels are counted in."""
@@ -81,7 +97,7 @@ class Charger:
     __pydantic_config__ = STRICT
     per_second: Positive
     step: Seconds = 30.0
-    times: Count = 1
+    times: Visits = 1
 
 
 @dataclass(frozen=True)
@@ -98,7 +114,7 @@ class RobotType:
     __pydantic_config__ = STRICT
     footprint: Outline
     model: Literal["car", "diff", "omni"] = "car"
-    turning_radius: Positive = 1.0
+    turning_radius: Length = 1.0
     v_max: Positive = 1.0
     a_max: Positive = 1.0
     omega_max: Positive = 1.0
@@ -125,7 +141,7 @@ class Place:
 
     __pydantic_config__ = STRICT
     pose: Pose
-    park: Annotated[int, Ge(0)] = 0
+    park: Annotated[int, Ge(0), Le(FIGURES.visits)] = 0
     charger: Charger | None = None
 
 
@@ -145,7 +161,7 @@ class Door:
     seconds: Seconds = 1.0
     skills: Names = ()
     closes: Seconds | None = None
-    times: Count = 1
+    times: Visits = 1
 
 
 @dataclass(frozen=True)
