@@ -10,6 +10,7 @@ that long: an effect at t is seen from t + 1 on, so that motions of one object m
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -152,8 +153,9 @@ def relax(
     for name in sorted(snapshot.moved()):
         _add_state(relaxation, name)
     _agree_at_end(problem, relaxation)
+    drives = _drives_of(snapshot)
     for task in snapshot.tasks if hold_static else ():
-        _hold_static(relaxation, task)
+        _hold_static(relaxation, task, drives)
     for activity in problem.activities:
         if isinstance(activity, MotionActivity):
             hold_told(relaxation, activity)
@@ -218,7 +220,18 @@ def _agree_at_end(problem: SchedulingMotionProblem, relaxation: Relaxation) -> N
                 mine.add_condition(at_end, manager.Equals(relaxation.rewriter(value), goal))
 
 
-def _hold_static(relaxation: Relaxation, task: MotionTask) -> None:
+def _drives_of(snapshot: Snapshot) -> dict[str, list[str]]:
+    """Return the activities that drive each object, or take it along."""
+    found: dict[str, list[str]] = {}
+    for task in snapshot.tasks:
+        for name in sorted({task.object, *(ride.load for ride in task.rides)}):
+            found.setdefault(name, []).append(task.activity)
+    return found
+
+
+def _hold_static(
+    relaxation: Relaxation, task: MotionTask, drives: Mapping[str, list[str]]
+) -> None:
     """Keep a task's static obstacles where they are while it lasts (UP: they "remain static").
 
     Its ends are left out: a change at the very start or end does no harm. A condition that reads
@@ -234,10 +247,9 @@ def _hold_static(relaxation: Relaxation, task: MotionTask) -> None:
         state = relaxation.state[name]
         span = inner(activity, relaxation.early[name])
         activity.add_condition(span, manager.Equals(state, state))
-        for other in relaxation.snapshot.tasks:
-            moved = {other.object, *(ride.load for ride in other.rides)}
-            if name in moved and other.activity != task.activity:
-                rival = relaxation.activities[other.activity]
+        for other in drives.get(name, ()):
+            if other != task.activity:
+                rival = relaxation.activities[other]
                 scope = [a.present for a in (activity, rival) if a.optional]
                 apart = manager.Or(
                     manager.LE(rival.end, activity.start), manager.LE(activity.end, rival.start)

@@ -38,6 +38,13 @@ class StagesTuning(Tunables):
         20.0, "for the routing relaxation, where the optimum is asked for"
     )
     relaxed_content: float = effort_of(0.4, "for the routing relaxation, where it is not")
+    relaxed_size: int = tunable(
+        50_000,
+        "constraints",
+        "of the whole, up to which the routing relaxation is solved where the optimum is not asked "
+        "for and some schedule is at hand",
+        least=0,
+    )
     content: float = effort_of(1.0, "for the whole problem, where no optimum is asked for")
     first_dive: float = effort_of(0.5, "for the first dive under a loose cap")
     first: float = effort_of(

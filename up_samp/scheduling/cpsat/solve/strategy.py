@@ -173,6 +173,15 @@ def _anneal_tours(search: Solve) -> None:
         search.expected = max(search.expected, search.whole.value)
 
 
+def _is_worth_relaxing(search: Solve) -> bool:
+    """Whether the routing relaxation may tell more: where some schedule is at hand and no optimum
+    is asked for, to write that of a large model takes longer than it is searched for.
+    """
+    content = not search.optimal and search.whole.best is not None
+    large = search.whole.size > search.whole.orders.tuning.relaxed_size
+    return bool(search.routes) and not (content and large)
+
+
 def _solve_relaxation(search: Solve) -> None:
     """Solve the routing relaxation and make what is found a schedule of the whole, the first one
     at once and the best one in the end.
@@ -258,7 +267,7 @@ STAGES = (
         lambda s: s.sequences is not None and s.whole.best is not None,
         _seek_sequences,
     ),
-    Stage("solve the routing relaxation", lambda s: bool(s.routes), _solve_relaxation),
+    Stage("solve the routing relaxation", _is_worth_relaxing, _solve_relaxation),
     Stage("climb: a small problem", lambda s: not s.routes, lambda s: s.whole.climb()),
     Stage(
         FIRST,
