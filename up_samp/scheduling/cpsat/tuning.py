@@ -71,7 +71,7 @@ class StagesTuning(Tunables):
         "up to so many, the relaxation is solved sooner than tours are annealed",
         least=0,
     )
-    bound_share: float = share_of(0.25, "of the time that is left, for bounds without search")
+    bound_share: float = share_of(0.35, "of the time that is left, for bounds without search")
     bound_labels: int = tunable(
         4_000_000,
         "labels",
