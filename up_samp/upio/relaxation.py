@@ -229,9 +229,7 @@ def _drives_of(snapshot: Snapshot) -> dict[str, list[str]]:
     return found
 
 
-def _hold_static(
-    relaxation: Relaxation, task: MotionTask, drives: Mapping[str, list[str]]
-) -> None:
+def _hold_static(relaxation: Relaxation, task: MotionTask, drives: Mapping[str, list[str]]) -> None:
     """Keep a task's static obstacles where they are while it lasts (UP: they "remain static").
 
     Its ends are left out: a change at the very start or end does no harm. A condition that reads
