@@ -1,16 +1,19 @@
-"""How time and memory of a first plan grow with the fleet: a table, and a picture of it.
+"""How time and memory of a first plan grow with the fleet: tables, and a picture of them.
 
-    python benchmarks/scale/growth.py 5x10 10x30 20x60 --out growth.png
+    python benchmarks/scale/growth.py 5x10,10x30,20x60 10x15,10x30,10x60 5x30,10x30,20x30 \\
+        --out growth.png
 
-Each size (robots x orders) is solved in a process of its own. Seconds are CPU seconds of that
-process, so that they say something on a machine that others use as well. Exponents are slopes of
-straight lines through the logarithms (least squares).
+Each argument is a series of sizes (robots x orders): both grow, or the orders of a fleet, or the
+robots for the same orders. Each size is solved once, in a process of its own. Seconds are CPU
+seconds of that process, so that they say something on a machine that others use as well. Exponents
+are slopes of straight lines through the logarithms (least squares).
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import pathlib
 import subprocess
 import sys
 import time
@@ -45,57 +48,97 @@ def exponent(x: list[float], y: list[float]) -> float:
     return float(np.polyfit(np.log(x), np.log(np.maximum(y, 1e-3)), 1)[0])
 
 
-def draw(rows: dict[str, dict[str, float]], file: str) -> None:
-    """Draw seconds and memory over activities."""
+def axis_of(sizes: list[str]) -> str:
+    """Return what grows along a series."""
+    robots, orders = zip(*(size.split("x") for size in sizes), strict=True)
+    if len(set(robots)) == 1:
+        return f"orders ({robots[0]} robots)"
+    if len(set(orders)) == 1:
+        return f"robots ({orders[0]} orders)"
+    return "optional activities"
+
+
+def along(sizes: list[str], rows: dict[str, dict[str, float]]) -> list[float]:
+    """Return the numbers that grow along a series."""
+    which = {"r": 0, "o": 1}.get(axis_of(sizes)[0]) if "(" in axis_of(sizes) else None
+    if which is None:
+        return [rows[size]["activities"] for size in sizes]
+    return [float(size.split("x")[which]) for size in sizes]
+
+
+def draw(series: list[list[str]], rows: dict[str, dict[str, float]], file: str) -> None:
+    """Draw seconds and memory along each series."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    x = [row["activities"] for row in rows.values()]
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6), constrained_layout=True)
-    for stage in ("total", *STAGES):
-        y = [row[stage] for row in rows.values()]
-        left.loglog(x, y, marker="o", label=f"{stage} (exponent {exponent(x, y):.2f})")
-    y = [row["mib"] for row in rows.values()]
-    right.loglog(x, y, marker="o", label=f"peak (exponent {exponent(x, y):.2f})")
-    for axes, what in ((left, "CPU seconds"), (right, "MiB")):
-        axes.set_xlabel("optional activities")
-        axes.set_ylabel(what)
-        axes.grid(which="both", alpha=0.3)
-        axes.legend()
-    figure.savefig(file, dpi=110)
+    figure, axes = plt.subplots(
+        2, len(series), figsize=(3.6 * len(series), 5.4), constrained_layout=True, squeeze=False
+    )
+    for column, sizes in enumerate(series):
+        x = along(sizes, rows)
+        for row, (stages, what) in enumerate(
+            ((("total", *STAGES), "CPU seconds"), (("mib",), "peak MiB"))
+        ):
+            plot = axes[row][column]
+            for stage in stages:
+                y = [rows[size][stage] for size in sizes]
+                plot.loglog(x, y, marker="o", label=f"{stage}: {exponent(x, y):.2f}")
+            plot.set_xticks(x, [f"{value:g}" for value in x])
+            plot.minorticks_off()
+            plot.set_xlabel(axis_of(sizes))
+            plot.set_ylabel(what)
+            plot.grid(which="both", alpha=0.3)
+            plot.legend(title="exponents", fontsize="small", title_fontsize="small")
+    figure.savefig(file, dpi=80)
+
+
+def measured(size: str, encoding: str, timeout: float) -> dict[str, float]:
+    """Return what a first plan of one size takes, in a process of its own."""
+    command = [sys.executable, __file__, size, "--one", "--encoding", encoding]
+    done = subprocess.run(
+        [*command, "--timeout", str(timeout)], capture_output=True, text=True, check=True
+    )
+    row: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
+    return row
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("sizes", nargs="+", help="robots x orders, such as 5x10")
+    parser.add_argument("series", nargs="+", help="robots x orders, such as 5x10,10x30,20x60")
     parser.add_argument("--encoding", default="compact")
     parser.add_argument("--timeout", type=float, default=900.0, help="wall clock of one size (s)")
     parser.add_argument("--out", help="a picture")
+    parser.add_argument("--rows", help="where rows are kept, and looked up: a JSON file")
     parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.one:
-        robots, orders = map(int, args.sizes[0].split("x"))
+        robots, orders = map(int, args.series[0].split("x"))
         print(json.dumps(one(robots, orders, args.encoding, args.timeout)))
         return
-    rows: dict[str, dict[str, float]] = {}
-    for size in args.sizes:
-        command = [sys.executable, __file__, size, "--one", "--encoding", args.encoding]
-        done = subprocess.run(
-            [*command, "--timeout", str(args.timeout)], capture_output=True, text=True, check=True
+    kept = pathlib.Path(args.rows) if args.rows else None
+    rows = json.loads(kept.read_text()) if kept is not None and kept.exists() else {}
+    series = [text.split(",") for text in args.series]
+    for size in dict.fromkeys(size for sizes in series for size in sizes):
+        if size not in rows:
+            rows[size] = measured(size, args.encoding, args.timeout)
+        if kept is not None:
+            kept.write_text(json.dumps(rows))
+        print(
+            f"| {size} | " + " | ".join(f"{v:.1f}" for v in rows[size].values()) + " |", flush=True
         )
-        row = json.loads(done.stdout.splitlines()[-1])
-        cells = " | ".join(f"{value:.1f}" for value in row.values())
-        if row["building"] > 0.0 and row["makespan"] > 0.0:
-            rows[size] = row  # others are too small for this way, or have no plan: another story
-        print(f"| {size} | {cells} |", flush=True)
-    if len(rows) > 1:
-        x = [row["activities"] for row in rows.values()]
+    # others are too small for this way, or have no plan: another story
+    good = {size for size, row in rows.items() if row["building"] > 0 and row["makespan"] > 0}
+    series = [[size for size in sizes if size in good] for sizes in series]
+    series = [sizes for sizes in series if len(sizes) > 1]
+    for sizes in series:
+        x = along(sizes, rows)
         for key in ("total", *STAGES, "mib"):
-            print(f"{key}: exponent {exponent(x, [row[key] for row in rows.values()]):.2f}")
-    if args.out and len(rows) > 1:
-        draw(rows, args.out)
+            y = [rows[size][key] for size in sizes]
+            print(f"{axis_of(sizes)}, {key}: exponent {exponent(x, y):.2f}")
+    if args.out and series:
+        draw(series, rows, args.out)
 
 
 if __name__ == "__main__":

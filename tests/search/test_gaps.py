@@ -14,17 +14,20 @@ def named(problem, name):
     return next(a for a in problem.activities if a.name == name)
 
 
+def held_names(problem, name):
+    return {str(resource) for resource in held_by(problem)[name]}
+
+
 def test_a_resource_that_somebody_else_gives_back_is_held_by_nobody():
     problem = warehouse(2, 2, encoding="compact")
-    held = held_by(problem)
-    assert held["load_robot0_order0"] == {"hands0"}
-    assert held["carry_robot1_order1"] == {"hands1"}
+    assert held_names(problem, "load_robot0_order0") == {"hands0"}
+    assert held_names(problem, "carry_robot1_order1") == {"hands1"}
     lender = problem.add_activity("lender", duration=3, optional=True)
     hands = problem.fluent("hands0")
     lender.add_increase_effect(lender.start, hands, 1)
     lender.add_decrease_effect(lender.end, hands, 1)
-    assert held_by(problem)["load_robot0_order0"] == frozenset()
-    assert held_by(problem)["carry_robot1_order1"] == {"hands1"}
+    assert held_names(problem, "load_robot0_order0") == set()
+    assert held_names(problem, "carry_robot1_order1") == {"hands1"}
 
 
 def test_a_place_is_sure_as_long_as_nothing_else_sets_its_fluent():

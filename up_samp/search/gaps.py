@@ -64,43 +64,38 @@ def _delay(timing: Timing) -> int | None:
     return timing.delay if isinstance(timing.delay, int) else None
 
 
-def held_by(problem: SchedulingMotionProblem) -> dict[str, frozenset[str]]:
+def held_by(problem: SchedulingMotionProblem) -> dict[str, frozenset[FNode]]:
     """Return by activity the resources of one unit that it alone holds from its start to its end.
 
     Nobody else may give or take them otherwise.
     """
     held = {a.name: _held(a) for a in problem.activities}
-    other = {str(effect.fluent.fluent().name) for _, effect in problem.base_effects}
+    other = {effect.fluent.fluent() for _, effect in problem.base_effects}
     for activity in problem.activities:
         for effects in activity.effects.values():
-            for effect in effects:
-                if str(effect.fluent) not in held[activity.name]:
-                    other.add(str(effect.fluent.fluent().name))
+            other |= {e.fluent.fluent() for e in effects if e.fluent not in held[activity.name]}
     return {
-        name: frozenset(text for text, fluent in some.items() if fluent not in other)
+        name: frozenset(resource for resource in some if resource.fluent() not in other)
         for name, some in held.items()
     }
 
 
-def _held(activity: Activity) -> dict[str, str]:
-    """Return the resources (with their fluents) that an activity takes first and gives back."""
-    taken: dict[str, list[bool]] = defaultdict(list)
-    fluents: dict[str, str] = {}
+def _held(activity: Activity) -> list[FNode]:
+    """Return the resources that an activity takes first and gives back."""
+    taken: dict[FNode, list[bool]] = defaultdict(list)
     for timing, effects in activity.effects.items():
         for effect in effects:
-            tpe, text = effect.fluent.type, str(effect.fluent)
-            fluents[text] = str(effect.fluent.fluent().name)
+            tpe = effect.fluent.type
             one = tpe.is_int_type() and (tpe.lower_bound, tpe.upper_bound) == (0, 1)
             plain = one and not timing.delay and effect.condition.is_true()
-            plain &= effect.value.is_int_constant() and effect.value.constant_value() == 1
+            plain = plain and effect.value.is_int_constant() and effect.value.constant_value() == 1
             # a parameter of its own would be another object elsewhere
-            plain &= all(argument.is_object_exp() for argument in effect.fluent.args)
+            plain = plain and all(argument.is_object_exp() for argument in effect.fluent.args)
             takes = plain and effect.is_decrease() and timing.is_from_start()
             gives = plain and effect.is_increase() and timing.is_from_end()
-            taken[text].append(takes)
-            if not (takes or gives):
-                taken[text] += [True, True]  # it is no pair then
-    return {text: fluents[text] for text, some in taken.items() if sorted(some) == [False, True]}
+            # what is neither is no pair
+            taken[effect.fluent] += [takes] if takes or gives else [True, True]
+    return [resource for resource, some in taken.items() if sorted(some) == [False, True]]
 
 
 def idle_between(

@@ -7,6 +7,7 @@ from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
 
+from unified_planning.model import FNode
 from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.model import Body
@@ -275,7 +276,7 @@ def _in_turn(
     holds one resource for one.
     """
     held = held_by(problem)
-    holders: dict[str, set[str]] = defaultdict(set)
+    holders: dict[FNode, set[str]] = defaultdict(set)
     for name, resources in held.items():
         for resource in resources:
             holders[resource].add(name)
@@ -287,7 +288,7 @@ def _in_turn(
     for robot in robots:
         shared = frozenset.intersection(*(held[name] for name in mine[robot]))
         if shared:
-            found[robot] = frozenset(holders[min(shared)])
+            found[robot] = frozenset(holders[min(shared, key=str)])
     return found
 
 

@@ -6,7 +6,7 @@ from collections import ChainMap, defaultdict
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
-from up_samp.search.gaps import Gaps, closed, idle_between
+from up_samp.search.gaps import closed, idle_between
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Stop:
 class Line:
     """What one robot does in turn: its ``stops`` by activity, with the ``gaps`` that are told."""
 
-    def __init__(self, stops: Mapping[str, Stop], gaps: Gaps) -> None:
+    def __init__(self, stops: Mapping[str, Stop], gaps: dict[tuple[str, str], int]) -> None:
         self.stops, self._gaps = stops, gaps
         self._ending, self._beginning = (
             _by_place({name: stop.ends for name, stop in stops.items()}),
@@ -41,7 +41,7 @@ class Line:
 
         What comes after a drive is counted there, and not before what follows it.
         """
-        told = ChainMap(closed(self._gaps, members), dict(self._gaps))
+        told = ChainMap(closed(self._gaps, members), self._gaps)
         total = 0
         for name in sorted(members & self.stops.keys()):
             stop = self.stops[name]

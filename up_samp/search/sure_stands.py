@@ -37,6 +37,7 @@ def sure_stands(problem: SchedulingMotionProblem, snapshot: Snapshot) -> SureSta
     places: dict[tuple[str, str], str] = {}
     sets: dict[str, set[str]] = defaultdict(set)
     reads: dict[str, set[str]] = defaultdict(set)
+    text = {fluent: str(fluent) for fluent in whose}
     for activity in problem.activities if whose else ():
         for interval, conditions in activity.conditions.items():
             lower = interval.lower
@@ -47,11 +48,11 @@ def sure_stands(problem: SchedulingMotionProblem, snapshot: Snapshot) -> SureSta
                 if stand is not None:
                     places[activity.name, stand[0]] = stand[1]
                     seen = () if interval.is_left_open() else condition.args
-                    reads[activity.name] |= {str(a) for a in seen if a in whose}
+                    reads[activity.name] |= {text[a] for a in seen if a in whose}
         for timing, effects in activity.effects.items():
             if timing.is_from_end() and not timing.delay:
-                sets[activity.name] |= {str(e.fluent) for e in effects if e.fluent in whose}
-    return SureStands(frozenset(map(str, whose)), places, _frozen(sets), _frozen(reads))
+                sets[activity.name] |= {text[e.fluent] for e in effects if e.fluent in whose}
+    return SureStands(frozenset(text.values()), places, _frozen(sets), _frozen(reads))
 
 
 def _frozen(sets: Mapping[str, set[str]]) -> Mapping[str, frozenset[str]]:

@@ -14,12 +14,16 @@ import numpy.typing as npt
 
 from up_samp.geometry.cells import shortest_ways
 from up_samp.geometry.compiled import kernel
+from up_samp.geometry.memory import Memory
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 MOST_CORNERS = 500
 EPS = 1e-9
+
+PLACES = 256
+"""So many places' ways to all corners are remembered."""
 
 
 @kernel
@@ -117,6 +121,7 @@ class Visibility:
         np.cumsum(blocked, axis=1, out=self._sums[:, 1:])
         lengths = corner_matrix(self._sums, corners)
         self._between = shortest_ways(lengths)
+        self._known: Memory[tuple[FloatArray, FloatArray]] = Memory(PLACES)
 
     def distance(self, a: tuple[float, float], b: tuple[float, float]) -> float:
         """Return the shortest distance (m) between two points given in the original grid's cells.
@@ -129,13 +134,20 @@ class Visibility:
             return straight * self.cell
         if len(self._corners) == 0:
             return math.inf
-        from_a = seen_from(self._sums, self._corners, ax, ay)
-        to_b = seen_from(self._sums, self._corners, bx, by)
-        i, j = np.nonzero(np.isfinite(from_a))[0], np.nonzero(np.isfinite(to_b))[0]
-        if len(i) == 0 or len(j) == 0:
-            return math.inf
-        total = from_a[i, None] + self._between[np.ix_(i, j)] + to_b[None, j]
-        return float(total.min()) * self.cell
+        return float((self._around(ax, ay)[1] + self._around(bx, by)[0]).min()) * self.cell
+
+    def _around(self, x: float, y: float) -> tuple[FloatArray, FloatArray]:
+        """Return the distances (cells) of a point to the corners that it sees (inf: it does not),
+        and its shortest ways to all corners. A place is asked for again and again.
+        """
+        return self._known.get_or((x, y), lambda: self._looked(x, y))
+
+    def _looked(self, x: float, y: float) -> tuple[FloatArray, FloatArray]:
+        seen = seen_from(self._sums, self._corners, x, y)
+        near = np.nonzero(np.isfinite(seen))[0]
+        if len(near) == 0:
+            return seen, seen
+        return seen, (seen[near, None] + self._between[near]).min(axis=0)
 
 
 def _halved(blocked: BoolArray) -> BoolArray:
