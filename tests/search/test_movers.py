@@ -10,7 +10,15 @@ from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.model import Fluent
 from unified_planning.model.motion import ActivityWaypoints
 from unified_planning.plans import SequentialPlan
-from unified_planning.shortcuts import Equals, IntType, Not, OneshotPlanner
+from unified_planning.shortcuts import (
+    Equals,
+    GlobalEndTiming,
+    IntType,
+    Not,
+    Object,
+    OneshotPlanner,
+    UserType,
+)
 
 from tests.upio.hall import Hall, write_hall
 from up_samp.execution import dependencies_of
@@ -136,6 +144,41 @@ def test_the_validator_sees_that_another_robot_is_named(tmp_path):
     other = {"r0": "r1", "r1": "r0"}[str(plan.assignment[first])]
     plan.assignment[first] = manager.ObjectExp(problem.object(other))
     assert not validate_plan(problem, plan).valid
+
+
+@pytest.mark.parametrize("engine", ["samp-refine[cpsat]", "samp-refine[aries]"])
+def test_robot_origin_and_target_may_all_be_parameters(tmp_path, engine):
+    """As planning problems say it: go(robot, origin, target), with places that have poses."""
+    site = Site(tmp_path, ("near", "far"))
+    problem, hall = site.problem, site.hall
+    place = UserType("place")
+    places = {name: Object(f"at_{name}", place) for name in ("left0", "left1", "near", "far")}
+    problem.add_objects(places.values())
+    pose = problem.add_fluent(Fluent("pose", hall.place, p=place))
+    where = problem.add_fluent(Fluent("where", place, robot=hall.robot))
+    for name, obj in places.items():
+        problem.set_initial_value(pose(obj), hall.poses[name])
+    for k, robot in enumerate(hall.robots):
+        problem.set_initial_value(where(robot), places[f"left{k}"])
+    for k in range(2):
+        go = problem.add_motion_activity(f"go{k}", 1)
+        go.set_duration_bounds(1, 100)
+        who, origin, target = (
+            go.add_parameter(n, t) for n, t in (("r", hall.robot), ("f", place), ("t", place))
+        )
+        go.add_motion_constraint(ActivityWaypoints(who, pose(origin), [pose(target)]))
+        go.add_motion_effect(who, pose(target))
+        go.add_condition(go.start, Equals(where(who), origin))
+        go.add_effect(go.end, where(who), target)
+    for k, name in enumerate(("far", "near")):
+        problem.add_condition(GlobalEndTiming(), Equals(where(hall.robots[k]), places[name]))
+    plan = solve(problem, engine).plan
+    moved = {
+        str(plan.get(a.get_parameter("r"))): str(plan.get(a.get_parameter("t")))
+        for a in plan.activities
+    }
+    assert moved == {"r0": "at_far", "r1": "at_near"}
+    assert validate_plan(problem, plan).valid
 
 
 @pytest.mark.parametrize("kind", ["static_obstacles", "dynamic_obstacles_at_start"])

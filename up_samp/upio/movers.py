@@ -182,15 +182,21 @@ class _Put:
     def __init__(self, activity: MotionActivity, name: str, chosen: Mapping[Parameter, Object]):
         self.activity, self.name = activity, name
         manager = activity._environment.expression_manager
+        self._others: dict[FNode, FNode] = {}
         self._values = {manager.ParameterExp(p): manager.ObjectExp(o) for p, o in chosen.items()}
 
     def __call__(self, node: FNode) -> FNode:
         """Return an expression over objects."""
-        return node.substitute(self._values)
+        return node.substitute({**self._values, **self._others})
+
+    def also(self, parameter: Parameter, other: Parameter) -> None:
+        """Put a parameter in place of another one, where objects are put as well."""
+        manager = self.activity._environment.expression_manager
+        self._others[manager.ParameterExp(parameter)] = manager.ParameterExp(other)
 
     def speaks(self, nodes: Iterable[FNode]) -> bool:
         """Return whether some expression speaks of the parameters."""
-        return any(self(node) != node for node in nodes)
+        return any(node.substitute(self._values) != node for node in nodes)
 
     def timing(self, timing: Timing) -> Timing:
         """Return a time of the copy for one of the activity."""
@@ -246,6 +252,11 @@ def _copy(
     if whole:
         copy._parameters.update(activity._parameters)
         copy._constraints += activity._constraints
+    else:
+        for parameter in activity.parameters:
+            if parameter not in chosen:
+                own = parameter.name.removeprefix(f"{activity.name}.")
+                put.also(parameter, copy.add_parameter(own, parameter.type))
     lasts = activity.duration
     copy._set_duration_constraint(
         DurationInterval(
@@ -294,7 +305,13 @@ def _tie(
             manager.Equals(manager.ParameterExp(p), manager.ObjectExp(o)) for p, o in chosen.items()
         ]
         problem.add_constraint(manager.Iff(present, manager.And(*here, *values)))
-        for mine, its in ((copy.start, activity.start), (copy.end, activity.end)):
+        same = [(copy.start, activity.start), (copy.end, activity.end)]
+        rest = [p for p in activity.parameters if p not in chosen]
+        same += [
+            tuple(map(manager.ParameterExp, pair))
+            for pair in zip(copy.parameters, rest, strict=True)
+        ]
+        for mine, its in same:
             problem.add_constraint(manager.Equals(mine, its), scope=[copy.present])
         presences.append(present)
     # said once more, as it is recognised best

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
 from unified_planning.model import Effect, FNode, TimeInterval, Timing
 from unified_planning.model.scheduling import Activity, SchedulingProblem
+from unified_planning.model.walkers import ExpressionQuantifiersRemover
 
+from up_samp.model import UnsupportedError
 from up_samp.upio.spans import with_timings
 
 
@@ -43,6 +46,8 @@ class Watcher:
         self._parameters: dict[str | None, list[Any]] = {}
         self._activities: list[Activity] = []
         self._state: tuple[Any, ...] = ()
+        self._plain: set[int] = set()
+        """Numbers of expressions that have no quantifier in them."""
 
     def look(self) -> Additions:
         """Return what was appended since the last call (the first time: everything)."""
@@ -89,14 +94,16 @@ class Watcher:
             scoped
         ):
             new.rewritten = True
-        new.constraints += [(c, scope, activity) for c, scope in scoped[len(done) :]]
+        new.constraints += [
+            (self._written_out(c), [self._written_out(s) for s in scope], activity)
+            for c, scope in scoped[len(done) :]
+        ]
         self._constraints[key] = [c for c, _ in scoped]
         self._timed(self._conditions.setdefault(key, {}), chronicle.conditions, new, activity, True)
         self._timed(self._effects.setdefault(key, {}), chronicle.effects, new, activity, False)
 
-    @staticmethod
     def _timed(
-        seen: Any, now: Any, new: Additions, activity: Activity | None, is_cond: bool
+        self, seen: Any, now: Any, new: Additions, activity: Activity | None, is_cond: bool
     ) -> None:
         if any(t not in now for t in seen):
             new.rewritten = True
@@ -108,8 +115,47 @@ class Watcher:
                 new.rewritten = True
             target: list[Any] = new.conditions if is_cond else new.effects
             when = with_timings(time) if is_cond else time
-            target += [(when, item, activity) for item in items[len(old) :]]
+            added = items[len(old) :]
+            if is_cond:
+                added = [self._written_out(c) for c in added]
+            else:
+                added = [each for effect in added for each in self._each(effect)]
+            target += [(when, item, activity) for item in added]
             seen[time] = list(items)
+
+    def _each(self, effect: Effect) -> Iterator[Effect]:
+        """Yield an effect for each choice of objects for the variables it is "for all" of."""
+        plain = all(v.type.is_user_type() for v in effect.forall)
+        for each in effect.expand_effect(self.problem) if plain else (effect,):
+            value, condition = map(self._written_out, (each.value, each.condition))
+            if value is each.value and condition is each.condition:
+                yield each
+            else:
+                yield Effect(each.fluent, value, condition, each.kind, each.forall)
+
+    def _written_out(self, expression: FNode) -> FNode:
+        """Return an expression without quantifiers over objects."""
+        if not self._quantified(expression):
+            return expression
+        remover = ExpressionQuantifiersRemover(self.problem.environment)
+        return remover.remove_quantifiers(expression, self.problem)
+
+    def _quantified(self, expression: FNode) -> bool:
+        stack, met = [expression], []
+        while stack:
+            node = stack.pop()
+            if node.node_id in self._plain:
+                continue
+            if node.is_exists() or node.is_forall():
+                if not all(v.type.is_user_type() for v in node.variables()):
+                    raise UnsupportedError(
+                        f"cpsat quantifies over objects only, not as in '{node}'"
+                    )
+                return True
+            met.append(node.node_id)
+            stack.extend(node.args)
+        self._plain.update(met)
+        return False
 
     def _duration(self, activity: Activity, new: Additions) -> None:
         duration = activity.duration

@@ -65,7 +65,9 @@ class States(Readings):
     def add_effect(self, timing: Timing, effect: Effect, owner: ActivityVars | None) -> None:
         """Register the writes of an effect."""
         if effect.forall:
-            raise UnsupportedError(f"the forall effect '{effect}' is not supported by cpsat")
+            raise UnsupportedError(
+                f"cpsat knows effects for all objects, not for all of '{effect}'"
+            )
         if not (effect.is_assignment() or effect.is_increase() or effect.is_decrease()):
             raise UnsupportedError(f"the continuous effect '{effect}' is not supported by cpsat")
         if timing.timepoint.kind is TimepointKind.GLOBAL_END:
