@@ -26,6 +26,7 @@ class Rewriter:
         self.environment = environment
         self.above = above
         self._types: dict[Type, Type] = {}
+        self._names: set[str] = set()
         self._objects: dict[Object, Object] = {}
         self._fluents: dict[Fluent, Fluent] = {}
         self._met: dict[Fluent, None] = {}
@@ -42,7 +43,11 @@ class Rewriter:
             plain_father = None if father is None else self.type(father)
             if tpe.is_configuration_type():
                 plain_father = self.above
-            self._types[tpe] = self.environment.type_manager.UserType(tpe.name, plain_father)
+            name = tpe.name
+            while name in self._names:  # UP takes a configuration type and a user type of one name
+                name += "_"
+            self._names.add(name)
+            self._types[tpe] = self.environment.type_manager.UserType(name, plain_father)
         return self._types[tpe]
 
     def object(self, obj: Object) -> Object:
