@@ -1,10 +1,10 @@
 """Better plans of a fleet: some tours are withdrawn and decided anew among the others.
 
 Large-neighbourhood search (Shaw 1998; for paths of many robots: Li et al., "Anytime Multi-Agent
-Path Finding via Large Neighborhood Search", IJCAI 2021). Whose tour ends last goes first now,
-before some others; or it gives a job to another robot, or exchanges one with it. What is not
-withdrawn stays as it is, motions and times. A change is kept if the plan gets shorter, or if it
-does not and its tours do on the whole.
+Path Finding via Large Neighborhood Search", IJCAI 2021). One of the tours that end last is decided
+anew, with some of those that delay it or with any others, in a random order; or its robot gives a
+job to another one, or exchanges one with it. What is not withdrawn stays as it is, motions and
+times. A change is kept if the plan gets shorter, or if it does not and its tours do on the whole.
 """
 
 from __future__ import annotations
@@ -36,6 +36,8 @@ class Better:
     rng: random.Random
     tried: set[tuple[object, ...]] = field(default_factory=set)
     """Exchanges of jobs that did not help since the last change."""
+    delays: dict[str, set[str]] = field(default_factory=dict)
+    """Who delays a robot, as far as that was asked since the last change."""
 
     def improved(self, over: Callable[[], bool], deadline: Deadline) -> Iterator[Decided]:
         """Yield tours that are over sooner than all before, until it is ``over``."""
@@ -48,6 +50,7 @@ class Better:
                 continue
             self.best, stale = found, 0
             self.tried.clear()
+            self.delays.clear()
             if found.lean().makespan < before.lean().makespan:
                 yield found
 
@@ -60,10 +63,28 @@ class Better:
         return sorted(self.tours.robots, key=lambda r: (-ends.get(r, 0.0), r))
 
     def _other_order(self, deadline: Deadline) -> Decided | None:
-        """Return what comes of deciding the last tour before some others."""
-        worst, *others = self._ranked()
-        some = self.rng.sample(others, min(len(others), self.rng.randint(1, self.tuning.together)))
-        return self._anew(self.tours, [worst, *some], deadline)
+        """Return what comes of deciding one of the last tours anew, with those that delay it or
+        with any others, in a random order.
+        """
+        rng, ranked = self.rng, self._ranked()
+        last = ranked[min(int(rng.expovariate(1.0)), len(ranked) - 1)]
+        others = sorted(set(ranked) - {last})
+        many = min(len(others), rng.randint(1, self.tuning.together))
+        delaying = sorted(self._delaying(last, deadline)) if rng.random() < 0.7 else []
+        some = rng.sample(delaying, min(len(delaying), many))
+        some += rng.sample([r for r in others if r not in some], many - len(some))
+        if rng.random() < 0.5:
+            some.insert(0, last)
+        else:
+            some.append(last)
+            rng.shuffle(some)
+        return self._anew(self.tours, some, deadline)
+
+    def _delaying(self, robot: str, deadline: Deadline) -> set[str]:
+        """Return who delays a robot in the best tours."""
+        if robot not in self.delays:
+            self.delays[robot] = self.tours.delaying(self.best, robot, deadline)
+        return self.delays[robot]
 
     def _other_jobs(self, deadline: Deadline) -> Decided | None:
         """Return what comes of giving a job of the last tour to another robot."""
@@ -82,6 +103,8 @@ class Better:
     def _anew(self, tours: Tours, some: list[str], deadline: Deadline) -> Decided | None:
         """Return what comes of deciding some tours anew, in that order."""
         tours.limit = self.best.lean().makespan
+        # other ways are looked for now and then: that takes far longer than to wait on known ones
+        tours.looks = self.tuning.looks if self.rng.random() < self.tuning.looking else 0
         if not tours.adopt(self.best, some) or tours.decide(some, deadline) is not None:
             return None
         return tours.decided()

@@ -124,7 +124,7 @@ def exchanged(found: Deal, rng: random.Random, deadline: Deadline, *, again: boo
     """
     tuning, weigh = found.tuning, found.rehearsal.weight
     warm = tuning.cold + (tuning.warm - tuning.cold) * (tuning.warm_again if again else 1.0)
-    tries = math.ceil(tuning.exchanges * len(found.jobs.options) * (0.5 if again else 1.0))
+    tries = math.ceil(tuning.exchanges * len(found.jobs.options) * (0.25 if again else 1.0))
     tours = {robot: list(tour) for robot, tour in found.tours.items()}
     total = weigh(tours)
     best, least = dict(tours), total

@@ -113,7 +113,8 @@ def deals_of(search: Search, large: Large, deadline: Deadline) -> Iterator[Deal]
         rng = random.Random(search.seed + number)
         noise = tuning.deals.noise * min(number, 5)
         bias = biased(large.jobs, noise, rng)
-        yield deal(Rehearsal(guess, large.jobs, deals, bias), deadline, rng)
+        soon = deadline.within(large.tuning.dealing * deadline.remaining())
+        yield deal(Rehearsal(guess, large.jobs, deals, bias), soon, rng)
 
 
 def guess_of(search: Search, large: Large) -> Guess:

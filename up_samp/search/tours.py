@@ -98,6 +98,8 @@ class Tours(Decisions):
         self._dead: set[tuple[str, float]] = set()
         """Stays (motion, until) of the present tour from which there is no way on."""
         self._tries = 0
+        self.looks = self._tours.looks
+        """How often other ways from pose to pose are looked for, if one is known."""
         self.limit = math.inf
         """When all tours have to be over (units)."""
 
@@ -120,6 +122,19 @@ class Tours(Decisions):
         return all(
             self._adopted(r, decided.runs, decided.pins) for r in self.robots if r not in but
         )
+
+    def delaying(self, decided: Decided, robot: str, deadline: Deadline) -> set[str]:
+        """Return who is in the way of a robot's motions that take longer than they would alone."""
+        found = set[str]()
+        if not self.adopt(decided, [robot]):
+            return found
+        for name in self._chains[robot]:
+            motion, run = self._timed(name), decided.runs[name]
+            if run.arrival > motion.release + self._least(name) + self._tuning.grace:
+                found |= self._floor.in_the_way(motion, deadline)
+            if not self._take(name, replace(run, until=math.inf)):
+                break
+        return found & self._chains.keys() - {robot}
 
     def begin_anew(self, first: Sequence[str], deadline: Deadline) -> None:
         """Decide the tours of ``first`` before all others, of which those stay decided that are in
@@ -291,7 +306,10 @@ class Tours(Decisions):
         asked = replace(motion, present_until=until, due=due)
         ways = self._floor.ways(asked)
         best = self._floor.by_known_ways(asked)
-        if best is None or (best.arrival > due and ways.looks < self._tours.looks):
+        if best is None or best.arrival > due:
+            best = _sooner(best, self._floor.past_all_ends(asked, deadline))
+        most = self.looks + (best is None and until == math.inf)
+        if not ways.paths or (ways.looks < most and (best is None or best.arrival > due)):
             ways.looks += bool(ways.paths)
             best = _sooner(best, self._look(asked, deadline))
         if best is None or best.arrival > until:
@@ -303,13 +321,11 @@ class Tours(Decisions):
         """Return the best run on other ways than those that are known: with more and more effort,
         until it is good.
         """
-        best = self._floor.plan(asked, deadline, QUICK).run
-        if best is None or best.arrival > asked.due:
-            best = _sooner(best, self._floor.past_all_ends(asked, deadline))
-        for effort in range(QUICK + 1, self._tours.effort + 1):
+        best: TimedPath | None = None
+        for effort in range(QUICK, self._tours.effort + 1):
+            best = _sooner(best, self._floor.plan(asked, deadline, effort).run)
             if deadline.expired() or (best is not None and best.arrival <= asked.due):
                 break
-            best = _sooner(best, self._floor.plan(asked, deadline, effort).run)
         return best
 
     def _done(self, stretch: Sequence[str]) -> int:

@@ -185,7 +185,7 @@ class ToursTuning(Tunables):
     effort: int = tunable(1, "effort", "for one motion: speeds, lanes and detours", least=0, most=3)
     tries: int = tunable(200, "motions", "tried for one tour", least=1)
     looks: int = tunable(
-        2, "times", "that other ways from pose to pose are looked for, if one is known", least=0
+        1, "times", "that other ways from pose to pose are looked for, if one is known", least=0
     )
     pressed: float = share_of(
         0.8, "of the longest tour's time alone: who has less to spare is decided before others"
@@ -241,6 +241,7 @@ class LargeTuning(Tunables):
     share: float = share_of(
         0.6, "of all time, for a first plan by dealing out jobs; then the usual search has its turn"
     )
+    dealing: float = share_of(0.3, "of what is left of that, for dealing jobs out once")
     turn: float = share_of(0.6, "of what is left of that, for one share of the jobs")
     deals: int = tunable(8, "shares of the jobs", "at most, until there is a plan", least=1)
     unscheduled: int = tunable(
@@ -258,9 +259,15 @@ class LargeTuning(Tunables):
     drives: int = tunable(
         3000, "drives", "at most, that the planner is asked for to raise the bound", least=0
     )
-    stale: int = tunable(150, "changes", "of tours in a row that may bring nothing", least=1)
-    jobs: float = share_of(0.5, "of the changes, that give a job to another robot")
-    together: int = tunable(3, "tours", "at most, that the last one is decided before", least=1)
+    stale: int = tunable(1_000, "changes", "of tours in a row that may bring nothing", least=1)
+    jobs: float = share_of(0.1, "of the changes, that give a job to another robot")
+    looks: int = tunable(
+        4, "times", "that other ways from pose to pose are looked for, for better tours", least=0
+    )
+    looking: float = share_of(0.1, "of the changes, in which other ways are looked for")
+    together: int = tunable(
+        5, "tours", "at most, that are decided anew with one of the last", least=1
+    )
     choice: int = tunable(
         6, "exchanges of jobs", "that look best, of which one is tried at random", least=1
     )

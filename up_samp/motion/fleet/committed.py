@@ -14,7 +14,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from up_samp.model import Body, Configuration, Deadline, Placed, Rest, TimedMotion
-from up_samp.motion.fleet.detours import is_good
+from up_samp.motion.fleet.detours import is_good, met_at_full_speed
 from up_samp.motion.fleet.one_robot import Attempt, plan_one
 from up_samp.motion.fleet.paths import Path
 from up_samp.motion.fleet.priority_search import Group, alone, climb
@@ -85,6 +85,16 @@ class Committed:
             if is_good(best, motion):
                 break
         return best
+
+    def in_the_way(self, motion: TimedMotion, deadline: Deadline) -> set[str]:
+        """Return who is met if a motion drives its best path as soon as it may."""
+        path = self._workspace.path(motion.body, motion.poses, (), deadline)
+        if not isinstance(path, Path):
+            return set()
+        window = Window(self.arrival(motion.object), motion.release)
+        others = self._others({motion.object}, motion.release)
+        met = met_at_full_speed(self._workspace, motion, window, path, others)
+        return {run.object for run, _, _ in met}
 
     def past_all_ends(self, motion: TimedMotion, deadline: Deadline) -> TimedPath | None:
         """Return the earliest run of a motion on its best path past the places where all others
