@@ -192,3 +192,10 @@ class Decisions:
                     place = change.configuration
             found.append(Rest(door, snapshot.objects[door].body, snapshot.configurations[place]))
         self._floor.place(found)
+
+
+def sooner(one: TimedPath | None, other: TimedPath | None) -> TimedPath | None:
+    """Return the run that arrives first, of those that there are."""
+    if one is None or other is None:
+        return one or other
+    return one if one.arrival <= other.arrival else other

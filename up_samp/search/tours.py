@@ -29,7 +29,7 @@ from up_samp.motion.fleet.committed import Committed
 from up_samp.motion.fleet.timed_path import TimedPath
 from up_samp.scheduling.partial_order import Earliest
 from up_samp.search.decided import Decided
-from up_samp.search.decisions import QUICK, Decisions, alone, can_decide, times_of
+from up_samp.search.decisions import QUICK, Decisions, alone, can_decide, sooner, times_of
 from up_samp.search.events import Phase
 from up_samp.search.search import Search
 from up_samp.search.world import motion_key
@@ -307,11 +307,11 @@ class Tours(Decisions):
         ways = self._floor.ways(asked)
         best = self._floor.by_known_ways(asked)
         if best is None or best.arrival > due:
-            best = _sooner(best, self._floor.past_all_ends(asked, deadline))
+            best = sooner(best, self._floor.past_all_ends(asked, deadline))
         most = self.looks + (best is None and until == math.inf)
         if not ways.paths or (ways.looks < most and (best is None or best.arrival > due)):
             ways.looks += bool(ways.paths)
-            best = _sooner(best, self._look(asked, deadline))
+            best = sooner(best, self._look(asked, deadline))
         if best is None or best.arrival > until:
             return None
         ways.paths.setdefault(best.path.number, best.path)
@@ -323,7 +323,7 @@ class Tours(Decisions):
         """
         best: TimedPath | None = None
         for effort in range(QUICK, self._tours.effort + 1):
-            best = _sooner(best, self._floor.plan(asked, deadline, effort).run)
+            best = sooner(best, self._floor.plan(asked, deadline, effort).run)
             if deadline.expired() or (best is not None and best.arrival <= asked.due):
                 break
         return best
@@ -344,10 +344,3 @@ class Tours(Decisions):
     def _least(self, name: str) -> float:
         """Return the least time (s) that a motion takes."""
         return self._facts.seconds(self._end(name) - self._start(name))
-
-
-def _sooner(one: TimedPath | None, other: TimedPath | None) -> TimedPath | None:
-    """Return the run that arrives first, of those that there are."""
-    if one is None or other is None:
-        return one or other
-    return one if one.arrival <= other.arrival else other
