@@ -13,6 +13,7 @@ from up_samp.model.refinement import (
     Elsewhere,
     End,
     Exclusive,
+    FirstUsed,
     Lasts,
     Literal,
     Overlap,
@@ -47,6 +48,10 @@ def holds(
         return end - start >= statement.at_least
     if isinstance(statement, Requires):
         return _meets_requirement(statement, schedule, places, early)
+    if isinstance(statement, FirstUsed):
+        used = [schedule.times.get(name) for name in statement.activities]
+        starts = [times[0] for times in used if times is not None]
+        return used[: len(starts)].count(None) == 0 and starts == sorted(starts)
     return _fits_place(statement, schedule)
 
 

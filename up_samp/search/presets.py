@@ -31,6 +31,7 @@ from up_samp.search.params import SWITCHES, Parameters
 from up_samp.search.repair import Repairing
 from up_samp.search.search import Search
 from up_samp.search.slack import Slack
+from up_samp.search.statements.copies import used_in_order
 from up_samp.search.statements.durations import fastest_durations, lower_bounds
 from up_samp.search.statements.handovers import guessed_handovers, proven_handovers
 from up_samp.search.statements.unary_places import unary_places
@@ -59,6 +60,10 @@ def _statements(tuning: SearchTuning) -> Sequence[tuple[Statement, Ideas]]:
         return fastest_durations(search.motions, search.knowledge, tuning.durations, tell)
 
     return (
+        (
+            Statement("copies of activities", lambda s: used_in_order(s.knowledge)),
+            ("bounds_first", "native"),
+        ),
         (
             Statement("lower bounds on motions", lambda s: lower_bounds(s.motions, s.knowledge)),
             ("bounds_first",),

@@ -54,6 +54,8 @@ class Relaxation:
     early: dict[str, int] = field(default_factory=dict)
     reachable: dict[FNode, tuple[str, ...]] = field(default_factory=dict)
     """What each of the problem's ground fluents may hold, as far as it was asked."""
+    orders: set[FNode] = field(default_factory=set)
+    """Constraints that tell which of several activities is used first, where that is no matter."""
     told_fluents: dict[str, FNode] = field(default_factory=dict)
     """Fluents that motions name as configurations, by how the problem writes them."""
 

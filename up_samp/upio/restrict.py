@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Set
+
 from unified_planning.model import FNode
 from unified_planning.model.scheduling import Activity, SchedulingProblem
 from unified_planning.model.scheduling.chronicle import Chronicle
@@ -73,7 +75,7 @@ def restricted(
     """
     source = relaxation.problem
     target = source.clone()
-    fix = PresenceFixer(source, schedule, free)
+    fix = PresenceFixer(source, schedule, free, relaxation.orders)
     target._activities = []
     for activity in source.activities:
         if activity.name not in schedule.times:
@@ -94,11 +96,17 @@ class PresenceFixer:
     Start, end and parameters of an absent activity have no value; a relation over them is neither
     true nor false, and a constraint that is not false holds (Kleene's logic, as the validator
     reads it). So such a relation counts as true where it stands, and as false under a negation.
+    Of ``orders`` nothing is kept: which of several is there is decided.
     """
 
     def __init__(
-        self, problem: SchedulingProblem, schedule: CandidateSchedule, free: frozenset[str]
+        self,
+        problem: SchedulingProblem,
+        schedule: CandidateSchedule,
+        free: frozenset[str],
+        orders: Set[FNode] = frozenset(),
     ):
+        self.orders = orders
         self.free = {a.name for a in problem.activities if a.optional and a.name in free}
         self.manager = problem.environment.expression_manager
         self.present = set(schedule.times)
@@ -111,6 +119,8 @@ class PresenceFixer:
         """Copy constraints with presence decided."""
         target._constraints = []
         for constraint, scope in source._constraints:
+            if constraint in self.orders:
+                continue
             # a scope that is not known to be true does not bind
             if any(self(s, positive=False).is_false() for s in scope):
                 continue

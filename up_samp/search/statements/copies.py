@@ -1,0 +1,17 @@
+"""Copies of one activity: which of them is used is no decision."""
+
+from __future__ import annotations
+
+from up_samp.model.refinement import Refinement
+from up_samp.refinement import rules
+from up_samp.search.knowledge import Knowledge
+from up_samp.upio.interchangeable import interchangeable
+
+
+def used_in_order(knowledge: Knowledge) -> list[Refinement]:
+    """State that of interchangeable activities the first ones are used first; nothing, where
+    something was learned of single activities before.
+    """
+    if knowledge.active:
+        return []
+    return [rules.used_in_order(some) for some in interchangeable(knowledge.relaxation)]

@@ -1,0 +1,224 @@
+"""Activities that are the same but for their names: which of them is used is no decision.
+
+Authors who name goals by parameters write as many copies of an activity as may be needed. To
+exchange two copies in a plan makes another plan that is as good; so some best plan uses the first
+ones first, in their order. Two activities are interchangeable if the problem is the same after all
+that is said of the one is said of the other, and the other way round.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from unified_planning.model import Effect, FNode, TimeInterval, Timing
+from unified_planning.model.operators import OperatorKind as Op
+from unified_planning.model.scheduling import Activity
+
+from up_samp.model import check_time
+from up_samp.upio.relaxation import Relaxation
+
+_UNORDERED = frozenset((Op.AND, Op.OR, Op.EQUALS, Op.IFF, Op.PLUS, Op.TIMES))
+_SELF = "#"
+Names = Mapping[str, str]
+"""Activity -> what it is called instead."""
+
+
+def interchangeable(relaxation: Relaxation) -> list[tuple[str, ...]]:
+    """Return the sets of optional activities of which any two are interchangeable, in order.
+
+    Looks at the relaxation as it is: ask before anything is learned of single activities.
+    """
+    problem = relaxation.problem
+    if not all(m.is_minimize_makespan() for m in problem.quality_metrics):
+        return []
+    keys = _Keys()
+    alike: dict[Any, list[Activity]] = {}
+    for activity in problem.activities:
+        check_time()
+        if activity.optional:
+            alike.setdefault(_rough(activity), []).append(activity)
+    groups = [some for rough in alike.values() for some in _same(relaxation, rough, keys)]
+    names = {a.name for some in groups for a in some}
+    if not names:
+        return []
+    said = _Said(relaxation, names, keys)
+    found = []
+    for some in groups:
+        chain = [some[0].name]
+        for one, other in itertools.pairwise(some):
+            if not said.exchangeable(one.name, other.name):
+                found.append(tuple(chain))
+                chain = []
+            chain.append(other.name)
+        found.append(tuple(chain))
+    return [chain for chain in found if len(chain) > 1]
+
+
+def _rough(activity: Activity) -> Any:
+    """Return a key that activities which are the same have in common, at little cost."""
+    bounds = activity.duration
+    return (
+        bounds.lower.node_id,
+        bounds.upper.node_id,
+        tuple(p.type for p in activity.parameters),
+        sum(map(len, activity.conditions.values())),
+        sum(map(len, activity.effects.values())),
+        len(activity._constraints),
+    )
+
+
+def _same(relaxation: Relaxation, some: list[Activity], keys: _Keys) -> Iterator[list[Activity]]:
+    """Yield those that are the same in themselves, but for what constraints say of them."""
+    groups: dict[Any, list[Activity]] = {}
+    for activity in some if len(some) > 1 else ():
+        check_time()
+        groups.setdefault(_own(relaxation, activity, keys), []).append(activity)
+    yield from (group for group in groups.values() if len(group) > 1)
+
+
+def _own(relaxation: Relaxation, activity: Activity, keys: _Keys) -> Any:
+    me = {activity.name: _SELF}
+    bounds, snapshot = activity.duration, relaxation.snapshot
+    conditions = Counter(
+        (*keys.span(span, me), keys.of(node, me))
+        for span, nodes in activity.conditions.items()
+        for node in nodes
+    )
+    effects = Counter(
+        (keys.timing(timing, me), e.kind, *(keys.of(n, me) for n in _nodes(e)))
+        for timing, some in activity.effects.items()
+        for e in some
+    )
+    motions = [
+        (t.index, t.object, t.static, t.dynamic, t.map, _terms(t.terms, activity))
+        for t in snapshot.tasks_of(activity.name)
+        if not t.rides
+    ]
+    changes = [
+        (c.object, _terms((c.term,), activity))
+        for c in snapshot.changes
+        if c.activity == activity.name
+    ]
+    every = (e for some in activity.effects.values() for e in some)
+    whole = len(motions) == len(snapshot.tasks_of(activity.name)) and not any(
+        e.forall for e in every
+    )
+    return (
+        (bounds.is_left_open(), bounds.is_right_open()),
+        tuple(keys.of(n, me) for n in (bounds.lower, bounds.upper)),
+        tuple(p.name.rpartition(".")[2] for p in activity.parameters),
+        frozenset(conditions.items()),
+        frozenset(effects.items()),
+        tuple(motions),
+        tuple(changes),
+        None if whole else activity.name,  # what is not looked at is like nothing else
+    )
+
+
+def _terms(terms: Iterable[Any], activity: Activity) -> tuple[Any, ...]:
+    return tuple((t.kind, t.name.replace(f"{activity.name}.", f"{_SELF}.")) for t in terms)
+
+
+class _Said:
+    """What constraints say of some activities, and whether anything else speaks of them."""
+
+    def __init__(self, relaxation: Relaxation, names: set[str], keys: _Keys) -> None:
+        self._keys = keys
+        self._by_name: dict[str, list[tuple[str, FNode, list[FNode]]]] = {n: [] for n in names}
+        self._elsewhere: set[str] = set()
+        problem = relaxation.problem
+        for owner in (problem._base, *problem.activities):
+            check_time()
+            me = owner.name if isinstance(owner, Activity) else ""
+            for node, scope in owner._constraints:
+                spoken = keys.names(node).union(*map(keys.names, scope), (me,))
+                for name in spoken & names:
+                    self._by_name[name].append((me, node, scope))
+            for node in _others(owner):
+                self._elsewhere |= (keys.names(node) - {me}) & names
+
+    def exchangeable(self, one: str, other: str) -> bool:
+        """Return whether constraints say the same after two activities have been exchanged."""
+        check_time()
+        if self._elsewhere & {one, other}:
+            return False
+        both = {
+            (me, node.node_id, tuple(s.node_id for s in scope)): (me, node, scope)
+            for name in (one, other)
+            for me, node, scope in self._by_name[name]
+        }.values()
+        as_it_is, exchanged = {one: one, other: other}, {one: other, other: one}
+        return Counter(self._key(c, as_it_is) for c in both) == Counter(
+            self._key(c, exchanged) for c in both
+        )
+
+    def _key(self, constraint: tuple[str, FNode, list[FNode]], names: Names) -> Any:
+        me, node, scope = constraint
+        inside = frozenset(self._keys.of(s, names) for s in scope)
+        return names.get(me, me), self._keys.of(node, names), inside
+
+
+def _others(owner: Any) -> Iterator[FNode]:
+    """Yield all expressions of an activity, or of the problem, that are no constraints."""
+    for nodes in owner.conditions.values():
+        yield from nodes
+    for effects in owner.effects.values():
+        for effect in effects:
+            yield from _nodes(effect)
+    if isinstance(owner, Activity):
+        yield from (owner.duration.lower, owner.duration.upper)
+
+
+def _nodes(effect: Effect) -> tuple[FNode, FNode, FNode]:
+    return effect.fluent, effect.value, effect.condition
+
+
+class _Keys:
+    """Expressions with activities called by other names, as values to compare."""
+
+    def __init__(self) -> None:
+        self._names: dict[int, frozenset[str]] = {}
+
+    def names(self, node: FNode) -> frozenset[str]:
+        """Return the activities that an expression speaks of."""
+        found = self._names.get(node.node_id)
+        if found is None:
+            found = frozenset[str]().union(*map(self.names, node.args))
+            if node.node_type is Op.TIMING_EXP:
+                found |= {str(node.timing().timepoint.container or "")}
+            elif node.node_type is Op.PRESENT_EXP:
+                found |= {str(node.presence().container)}
+            elif node.node_type is Op.PARAM_EXP:
+                found |= {node.parameter().name.rpartition(".")[0]}
+            self._names[node.node_id] = found
+        return found
+
+    def of(self, node: FNode, names: Names) -> Any:
+        """Return an expression as a value, with activities renamed."""
+        if self.names(node).isdisjoint(names):
+            return node.node_id
+        kind = node.node_type
+        if kind is Op.TIMING_EXP:
+            return (kind, *self.timing(node.timing(), names))
+        if kind is Op.PRESENT_EXP:
+            name = str(node.presence().container)
+            return kind, names.get(name, name)
+        if kind is Op.PARAM_EXP:
+            owner, _, name = node.parameter().name.rpartition(".")
+            return kind, names.get(owner, owner), name
+        parts = [self.of(arg, names) for arg in node.args]
+        inside = frozenset(Counter(parts).items()) if kind in _UNORDERED else tuple(parts)
+        return kind, str(node.fluent()) if kind is Op.FLUENT_EXP else "", inside
+
+    def timing(self, timing: Timing, names: Names) -> tuple[Any, ...]:
+        """Return a timing as a value."""
+        point = timing.timepoint
+        return point.kind, names.get(point.container or "", point.container), timing.delay
+
+    def span(self, span: TimeInterval, names: Names) -> tuple[Any, ...]:
+        """Return an interval as a value."""
+        ends = self.timing(span.lower, names), self.timing(span.upper, names)
+        return (*ends, span.is_left_open(), span.is_right_open())
