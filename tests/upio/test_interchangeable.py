@@ -8,7 +8,8 @@ from tests.metamorphic.motions import MotionStyle, write
 from tests.metamorphic.sites import haulage, shop
 from tests.upio.hall import Hall
 from up_samp.model import CandidateSchedule, Deadline, ScheduleStatus
-from up_samp.refinement import holds, rules
+from up_samp.model.refinement import FirstUsed, Layer, Refinement, Strength
+from up_samp.refinement import holds
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.upio import read_problem, relax, write_refinement
 from up_samp.upio.interchangeable import interchangeable
@@ -99,18 +100,18 @@ def test_what_is_said_of_each_alike_tells_no_difference(hall):
 def test_the_first_ones_are_used_first(hall):
     constrained(hall, "all alike")
     relaxation = relax(hall.problem, read_problem(hall.problem))
-    order = rules.used_in_order(["out0", "out1", "out2"])
-    write_refinement(relaxation, order)
+    order = FirstUsed(("out0", "out1", "out2"))
+    write_refinement(relaxation, Refinement(order, Layer.BOUND, Strength.PROVEN, "test"))
     session = CpsatSession(relaxation.problem, workers=1)
     report = session.solve(Deadline.after(20))
     assert report.status is ScheduleStatus.OPTIMAL
     assert report.schedule.times.keys() & {"out0", "out1", "out2"} == {"out0"}
-    assert holds(order.statement, report.schedule, lambda *_: set())
+    assert holds(order, report.schedule, lambda *_: set())
     times = {"out1": (0, 9), "other": (11, 14)}
     another = CandidateSchedule(times)
-    assert not holds(order.statement, another, lambda *_: set())
+    assert not holds(order, another, lambda *_: set())
     late = CandidateSchedule({"out0": (9, 18), "out1": (0, 9)})
-    assert not holds(order.statement, late, lambda *_: set())
+    assert not holds(order, late, lambda *_: set())
     # what is decided may be anything that is valid
     rest = restricted(relaxation, another)
     assert CpsatSession(rest, workers=1).solve(Deadline.after(20)).status is ScheduleStatus.OPTIMAL

@@ -17,7 +17,6 @@ from up_samp.model.refinement import (
     Differs,
     Elsewhere,
     Exclusive,
-    FirstUsed,
     Given,
     Lasts,
     Layer,
@@ -186,12 +185,6 @@ def unless_longer(cut: Refinement, activity: str, units: int) -> Refinement:
     assert isinstance(cut.statement, Clause)
     longer = Apart(start_of(activity), end_of(activity), units)
     return replace(cut, statement=Clause((*cut.statement.literals, longer)), layer=Layer.TEMPORAL)
-
-
-def used_in_order(activities: Iterable[str]) -> Refinement:
-    """State that of activities which may be exchanged the first ones are used first."""
-    why = "they are the same but for their names"
-    return Refinement(FirstUsed(tuple(activities)), Layer.BOUND, Strength.PROVEN, why)
 
 
 def unary_place(

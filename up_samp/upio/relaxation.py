@@ -107,9 +107,7 @@ class Relaxation:
 
     @cached_property
     def given_effects(self) -> dict[Fluent, list[Effect]]:
-        """The effects on each of the problem's own fluents (as they were before the states of the
-        relaxation were added: those are of fluents of their own).
-        """
+        """The effects on each of the problem's own fluents (states that are added have others)."""
         found: dict[Fluent, list[Effect]] = {}
         for effect in every_effect(self.problem):
             found.setdefault(effect.fluent.fluent(), []).append(effect)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from up_samp.model.refinement import Refinement
-from up_samp.refinement import rules
+from up_samp.model.refinement import FirstUsed, Layer, Refinement, Strength
 from up_samp.search.knowledge import Knowledge
 from up_samp.upio.interchangeable import interchangeable
 
@@ -14,4 +13,8 @@ def used_in_order(knowledge: Knowledge) -> list[Refinement]:
     """
     if knowledge.active:
         return []
-    return [rules.used_in_order(some) for some in interchangeable(knowledge.relaxation)]
+    why = "they are the same but for their names"
+    return [
+        Refinement(FirstUsed(some), Layer.BOUND, Strength.PROVEN, why)
+        for some in interchangeable(knowledge.relaxation)
+    ]

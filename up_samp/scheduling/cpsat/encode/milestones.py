@@ -117,8 +117,9 @@ class _Reader:
             return None
         # first + const <= then, and the helper's end is at most ``late`` after ``first``
         late = self._states.difference(helper.end, Lin(((first[0], 1),)))[1]
-        gap = cmp.const - late
-        return ((helper.index, gap), activity, Lin(((then[0], 1),))) if gap >= 0 else None
+        gap, point = cmp.const - late, Lin(((then[0], 1),))
+        ended = gap + self._states.difference(activity.end, point)[0] >= 0
+        return ((helper.index, gap), activity, point) if ended else None
 
     def _whose(self, var: int, needs: tuple[Literal, ...]) -> ActivityVars | None:
         """Return whose time a variable is (alternatives may share one)."""

@@ -227,12 +227,10 @@ class Decoder:
                 continue
             if any(self._closed(entry) for entry in robot.route.entries.get(to, ())):
                 continue
-            options += [
-                (to in wanted, m.least, m.name, m) for m in moves if m.name not in robot.used
-            ]
+            options += [(to in wanted, m.least, m) for m in moves if m.name not in robot.used]
         if not options:
             raise DeadEnd
-        self._move(number, min(options)[3], depth)
+        self._move(number, min(options, key=lambda o: o[:2])[2], depth)
 
     def _closed(self, entry: Entry) -> bool:
         if self.work.initial.get(entry.state) in entry.allowed:

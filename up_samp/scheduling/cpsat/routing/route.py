@@ -119,7 +119,8 @@ class Route:
             self.travel[a, a] = 0
         for (a, b), moves in self.hops.items():
             self.travel[a, b] = min(m.least for m in moves) + self.step
-            choices = sorted(moves, key=lambda m: (m.least, m.name))
+            # of copies of one move, the first ones are used first, as the problem has them
+            choices = sorted(moves, key=lambda m: m.least)
             self._leaving.setdefault(a, []).append((b, choices))
         for a in order:
             for b in self.free - {a}:
