@@ -2,6 +2,7 @@
 
 import itertools
 import random
+from dataclasses import replace
 from unittest import mock
 
 import pytest
@@ -19,6 +20,7 @@ from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
 from up_samp.scheduling.cpsat.routing.list_scheduling import decode
 from up_samp.scheduling.cpsat.routing.sequels import steps_of, times_of
+from up_samp.scheduling.cpsat.routing.sequences import Sequences
 from up_samp.scheduling.cpsat.routing.workload import WorkBound, bound_by_work
 from up_samp.scheduling.cpsat.solve import strategy
 from up_samp.upio.plan import build_schedule
@@ -224,3 +226,38 @@ def test_a_known_schedule_ends_the_search_for_a_bound():
     assert found.value == best
     assert not found.sequences.found
     assert bound_by_work(model, work, value=best - 3).value == best - 3
+
+
+def test_twins_are_told_apart_by_nothing():
+    """Robots that are alike stand in for each other: fewer beginnings, the same bound, and what is
+    found says who does what.
+    """
+    problem = Still(shop(3, 2, 2, seed=2), Style(), 0, narrow=True).problem
+    model = ScheduleModel(problem)
+    work = find_work(model, find_routes(model))
+    found = bound_by_work(model, work)
+    sequences = found.sequences
+    assert sequences.twins.groups == [[0, 1, 2]]
+    alone = Sequences(sequences.rules, 10**6)
+    alone.__dict__["twins"] = replace(sequences.twins, groups=[])
+    for some in (alone, twins := sequences.anew(10**6)):
+        assert some.refuted(found.value - 1, lambda: False)
+        assert not some.refuted(found.value + 2, lambda: False)
+    assert twins.seen[0] < alone.seen[0]
+    for some in (alone, twins):
+        for path in some.found:
+            assert can_be_travelled(some.rules, path)
+
+
+def can_be_travelled(rules, path):
+    """Return whether everybody has the time to come to what it does next."""
+    for axis, ways in enumerate(rules.ways):
+        here, free = ways.number[ways.route.initial], 0
+        for number, start in path:
+            choice = rules.choices[number]
+            if choice.traveller == axis:
+                moves = here != choice.place
+                if start < free + ways.travel[here, choice.place] - moves * choice.late:
+                    return False
+                here, free = choice.place, start + rules.lengths[number] + rules.gaps[axis]
+    return sorted(rules.choices[n].task for n, _ in path) == list(range(len(path)))

@@ -33,8 +33,8 @@ class Labels:
     it can leave that place; -1: it may have left already. ``ready`` (for each place, too): when it
     can do something there, or go on from there. All of these are lower bounds. ``used``: bits of
     moves that are used up. ``spent``: how much of its time is spent at least, be it with waiting.
-    ``parent``: the row that it was made from, among the labels with one
-    task less.
+    ``turned``: who of its parent's travellers each one is (twins are exchanged). ``parent``: the
+    row that it was made from, among the labels with one task less.
     """
 
     done: Any
@@ -44,6 +44,7 @@ class Labels:
     ready: Any
     used: Any
     spent: Any
+    turned: Any
     parent: Any
 
     def __len__(self) -> int:
@@ -58,7 +59,8 @@ class Labels:
         zero = np.zeros((1, count), dtype=np.int64)
         nothing = np.full((1, count), -1, dtype=np.int64)
         none = np.zeros(1, dtype=np.int64)
-        return Labels(none, nothing, zero, zero, ready[None], zero, zero, none)
+        own = np.arange(count)[None]
+        return Labels(none, nothing, zero, zero, ready[None], zero, zero, own, none)
 
     def rows(self, which: Any) -> Labels:
         """Return some of the labels (numbers or a mask)."""
@@ -66,11 +68,12 @@ class Labels:
 
     def _columns(self) -> tuple[Any, ...]:
         times = self.free, self.leave, self.ready
-        return self.done, self.last, *times, self.used, self.spent, self.parent
+        return self.done, self.last, *times, self.used, self.spent, self.turned, self.parent
 
     def numbered(self) -> Labels:
         """Return the labels as parents of those that are made from them."""
-        return replace(self, parent=np.arange(len(self)))
+        own = np.broadcast_to(np.arange(self.last.shape[1]), self.last.shape)
+        return replace(self, turned=own, parent=np.arange(len(self)))
 
     def bare(self) -> Labels:
         """Return the labels without what only those that are made from them need."""

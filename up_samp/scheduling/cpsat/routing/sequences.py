@@ -23,12 +23,14 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from up_samp.scheduling.cpsat.routing.labels import NEAR, Labels
 from up_samp.scheduling.cpsat.routing.rules import Rules
 from up_samp.scheduling.cpsat.routing.steps import Steps
+from up_samp.scheduling.cpsat.routing.twins import Twins
 from up_samp.scheduling.cpsat.routing.ways import NEVER
 
 Found = list[tuple[int, int]]
@@ -106,7 +108,7 @@ class Sequences:
             labels = steps.hopeful(Labels.joined(following)) if following else labels.rows([])
             if not len(labels):
                 return None
-            labels = labels.undominated(NEAR, over)
+            labels = self.twins.ordered(labels).undominated(NEAR, over)
             if 0 < width < len(labels):
                 total = labels.spent.sum(1) + self.rules.rest(labels.done, labels.last)
                 labels = labels.rows(np.sort(np.argsort(total, kind="stable")[:width]))
@@ -117,17 +119,30 @@ class Sequences:
 
     def _path(self, layers: list[Labels], row: int) -> Found:
         """Return how one of the last labels was come to."""
-        choices = self.rules.choices
+        rows = [row]
+        for after in layers[:0:-1]:
+            rows.append(int(after.parent[rows[-1]]))
+        who = np.arange(layers[0].last.shape[1])
         path = []
-        for before, after in reversed(list(itertools.pairwise(layers))):
-            parent = int(after.parent[row])
-            task = (int(after.done[row]) & ~int(before.done[parent])).bit_length() - 1
-            number = next(int(c) for c in after.last[row] if c >= 0 and choices[c].task == task)
-            axis = choices[number].traveller
-            busy = self.rules.lengths[number] + self.rules.gaps[axis]
-            path.append((number, int(after.free[row, axis] - busy)))
-            row = parent
-        return path[::-1]
+        pairs = zip(itertools.pairwise(layers), itertools.pairwise(rows[::-1]), strict=True)
+        for (before, after), (one, other) in pairs:
+            task = (int(after.done[other]) & ~int(before.done[one])).bit_length() - 1
+            last = after.last[other].tolist()
+            axis = next(a for a, c in enumerate(last) if c >= 0 and self._task(c) == task)
+            busy = self.rules.lengths[last[axis]] + self.rules.gaps[axis]
+            who = who[after.turned[other]]
+            # a twin stands in for who did it
+            number = last[axis] if who[axis] == axis else self.twins.same[last[axis], who[axis]]
+            path.append((int(number), int(after.free[other, axis] - busy)))
+        return path
+
+    def _task(self, choice: int) -> int:
+        return self.rules.choices[choice].task
+
+    @cached_property
+    def twins(self) -> Twins:
+        """Who of the travellers is like whom."""
+        return Twins.of(self.rules)
 
 
 def raised(sequences: Sequences, known: int, over: Callable[[], bool], value: int = 0) -> int:
