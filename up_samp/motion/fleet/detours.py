@@ -13,7 +13,9 @@ from up_samp.model import (
     TimedMotion,
 )
 from up_samp.motion.fleet.cell_times import TIMES, shared_stretch
+from up_samp.motion.fleet.conflicts import separation
 from up_samp.motion.fleet.lanes import lane_offsets
+from up_samp.motion.fleet.margins import ROOM
 from up_samp.motion.fleet.paths import Path
 from up_samp.motion.fleet.timed_path import TimedPath, run_of
 from up_samp.motion.fleet.timings import natural_timing
@@ -123,7 +125,9 @@ def _virtual_obstacles(
 ) -> list[Placed]:
     """Return copies of the runs that were met, where their path conflicts with ``path``.
 
-    Copies over the first and the last pose of the motion are left out: it has to be there.
+    Copies over the first and the last pose of the motion are left out: it has to be there. So are
+    those that are closer to them than the margin: with these, no way would keep more of it, from
+    anything.
     """
     virtual: list[Placed] = []
     copies = workspace.tuning.detours.copies
@@ -142,8 +146,17 @@ def _virtual_obstacles(
             pose = (float(row[0]), float(row[1]), math.atan2(row[3], row[2]))
             rest = workspace.resting(other.path.body, pose)
             blocked = workspace.conflicts(path, rest)[:, 0]
-            if 0 in blocked or path.cells + 1 in blocked:
+            if 0 in blocked or path.cells + 1 in blocked or _crowds(workspace, path, rest):
                 continue
             last = row[:2]
             virtual.append(Placed(f"{other.object}~{j}", other.path.body, pose))
     return virtual
+
+
+def _crowds(workspace: Workspace, path: Path, rest: Path) -> bool:
+    """Return whether a resting body is closer than the margin to one of a path's ends."""
+    enough = workspace.margin + ROOM
+    return any(
+        separation(end, path.hull, rest.poses[0], rest.hull, enough) < enough
+        for end in path.poses[[0, -1]]
+    )

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from up_samp.geometry.meshes import Mesh, mesh_of, nested, surface_distance, transform
 from up_samp.model import Body, Configuration, Trajectory
+from up_samp.motion.fleet.margins import eased
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -120,7 +121,7 @@ def margin_of(a: Flight, b: Flight, wish: float) -> float:
     if len(a.trajectory.times) == 1 or len(b.trajectory.times) == 1:
         return 0.0  # the path planner kept its margin from what rests
     least = min(gap(a, in_space(p), b, in_space(q)) for p, q in itertools.product(a.ends, b.ends))
-    return min(wish, 0.5 * least)
+    return eased(wish, least)
 
 
 def first_contact(a: Flight, b: Flight, wish: float) -> float:

@@ -23,13 +23,24 @@ def wished(scene: Scene | None) -> float:
     return MARGIN if scene is None else scene.margin
 
 
+ROOM = 0.02
+"""Clearance (m) that bodies at rest have to spare, so that one of them may drive off."""
+
+
+def eased(wish: float, gap: float) -> float:
+    """Return the clearance (m) that two bodies keep which rest ``gap`` m apart at an end: ``wish``,
+    or less where they could not drive off with so much.
+    """
+    return min(wish, max(0.5 * gap, gap - ROOM))
+
+
 def kept(wish: float, a: Iterable[FloatArray], g: Hull, b: Iterable[FloatArray], h: Hull) -> float:
     """Return the clearance (m) that two bodies keep: ``wish``, less where poses at which they rest
     (``a`` and ``b``, (3,) each) are closer to each other than that.
     """
     margin = wish
     for p, q in product(a, b):
-        gap = separation(p, g, q, h, 2 * margin)
-        if 0.0 < gap < 2 * margin:
-            margin = 0.5 * gap
+        gap = separation(p, g, q, h, margin + ROOM)
+        if gap > 0.0:
+            margin = eased(margin, gap)
     return margin

@@ -1,0 +1,129 @@
+"""The margin is what the parameter says, everywhere: random groups before a judge of distances.
+
+Robots of several bodies drive in a room with a doorway, among what rests there for good, or for a
+while (a door's leaf, a load): each keeps the margin from the others, from what rests, and from the
+walls, less only where two stand closer at an end.
+"""
+
+import itertools
+import math
+import random
+
+import numpy as np
+import pytest
+import shapely
+from spacetime_oracle import placed, room
+
+from up_samp.model import (
+    Body,
+    Deadline,
+    GroupQuery,
+    Kinematics,
+    MotionModel,
+    Outcome,
+    Rest,
+    TimedMotion,
+)
+from up_samp.motion import MotionService
+
+NEAR = 2e-3
+"""m that sampled distances, and arcs between samples, may be off."""
+FREE = [(0.1, 0.1, 6.4, 7.9), (6.3, 3.0, 6.9, 5.2), (6.8, 0.1, 13.1, 7.9)]
+MODELS = (MotionModel.REEDSSHEPP, MotionModel.PIVOT, MotionModel.SE2)
+SHAPES = (
+    ((-0.35, -0.25), (0.35, -0.25), (0.35, 0.25), (-0.35, 0.25)),
+    ((-0.3, -0.3), (0.3, -0.3), (0.3, 0.3), (-0.3, 0.3)),
+    # with a load ahead
+    ((-0.35, -0.25), (0.35, -0.25), (0.35, -0.2), (0.75, -0.2), (0.75, 0.2), (0.35, 0.2),
+     (0.35, 0.25), (-0.35, 0.25)),
+)  # fmt: skip
+LEAF = ((-0.1, -0.6), (0.1, -0.6), (0.1, 0.6), (-0.1, 0.6))
+
+
+def walls():
+    outside = shapely.box(-1, -1, 15, 9)
+    return outside.difference(shapely.union_all([shapely.box(*part) for part in FREE]))
+
+
+def draw(seed, margin):
+    """Return motions and rests whose ends are farther apart than the margin."""
+    rng = random.Random(seed)
+    taken = [walls()]
+    bodies = [
+        Body(rng.choice(SHAPES), Kinematics(rng.choice(MODELS), 0.6, 1.0, 0.5, 1.0))
+        for _ in range(rng.choice((2, 2, 3, 3, 4)))
+    ]
+
+    def spot(body, side):
+        for _ in range(400):
+            x = rng.uniform(1.2, 5.2) if side else rng.uniform(8.0, 12.0)
+            pose = (x, rng.uniform(1.2, 6.8), rng.choice((0.0, 0.5, 1.0, 1.5)) * math.pi)
+            here = placed(body, pose)
+            if all(here.distance(other) > margin + 0.1 for other in taken):
+                taken.append(here)
+                return pose
+        return None
+
+    rests = []
+    if rng.random() < 0.5:
+        leaf = Rest("leaf", Body(LEAF, bodies[0].kinematics), (6.6, 4.2, 0.0), 0.0, 12.0)
+        rests.append(leaf)
+    starts = [(side, spot(b, side)) for b in bodies for side in [rng.random() < 0.5]]
+    crate = spot(bodies[0], rng.random() < 0.5)
+    if crate is not None:
+        rests.append(Rest("crate", bodies[0], crate))
+    goals = [spot(b, not side) for b, (side, _) in zip(bodies, starts, strict=True)]
+    motions = [
+        TimedMotion(f"m{k}", f"r{k}", body, (start, goal), 0.0, rng.choice((20.0, 40.0, 1e9)))
+        for k, (body, (_, start), goal) in enumerate(zip(bodies, starts, goals, strict=True))
+        if start is not None and goal is not None
+    ]
+    return motions, rests
+
+
+def closest(motions, rests, trajectories):
+    """Return the least distance (m) of each pair of bodies, and of each from the walls, while one
+    of them moves.
+    """
+    floor, found = walls(), {}
+    end = max(t.end for t in trajectories.values())
+    for t in np.arange(0.0, end, 0.04):
+        there = [(r.name, placed(r.body, r.pose), False) for r in rests if r.since <= t < r.until]
+        for m in motions:
+            way = trajectories[m.name]
+            there.append((m.object, placed(m.body, way.at(t)), way.start < t < way.end))
+        for a, b in itertools.combinations(there, 2):
+            if a[2] or b[2]:
+                pair = (a[0], b[0])
+                found[pair] = min(found.get(pair, math.inf), a[1].distance(b[1]))
+        for name, shape, moves in there:
+            if moves:
+                found[name] = min(found.get(name, math.inf), shape.distance(floor))
+    return found
+
+
+def too_close(seed, margin, method="ladder"):
+    """Return who comes closer than the margin; None where nothing was found."""
+    motions, rests = draw(seed, margin)
+    service = MotionService(room(14, 8, FREE), margin=margin)
+    query = GroupQuery(tuple(motions), tuple(rests))
+    report = service.coordinate(query, Deadline.after(20), method=method)
+    if report.outcome is not Outcome.FOUND:
+        return None
+    found = closest(motions, rests, report.trajectories)
+    return {who: gap for who, gap in found.items() if gap < margin - NEAR}
+
+
+@pytest.mark.parametrize("margin", [0.1, 0.3])
+def test_groups_keep_the_margin(margin):
+    answers = [too_close(seed, margin) for seed in (4, 6, 7, 8)]
+    assert sum(answer is not None for answer in answers) >= 3
+    assert not any(answers)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("margin", [0.05, 0.1, 0.3])
+def test_many_groups_keep_the_margin(margin):
+    answers = {seed: too_close(seed, margin) for seed in range(100, 180)}
+    assert sum(answer is not None for answer in answers.values()) >= 40
+    assert {seed: answer for seed, answer in answers.items() if answer} == {}
