@@ -15,7 +15,7 @@ from up_samp.model import (
 from up_samp.motion.fleet.cell_times import TIMES, shared_stretch
 from up_samp.motion.fleet.conflicts import separation
 from up_samp.motion.fleet.lanes import lane_offsets
-from up_samp.motion.fleet.margins import ROOM
+from up_samp.motion.fleet.margins import CLEARANCES
 from up_samp.motion.fleet.paths import Path
 from up_samp.motion.fleet.timed_path import TimedPath, run_of
 from up_samp.motion.fleet.timings import natural_timing
@@ -155,7 +155,7 @@ def _virtual_obstacles(
 
 def _crowds(workspace: Workspace, path: Path, rest: Path) -> bool:
     """Return whether a resting body is closer than the margin to one of a path's ends."""
-    enough = workspace.margin + ROOM
+    enough = workspace.margin + CLEARANCES.room
     return any(
         separation(end, path.hull, rest.poses[0], rest.hull, enough) < enough
         for end in path.poses[[0, -1]]

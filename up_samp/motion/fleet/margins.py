@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -14,24 +15,30 @@ from up_samp.motion.fleet.swept import Hull
 
 FloatArray = npt.NDArray[np.float64]
 
-MARGIN = 0.01
-"""Clearance (m) kept where the service has no scene that tells another one."""
+
+@dataclass(frozen=True)
+class Clearances:
+    """``margin``: clearance (m) kept where the service has no scene that tells another one;
+    ``room``: what bodies at rest have to spare of theirs, so that one of them may drive off.
+    """
+
+    margin: float = 0.01
+    room: float = 0.02
+
+
+CLEARANCES = Clearances()
 
 
 def wished(scene: Scene | None) -> float:
     """Return the clearance (m) asked for: that of the scene, from walls and from others alike."""
-    return MARGIN if scene is None else scene.margin
-
-
-ROOM = 0.02
-"""Clearance (m) that bodies at rest have to spare, so that one of them may drive off."""
+    return CLEARANCES.margin if scene is None else scene.margin
 
 
 def eased(wish: float, gap: float) -> float:
     """Return the clearance (m) that two bodies keep which rest ``gap`` m apart at an end: ``wish``,
     or less where they could not drive off with so much.
     """
-    return min(wish, max(0.5 * gap, gap - ROOM))
+    return min(wish, max(0.5 * gap, gap - CLEARANCES.room))
 
 
 def kept(wish: float, a: Iterable[FloatArray], g: Hull, b: Iterable[FloatArray], h: Hull) -> float:
@@ -40,7 +47,7 @@ def kept(wish: float, a: Iterable[FloatArray], g: Hull, b: Iterable[FloatArray],
     """
     margin = wish
     for p, q in product(a, b):
-        gap = separation(p, g, q, h, margin + ROOM)
+        gap = separation(p, g, q, h, margin + CLEARANCES.room)
         if gap > 0.0:
             margin = eased(margin, gap)
     return margin
