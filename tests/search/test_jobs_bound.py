@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 from unified_planning.model.operators import OperatorKind
-from unified_planning.shortcuts import OneshotPlanner, get_environment
+from unified_planning.shortcuts import AnytimePlanner, OneshotPlanner, get_environment
 
 from up_samp import Fleet
 from up_samp.benchmarks.maps import drawn_map
@@ -17,6 +17,7 @@ from up_samp.benchmarks.warehouse import _Work as Warehouse
 from up_samp.geometry import lay_out
 from up_samp.model import Deadline
 from up_samp.scheduling.cpsat import CpsatSession
+from up_samp.search.bounds import Bounds
 from up_samp.search.budget import Budget
 from up_samp.search.drives import Drives
 from up_samp.search.facts import Facts
@@ -90,6 +91,28 @@ def test_what_is_of_use_to_two_jobs_counts_once():
         return Jobs((*jobs.options, *again), jobs.needs)
 
     assert bounds_of(problem)[0] == bounds_of(problem, change=twice)[0] > 0
+
+
+def test_a_search_for_better_plans_tells_both_bounds():
+    get_environment().credits_stream = None
+    problem = warehouse(2, 3, encoding="compact")
+    tuning = {"search": {"large": {"activities": 1}, "deals": {"exchanges": 0}}}
+    with AnytimePlanner(name="samp-refine[cpsat]", params={"tuning": tuning}) as planner:
+        told = next(iter(planner.get_solutions(problem, timeout=60))).metrics
+    absolute, lower = int(told["absolute_bound"]), int(told["lower_bound"])
+    assert told["bound_kind"].startswith("relative")
+    assert 0 < absolute < lower <= int(told["makespan"])
+    assert absolute == bounds_of(problem)[0]
+
+
+def test_what_is_relative_is_no_absolute_bound():
+    bounds = Bounds()
+    bounds.raise_lower(5, relative=False)
+    bounds.raise_lower(4, relative=True)
+    assert (bounds.lower, bounds.relative, bounds.absolute) == (5, False, 5)
+    bounds.raise_lower(7, relative=True)
+    bounds.raise_lower(6, relative=False)
+    assert (bounds.lower, bounds.relative, bounds.absolute) == (7, True, 6)
 
 
 # ------------------------------------------------- schedules of small worlds, without their motions

@@ -125,15 +125,16 @@ class Work:
                 )
         self._units[leg] = max(units, self.units(leg))
 
-    def alone(self, way: Way) -> int:
-        """Return units until a job can be done at the soonest, if that is all that is done: the
-        robot has to come from where it begins. 0 where it may come otherwise.
+    def alone(self, way: Way) -> tuple[int, tuple[Leg, ...]]:
+        """Return units until a job can be done at the soonest, if that is all that is done, and the
+        drives of that: the robot has to come from where it begins. 0 where it may come otherwise.
         """
         robots = [r for r in self.fleet.robots if self.fleet.kind_of[r] == way.kind]
         if way.goal is None or any(self.lines.get(robot) is None for robot in robots):
-            return 0
-        starts = {self._facts.snapshot.initial[robot] for robot in robots}
-        return min(way.units(start, self.units) for start in sorted(starts))
+            return 0, ()
+        starts = sorted({self._facts.snapshot.initial[robot] for robot in robots})
+        units, start = min((way.units(start, self.units), start) for start in starts)
+        return units, way.drives(start)
 
     def body(self, robot: str) -> Body:
         """Return the body of a robot without loads."""

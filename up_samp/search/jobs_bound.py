@@ -30,6 +30,10 @@ ROUNDING = 1e-6
 """Units that a bound may be less than a whole number and still be it."""
 
 
+_Cost = tuple[int, tuple[Leg, ...]]
+"""Units, and the drives that they are made of, as far as these are of use."""
+
+
 class JobsBound:
     """Bounds from the jobs of a problem."""
 
@@ -51,7 +55,7 @@ class JobsBound:
 
     def absolute(self, deadline: Deadline) -> int:
         """Return units that no plan can beat."""
-        return 0 if not self._ways else self._units(self._share(deadline))
+        return 0 if not self._ways else _units(self._share(deadline))
 
     def relative(self, drives: Drives, most: int, deadline: Deadline) -> Iterator[int]:
         """Yield units that no plan can beat whose drives are no faster than the planner's own: the
@@ -63,7 +67,7 @@ class JobsBound:
         asked: set[Leg] = set()
         while self._ways and not deadline.expired():
             share = self._share(deadline)
-            yield self._units(share)
+            yield _units(share)
             todo = sorted(share.legs - asked, key=lambda leg: (leg[1:], repr(leg[0])))
             todo = todo[: most - len(asked)]
             if not todo:
@@ -82,22 +86,28 @@ class JobsBound:
             self._work.take(leg, self._facts.units(found.seconds), over=over)
 
     def _share(self, deadline: Deadline) -> Share:
-        return least_share(self._work, self._shared, self._comings, deadline.remaining())
-
-    def _units(self, share: Share) -> int:
+        """Return what no plan can beat, with the drives that this hangs on."""
         work = self._work
-        costs = _least((way.job, way.least(work.units)) for way in self._ways)
+        shared = least_share(work, self._shared, self._comings, deadline.remaining())
+        costs = _least((way.job, (way.least(work.units), ())) for way in self._ways)
         soonest = _least((way.job, work.alone(way)) for way in self._shared)
-        even = sum(costs) / len(work.fleet.robots)
-        return math.ceil(max(*costs, *soonest, even, share.units) - ROUNDING)
+        even = sum(units for units, _ in costs) / len(work.fleet.robots)
+        most = max(shared.units, even, *(units for units, _ in (*costs, *soonest)))
+        legs = {leg for units, some in soonest if units >= most - ROUNDING for leg in some}
+        return Share(most, shared.legs | legs)
 
 
-def _least(costs: Iterable[tuple[int, int]]) -> list[int]:
+def _units(share: Share) -> int:
+    return math.ceil(share.units - ROUNDING)
+
+
+def _least(costs: Iterable[tuple[int, _Cost]]) -> list[_Cost]:
     """Return the least cost of each job."""
-    found: dict[int, int] = {}
-    for job, units in costs:
+    found: dict[int, _Cost] = {}
+    for job, cost in costs:
         check_time()
-        found[job] = min(units, found.get(job, units))
+        if job not in found or cost[0] < found[job][0]:
+            found[job] = cost
     return list(found.values())
 
 
