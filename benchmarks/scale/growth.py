@@ -74,7 +74,7 @@ def draw(series: list[list[str]], rows: dict[str, dict[str, float]], file: str) 
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(
-        2, len(series), figsize=(3.6 * len(series), 5.4), constrained_layout=True, squeeze=False
+        2, len(series), figsize=(3.6 * len(series), 6.0), constrained_layout=True, squeeze=False
     )
     for column, sizes in enumerate(series):
         x = along(sizes, rows)
@@ -86,12 +86,19 @@ def draw(series: list[list[str]], rows: dict[str, dict[str, float]], file: str) 
                 y = [rows[size][stage] for size in sizes]
                 plot.loglog(x, y, marker="o", label=f"{stage}: {exponent(x, y):.2f}")
             plot.set_xticks(x, [f"{value:g}" for value in x])
+            if row == 1:
+                held = [rows[size]["mib"] for size in sizes]
+                plot.set_yticks(held, [f"{value:.0f}" for value in held])
+            low, high = plot.get_ylim()
+            plot.set_ylim(low, high * (high / low) ** 0.75)  # room for the legend
             plot.minorticks_off()
             plot.set_xlabel(axis_of(sizes))
             plot.set_ylabel(what)
             plot.grid(which="both", alpha=0.3)
-            plot.legend(title="exponents", fontsize="small", title_fontsize="small")
-    figure.savefig(file, dpi=80)
+            plot.legend(
+                title="exponents", loc="upper left", fontsize="x-small", title_fontsize="x-small"
+            )
+    figure.savefig(file, dpi=70)
 
 
 def measured(size: str, encoding: str, timeout: float) -> dict[str, float]:
