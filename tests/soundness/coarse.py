@@ -8,6 +8,7 @@ is one that the search, with all that it learns, must not be blind to.
 from __future__ import annotations
 
 import itertools
+import math
 import random
 import time
 from collections.abc import Iterator
@@ -117,7 +118,8 @@ class Coarse:
         itinerary = read_itinerary(self.relaxation, CandidateSchedule(times))
         query = group_query(self.facts, itinerary, itinerary.motions)
         motion = replace(query.motions[0], due=0.0)
-        report = self.service.coordinate(GroupQuery((motion,)), Deadline.after(QUERY_SECONDS))
+        # there are few of these, and the first loads the kernels: a busy machine may take its time
+        report = self.service.coordinate(GroupQuery((motion,)), Deadline.after(20.0))
         if report.outcome is not Outcome.FOUND:
             return None
         return int(-(-(report.trajectories[drive.name].end - 1e-6) // SECONDS))
@@ -161,11 +163,13 @@ class Coarse:
         found = []
         candidates = list(self.schedules(horizon))
         rng.shuffle(candidates)
-        stop = time.monotonic() + seconds
+        stop = math.inf
         for times in candidates:
-            if len(found) >= count or time.monotonic() > stop:
+            if len(found) >= count or time.process_time() > stop:
                 break
             trajectories = self.trajectories(times)
+            if stop == math.inf:  # the first loads the kernels
+                stop = time.process_time() + seconds
             if trajectories is not None:
                 found.append((times, trajectories))
         return found
