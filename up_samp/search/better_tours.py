@@ -9,6 +9,7 @@ times. A change is kept if the plan gets shorter, or if it does not and its tour
 
 from __future__ import annotations
 
+import math
 import random
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -18,7 +19,7 @@ from up_samp.search.deals import Deal
 from up_samp.search.decided import Decided
 from up_samp.search.rehearsal import Step
 from up_samp.search.tours import Tours
-from up_samp.search.tuning import LargeTuning
+from up_samp.search.tuning import LargeTuning, ToursTuning
 
 OpenTours = Callable[[Deal, Deadline], Tours | None]
 """Opens tours of what was dealt out, with nothing decided; None where they cannot be."""
@@ -128,6 +129,30 @@ class Better:
                 found.append((then, key, changed))
         found.sort(key=lambda option: (option[0], str(option[1])))
         return found
+
+
+def in_other_orders(tours: Tours, tuning: ToursTuning, deadline: Deadline) -> Decided:
+    """Return the tours as they are decided, or sooner ones: all begun anew on known ways, those
+    that ended last first (learned priorities), and then whoever was too late for that.
+    """
+    best = tours.decided()
+    ends = best.ends()
+    order = sorted(ends, key=lambda robot: (-ends[robot], robot))
+    tours.looks = 0
+    for _ in range(tuning.restarts):
+        if deadline.expired():
+            break
+        tours.limit = best.lean().makespan - 1
+        tours.reset()
+        stuck = tours.decide(order, deadline)
+        if stuck is None:
+            best = tours.decided()
+            ends = best.ends()
+            order = sorted(ends, key=lambda robot: (-ends[robot], robot))
+        else:
+            order = [stuck, *(robot for robot in order if robot != stuck)]
+    tours.looks, tours.limit = tuning.looks, math.inf
+    return best
 
 
 def _changes(dealt: Deal, worst: str) -> Iterator[tuple[tuple[object, ...], dict[str, list[Step]]]]:

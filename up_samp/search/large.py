@@ -20,7 +20,7 @@ from unified_planning.model.motion import SchedulingMotionProblem
 from up_samp.model import Body, Configuration, Deadline, PathQuery
 from up_samp.model.snapshot import Snapshot
 from up_samp.search.attempt import build, keep_if_better
-from up_samp.search.better_tours import Better
+from up_samp.search.better_tours import Better, in_other_orders
 from up_samp.search.bounds import Incumbent
 from up_samp.search.conclusion import SearchResult, conclude, conclude_stopped
 from up_samp.search.deals import Deal, biased, deal, decided_by, state_order
@@ -163,7 +163,7 @@ def plan_of_deal(
         built = build(inner, itinerary)
         plan = None if built is None else search.plan_of(built.schedule, built.trajectories)
         return None if plan is None or search.judged(plan.plan) else Found(dealt, plan, None)
-    decided = tours.decided()
+    decided = in_other_orders(tours, search.tuning.tours, deadline)
     plan = plan_of_tours(search, decided)
     return None if plan is None else Found(dealt, plan, (tours, decided))
 

@@ -184,6 +184,7 @@ class ToursTuning(Tunables):
     )
     effort: int = tunable(1, "effort", "for one motion: speeds, lanes and detours", least=0, most=3)
     tries: int = tunable(200, "motions", "tried for one tour", least=1)
+    restarts: int = tunable(8, "orders", "in which all are begun anew to end sooner", least=0)
     looks: int = tunable(
         1, "times", "that other ways from pose to pose are looked for, if one is known", least=0
     )
@@ -260,7 +261,7 @@ class LargeTuning(Tunables):
         3000, "drives", "at most, that the planner is asked for to raise the bound", least=0
     )
     stale: int = tunable(1_000, "changes", "of tours in a row that may bring nothing", least=1)
-    jobs: float = share_of(0.1, "of the changes, that give a job to another robot")
+    jobs: float = share_of(0.05, "of the changes, that give a job to another robot")
     looks: int = tunable(
         4, "times", "that other ways from pose to pose are looked for, for better tours", least=0
     )
