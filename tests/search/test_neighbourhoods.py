@@ -1,8 +1,10 @@
 """Large-neighbourhood search: what is kept stays, what is freed gets better, nothing is proven."""
 
+import gc
 import logging
 import os
 import random
+import weakref
 from concurrent.futures import (
     ProcessPoolExecutor,
     ThreadPoolExecutor,
@@ -209,6 +211,18 @@ def test_a_plan_gets_better_and_nothing_is_proven():
     assert found[-1] == search.bounds.upper < 0.75 * plan.schedule.makespan
     assert search.bounds.lower == 7
     assert search.history.rounds[-1].lower_bound == 7
+
+
+def test_what_a_descent_knows_of_a_search_goes_with_it():
+    search = search_of()
+    poor_plan(search)
+    descent = Descent(replace(search.tuning.neighbourhoods, stale=1, effort=0.02))
+    list(descent(search, True))
+    assert search.remembered
+    seen = weakref.ref(search)
+    del search
+    gc.collect()
+    assert seen() is None
 
 
 def test_one_robot_has_no_neighbours():

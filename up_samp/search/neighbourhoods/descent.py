@@ -40,9 +40,10 @@ log = logging.getLogger(__name__)
 @dataclass
 class State:
     """Where the descent of one search is: what its neighbourhoods brought, and those of the present
-    plan that hold no better schedule.
+    plan that hold no better schedule. ``whose`` it is lives as long: no other gets its ``id``.
     """
 
+    whose: Descent
     roulette: Roulette
     view: View | None = None
     exhausted: list[Freed] = field(default_factory=list)
@@ -75,7 +76,8 @@ class Descent:
             return
         if state is None:
             chance = random.Random(search.seed)
-            state = State(Roulette(self.choices, self.tuning, chance, len(owners.robots)))
+            roulette = Roulette(self.choices, self.tuning, chance, len(owners.robots))
+            state = State(self, roulette)
             search.remembered[id(self)] = state
         assert isinstance(state, State)
         stale = 0
