@@ -5,13 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
+from weakref import WeakKeyDictionary
 
+from unified_planning.environment import Environment
 from unified_planning.model import Effect, FNode, TimeInterval, Timing
+from unified_planning.model.operators import OperatorKind
 from unified_planning.model.scheduling import Activity, SchedulingProblem
 from unified_planning.model.walkers import ExpressionQuantifiersRemover
 
 from up_samp.model import UnsupportedError
 from up_samp.upio.spans import with_timings
+
+_QUANTIFIERS = (OperatorKind.EXISTS, OperatorKind.FORALL)
+_PLAIN: WeakKeyDictionary[Environment, set[int]] = WeakKeyDictionary()
+"""Numbers of expressions that have no quantifier in them; environments keep all of theirs."""
 
 
 @dataclass
@@ -46,8 +53,7 @@ class Watcher:
         self._parameters: dict[str | None, list[Any]] = {}
         self._activities: list[Activity] = []
         self._state: tuple[Any, ...] = ()
-        self._plain: set[int] = set()
-        """Numbers of expressions that have no quantifier in them."""
+        self._plain = _PLAIN.setdefault(problem.environment, set())
 
     def look(self) -> Additions:
         """Return what was appended since the last call (the first time: everything)."""
@@ -135,26 +141,25 @@ class Watcher:
 
     def _written_out(self, expression: FNode) -> FNode:
         """Return an expression without quantifiers over objects."""
-        if not self._quantified(expression):
+        if expression.node_id in self._plain or not self._quantified(expression):
             return expression
         remover = ExpressionQuantifiersRemover(self.problem.environment)
         return remover.remove_quantifiers(expression, self.problem)
 
     def _quantified(self, expression: FNode) -> bool:
-        stack, met = [expression], []
-        while stack:
-            node = stack.pop()
-            if node.node_id in self._plain:
+        plain, stack = self._plain, [expression]
+        met = []
+        for node in stack:  # it grows on the way
+            number = node.node_id
+            if number in plain:
                 continue
-            if node.is_exists() or node.is_forall():
+            if node.node_type in _QUANTIFIERS:
                 if not all(v.type.is_user_type() for v in node.variables()):
-                    raise UnsupportedError(
-                        f"cpsat quantifies over objects only, not as in '{node}'"
-                    )
+                    raise UnsupportedError(f"cpsat quantifies over objects only, not in '{node}'")
                 return True
-            met.append(node.node_id)
-            stack.extend(node.args)
-        self._plain.update(met)
+            met.append(number)
+            stack += node.args
+        plain.update(met)
         return False
 
     def _duration(self, activity: Activity, new: Additions) -> None:
