@@ -3,6 +3,7 @@
 import threading
 
 import pytest
+from ortools.sat.python import cp_model
 
 from cpsat.random_problems import random_problem
 from cpsat.sites import shop as small_shop
@@ -15,7 +16,7 @@ from up_samp.scheduling.cpsat.model import FAMILIES, ScheduleModel
 from up_samp.scheduling.cpsat.normal import clauses, precedences
 from up_samp.scheduling.cpsat.problem import Watcher
 from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders
-from up_samp.scheduling.cpsat.solve.runner import SolverRun
+from up_samp.scheduling.cpsat.solve.runner import SolverRun, run
 from up_samp.scheduling.cpsat.solve.strategy import STAGES, Solve, solve
 from up_samp.scheduling.cpsat.tuning import StagesTuning
 
@@ -94,3 +95,28 @@ def test_a_model_is_whole_or_there_is_none():
     assert len(FAMILIES) == len({name for name, _ in FAMILIES})
     report = CpsatSession(problem, workers=1).solve(Deadline.after(0))
     assert report.status is ScheduleStatus.OUT_OF_TIME
+
+
+def test_the_local_search_that_breaks_memory_is_never_run(capfd):
+    jobs, machines = 5, 4
+    plain = cp_model.CpModel()
+    ends, on = [], {m: [] for m in range(machines)}
+    for j in range(jobs):
+        for m in range(machines):
+            size = 1 + (3 * j + 5 * m + j * m) % 7
+            start = plain.new_int_var(0, 200, "")
+            on[(m + j) % machines].append(plain.new_fixed_size_interval_var(start, size, ""))
+            ends.append(start + size)
+    for intervals in on.values():
+        plain.add_no_overlap(intervals)
+    makespan = plain.new_int_var(0, 200, "")
+    plain.add_max_equality(makespan, ends)
+    plain.minimize(makespan)
+    options = {"log_search_progress": True, "num_workers": 4}
+    answer = run(plain, SolverRun(0, 4), Deadline.after(30), lambda *_: False, options=options)
+    assert answer.status == cp_model.OPTIMAL
+    told = [line for line in capfd.readouterr().out.splitlines() if "subsolvers: [" in line]
+    assert told
+    running = [line for line in told if "ignored" not in line]
+    names = {n.strip("[],") for line in running for n in line.split(": ", 1)[1].split(", ")}
+    assert not {n for n in names if n.startswith("ls")}, told

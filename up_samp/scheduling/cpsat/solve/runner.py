@@ -13,6 +13,7 @@ from typing import Any
 from ortools.sat.python import cp_model
 
 from up_samp.model import Deadline
+from up_samp.scheduling.cpsat.solve.options import IGNORED
 
 Improved = Callable[[Any, float, float], bool]
 """Called with (variable index -> value, objective, bound); returns whether to stop."""
@@ -72,6 +73,7 @@ def run(
     parameters.random_seed = settings.seed
     parameters.num_workers = settings.workers
     parameters.catch_sigint_signal = False
+    parameters.ignore_subsolvers.extend(IGNORED)
     for name, value in (options or {}).items():
         if isinstance(value, tuple):
             getattr(parameters, name).extend(value)
