@@ -11,13 +11,16 @@ ends, with cars and robots that move in any direction in turn.
 from __future__ import annotations
 
 import argparse
+import sys
 import time
+from pathlib import Path
 
 from unified_planning.model.motion import SchedulingMotionProblem
 
-from up_samp import Fleet
-from up_samp.benchmarks.maps import drawn_map
-from up_samp.benchmarks.warehouse import A_MAX, OMEGA_MAX, V_MAX, draw_orders, store, warehouse
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from tests.search.store_fleet import fleet_of
+from up_samp.benchmarks.warehouse import warehouse
 from up_samp.geometry import lay_out
 from up_samp.model import Deadline
 from up_samp.search.drives import Drives
@@ -28,27 +31,6 @@ from up_samp.search.params import Parameters
 from up_samp.search.session import open_service
 from up_samp.upio import read_problem
 from up_samp.upio.relaxation import relax
-
-
-def problem_file(robots: int, orders: int) -> SchedulingMotionProblem:
-    """Return a warehouse as its problem file would say it."""
-    plan = store(robots)
-    fleet = Fleet(str(drawn_map(f"warehouse-{robots}", plan.size, plan.walls)))
-    limits = {"v_max": V_MAX, "a_max": A_MAX}
-    fleet.add_robot_type("car", (1.2, 0.8), model="car", turning_radius=1.0, **limits)
-    fleet.add_robot_type("omni", (1.2, 0.8), model="omni", omega_max=OMEGA_MAX, **limits)
-    drawn = draw_orders(plan, orders, 0)
-    places = {f"dock{i}": pose for i, pose in enumerate(plan.docks)}
-    places |= {f"station{i}": pose for i, pose in enumerate(plan.stations)}
-    places |= {f"slot{o.slot}": plan.slots[o.slot] for o in drawn}
-    for name, pose in places.items():
-        fleet.add_place(name, *pose)
-    for r in range(robots):
-        fleet.add_robot(f"r{r}", ("car", "omni")[r % 2], start=f"dock{r}", end=f"dock{r}")
-    for k, o in enumerate(drawn):
-        pickup = {"at": f"slot{o.slot}", "service": o.service[0]}
-        fleet.add_order(f"o{k}", pickup, {"at": f"station{o.station}", "service": o.service[1]})
-    return fleet.problem
 
 
 def row(problem: SchedulingMotionProblem, most: int, seconds: float) -> str:
@@ -79,7 +61,7 @@ def main() -> None:
     for size in args.sizes:
         robots, orders = map(int, size.split("x"))
         if args.encoding == "file":
-            problem = problem_file(robots, orders)
+            problem = fleet_of(robots, orders).problem
         else:
             problem = warehouse(robots, orders, encoding=args.encoding)
         print(f"| {size} {args.encoding} | {row(problem, args.drives, args.seconds)} |", flush=True)

@@ -1,8 +1,9 @@
 """What a fleet's plan means on the floor: batteries, loads, zones, doors, windows, who is where.
 
 Judged from the problem as its author wrote it (a dictionary) and the plan file's dictionary, by
-sampled instants. Nothing of the package is used but the names that it gives activities, and its
-path planner, which tells what a drive takes when nobody is in the way.
+sampled instants. Nothing of the package is used but the names that it gives activities; what a
+drive takes when nobody is in the way, its path planner tells, for the bodies that it makes of
+robots and loads.
 """
 
 from __future__ import annotations

@@ -63,7 +63,7 @@ def pose(rng, side):
 
 
 def queries(rng):
-    """Return a query for one body among crates, and one for two or three of them at once."""
+    """Return a query for one body among crates, and one for two of them at once."""
     one = body(rng)
     crates = tuple(
         Placed(f"crate{k}", Body(CRATE, one.kinematics), pose(rng, rng.random() < 0.5))

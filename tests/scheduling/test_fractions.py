@@ -138,6 +138,24 @@ def test_durations_without_a_whole_number_are_refused_by_name(engine):
             solve(problem, engine)
 
 
+@pytest.mark.parametrize("engine", ["samp-refine[cpsat]", "samp-refine[aries]"])
+def test_open_durations_without_a_whole_number_are_refused_by_name(engine):
+    problem = SchedulingProblem("open")
+    promote = problem.environment.expression_manager.auto_promote
+    work = problem.add_activity("work")
+    work._set_duration_constraint(OpenDurationInterval(*promote(HALF, Fraction(1))))
+    with pytest.raises(UnsupportedError, match="duration of activity 'work', .* holds no whole"):
+        solve(problem, engine)
+
+
+def test_many_values_of_a_number_take_no_time():
+    problem = SchedulingProblem("many")
+    number = problem.add_activity("a", duration=2).add_parameter("n", IntType(0, 30_000_000))
+    problem.add_constraint(GE(number, 3))
+    problem.add_quality_metric(MinimizeMakespan())
+    assert solve(problem).status is Status.SOLVED_OPTIMALLY
+
+
 def test_what_there_is_no_number_for_is_absent():
     problem = SchedulingProblem("none")
     problem.add_activity("odd", optional=True).add_parameter("n", IntType(5, 3))

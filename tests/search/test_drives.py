@@ -15,7 +15,6 @@ def test_a_drive_takes_no_less_than_its_bound_and_is_asked_for_once():
     pose = snapshot.configurations
     for name in ("robot0", "robot1", "robot2"):
         body, start = snapshot.objects[name].body, pose[snapshot.initial[name]]
-        assert not drives.knows(body, start, pose["slot0"])
         there = drives.drive(body, start, pose["slot0"], Deadline.after(60.0))
         back = drives.drive(body, pose["slot0"], start, Deadline.after(60.0))
         assert there is not None
@@ -23,11 +22,10 @@ def test_a_drive_takes_no_less_than_its_bound_and_is_asked_for_once():
         assert there.complete
         # the same motion, the other way round
         assert abs(there.seconds - back.seconds) < 1e-9
-        assert there.seconds >= drives.least(body, start, pose["slot0"]) > 0.0
+        assert there.seconds >= drives.service.lower_bound(body, start, pose["slot0"]) > 0.0
         asked = drives.asked
         assert drives.drive(body, start, pose["slot0"], Deadline.after(60.0)) == there
         assert drives.asked == asked
-        assert drives.knows(body, start, pose["slot0"])
 
 
 def test_there_is_no_drive_into_a_wall():

@@ -1,6 +1,6 @@
 """What robots do in turn, what they carry, and the units that they surely lose."""
 
-from tests.search.test_large_fleets import fleet_of
+from tests.search.store_fleet import fleet_of
 from up_samp.benchmarks.warehouse import warehouse
 from up_samp.geometry import lay_out
 from up_samp.search.carrying import carried

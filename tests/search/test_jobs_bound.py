@@ -7,8 +7,17 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
+from unified_planning.model import TimePointInterval, Timing
 from unified_planning.model.operators import OperatorKind
-from unified_planning.shortcuts import AnytimePlanner, OneshotPlanner, get_environment
+from unified_planning.shortcuts import (
+    LE,
+    AnytimePlanner,
+    Equals,
+    MinimizeMakespan,
+    OneshotPlanner,
+    Or,
+    get_environment,
+)
 
 from up_samp import Fleet
 from up_samp.benchmarks.maps import drawn_map
@@ -33,6 +42,7 @@ from up_samp.search.shared_work import called, least_share
 from up_samp.search.statements.durations import lower_bounds
 from up_samp.upio import read_problem, write_refinement
 from up_samp.upio.relaxation import relax
+from up_samp.validation import validate_plan
 
 
 def random_warehouse(seed):
@@ -298,3 +308,38 @@ def test_no_way_to_share_jobs_is_better_than_the_share():
         assert share.legs
         shares.append(share.units / best)
     assert sum(shares) / len(shares) > 0.6
+
+
+def with_a_stop_on_the_way():
+    """A robot comes to a station sooner with a stop than by the planner's direct drive."""
+    made = Warehouse("stop", store(3), compact=True)
+    problem, station = made.problem, made.stations[0]
+    doing = []
+    for r, robot in enumerate(made.robots):
+        at = made.robot_at(robot)
+        go = made._move(f"go_{r}", robot, at, station)
+        do = made._serve(f"do_{r}", 2 if r == 1 else 100)
+        via = made._move(f"via_{r}", robot, at, made.slots[0])
+        do.add_condition(TimePointInterval(Timing(0, do.start)), Equals(at, station))
+        for a in (go, do, via):
+            a.uses(made.hands[r])
+        problem.add_constraint(do.present, scope=[go.present])
+        problem.add_constraint(go.present, scope=[do.present])
+        problem.add_constraint(LE(go.end, do.start), scope=[go.present, do.present])
+        doing.append(do)
+    problem.add_constraint(Or([do.present for do in doing]))
+    problem.add_quality_metric(MinimizeMakespan())
+    return problem
+
+
+def test_a_stop_on_the_way_may_be_quicker_than_the_planners_own_way():
+    get_environment().credits_stream = None
+    problem = with_a_stop_on_the_way()
+    with AnytimePlanner(name="samp-refine[cpsat]") as planner:
+        best = None
+        for result in planner.get_solutions(problem, timeout=30):
+            best = result.plan or best
+    assert validate_plan(problem, best).valid
+    makespan = max(int(best.get(a.end).constant_value()) for a in best.activities)
+    absolute, relative = bounds_of(problem)
+    assert max([absolute, *relative]) <= makespan

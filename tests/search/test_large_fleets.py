@@ -7,9 +7,8 @@ from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.shortcuts import AnytimePlanner, OneshotPlanner, get_environment
 
 from tests.search.guesses import along_the_axes, dealt_out
-from up_samp import Fleet
-from up_samp.benchmarks.maps import drawn_map
-from up_samp.benchmarks.warehouse import A_MAX, OMEGA_MAX, V_MAX, draw_orders, store, warehouse
+from tests.search.store_fleet import fleet_of
+from up_samp.benchmarks.warehouse import warehouse
 from up_samp.search.deals import decided_by
 from up_samp.search.jobs import find_jobs
 from up_samp.search.stopping import FirstPlan
@@ -77,27 +76,6 @@ def test_a_fleet_gets_a_valid_plan_by_construction(robots, orders):
     assert result.status is Status.SOLVED_SATISFICING
     assert validate_plan(problem, result.plan).violations == ()
     assert result.metrics["rounds"] == "0", "the first plan came from what was dealt out"
-
-
-def fleet_of(robots, orders):
-    """Return the fleet of a warehouse as its problem file would say it."""
-    plan = store(robots)
-    fleet = Fleet(str(drawn_map(f"warehouse-{robots}", plan.size, plan.walls)))
-    limits = {"v_max": V_MAX, "a_max": A_MAX}
-    fleet.add_robot_type("car", (1.2, 0.8), model="car", turning_radius=1.0, **limits)
-    fleet.add_robot_type("omni", (1.2, 0.8), model="omni", omega_max=OMEGA_MAX, **limits)
-    drawn = draw_orders(plan, orders, 0)
-    places = {f"dock{i}": pose for i, pose in enumerate(plan.docks)}
-    places |= {f"station{i}": pose for i, pose in enumerate(plan.stations)}
-    places |= {f"slot{o.slot}": plan.slots[o.slot] for o in drawn}
-    for name, pose in places.items():
-        fleet.add_place(name, *pose)
-    for r in range(robots):
-        fleet.add_robot(f"r{r}", ("car", "omni")[r % 2], start=f"dock{r}", end=f"dock{r}")
-    for k, o in enumerate(drawn):
-        pickup = {"at": f"slot{o.slot}", "service": o.service[0]}
-        fleet.add_order(f"o{k}", pickup, {"at": f"station{o.station}", "service": o.service[1]})
-    return fleet
 
 
 def test_a_fleets_problem_file_is_dealt_out_too():

@@ -102,12 +102,12 @@ def closest(motions, rests, trajectories):
     return found
 
 
-def too_close(seed, margin, method="ladder"):
+def too_close(seed, margin):
     """Return who comes closer than the margin; None where nothing was found."""
     motions, rests = draw(seed, margin)
     service = MotionService(room(14, 8, FREE), margin=margin)
     query = GroupQuery(tuple(motions), tuple(rests))
-    report = service.coordinate(query, Deadline.after(20), method=method)
+    report = service.coordinate(query, Deadline.after(20))
     if report.outcome is not Outcome.FOUND:
         return None
     found = closest(motions, rests, report.trajectories)

@@ -5,8 +5,9 @@ import random
 
 import numpy as np
 import pytest
+from spacetime_oracle import room
 
-from up_samp.model import Deadline, Kinematics, MotionModel, TimedMotion
+from up_samp.model import Deadline, GroupQuery, Kinematics, MotionModel, Rest, TimedMotion
 from up_samp.model.bodies import Body
 from up_samp.motion import MotionService
 from up_samp.motion.fleet.precedence import one_decides, order_decides
@@ -125,3 +126,28 @@ def test_a_crossing_decides_and_two_crossings_do_not():
     assert order_decides(service, ahead, across, limit)
     assert not order_decides(service, ahead, round_trip, limit)
     assert not order_decides(service, ahead, blind, limit)
+
+
+def corridor(leaf):
+    """Two whose ways cross: one waits for a door's leaf on its way, or does not (or for a crate
+    aside); the other one is due soon.
+    """
+    free = [(0.1, 3.2, 14.0, 4.8), (2.2, 2.0, 3.8, 8.0)]
+    rests = {
+        "leaf": (Rest("leaf", body(), (8.5, 4.0, 0.0), until=30.0),),
+        "crate": (Rest("crate", body(), (13.2, 4.0, 0.0)),),
+        "none": (),
+    }[leaf]
+    motions = (
+        TimedMotion("a", "ra", body(), ((3.0, 4.0, 0.0), (11.0, 4.0, 0.0)), 0.0, 1e9),
+        TimedMotion("b", "rb", body(), ((3.0, 3.05, 0.0), (3.0, 7.0, 0.0)), 0.0, 14.0),
+    )
+    service = MotionService(room(15, 9, free))
+    return service.coordinate(GroupQuery(motions, rests), Deadline.after(20))
+
+
+def test_who_goes_first_does_not_decide_where_something_else_comes_or_goes():
+    """Who waits for a leaf at its start is in the other one's way; it might wait on its way."""
+    assert not corridor("leaf").exhaustive
+    assert corridor("none").exhaustive
+    assert corridor("crate").exhaustive

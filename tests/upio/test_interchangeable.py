@@ -1,7 +1,7 @@
 """Activities that are the same but for their names, and what may be said of them."""
 
 import pytest
-from unified_planning.model import TimePointInterval, Timing
+from unified_planning.model import ClosedTimeInterval, TimePointInterval, Timing
 from unified_planning.shortcuts import LE, BoolType, Not, Or, Plus
 
 from tests.metamorphic.motions import MotionStyle, write
@@ -66,6 +66,16 @@ def constrained(hall, how):
     elif how == "one sets a flag":
         flag = p.add_fluent("flag", BoolType(), default_initial_value=False)
         out[0].add_effect(Timing(0, out[0].end), flag, True)
+    elif how.startswith("somebody's"):
+        flag = p.add_fluent("flag", BoolType(), default_initial_value=True)
+        owner = p if "problem" in how else p.add_activity("other", 3)
+        if "needs" in how:
+            span = ClosedTimeInterval(Timing(0, out[0].start), Timing(0, out[0].end))
+            owner.add_condition(span, flag)
+        elif owner is not p:
+            owner.add_effect(Timing(0, out[0].end), flag, False)
+        else:
+            p.add_condition(TimePointInterval(Timing(0, out[0].end)), Not(flag))
     elif how == "one needs a flag":
         flag = p.add_fluent("flag", BoolType(), default_initial_value=False)
         out[0].add_condition(TimePointInterval(Timing(0, out[0].start)), Not(flag))
@@ -84,7 +94,8 @@ def constrained(hall, how):
 @pytest.mark.parametrize(
     "how",
     ["one ends early", "one after another", "one lasts longer", "one has another obstacle",
-     "somebody else knows it", "one sets a flag", "one needs a flag"],
+     "somebody else knows it", "one sets a flag", "one needs a flag", "somebody's problem needs it",
+     "somebody's problem at its end", "somebody's activity needs it", "somebody's effect at its end"],
 )  # fmt: skip
 def test_whoever_differs_is_not_among_them(hall, how):
     constrained(hall, how)

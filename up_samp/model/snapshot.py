@@ -133,6 +133,11 @@ class Snapshot:
             found[change.object].add(change.activity)
         return {name: frozenset(v) for name, v in found.items()}
 
+    @cached_property
+    def moved_otherwise(self) -> frozenset[str]:
+        """Objects that something else moves than drives of their own."""
+        return frozenset((*(c.object for c in self.changes), *(r.load for r in self.rides)))
+
     def tasks_of(self, activity: str) -> tuple[MotionTask, ...]:
         """Return the motion tasks of an activity."""
         return tuple(t for t in self.tasks if t.activity == activity)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from up_samp.model import Body, Configuration, Deadline, Outcome, PathQuery, Placed
+from up_samp.model import Body, Configuration, Deadline, Outcome, PathQuery
 from up_samp.motion import MotionService
 
 Pair = tuple[Body, Configuration, Configuration]
@@ -30,12 +30,10 @@ class Drive:
 class Drives:
     """Drives of one problem, by body, start and goal.
 
-    :param fixed: objects that nothing ever moves and that every drive has to keep clear of.
     :param query: the longest (s) that one drive is looked for.
     """
 
     service: MotionService
-    fixed: tuple[Placed, ...] = ()
     query: float = 2.0
     asked: int = 0
     """So many drives were asked of the planner so far."""
@@ -52,19 +50,11 @@ class Drives:
             self._known[pair] = self._planned(pair, deadline)
         return self._known[pair]
 
-    def knows(self, body: Body, start: Configuration, goal: Configuration) -> bool:
-        """Return whether it was asked for a drive before."""
-        return (body, start, goal) in self._known
-
-    def least(self, body: Body, start: Configuration, goal: Configuration) -> float:
-        """Return a bound (s) for any planner, with all that is known at once."""
-        return self.service.lower_bound(body, start, goal)
-
     def _planned(self, pair: Pair, deadline: Deadline) -> Drive | None:
         body, start, goal = pair
         if start == goal:
             return Drive(0.0, complete=True)
-        query = PathQuery(body, (start, goal), self.fixed)
+        query = PathQuery(body, (start, goal), ())
         report = self.service.plan(query, deadline.within(self.query))
         if report.outcome is not Outcome.FOUND or report.trajectory is None:
             return None

@@ -37,7 +37,6 @@ class Work:
             self._tasks[task.activity].append(task)
             self._driven[task.object].append(task)
         snapshot = facts.snapshot
-        self._moved = {*(c.object for c in snapshot.changes), *(r.load for r in snapshot.rides)}
         self._durations = {a.name: least(a.duration) for a in problem.activities}
         self._units: dict[Leg, int] = {}
         self._left: dict[str, frozenset[str]] = {}
@@ -60,11 +59,14 @@ class Work:
         """Return units that a drive takes at least."""
         known = self._units.get(leg)
         if known is None:
-            body, start, goal = leg
-            pose = self._facts.snapshot.configurations
-            seconds = self._service.lower_bound(body, pose[start], pose[goal])
-            known = self._units[leg] = self._facts.units(seconds)
+            known = self._units[leg] = self._bound(leg)
         return known
+
+    def _bound(self, leg: Leg) -> int:
+        """Return units that it takes at least from place to place, by whatever drives."""
+        body, start, goal = leg
+        pose = self._facts.snapshot.configurations
+        return self._facts.units(self._service.lower_bound(body, pose[start], pose[goal]))
 
     def comings(self, called: Collection[tuple[int, str]]) -> dict[tuple[int, str], int]:
         """Return by kind of robots and place what it takes at least to come there without doing a
@@ -128,13 +130,16 @@ class Work:
     def alone(self, way: Way) -> tuple[int, tuple[Leg, ...]]:
         """Return units until a job can be done at the soonest, if that is all that is done, and the
         drives of that: the robot has to come from where it begins. 0 where it may come otherwise.
+
+        What the planner takes to come there directly is no bound: a robot may stop on its way, and
+        a planner may be quicker with a stop.
         """
         robots = [r for r in self.fleet.robots if self.fleet.kind_of[r] == way.kind]
         if way.goal is None or any(self.lines.get(robot) is None for robot in robots):
             return 0, ()
-        starts = sorted({self._facts.snapshot.initial[robot] for robot in robots})
-        units, start = min((way.units(start, self.units), start) for start in starts)
-        return units, way.drives(start)
+        starts = {self._facts.snapshot.initial[robot] for robot in robots}
+        coming = min(self._bound((way.body, start, way.goal)) for start in starts)
+        return coming + way.units(None, self.units), way.legs
 
     def body(self, robot: str) -> Body:
         """Return the body of a robot without loads."""
@@ -153,7 +158,7 @@ class Work:
         """Return whether it is known where each drive of a robot ends, and only drives move it."""
         tasks = self._driven.get(robot, ())
         known = all(t.terms[-1].kind is TermKind.CONSTANT for t in tasks)
-        return known and robot not in self._moved
+        return known and robot not in self._facts.snapshot.moved_otherwise
 
     def _way(self, job: int, option: Option) -> Way:
         robot = option.robot

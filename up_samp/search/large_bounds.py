@@ -21,9 +21,9 @@ def state_bounds(
     """
     bounds, tuning, service = search.bounds, search.tuning.large, search.motions.service
     try:
-        with in_force(search.budget.deadline):
+        deadline = search.budget.share(tuning.bounding, float("inf"))
+        with in_force(deadline):
             bound = JobsBound(problem, search.facts, service, jobs)
-            deadline = search.budget.share(tuning.bounding, float("inf"))
             bounds.raise_lower(bound.absolute(deadline), relative=False)
             if not relative:
                 return

@@ -48,7 +48,7 @@ def _from_behind(
     """Return the motions of a driver that begin where it only comes to by those that are shut at
     first; none where something else may take it elsewhere.
     """
-    other = {c.object for c in snapshot.changes} | {r.load for r in snapshot.rides}
+    other = snapshot.moved_otherwise
     once = len({t.activity for t in tasks}) == len(tasks)
     if driver in other or not once:
         return []

@@ -119,7 +119,11 @@ def _own(relaxation: Relaxation, activity: Activity, keys: _Keys) -> Any:
 
 
 def _terms(terms: Iterable[Any], activity: Activity) -> tuple[Any, ...]:
-    return tuple((t.kind, t.name.replace(f"{activity.name}.", f"{_SELF}.")) for t in terms)
+    own = f"{activity.name}."
+    return tuple(
+        (t.kind, f"{_SELF}.{t.name.removeprefix(own)}" if t.name.startswith(own) else t.name)
+        for t in terms
+    )
 
 
 class _Said:
@@ -139,6 +143,8 @@ class _Said:
                     self._by_name[name].append((me, node, scope))
             for node in _others(owner):
                 self._elsewhere |= (keys.names(node) - {me}) & names
+            told = {timing.timepoint.container for timing in _timings(owner)}
+            self._elsewhere |= (told - {me}) & names
 
     def exchangeable(self, one: str, other: str) -> bool:
         """Return whether constraints say the same after two activities have been exchanged."""
@@ -170,6 +176,13 @@ def _others(owner: Any) -> Iterator[FNode]:
             yield from _nodes(effect)
     if isinstance(owner, Activity):
         yield from (owner.duration.lower, owner.duration.upper)
+
+
+def _timings(owner: Any) -> Iterator[Timing]:
+    """Yield all times at which an activity, or the problem, needs or changes something."""
+    for span in owner.conditions:
+        yield from (span.lower, span.upper)
+    yield from owner.effects
 
 
 def _nodes(effect: Effect) -> tuple[FNode, FNode, FNode]:

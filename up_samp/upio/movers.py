@@ -116,8 +116,10 @@ def named_as_planned(problem: SchedulingProblem, plan: Mapping[str, Any]) -> Sch
         parameters = choosing.get(activity.name)
         if not parameters:
             continue
-        values = given.get(activity.name, {})
-        chosen = {p: _chosen(problem, activity, p, values) for p in parameters if values}
+        there = activity.name in given
+        chosen = {
+            p: _chosen(problem, activity, p, given[activity.name]) for p in parameters if there
+        }
         kept = _copy(activity, activity.name, chosen, whole=True)
         if not chosen:
             kept.clear_motion_constraints()
@@ -153,9 +155,9 @@ def _choices(
     domains = [
         [o for o in problem.objects(p.type) if isinstance(o, MovableObject)] for p in parameters
     ]
-    several = [p.name for p, domain in zip(parameters, domains, strict=True) if not domain]
-    if several:
-        raise UnsupportedError(f"there is no movable object for '{several[0]}'")
+    empty = [p.name for p, domain in zip(parameters, domains, strict=True) if not domain]
+    if empty:
+        raise UnsupportedError(f"there is no movable object for '{empty[0]}'")
     size = 1
     for domain in domains:
         size *= len(domain)

@@ -130,6 +130,7 @@ Motions
     effects happen at the end) the motion waits until both agree. A dynamic obstacle is there, or
     was last before it came to where it is or began to drive, or is on its way there: the dict asks
     no more than the list, unless the fluent names a configuration that the object never had.
+    A fluent of one parameter that takes the obstacle, given without it, is that of the obstacle.
 20. Motions respect their object's limits: see ``kinematics.py``, ``limits.py``, ``control.py``.
 21. Poses are in the world frame. A map's reference frame is where the frame of its file's own
     ``origin`` lies in the world. A motion stays on the map of its configurations' types; a motion

@@ -235,7 +235,7 @@ def conflict_runs(one: Swept, other: Swept, margin: float) -> IntArray:
         if open_from >= 0:
             runs = _noted(runs, used, i, open_from, m - 1)
             used += 1
-    return runs[:used]
+    return runs[:used].copy()  # a part would keep all of it
 
 
 @kernel

@@ -60,7 +60,8 @@ def _coordinated(
 
 def _is_tried_out(group: Group, root: Node) -> bool:
     """Return whether there are no other ways to coordinate the group than were tried: two robots,
-    each in time alone, of which the one goes first or the other.
+    each in time alone, of which the one goes first or the other, and nothing else that comes or
+    goes on their ways.
     """
     if len(root.runs) != 2 or group.least > 0.0:
         return False
@@ -68,7 +69,13 @@ def _is_tried_out(group: Group, root: Node) -> bool:
     if one.object == other.object or not (heeds(one, other) and heeds(other, one)):
         return False
     paths = [root.runs[m.name].path for m in (one, other)]
-    return one_decides(group.workspace.conflicts(*paths))
+    if not one_decides(group.workspace.conflicts(*paths)):
+        return False
+    # who waits for a door may wait ahead of the other one or behind it: that was not tried
+    return not any(
+        len(group.workspace.forbidden(path, m.object, m.avoid, group.world))
+        for m, path in zip((one, other), paths, strict=True)
+    )
 
 
 def _one_by_one(group: Group, seed: int, began: float) -> GroupReport:

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from up_samp.model import (
+    Configuration,
     Deadline,
     Placed,
     TimedMotion,
@@ -125,9 +126,8 @@ def _virtual_obstacles(
 ) -> list[Placed]:
     """Return copies of the runs that were met, where their path conflicts with ``path``.
 
-    Copies over the first and the last pose of the motion are left out: it has to be there. So are
-    those that are closer to them than the margin: with these, no way would keep more of it, from
-    anything.
+    Copies closer to the first or the last pose of the motion than the margin are left out: it has
+    to be there, and with them no way would keep more of the margin, from anything.
     """
     virtual: list[Placed] = []
     copies = workspace.tuning.detours.copies
@@ -144,19 +144,17 @@ def _virtual_obstacles(
             if not near or float(np.hypot(*(row[:2] - last))) < copies * other.path.hull.radius:
                 continue
             pose = (float(row[0]), float(row[1]), math.atan2(row[3], row[2]))
-            rest = workspace.resting(other.path.body, pose)
-            blocked = workspace.conflicts(path, rest)[:, 0]
-            if 0 in blocked or path.cells + 1 in blocked or _crowds(workspace, path, rest):
+            if _crowds(workspace, path, pose, other.path):
                 continue
             last = row[:2]
             virtual.append(Placed(f"{other.object}~{j}", other.path.body, pose))
     return virtual
 
 
-def _crowds(workspace: Workspace, path: Path, rest: Path) -> bool:
-    """Return whether a resting body is closer than the margin to one of a path's ends."""
+def _crowds(workspace: Workspace, path: Path, pose: Configuration, other: Path) -> bool:
+    """Return whether the body of ``other``, at a pose, is near an end of a path."""
     enough = workspace.margin + CLEARANCES.room
     return any(
-        separation(end, path.hull, rest.poses[0], rest.hull, enough) < enough
+        separation(end, path.hull, np.array(pose), other.hull, enough) < enough
         for end in path.poses[[0, -1]]
     )

@@ -105,7 +105,7 @@ class Ways:
     looks: int = 0
 
     def quickest_first(self) -> list[Path]:
-        """Return the paths."""
+        """Return the paths, those that may be the quickest first."""
         return sorted(self.paths.values(), key=lambda path: (path.fastest, path.number))
 
 

@@ -158,7 +158,7 @@ class PlanarPlanner:
                 limits = planar_limits(query.body.kinematics)
                 cuts, body = self.settings, query.body
                 tries = (
-                    pieces(shortened(world, nodes.copy(), limits, cuts.rounds, self.seed + n))
+                    pieces(shortened(world, nodes, limits, cuts.rounds, self.seed + n))
                     for n in range(cuts.tries)
                 )
                 return min(tries, key=lambda chain: chain_time(chain, body)), shape, ""

@@ -127,33 +127,26 @@ class _Reader:
         )
 
     def _activity(self, activity: UpActivity) -> Activity:
-        duration = activity.duration
         lower, upper = (self._bound(activity, up) for up in (False, True))
-        if duration.is_left_open():
-            lower = _shift(lower, 1)
-        if duration.is_right_open():
-            upper = _shift(upper, -1)
+        if lower[0] == upper[0] == "int" and lower[1] > upper[1]:
+            raise UnsupportedError(
+                f"the duration of activity '{activity.name}', {activity.duration}, holds no whole "
+                "number: choose a smaller unit for all times"
+            )
         parameters = tuple((p.name, read_type(p.type)) for p in activity.parameters)
         return Activity(activity.name, activity.optional, lower, upper, parameters)
 
     def _bound(self, activity: UpActivity, upper: bool) -> Expr:
-        """Return a bound of a duration; a fraction is rounded to the next whole number inside."""
+        """Return the least or the greatest whole duration."""
         duration = activity.duration
         node = duration.upper if upper else duration.lower
-        if not node.is_real_constant():
-            return self.expression(node)
-        value = Fraction(node.real_constant_value())
+        is_open = duration.is_right_open() if upper else duration.is_left_open()
+        step = (-1 if upper else 1) if is_open else 0
+        if not node.is_constant():
+            return _shift(self.expression(node), step) if step else self.expression(node)
+        value = Fraction(node.constant_value())
         rounded = math.floor(value) if upper else math.ceil(value)
-        other = duration.lower if upper else duration.upper
-        least, most = (other, rounded) if upper else (rounded, other)
-        if other.is_constant() and _number(least) > _number(most):
-            raise UnsupportedError(
-                f"the duration of activity '{activity.name}', {duration}, holds no whole number: "
-                "choose a smaller unit for all times"
-            )
-        if rounded != value and (duration.is_right_open() if upper else duration.is_left_open()):
-            rounded += 1 if upper else -1  # what is open is closed by a unit less, and is so here
-        return ("int", rounded)
+        return ("int", rounded + step if rounded == value else rounded)
 
     def _scoped(self, constraint: FNode, scope: Any) -> Expr:
         guard = conjunction(self.expression(s) for s in scope)
@@ -290,10 +283,6 @@ class _Reader:
         if node.is_variable_exp():
             return ("var", node.variable().name)
         raise UnsupportedError(f"expression {node}")
-
-
-def _number(value: FNode | int) -> Fraction:
-    return Fraction(value if isinstance(value, int) else value.constant_value())
 
 
 def _shift(expression: Expr, by: int) -> Expr:

@@ -32,7 +32,7 @@ def _resting_nodes(facts: Facts) -> list[tuple[str, str]]:
     snapshot = facts.snapshot
     nodes: set[tuple[str, str]] = set()
     # what comes and goes by other means than its own motions is not counted right
-    elsewise = {c.object for c in snapshot.changes} | {r.load for r in snapshot.rides}
+    elsewise = snapshot.moved_otherwise
     for name in sorted(facts.drivers):
         tasks = [t for t in snapshot.tasks if t.object == name]
         ends = [_places(facts, task, i) for task in tasks for i in (0, -1)]

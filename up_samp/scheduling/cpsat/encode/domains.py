@@ -1,4 +1,4 @@
-"""Which values of a parameter no constraint on it alone forbids."""
+"""Which objects no constraint on a parameter alone forbids it to be."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from up_samp.scheduling.cpsat.encode.variables import Variables
 
 
 def domains(forms: Iterable[Form], variables: Variables) -> dict[int, frozenset[int]]:
-    """Return, of the parameters that some form speaks of alone, the values that are left.
+    """Return, of the parameters that are objects and of which some form speaks alone, the values
+    that are left.
 
     Forms that hold where the parameter's activity is there are enough: nobody asks for the values
     of what is absent.
@@ -17,7 +18,8 @@ def domains(forms: Iterable[Form], variables: Variables) -> dict[int, frozenset[
     activities, bounds = variables.world.activities, variables.store.bounds
     presences = {
         var: TRUE if owner is None else activities[owner].present
-        for var, _, owner in variables.parameters.values()
+        for var, tpe, owner in variables.parameters.values()
+        if tpe.is_user_type()
     }
     told: dict[int, list[Form]] = {}
     for form in forms:

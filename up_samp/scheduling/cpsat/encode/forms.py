@@ -117,6 +117,17 @@ def _in_lowest_terms(cmp: Cmp) -> Form:
     return cmp._replace(terms=terms, const=-(-cmp.const // common))
 
 
+def value_told(form: Form, op: str) -> tuple[int, int] | None:
+    """Return (variable, value) if a form says that the variable is (``==``), or is not (``!=``),
+    that value.
+    """
+    if form.__class__ is Cmp and form.op == op and len(form.terms) == 1:
+        ((var, factor),) = form.terms
+        if abs(factor) == 1:
+            return var, -form.const * factor
+    return None
+
+
 def conjunction(forms: Iterable[Form]) -> Form:
     """Return the conjunction of ``forms``, flattened and folded."""
     return _combine("&", TRUE, FALSE, forms)

@@ -12,7 +12,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from up_samp.scheduling.cpsat.encode.forms import TRUE, Cmp, Form, Lin, Literal, constant
+from up_samp.scheduling.cpsat.encode.forms import (
+    TRUE,
+    Cmp,
+    Form,
+    Lin,
+    Literal,
+    constant,
+    value_told,
+)
 from up_samp.scheduling.cpsat.encode.statevars import Key, Read, StateVar, Write
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 
@@ -81,7 +89,7 @@ class _Reader:
             if part.__class__ is int:
                 absent.append(~part)
                 continue
-            value = _unless(part)
+            value = value_told(part, "!=")
             if value is not None:
                 values.append(value)
                 continue
@@ -125,15 +133,6 @@ class _Reader:
         """Return whose time a variable is (alternatives may share one)."""
         some = [a for a in self._by_time.get(var, ()) if a.present == TRUE or a.present in needs]
         return some[0] if len(some) == 1 else None
-
-
-def _unless(part: Form) -> Value | None:
-    """Return (variable, value) if a form says that the variable is another one."""
-    if part.__class__ is Cmp and part.op == "!=" and len(part.terms) == 1:
-        ((var, factor),) = part.terms
-        if abs(factor) == 1:
-            return var, -part.const * factor
-    return None
 
 
 def _set_for_good(states: States) -> dict[frozenset[int], StateVar]:

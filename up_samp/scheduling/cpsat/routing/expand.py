@@ -40,7 +40,7 @@ def expand(
     return CandidateSchedule(times, schedule.parameters)
 
 
-def changes_of(model: ScheduleModel) -> Changes:
+def changes_by_name(model: ScheduleModel) -> Changes:
     """Return what each activity changes at a known time."""
     changes: Changes = {}
     for key, state in model.states.vars.items():

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from unified_planning.model import FNode
 from unified_planning.model.operators import OperatorKind as Op
 
-from up_samp.scheduling.cpsat.encode.forms import FALSE, Cmp, Form
+from up_samp.scheduling.cpsat.encode.forms import FALSE, Cmp, Form, value_told
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.routing.route import INFINITE
 
@@ -89,11 +89,8 @@ def _variables(form: Form) -> frozenset[int]:
 def _unless(form: Form) -> Iterable[tuple[int, int]]:
     """Yield (variable, value) of which a clause says nothing if the variable is another one."""
     parts = form[1:] if form.__class__ is tuple and form[0] == "|" else ()
-    for part in parts:
-        if part.__class__ is Cmp and part.op == "!=" and len(part.terms) == 1:
-            ((var, factor),) = part.terms
-            if abs(factor) == 1:
-                yield var, -part.const * factor
+    told = (value_told(part, "!=") for part in parts)
+    yield from (item for item in told if item is not None)
 
 
 def _implied(form: Form, activity: ActivityVars, values: Values) -> int:

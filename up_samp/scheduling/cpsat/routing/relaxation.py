@@ -33,7 +33,7 @@ from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.problem import Additions
 from up_samp.scheduling.cpsat.routing.dispatch import find_tasks
-from up_samp.scheduling.cpsat.routing.expand import changes_of, expand
+from up_samp.scheduling.cpsat.routing.expand import changes_by_name, expand
 from up_samp.scheduling.cpsat.routing.legs import Arc, Legs, Travel, entry_form
 from up_samp.scheduling.cpsat.routing.levels import Course, find_levels
 from up_samp.scheduling.cpsat.routing.once import opened_once
@@ -254,7 +254,7 @@ class RoutingRelaxation:
 
     def expanded(self, schedule: CandidateSchedule) -> CandidateSchedule:
         """Return a schedule of the routing relaxation with moves put in."""
-        return expand(self.routes, schedule, changes_of(self.full))
+        return expand(self.routes, schedule, changes_by_name(self.full))
 
     def hints(self, known: dict[int, int]) -> dict[int, int]:
         """Translate values of the full model's variables to this model's."""

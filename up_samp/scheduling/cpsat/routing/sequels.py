@@ -6,7 +6,7 @@ from up_samp.model import CandidateSchedule
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.decoder import Step
 from up_samp.scheduling.cpsat.routing.dispatch import Work
-from up_samp.scheduling.cpsat.routing.expand import changes_of, expand
+from up_samp.scheduling.cpsat.routing.expand import changes_by_name, expand
 from up_samp.scheduling.cpsat.routing.sequences import Found, Sequences
 
 
@@ -35,4 +35,4 @@ def times_of(
     for (number, way), (_, start) in zip(steps, found, strict=True):
         task = work.tasks[number]
         times[task.ways[way][1]] = (start, start + task.length)
-    return expand(work.routes, CandidateSchedule(times), changes_of(model))
+    return expand(work.routes, CandidateSchedule(times), changes_by_name(model))

@@ -33,17 +33,18 @@ class UnitPlace:
 
 def find_unit_places(model: ScheduleModel, routes: list[Route]) -> list[UnitPlace]:
     """Return the unary places: 0/1 fluents that arrivals decrease and departures increase."""
-    owners = {
-        model.world.activities[move.name].index: (route, move)
-        for route in routes
-        for move in route.moves
-    }
+    carriers: dict[int | None, set[Key]] = {}
+    for route in routes:
+        for move in route.moves:
+            index = model.world.activities[move.name].index
+            carriers.setdefault(index, set()).add(route.key)
     found = []
     for key, state in model.states.vars.items():
         writes = [w for w in state.writes if not model.store.never(w.active)]
         if not writes or state.bounds != (0, 1) or not all(w.add for w in writes):
             continue
-        if any(w.owner not in owners for w in writes):
+        # who takes one unit for two travellers says nothing of these two
+        if any(len(carriers.get(w.owner, ())) != 1 for w in writes):
             continue
         changes = _unit_changes(model, routes, writes)
         if changes is None:

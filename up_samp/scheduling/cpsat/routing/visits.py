@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from up_samp.scheduling.cpsat.encode.forms import TRUE, Cmp, Form, Literal
+from up_samp.scheduling.cpsat.encode.forms import TRUE, Form, Literal, value_told
 from up_samp.scheduling.cpsat.routing.route import Move, Route
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def _leading(
     """
     parts = part[1:] if part.__class__ is tuple and part[0] == "&" else (part,)
     literals = [p for p in parts if p.__class__ is int]
-    values = [v for p in parts if (v := _value(p)) is not None]
+    values = [v for p in parts if (v := value_told(p, "==")) is not None]
     if any(model.store.never(literal) for literal in literals):
         return frozenset()
     mine = next((moves[literal] for literal in literals if literal in moves), None)
@@ -59,12 +59,3 @@ def _leading(
     return frozenset(
         m.to for m in mine if all(dict(m.values).get(var, v) == v for var, v in values)
     )
-
-
-def _value(part: Form) -> tuple[int, int] | None:
-    """Return (variable, value) if a form says that the variable has it."""
-    if part.__class__ is Cmp and part.op == "==" and len(part.terms) == 1:
-        ((var, factor),) = part.terms
-        if abs(factor) == 1:
-            return var, -part.const * factor
-    return None
