@@ -216,7 +216,8 @@ class GroupReport:
     ``late`` is empty. ``conflict`` is a small set of motion names that really conflict (for late
     or failed groups). ``blockers`` are objects that rest in the way.
     ``complete``: no search for it was cut short by a deadline. ``exhaustive``: on their fastest
-    ways the motions cannot be coordinated in other manners than were tried.
+    ways the motions cannot be coordinated in other manners than were tried (two robots, of whom it
+    decides everything who goes first, and nothing else comes or goes on their ways).
     """
 
     outcome: Outcome
