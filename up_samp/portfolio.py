@@ -27,6 +27,7 @@ from typing import Any
 
 from unified_planning.engines import PlanGenerationResult
 from unified_planning.engines import PlanGenerationResultStatus as Status
+from unified_planning.environment import get_environment
 from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.io.plan_dict import PlanDict, plan_to_dict
@@ -94,7 +95,10 @@ def solve_portfolio(
     except Exception as error:
         raise ProblemError(f"the problem or a member cannot be sent to workers: {error}") from error
     deadline = Deadline.after(timeout)
+    environment = get_environment()
     with ExitStack() as stack:
+        # members are silent, those that are run in this process, too
+        stack.callback(setattr, environment, "credits_stream", environment.credits_stream)
         turns = 1
         if executor is None:
             count = min(len(members), os.cpu_count() or 1)
@@ -138,17 +142,13 @@ def _run_here(
 
 
 def _run(problem: SchedulingMotionProblem, member: Member, seconds: float) -> Said:
-    from unified_planning.shortcuts import OneshotPlanner, get_environment
+    from unified_planning.shortcuts import OneshotPlanner
 
     import up_samp  # noqa: F401  (registers the engines)
 
-    environment = get_environment()
-    before, environment.credits_stream = environment.credits_stream, None
-    try:
-        with OneshotPlanner(name=member.engine, params=dict(member.params)) as planner:
-            result = planner.solve(problem, timeout=None if seconds == float("inf") else seconds)
-    finally:
-        environment.credits_stream = before  # this may be the caller's process
+    get_environment().credits_stream = None
+    with OneshotPlanner(name=member.engine, params=dict(member.params)) as planner:
+        result = planner.solve(problem, timeout=None if seconds == float("inf") else seconds)
     told = " ".join(m.message for m in result.log_messages or ())
     metrics = result.metrics or {}
     bound, kind = int(metrics.get("lower_bound", 0)), str(metrics.get("bound_kind", ""))

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from tests.oracles.clocks import JumpingClock
 from up_samp.geometry import OccupancyGrid
 from up_samp.model import (
     Body,
@@ -28,18 +29,7 @@ BOX = ((-0.5, -0.3), (0.5, -0.3), (0.5, 0.3), (-0.5, 0.3))
 CRATE = ((-0.6, -0.6), (0.6, -0.6), (0.6, 0.6), (-0.6, 0.6))
 MODELS = (MotionModel.REEDSSHEPP, MotionModel.PIVOT, MotionModel.SE2)
 LIMIT = 3.0
-
-
-class Jumping:
-    """A clock on a machine that others use: it stands still, but for jumps at random looks."""
-
-    def __init__(self, rng, every):
-        self.rng, self.every, self.now = rng, every, 1000.0
-
-    def monotonic(self):
-        if self.every and self.rng.random() < 1.0 / self.every:
-            self.now += self.rng.choice((0.2, 1.0, 2.0, 4.0))
-        return self.now
+JUMPS = (0.2, 1.0, 2.0, 4.0)
 
 
 def floor():
@@ -89,11 +79,11 @@ def differing(seed, folder, monkeypatch, every):
     cut, and finished.
     """
     alone, group = queries(random.Random(seed))
-    time = SimpleNamespace(monotonic=Jumping(random.Random(seed), 0).monotonic)
+    time = SimpleNamespace(monotonic=lambda: 1000.0)
     monkeypatch.setattr(deadline, "time", time)
     path, together = asked(alone, group, MotionCache())
     assert path.complete or path.outcome is Outcome.IMPOSSIBLE
-    time.monotonic = Jumping(random.Random(seed), every).monotonic
+    time.monotonic = JumpingClock(random.Random(seed), every, JUMPS).monotonic
     wrong, counts = [], [0, 0]
     for again in (False, True):  # the second finds what the first has left on disk
         cut, cut_together = asked(alone, group, MotionCache(folder))

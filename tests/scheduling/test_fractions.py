@@ -144,7 +144,7 @@ def test_open_durations_without_a_whole_number_are_refused_by_name(engine):
     promote = problem.environment.expression_manager.auto_promote
     work = problem.add_activity("work")
     work._set_duration_constraint(OpenDurationInterval(*promote(HALF, Fraction(1))))
-    with pytest.raises(UnsupportedError, match="duration of activity 'work', .* holds no whole"):
+    with pytest.raises(UnsupportedError, match=r"duration of activity 'work', .* holds no whole"):
         solve(problem, engine)
 
 

@@ -13,19 +13,10 @@ from unified_planning.shortcuts import OneshotPlanner
 
 from tests.fuzz.problems import SECONDS, build
 from tests.fuzz.small import small_case
+from tests.oracles.clocks import JumpingClock
 from up_samp.model import deadline
 
-
-class Jumping:
-    """The machine's clock, but that some looks at it come a while later: one in ``every``."""
-
-    def __init__(self, rng, every):
-        self.rng, self.every, self.ahead = rng, every, 0.0
-
-    def monotonic(self):
-        if self.rng.random() < 1.0 / self.every:
-            self.ahead += self.rng.choice((0.1, 0.5, 1.0, 2.0))
-        return time.monotonic() + self.ahead
+JUMPS = (0.1, 0.5, 1.0, 2.0)
 
 
 def solved(case, folder, timeout, **params):
@@ -45,7 +36,7 @@ def false_claims(seed, folder, monkeypatch, every):
     honest = solved(case, folder, 20.0)
     if honest.status not in (Status.SOLVED_OPTIMALLY, Status.UNSOLVABLE_PROVEN):
         return None
-    clock = Jumping(random.Random(seed), every)
+    clock = JumpingClock(random.Random(seed), every, JUMPS, time.monotonic)
     with monkeypatch.context() as patch:
         patch.setattr(deadline, "time", SimpleNamespace(monotonic=clock.monotonic))
         hurried = solved(case, folder, 20.0, cache=cache)

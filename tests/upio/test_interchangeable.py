@@ -94,8 +94,9 @@ def constrained(hall, how):
 @pytest.mark.parametrize(
     "how",
     ["one ends early", "one after another", "one lasts longer", "one has another obstacle",
-     "somebody else knows it", "one sets a flag", "one needs a flag", "somebody's problem needs it",
-     "somebody's problem at its end", "somebody's activity needs it", "somebody's effect at its end"],
+     "somebody else knows it", "one sets a flag", "one needs a flag",
+     "somebody's problem needs it", "somebody's problem at its end", "somebody's activity needs it",
+     "somebody's effect at its end"],
 )  # fmt: skip
 def test_whoever_differs_is_not_among_them(hall, how):
     constrained(hall, how)

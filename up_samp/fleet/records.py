@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import Ge, Gt, Le, MinLen
-from pydantic import AfterValidator, BeforeValidator, ConfigDict, StringConstraints
+from pydantic import BeforeValidator, ConfigDict, StringConstraints
 
 from up_samp.fleet.limits import FIGURES
 from up_samp.upio.limits import LIMITS
@@ -24,16 +24,10 @@ STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_.-]*$", max_length=80)]
 
 
-def _not_tiny(value: float) -> float:
-    if value < FIGURES.least:
-        raise ValueError(f"should be {FIGURES.least:g} or more")
-    return value
-
-
 Count = Annotated[int, Gt(0), Le(int(FIGURES.largest))]
 Visits = Annotated[int, Gt(0), Le(FIGURES.visits)]
-Positive = Annotated[float, Gt(0), Le(FIGURES.largest), AfterValidator(_not_tiny)]
-Length = Annotated[float, Gt(0), Le(LIMITS.footprint), AfterValidator(_not_tiny)]
+Positive = Annotated[float, Ge(FIGURES.least), Le(FIGURES.largest)]
+Length = Annotated[float, Ge(FIGURES.least), Le(LIMITS.footprint)]
 Seconds = Positive
 Moment = Annotated[float, Ge(0), Le(FIGURES.largest)]
 Rate = Annotated[float, Ge(0), Le(FIGURES.largest)]

@@ -22,14 +22,19 @@ class Incumbent:
 
 @dataclass
 class Bounds:
-    """Makespans in units. ``relative``: the lower one rests on the motion planner's durations;
-    ``absolute`` is the best one that does not.
+    """Makespans in units: ``absolute`` is the best lower one that does not rest on the motion
+    planner's durations. ``stated``: something that does was told to the scheduler.
     """
 
     lower: int = 0
-    relative: bool = False
     absolute: int = 0
+    stated: bool = False
     incumbent: Incumbent | None = None
+
+    @property
+    def relative(self) -> bool:
+        """Whether the lower bound rests on the motion planner's durations."""
+        return self.lower > self.absolute
 
     @property
     def upper(self) -> int | None:
@@ -40,9 +45,7 @@ class Bounds:
         """Take note of a lower bound; ``relative``: it rests on the planner's durations."""
         if not relative:
             self.absolute = max(self.absolute, units)
-        if units > self.lower:
-            self.lower = units
-            self.relative |= relative
+        self.lower = max(self.lower, units)
 
     @property
     def met(self) -> bool:

@@ -136,7 +136,8 @@ def get_schedule(search: Search, *, optimal: bool) -> ScheduleReport:
         search.history.recognised = report.recognised
         search.history.left_over = report.left_over
     if report.bound is not None and not guessing:
-        bounds.raise_lower(report.bound, relative=bounds.relative)
+        # it was told the bound so far, too
+        bounds.raise_lower(report.bound, relative=bounds.stated or bounds.relative)
     search.tell.schedule(report)
     return report
 

@@ -93,7 +93,7 @@ class Search:
     def learn(self, refinements: Iterable[Refinement]) -> int:
         """Tell the scheduler what is new of these and return how many that were."""
         new = self.knowledge.learn(refinements)
-        self.bounds.relative |= any(r.strength is Strength.RELATIVE for r in new)
+        self.bounds.stated |= any(r.strength is Strength.RELATIVE for r in new)
         self.tell.refinements(new)
         return len(new)
 
