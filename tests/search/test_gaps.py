@@ -1,5 +1,7 @@
 """What robots do in turn, what they carry, and the units that they surely lose."""
 
+from unified_planning.model.motion import ActivityWaypoints
+
 from tests.search.store_fleet import fleet_of
 from up_samp.benchmarks.warehouse import warehouse
 from up_samp.geometry import lay_out
@@ -41,6 +43,18 @@ def test_a_place_is_sure_as_long_as_nothing_else_sets_its_fluent():
     wrong = problem.add_activity("wrong", duration=1, optional=True)
     wrong.add_effect(wrong.end, fluent(robot), dock)
     assert not {robot for _, robot in sure_stands(problem, snapshot).places} & {"robot0"}
+
+
+def test_who_drives_to_wherever_a_fluent_says_is_surely_nowhere():
+    problem = warehouse(2, 2, encoding="compact")
+    robot, body = problem.object("robot0"), problem.fluent("robot_at")
+    home = problem.add_fluent("home", body.type, default_initial_value=problem.object("dock0"))
+    drive = problem.add_motion_activity("anywhere", optional=True)
+    drive.set_duration_bounds(1, 90)
+    drive.add_motion_constraint(ActivityWaypoints(robot, body(robot), [home()]))
+    snapshot, _ = lay_out(read_problem(problem))
+    places = sure_stands(problem, snapshot).places
+    assert {robot for _, robot in places} == {"robot1"}
 
 
 def test_what_is_told_only_while_another_one_is_there_is_not_told():

@@ -87,7 +87,7 @@ def _drives(snapshot: Snapshot) -> dict[str, set[tuple[str, str]]]:
     """Return by robot the activities that drive it, with where they end; no robot that is moved
     otherwise, or drives to where is not known, or twice in one activity.
     """
-    other = snapshot.moved_otherwise
+    other = set(snapshot.moved_otherwise)
     found: dict[str, set[tuple[str, str]]] = defaultdict(set)
     tasks: dict[str, list[str]] = defaultdict(list)
     for task in snapshot.tasks:
