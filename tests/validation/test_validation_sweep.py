@@ -52,6 +52,22 @@ def test_sound_drives_are_accepted(start, way, step):
     assert list(motion_violations("m", LIMITS, trajectory.times, trajectory.poses)) == []
 
 
+@settings(max_examples=150, deadline=None, derandomize=True)
+@given(
+    poses,
+    segments,
+    st.sampled_from([0.05, 0.4, 2.0]),
+    st.tuples(st.floats(-2.0, 30.0), st.floats(0.0, 12.0)),
+)
+def test_a_track_stays_in_its_box(start, way, step, window):
+    driven = track(drive(start, way, step=step))
+    low, high = window[0], window[0] + window[1]
+    corners = driven.box(low, high)
+    points = driven.poses_at(np.linspace(low, high, 300))[:, :2]
+    assert (points >= corners[0] - 1e-9).all()
+    assert (points <= corners[1] + 1e-9).all()
+
+
 @settings(max_examples=40, deadline=None, derandomize=True)
 @given(
     poses,

@@ -96,6 +96,10 @@ def hits_body(
 ) -> float | None:
     """Return a time in [low, high] at which two bodies meet."""
     radii = shape.radius + other.radius
+    mine_low, mine_high = track.box(low, high)
+    its_low, its_high = other_track.box(low, high)
+    if (mine_low - its_high > radii).any() or (its_low - mine_high > radii).any():
+        return None
 
     def gap(times: FloatArray) -> FloatArray:
         mine, theirs = track.poses_at(times), other_track.poses_at(times)

@@ -62,9 +62,13 @@ class Track:
     poses: FloatArray
     radius: float
     _travel: FloatArray = field(init=False, repr=False)
+    _bulge: float = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         pieces = pieces_of(self.times, self.poses)
+        # no point of an arc is farther from its chord than that
+        aside = np.sqrt(np.maximum(pieces.length**2 - (pieces.chord**2).sum(1), 0.0)) / 2
+        object.__setattr__(self, "_bulge", float(aside.max(initial=0.0)))
         steps = pieces.length + self.radius * np.abs(pieces.turn)
         object.__setattr__(self, "_travel", np.concatenate(([0.0], np.cumsum(steps))))
 
@@ -98,6 +102,13 @@ class Track:
             )
         )
         return np.asarray(begin + along)
+
+    def box(self, a: float, b: float) -> tuple[FloatArray, FloatArray]:
+        """Return the corners (2,) of a box around where the reference point is from a to b."""
+        first = max(int(np.searchsorted(self.times, a, side="right")) - 1, 0)
+        last = min(int(np.searchsorted(self.times, b, side="left")), len(self.times) - 1)
+        points = self.poses[min(first, last) : last + 1, :2]
+        return points.min(0) - self._bulge, points.max(0) + self._bulge
 
     def travel(self, a: FloatArray, b: FloatArray) -> FloatArray:
         """Return upper bounds on the way of any point of the body between times a <= b."""
