@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from up_samp.geometry.meshes import Mesh, mesh_of, nested, surface_distance, transform
 from up_samp.model import Body, Configuration, Trajectory
-from up_samp.motion.fleet.margins import eased
+from up_samp.motion.fleet.margins import CLEARANCES, eased
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -103,13 +103,17 @@ def _arcs(poses: FloatArray, reach: float) -> FloatArray:
     return np.asarray(chords * np.maximum(bend, 1.0) + reach * turns)
 
 
-def gap(a: Flight, pose_a: Configuration, b: Flight, pose_b: Configuration) -> float:
-    """Return the distance (m) of two bodies' surfaces, or less where that is cheaper to tell."""
+def gap(
+    a: Flight, pose_a: Configuration, b: Flight, pose_b: Configuration, enough: float
+) -> float:
+    """Return the distance (m) of two bodies' surfaces; more than ``enough`` (m) may be told as
+    less, where that is cheaper, but as more than that.
+    """
     # what drives is a column: there only the distance along the floor tells how far away it is
     size = 3 if a.body.flies and b.body.flies else 2
     reaches = a.reach + b.reach
     apart = math.dist(pose_a[:size], pose_b[:size]) - reaches
-    if apart > 0.5 * reaches:
+    if apart > 0.5 * reaches + enough:
         return apart
     return surface_distance(a.mesh, transform(pose_a), b.mesh, transform(pose_b))
 
@@ -120,7 +124,9 @@ def margin_of(a: Flight, b: Flight, wish: float) -> float:
     """
     if len(a.trajectory.times) == 1 or len(b.trajectory.times) == 1:
         return 0.0  # the path planner kept its margin from what rests
-    least = min(gap(a, in_space(p), b, in_space(q)) for p, q in itertools.product(a.ends, b.ends))
+    ends = itertools.product(a.ends, b.ends)
+    enough = wish + CLEARANCES.room
+    least = min(gap(a, in_space(p), b, in_space(q), enough) for p, q in ends)
     return eased(wish, least)
 
 
@@ -152,7 +158,7 @@ def _contact_within(a: Flight, b: Flight, low: float, high: float, margin: float
         return low
     t, last = low, float(way[-1])
     while True:
-        clear = gap(a, a.pose(t), b, b.pose(t)) - margin
+        clear = gap(a, a.pose(t), b, b.pose(t), margin) - margin
         if clear <= TOUCH:
             return t
         reach = float(np.interp(t, marks, way)) + clear

@@ -167,7 +167,8 @@ class PrioritisedFlyers:
             here = in_space(pose)
             if found and math.dist(here[:3], in_space(found[-1].pose)[:3]) < apart:
                 continue
-            if all(gap(flight, end, other, here) > 2 * self.margin for end in flight.ends):
+            room = 2 * self.margin
+            if all(gap(flight, end, other, here, room) > room for end in flight.ends):
                 found.append(Placed(f"{other.object}~{len(found)}", other.body, pose))
         return found
 

@@ -127,7 +127,7 @@ class FlyerWorld:
         far = np.linalg.norm(self._centres - point, axis=1) - self._reaches
         if self._walls >= 0:
             far[self._walls] = self._scene.room(point[0], point[1]) - self.mesh.radius
-        near = far < 0.5 * self.mesh.radius
+        near = far < 0.5 * self.mesh.radius + self.margin
         best = float(np.min(far[~near], initial=math.inf)) - self.margin
         for i in np.flatnonzero(near):
             if far[i] - self.margin >= best:
