@@ -14,6 +14,7 @@ import pytest
 import shapely
 from spacetime_oracle import placed, room
 
+from up_samp.benchmarks import tight_places as tight
 from up_samp.model import (
     Body,
     Deadline,
@@ -81,11 +82,11 @@ def draw(seed, margin):
     return motions, rests
 
 
-def closest(motions, rests, trajectories):
-    """Return the least distance (m) of each pair of bodies, and of each from the walls, while one
-    of them moves.
+def closest(motions, rests, trajectories, floor):
+    """Return the least distance (m) of each pair of bodies, and of each from the walls (``floor``),
+    while one of them moves.
     """
-    floor, found = walls(), {}
+    found = {}
     end = max(t.end for t in trajectories.values())
     for t in np.arange(0.0, end, 0.04):
         there = [(r.name, placed(r.body, r.pose), False) for r in rests if r.since <= t < r.until]
@@ -110,7 +111,7 @@ def too_close(seed, margin):
     report = service.coordinate(query, Deadline.after(20))
     if report.outcome is not Outcome.FOUND:
         return None
-    found = closest(motions, rests, report.trajectories)
+    found = closest(motions, rests, report.trajectories, walls())
     return {who: gap for who, gap in found.items() if gap < margin - NEAR}
 
 
@@ -134,3 +135,52 @@ def test_many_groups_keep_the_margin(margin):
     answers = {seed: too_close(seed, margin) for seed in range(100, 180)}
     assert sum(answer is not None for answer in answers.values()) >= 40
     assert {seed: answer for seed, answer in answers.items() if answer} == {}
+
+
+def apart_in_knots(case, kind, margin):
+    """Return who comes closer than the margin in a tight place, while one of them moves; None where
+    nothing was found. Who stands closer to another at an end may keep half of that; who stands
+    closer to a wall may come as close.
+    """
+    traffic = tight.CASES[case].build(tight.BODIES[kind]())
+    service = MotionService(traffic.grid, margin=margin)
+    motions = traffic.query.motions
+    report = service.coordinate(traffic.query, Deadline.after(60))
+    if report.outcome is not Outcome.FOUND:
+        return None
+    asked = {}
+    for one, other in itertools.combinations(motions, 2):
+        ends = itertools.product(
+            one.poses[:: len(one.poses) - 1], other.poses[:: len(other.poses) - 1]
+        )
+        gap = min(placed(one.body, a).distance(placed(other.body, b)) for a, b in ends)
+        asked[one.object, other.object] = min(margin, max(0.5 * gap, gap - 0.02))
+    floor = blocked(traffic.grid)
+    for m in motions:
+        if min(placed(m.body, pose).distance(floor) for pose in m.poses) < margin:
+            asked[m.object] = 0.0
+    found = closest(motions, (), report.trajectories, floor)
+    return {who: gap for who, gap in found.items() if gap < asked.get(who, margin) - NEAR}
+
+
+def blocked(grid):
+    """Return the walls of a grid as a shape."""
+    cells = np.argwhere(grid.blocked)
+    half = 0.5 * grid.resolution
+    corners = [grid.point_of(r, c) for r, c in cells]
+    return shapely.union_all(
+        [shapely.box(x - half, y - half, x + half, y + half) for x, y in corners]
+    )
+
+
+def test_joint_moves_keep_the_margin():
+    assert apart_in_knots("full ring of three", "omni", 0.05) == {}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("margin", [0.03, 0.05])
+@pytest.mark.parametrize("case", tight.CASES)
+def test_joint_moves_keep_the_margin_everywhere(case, margin):
+    kinds = tight.CASES[case].bodies
+    answers = {kind: apart_in_knots(case, kind, margin) for kind in kinds}
+    assert {kind: answer for kind, answer in answers.items() if answer} == {}

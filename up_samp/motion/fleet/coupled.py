@@ -75,7 +75,7 @@ class Coupling:
         ]
         poses = (self.places[robot][state[robot]], self.places[robot][there])
         static = parked_all_the_time(motion, self.world)
-        return self.workspace.detour(motion.body, poses, [*static, *parked], self.deadline)
+        return self.workspace.detour(motion.body, poses, static, parked, self.deadline)
 
 
 def couple(

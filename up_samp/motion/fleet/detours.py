@@ -101,14 +101,14 @@ def with_detours(
     deadline: Deadline,
 ) -> TimedPath | None:
     """Return the best of ``best`` and of paths around whatever the last path met at full speed."""
-    around = list(static)
+    copies: list[Placed] = []
     for _ in range(workspace.tuning.ladder.detours):
         met = met_at_full_speed(workspace, motion, window, path, others)
         virtual = _virtual_obstacles(workspace, motion, path, met[:2])
         if not virtual or deadline.expired():
             break
-        around += virtual
-        other_path = workspace.detour(motion.body, motion.poses, around, deadline)
+        copies += virtual
+        other_path = workspace.detour(motion.body, motion.poses, static, copies, deadline)
         if other_path is None:
             break
         path = other_path

@@ -103,9 +103,7 @@ def _arcs(poses: FloatArray, reach: float) -> FloatArray:
     return np.asarray(chords * np.maximum(bend, 1.0) + reach * turns)
 
 
-def gap(
-    a: Flight, pose_a: Configuration, b: Flight, pose_b: Configuration, enough: float
-) -> float:
+def gap(a: Flight, pose_a: Configuration, b: Flight, pose_b: Configuration, enough: float) -> float:
     """Return the distance (m) of two bodies' surfaces; more than ``enough`` (m) may be told as
     less, where that is cheaper, but as more than that.
     """

@@ -228,7 +228,7 @@ def _drive(
     air = knot.workspace.tuning.knots.air
     wide = [Placed(p.name, grown(p.body, air), p.pose) for p in parked]
     path = knot.workspace.detour(
-        motion.body, (at[robot], end), [*knot.static[robot], *wide], knot.deadline
+        motion.body, (at[robot], end), knot.static[robot], wide, knot.deadline
     )
     moves = [edge.move for edge in trip.edges]
     whole = _between(drive(moves, motion.body.kinematics), at[robot], end)

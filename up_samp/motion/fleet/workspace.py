@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import weakref
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.scene import Scene
+from up_samp.geometry.sweeps import samples_free
 from up_samp.model import (
     Body,
     Configuration,
@@ -39,6 +40,7 @@ from up_samp.motion.fleet.margins import kept, wished
 from up_samp.motion.fleet.paths import Path, path_of, resting_path
 from up_samp.motion.fleet.timed_path import NOBODY, TimedPath, pair_flags, planar, pose_at
 from up_samp.motion.fleet.timings import Timing
+from up_samp.motion.guides.search_space import widest_shape
 from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
 from up_samp.motion.stringing import strung
 from up_samp.motion.tuning import CarTuning, FleetTuning, MotionTuning
@@ -179,18 +181,44 @@ class Workspace:
         self,
         body: Body,
         poses: tuple[Configuration, ...],
-        obstacles: Iterable[Placed],
+        static: Sequence[Placed],
+        others: Iterable[Placed],
         deadline: Deadline,
     ) -> Path | None:
-        """Return a path around ``obstacles`` that is cheap to find, if there is one.
+        """Return a path that is cheap to find, if there is one, around what is ``static`` and
+        ``others``, who stand there for a while.
 
-        Unlike :meth:`path` it gives up early, since a detour is only one way of several.
+        Unlike :meth:`path` it gives up early, since a detour is only one way of several. From walls
+        and what is static it keeps the margin, whoever else stands near its ends.
         """
+        path = self._detour(body, poses, (*static, *others), deadline)
+        return path if path is not None and self._keeps(path, poses, tuple(static)) else None
+
+    def _keeps(
+        self, path: Path, poses: Sequence[Configuration], static: tuple[Placed, ...]
+    ) -> bool:
+        """Return whether a path keeps as much of the margin from walls and what is static as its
+        ends do. (Planners keep as much from everything as the ends keep from anything.)
+        """
+        if self.scene is None:
+            return True
+        shape = widest_shape(self.scene, path.body, poses, static)
+        if shape is None:
+            return False
+        least = 1e-3 * float(shape.data.slack[2])
+        return samples_free(self.scene.world(shape, static), path.poses, least) < 0
+
+    def _detour(
+        self,
+        body: Body,
+        poses: tuple[Configuration, ...],
+        obstacles: tuple[Placed, ...],
+        deadline: Deadline,
+    ) -> Path | None:
         quick = self._quick.get(body.kinematics.model)
         if quick is None or self.scene is None:
             path = self.path(body, poses, obstacles, deadline.within(self.tuning.detours.quick))
             return path if isinstance(path, Path) else None
-        obstacles = tuple(obstacles)
         around = frozenset((p.body.footprint, p.pose) for p in obstacles)
         key = (body, poses, around, "detour")
         known = self._paths.get(key)
