@@ -6,7 +6,6 @@ import math
 import numpy as np
 import pytest
 import shapely
-from shapely.affinity import rotate, translate
 from unified_planning.engines import PlanGenerationResultStatus as Status
 
 from tests.soundness.coarse import Coarse
@@ -20,6 +19,7 @@ from tests.soundness.worlds import (
     SECONDS,
     build,
     pack_at,
+    placed,
     random_ride,
     write_rooms,
 )
@@ -47,11 +47,6 @@ WALLS = shapely.union_all(
 @pytest.fixture(scope="module")
 def rooms(tmp_path_factory):
     return write_rooms(tmp_path_factory.mktemp("rooms"))
-
-
-def placed(shape, pose):
-    turned = rotate(shapely.Polygon(shape), pose[2], origin=(0, 0), use_radians=True)
-    return translate(turned, pose[0], pose[1])
 
 
 class Film:

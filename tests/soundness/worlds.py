@@ -12,7 +12,9 @@ import random
 from dataclasses import dataclass, replace
 
 import numpy as np
+import shapely
 from PIL import Image
+from shapely.affinity import rotate, translate
 from unified_planning.environment import get_environment
 from unified_planning.model.metrics import MinimizeMakespan
 from unified_planning.model.motion import (
@@ -52,6 +54,12 @@ LEFT, RIGHT = ("a", "b", "b2", "m"), ("c", "d", "d2", "e")
 PACK = ((-0.15, -0.15), (0.15, -0.15), (0.15, 0.15), (-0.15, 0.15))
 AHEAD = 0.5
 """Metres from a robot's middle to that of what it carries."""
+
+
+def placed(shape, pose):
+    """Return a footprint at a pose."""
+    turned = rotate(shapely.Polygon(shape), pose[2], origin=(0, 0), use_radians=True)
+    return translate(turned, pose[0], pose[1])
 
 
 def pack_at(place):
@@ -138,7 +146,7 @@ def random_world(seed: int) -> World:
 
 def random_ride(seed: int) -> World | None:
     """Return the world of a seed with a pack that rides along with some drives of one robot; None
-    where none of them surely happens.
+    where none of them surely happens, or a robot starts where the pack is.
     """
     world, rng = random_world(seed), random.Random(f"ride {seed}")
     sure = [d for d in world.drives if not d.optional]
@@ -149,6 +157,9 @@ def random_ride(seed: int) -> World | None:
     here = own.index(first)
     carried = own[here : here + rng.choice((1, 2))]
     names = tuple(d.name for d in carried)
+    pack = placed(PACK, pack_at(first.start))
+    if any(pack.intersection(placed(BOX, PLACES[p])).area > 0.0 for _, p in world.robots):
+        return None
     drives = tuple(
         d
         if d.heeds is None or d.name in names or rng.random() < 0.5
