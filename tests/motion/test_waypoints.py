@@ -102,7 +102,8 @@ def test_what_turns_on_the_spot_stops_only_there():
     report = planned(body, poses)
     assert report.trajectory.duration == pytest.approx(17.0, rel=1e-9)
     assert report.complete
-    turned = planned(body, [*poses, (16.0, 4.0, math.pi / 2), (16.0, 16.0, math.pi / 2)])
+    up = math.pi / 2
+    turned = planned(body, [*poses, (16.0, 0.0, up), (16.0, 4.0, up), (16.0, 16.0, up)])
     assert turned.trajectory.duration == pytest.approx(17.0 + math.pi + 17.0, rel=1e-9)
     limits = Limits("r", "PIVOT", 0.0, 1.0, 1.0, 1.0, 0.5)
     times, rows = turned.trajectory.times, turned.trajectory.poses

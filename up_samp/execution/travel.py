@@ -85,7 +85,8 @@ def travel_of(path: Path) -> Travel:
     stops = tuple(float(x) for x in rests[rests > 1e-9]) or (path.length,)
     count = max(2, int(np.ceil(path.length / STEP)) + 1)
     grid = np.unique(np.concatenate([np.linspace(0.0, path.length, count), [0.0], stops]))
-    cap = np.full(len(grid), kin.v_max)
+    # between points the cap is read off a line: both of them have to heed a tight arc
+    cap = path.tops_within(np.append(grid[:1], grid[:-1]), np.append(grid[1:], grid[-1:]))
     if not path.tunable:
         cap = np.minimum(cap, _planned_speed(path, grid))
     speed = cap.copy()

@@ -22,7 +22,7 @@ from up_samp.model import Body, Configuration, Placed, ProblemError, Trajectory
 
 log = logging.getLogger(__name__)
 
-FORMAT = 3
+FORMAT = 4
 """Part of every key: files of other versions are never read."""
 
 SUFFIX = ".legs"

@@ -54,7 +54,7 @@ PARTS = tuple(SECONDS)
 PARTS_FOR: dict[MotionModel, tuple[str, ...]] = {
     MotionModel.REEDSSHEPP: ("paths", "shortcuts", "bounds", "groups", "knots", "search"),
     MotionModel.SE2: ("planar", "bounds", "groups", "knots"),
-    MotionModel.PIVOT: ("planar", "bounds", "groups", "knots"),
+    MotionModel.PIVOT: ("paths", "shortcuts", "planar", "bounds", "groups", "knots"),
 }
 """Parts that bodies of each motion model need."""
 

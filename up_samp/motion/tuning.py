@@ -249,6 +249,25 @@ class CarTuning(Tunables):
 
 
 @dataclass(frozen=True)
+class RoundingTuning(Tunables):
+    """Corners that a body drives round which could turn on the spot
+    (``motion/planners/rounding.py``). Its rolling radius is that of the tightest arc that it drives
+    at top speed.
+    """
+
+    radii: tuple[float, ...] = tunable(
+        (1.0, 0.7, 0.5, 0.35), "rolling radii", "of arcs that are tried", least=0.2
+    )
+    shifts: tuple[float, ...] = tunable(
+        (0.0, 0.5, 1.0),
+        "cuts",
+        "by which a corner is pushed outwards: at 1 the arc passes where the corner was",
+        least=0,
+    )
+    rounds: int = tunable(3, "rounds", "over all corners", least=0)
+
+
+@dataclass(frozen=True)
 class PivotTuning(Tunables):
     """A body that turns on the spot: A* on lattices (``motion/planners/pivoting.py``)."""
 
@@ -262,6 +281,10 @@ class PivotTuning(Tunables):
     reach: float = tunable(
         16.0, "radii of the body", "around all that is known, where there is no map", least=1
     )
+    arcs: int = tunable(
+        8_000, "expansions", "of a search for a way along arcs, as a car drives", least=0
+    )
+    rounding: RoundingTuning = field(default_factory=RoundingTuning)
     roadmap: RoadmapTuning = field(default_factory=RoadmapTuning)
 
 

@@ -136,7 +136,7 @@ def _cut(nodes: FloatArray, i: int, speed: float, a: float) -> FloatArray:
     return np.asarray((w - u) * speed * seconds / 8)
 
 
-def _profile(
+def profile(
     length: float, w0: float, w1: float, top: float, a: float
 ) -> tuple[float, float, float, float]:
     """Return (peak speed, seconds of rise, cruise, fall) over ``length`` m from speed w0 to w1."""
@@ -207,7 +207,7 @@ def _straight(
     length = float(chain.lengths[i])
     w0, w1 = float(speeds[i]), float(speeds[i + 1])
     free = max(length - first - last, 0.0)
-    peak, rise, cruise, fall = _profile(free, w0, w1, float(chain.tops[i]), chain.a)
+    peak, rise, cruise, fall = profile(free, w0, w1, float(chain.tops[i]), chain.a)
     done = 0.0
     for seconds, begin, slope in ((rise, w0, chain.a), (cruise, peak, 0.0), (fall, peak, -chain.a)):
         if seconds <= 1e-9:
@@ -278,6 +278,6 @@ def chain_time(nodes: FloatArray, body: Body) -> float:
         first, last = _reach(chain, speeds, i), _reach(chain, speeds, i + 1)
         free = max(float(length) - first - last, 0.0)
         ends = float(speeds[i]), float(speeds[i + 1])
-        total += sum(_profile(free, *ends, float(chain.tops[i]), chain.a)[1:])
+        total += sum(profile(free, *ends, float(chain.tops[i]), chain.a)[1:])
         total += 2 * last / ends[1] if ends[1] > 0 else 0.0
     return total

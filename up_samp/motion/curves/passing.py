@@ -1,7 +1,7 @@
 """Legs strung together: motions that pass from one into the next without a stop where they can.
 
 A waypoint asks for a pose, not for a rest. A car drives on where its direction does not change,
-and so does a body that turns on the spot where it need not turn; a free flyer does where the next
+and so does a body that turns on the spot where it need not; a free flyer does where the next
 piece goes on straight, at the same share of turn.
 """
 
@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.model import Kinematics, Trajectory
+from up_samp.motion.curves.rolling import rolled, thinned
 from up_samp.motion.curves.trajectories import joined
 from up_samp.motion.curves.trapezoid import time_of_distance
 from up_samp.motion.curves.twists import twists
@@ -47,26 +48,14 @@ def driven_through(parts: Sequence[Trajectory], kinematics: Kinematics) -> Traje
 
 
 def pivoted_through(parts: Sequence[Trajectory], kinematics: Kinematics) -> Trajectory:
-    """Return the legs of a body that drives straight and turns on the spot as one motion from time
-    0 that rests where it turns or changes its direction only.
+    """Return the legs of a body that turns on the spot as one motion from time 0 that rests where
+    it does so, or changes its direction, only.
     """
     whole = joined(parts)
     if len(whole.times) < 3:
         return whole
-    ahead, _, turns = twists(whole.poses).T
-    turning = np.abs(turns) > np.abs(ahead)
-    kinds = np.where(turning, 2.0, np.sign(ahead))
-    return _retimed(
-        whole,
-        np.where(turning, np.abs(turns), np.abs(ahead)),
-        np.flatnonzero(np.diff(kinds)) + 1,
-        _joints(parts),
-        lambda step: (
-            (kinematics.omega_max, np.inf)
-            if turning[step]
-            else (kinematics.v_max, kinematics.a_max)
-        ),
-    )
+    kept = np.concatenate([[True], _joints(parts), [True]])
+    return rolled(thinned(whole.poses, kinematics, kept), kinematics)
 
 
 def flown_through(parts: Sequence[Trajectory], kinematics: Kinematics) -> tuple[Trajectory, bool]:
@@ -127,8 +116,7 @@ def _retimed(
     kept: BoolArray,
     limits: Callable[[int], tuple[float, float]],
 ) -> Trajectory:
-    """Return the same poses at the times of one trapezoid from each rest to the next (of a constant
-    rate without a limit of acceleration).
+    """Return the same poses at the times of one trapezoid from each rest to the next.
 
     ``ways`` (n - 1,): metres between samples; ``rests``: samples with a rest between the ends;
     ``kept`` (n - 2,): inner samples that have to stay; ``limits(step)``: speed and acceleration.
@@ -138,8 +126,7 @@ def _retimed(
     for low, high in itertools.pairwise(marks):
         s = np.cumsum(ways[low:high])
         v, a = limits(low)
-        after = s / v if np.isinf(a) else time_of_distance(s, float(s[-1]), v, a)
-        times[low + 1 : high + 1] = times[low] + after
+        times[low + 1 : high + 1] = times[low] + time_of_distance(s, float(s[-1]), v, a)
     # where it rested before, samples now are far closer than they need be
     stay = [0]
     for i in range(1, len(times) - 1):

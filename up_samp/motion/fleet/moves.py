@@ -10,9 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.model import Body, Configuration, Kinematics, Trajectory
+from up_samp.model import Body, Configuration, Kinematics, MotionModel, Trajectory
 from up_samp.motion.curves.arcs import length_of, merged, nodes_of, reversed_arcs
 from up_samp.motion.curves.reeds_shepp import fastest, run_time
+from up_samp.motion.curves.rolling import rolled, rolls_of
 from up_samp.motion.curves.straight import leg_profile, timed_chain
 from up_samp.motion.curves.trapezoid import (
     distance_of_time,
@@ -22,6 +23,7 @@ from up_samp.motion.curves.trapezoid import (
     time_of_distance,
     trajectory_of,
 )
+from up_samp.motion.curves.twists import partway
 from up_samp.motion.fleet.abilities import abilities_of
 
 FloatArray = npt.NDArray[np.float64]
@@ -97,6 +99,8 @@ def drive(moves: Sequence[Move], kinematics: Kinematics) -> Trajectory:
     if len(arcs) == len(moves):
         ends = [tuple(float(v) for v in row) for row in (moves[0].rows[0], moves[-1].rows[-1])]
         return trajectory_of(ends, [merged(np.concatenate(arcs))], kinematics)
+    if kinematics.model is MotionModel.PIVOT:
+        return rolled(corners_of(moves), kinematics)
     return timed_chain(corners_of(moves), kinematics)
 
 
@@ -108,7 +112,7 @@ def in_step(moves: Sequence[Move], kinematics: Sequence[Kinematics]) -> list[Tra
     marks = {1.0}
     for move, kin in zip(moves, kinematics, strict=True):
         if move.arcs is None:
-            _, v, a = leg_profile(move.rows[0], move.rows[-1], kin)
+            v, a = _shares_of(move, kin)
         else:
             lengths = np.abs(move.arcs[:, 1])
             v, a = kin.v_max / lengths.sum(), kin.a_max / lengths.sum()
@@ -116,15 +120,29 @@ def in_step(moves: Sequence[Move], kinematics: Sequence[Kinematics]) -> list[Tra
         speed, acceleration = min(speed, v), min(acceleration, a)
     times, shares = _shared_profile(sorted(marks), speed, acceleration)
     found = []
-    for move in moves:
+    for move, kin in zip(moves, kinematics, strict=True):
         start = move.rows[0]
-        if move.arcs is None:
+        if move.arcs is None and kin.model is MotionModel.PIVOT:
+            first, last = (np.repeat(row[None], len(shares), axis=0) for row in move.rows)
+            rows = partway(first, last, shares)
+        elif move.arcs is None:
             rows = start + shares[:, None] * (move.rows[-1] - start)
         else:
             ends = np.cumsum(np.abs(move.arcs[:, 1]))
             rows = poses_on(nodes_of(start, move.arcs), move.arcs, ends, shares * ends[-1])
         found.append(Trajectory(times.copy(), rows))
     return found
+
+
+def _shares_of(move: Move, kinematics: Kinematics) -> tuple[float, float]:
+    """Return top speed and acceleration of a move with one twist, in shares of it."""
+    if kinematics.model is MotionModel.PIVOT:
+        rolls = rolls_of(move.rows, kinematics)
+        size = float(rolls.sizes[0])
+        a = math.inf if abs(rolls.kinds[0]) == 2 else kinematics.a_max / size
+        return float(rolls.tops[0]) / size, a
+    _, speed, acceleration = leg_profile(move.rows[0], move.rows[-1], kinematics)
+    return speed, acceleration
 
 
 def _shared_profile(

@@ -1,8 +1,9 @@
 """Fixed paths, cut into short cells: the geometry that speed tuning and conflict checks share.
 
 A path keeps the shape of a planner's trajectory and forgets its timing. Its parameter ``s`` (m) is
-driven length for cars; for omnidirectional bodies it is the larger of the length and the turn
-scaled by ``v_max / omega_max``, so that ``|ds/dt| <= v_max`` bounds speed and turn rate at once.
+driven length for cars, and for bodies that turn on the spot where they drive; for omnidirectional
+bodies, and on the spot, it is the larger of the length and the turn scaled by ``v_max /
+omega_max``, so that ``|ds/dt| <= v_max`` bounds speed and turn rate at once.
 """
 
 from __future__ import annotations
@@ -18,8 +19,16 @@ import numpy.typing as npt
 
 from up_samp.geometry.shapes import Shape, shape_of
 from up_samp.model import Body, Configuration, MotionModel, Trajectory
-from up_samp.motion.curves.twists import partway, twists
+from up_samp.motion.curves.twists import partway
 from up_samp.motion.fleet.abilities import abilities_of
+from up_samp.motion.fleet.bends import (
+    CUT,
+    bends_hard,
+    kept_samples,
+    kinks_and_stops,
+    path_steps,
+    top_speeds,
+)
 from up_samp.motion.fleet.cell_times import occupancy
 from up_samp.motion.fleet.swept import Hull, Swept, sweep_table
 
@@ -29,25 +38,6 @@ BoolArray = npt.NDArray[np.bool_]
 
 Ring = tuple[tuple[float, float], ...]
 
-
-@dataclass(frozen=True)
-class Cut:
-    """How paths are cut. Steps shorter than ``tiny`` (m) carry no shape of their own; a change of
-    the direction of the twist by ``kink`` ends a stretch of constant curvature; where the direction
-    of an omnidirectional body changes by ``corner`` (rad) from sample to sample, it must stop;
-    ``bent`` is the share of the acceleration that a bend may take on a path whose speed is tuned
-    with all of it: the two are at right angles, so that together they take 0.5 % more; ``levels``:
-    speed levels that the tuning aims at (see :mod:`up_samp.motion.fleet.speed`).
-    """
-
-    tiny: float = 1e-7
-    kink: float = 1e-6
-    corner: float = 0.1
-    bent: float = 0.1
-    levels: int = 20
-
-
-CUT = Cut()
 
 _numbers = itertools.count()
 
@@ -91,6 +81,8 @@ class Path:
     """The trajectory it came from, shifted to start at time 0."""
     natural_s: FloatArray
     """``s`` at each sample of ``natural``."""
+    tops: FloatArray
+    """Top speeds (m/s) between samples, shape (n - 1,): tight arcs have lower ones."""
     cleared: set[tuple[Ring, Configuration]] = field(default_factory=set)
     """Resting bodies (footprint, pose) that the path's planner has proven it keeps clear of."""
     number: int = field(default_factory=lambda: next(_numbers))
@@ -112,6 +104,22 @@ class Path:
         if kin.model is MotionModel.REEDSSHEPP or not self.tunable:
             return self.natural.duration
         return self.length / kin.v_max
+
+    @cached_property
+    def caps(self) -> FloatArray:
+        """Top speeds (m/s) at the cell boundaries: none that a cell beside it may not have."""
+        return self.tops_within(
+            np.concatenate([self.edges[:1], self.edges[:-1]]),
+            np.concatenate([self.edges[1:], self.edges[-1:]]),
+        )
+
+    def tops_within(self, low: FloatArray, high: FloatArray) -> FloatArray:
+        """Return the top speeds (m/s) on stretches from ``low`` (k,) to ``high`` (k,) m."""
+        caps = np.full(len(low), self.body.kinematics.v_max)
+        for k in np.flatnonzero(self.tops < self.body.kinematics.v_max):
+            inside = (low < self.s[k + 1]) & (high > self.s[k])
+            caps[inside] = np.minimum(caps[inside], self.tops[k])
+        return caps
 
     @cached_property
     def rests(self) -> tuple[tuple[Ring, Configuration], tuple[Ring, Configuration]]:
@@ -169,27 +177,19 @@ def path_of(trajectory: Trajectory, body: Body, waypoints: Sequence[Configuratio
     """
     poses = np.asarray(trajectory.poses, dtype=np.float64)
     model = body.kinematics.model
-    v_max, omega_max = body.kinematics.v_max, body.kinematics.omega_max
-    turn_metre = hull_of(body).radius
-    if abilities_of(body).pivots:
-        turn_metre = v_max / omega_max
-    elif model is MotionModel.REEDSSHEPP:
-        turn_metre = 0.0
-    moves = twists(poses)
-    steps = np.hypot(moves[:, 0], moves[:, 1])
-    steps = np.maximum(steps, turn_metre * np.abs(moves[:, 2]))
-    natural_s = np.concatenate([[0.0], np.cumsum(steps)])
-    keep = _kept_samples(natural_s)
+    natural_s = np.concatenate([[0.0], np.cumsum(path_steps(poses, body, hull_of(body).radius))])
+    keep = kept_samples(natural_s)
     s, kept = natural_s[keep], poses[keep]
-    kink, stop = _kinks(kept, s, model)
+    kink, stop = kinks_and_stops(kept, s, body)
     tunable = not abilities_of(body).free
     if tunable:
         stop |= _pauses(trajectory, natural_s, s)
         kink |= stop | _waypoints(trajectory, natural_s, s, waypoints[1:-1])
-    if model is MotionModel.SE2 and _bends_hard(kept, s, stop, body):
+    if model is MotionModel.SE2 and bends_hard(kept, s, stop, body):
         # speeds are tuned along a path for speed alone: a blended corner would be taken too fast
         tunable = False
-    edges, halt = _cells(s, stop, _cell_length(body))
+    tops = top_speeds(kept, body)
+    edges, halt = _cells(s, stop, tops, body)
     return Path(
         body,
         kept,
@@ -201,6 +201,7 @@ def path_of(trajectory: Trajectory, body: Body, waypoints: Sequence[Configuratio
         tunable,
         trajectory.shifted(-trajectory.start),
         natural_s,
+        tops,
     )
 
 
@@ -208,52 +209,6 @@ def resting_path(body: Body, pose: Configuration) -> Path:
     """Return the path of a body that stays where it is."""
     trajectory = Trajectory(np.zeros(1), np.array([pose], dtype=np.float64))
     return path_of(trajectory, body)
-
-
-def _kept_samples(s: FloatArray) -> IntArray:
-    """Return samples that lie at least a tiny step apart, always with the first and the last."""
-    if np.all(np.diff(s) >= CUT.tiny):
-        return np.arange(len(s), dtype=np.int64)
-    keep = [0]
-    for i in range(1, len(s)):
-        if s[i] - s[keep[-1]] >= CUT.tiny:
-            keep.append(i)
-    if keep[-1] != len(s) - 1 and len(keep) > 1:
-        keep[-1] = len(s) - 1
-    return np.array(keep, dtype=np.int64)
-
-
-def _kinks(poses: FloatArray, s: FloatArray, model: MotionModel) -> tuple[BoolArray, BoolArray]:
-    """Return where the twist's direction jumps, and where the body must therefore rest."""
-    n = len(s)
-    kink, stop = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
-    kink[0] = kink[-1] = stop[0] = stop[-1] = True
-    if n > 2:
-        unit = twists(poses) / np.diff(s)[:, None]
-        kink[1:-1] = np.abs(np.diff(unit, axis=0)).max(axis=1) > CUT.kink
-        if model is MotionModel.REEDSSHEPP:
-            stop[1:-1] = unit[:-1, 0] * unit[1:, 0] < 0
-        else:
-            # a velocity may not jump: chords of smooth curves turn little from sample to sample
-            chord = np.diff(poses, axis=0) / np.diff(s)[:, None]
-            stop[1:-1] = np.abs(np.diff(chord, axis=0)).max(axis=1) > CUT.corner
-    return kink, stop
-
-
-def _bends_hard(poses: FloatArray, s: FloatArray, stop: BoolArray, body: Body) -> bool:
-    """Return whether going on at full speed where the way bends, or where it begins to turn more or
-    less on its way, takes more acceleration than what speeding up or braking leaves over.
-    """
-    steps = np.diff(s)
-    way = np.diff(poses[:, :2], axis=0) / steps[:, None]
-    change = np.hypot(*np.diff(way, axis=0).T)
-    mean = 0.5 * (steps[1:] + steps[:-1])
-    moving = (steps[1:] > CUT.tiny) & (steps[:-1] > CUT.tiny) & ~stop[1:-1]
-    kin = body.kinematics
-    most = CUT.bent * kin.a_max / kin.v_max**2
-    # tuned motions follow constant twists: who turns on a straight way would sway from side to side
-    turn = np.where(np.hypot(*way.T) > 1e-6, np.abs(np.diff(poses[:, 2])) / steps, 0.0)
-    return bool(np.any(change[moving] > most * mean[moving]) or np.any(turn > most))
 
 
 def _waypoints(
@@ -293,16 +248,22 @@ def _cell_length(body: Body) -> float:
     return float(np.clip(k.v_max**2 / (2 * k.a_max * CUT.levels), 0.1 * radius, 0.2 * radius))
 
 
-def _cells(s: FloatArray, stop: BoolArray, wish: float) -> tuple[FloatArray, BoolArray]:
+def _cells(
+    s: FloatArray, stop: BoolArray, tops: FloatArray, body: Body
+) -> tuple[FloatArray, BoolArray]:
     """Cut every stretch between two stops into an even number of equally long cells."""
     if len(s) == 1:
         return np.zeros(1), np.ones(1, dtype=np.bool_)
-    marks = s[stop]
+    kin, wish = body.kinematics, _cell_length(body)
     edges: list[FloatArray] = []
     halt: list[bool] = []
-    for low, high in itertools.pairwise(marks):
-        count = 2 * max(1, math.ceil((high - low) / wish / 2))
-        edges.append(np.linspace(low, high, count + 1)[:-1])
+    for low, high in itertools.pairwise(np.flatnonzero(stop)):
+        top, length = float(tops[low:high].min()), float(s[high] - s[low])
+        size = wish
+        if top < kin.v_max:  # cells so short that there are speeds below the slowest arc's
+            size = min(wish, top**2 / (2 * kin.a_max * CUT.least))
+        count = 2 * max(1, math.ceil(length / size / 2))
+        edges.append(np.linspace(s[low], s[high], count + 1)[:-1])
         halt += [True] + [False] * (count - 1)
-    edges.append(marks[-1:])
+    edges.append(s[-1:])
     return np.concatenate(edges), np.array([*halt, True], dtype=np.bool_)

@@ -88,6 +88,16 @@ def _grown(rows: FloatArray) -> FloatArray:
     return out
 
 
+class Way(NamedTuple):
+    """A path to be tuned, by vertex: where it is (``edges``, m), whether the body must rest there
+    (``halt``), its top speed there (``caps``, m/s).
+    """
+
+    edges: FloatArray
+    halt: BoolArray
+    caps: FloatArray
+
+
 class Cell(NamedTuple):
     """A cell on the way: its length ``ds`` (m), when it is ``free``, the ``latest`` time (s) at
     which its end is worth reaching.
@@ -158,29 +168,32 @@ def _levels(can: Speeds, ds: float) -> int:
 
 
 @inner
-def _top(edges: FloatArray, halt: BoolArray, can: Speeds) -> int:
-    """Return the highest speed level anywhere: that of top speed, or from which the cells to the
-    next halt are just enough. (Two stops a hair apart make tiny cells, of which top speed would be
-    millions of levels.)
+def _most(way: Way, can: Speeds) -> IntArray:
+    """Return the highest speed level at each vertex: that of top speed there, or from which the
+    cells to the next halt or tighter bend are just enough. (Two stops a hair apart make tiny cells,
+    of which top speed would be millions of levels.)
     """
-    m, top, left = len(edges) - 1, 1, 0
+    m = len(way.edges) - 1
+    most = np.zeros(m + 1, dtype=np.int64)
     for i in range(m - 1, 0, -1):
-        left = 0 if halt[i] else left + 1
-        ds = edges[i] - edges[i - 1]
-        top = max(top, min(left, _levels(can, ds)))
-    return top
+        if not way.halt[i]:
+            ds = way.edges[i] - way.edges[i - 1]
+            most[i] = min(most[i + 1] + 1, _levels(can, ds))
+            if way.caps[i] < can.v:
+                most[i] = min(most[i], int(way.caps[i] ** 2 / (2 * can.a * ds) + 1e-9))
+    return most
 
 
 @kernel
-def reachable(
-    edges: FloatArray, halt: BoolArray, can: Speeds, safe: Safe, release: float, horizon: float
-) -> Reached:
+def reachable(way: Way, can: Speeds, safe: Safe, release: float, horizon: float) -> Reached:
     """Return the reachable times.
 
     What cannot arrive until ``horizon`` (s) even at top speed from there is left out.
     """
+    edges = way.edges
     m = len(edges) - 1
-    width = _top(edges, halt, can) + 2
+    most = _most(way, can)
+    width = max(1, most.max()) + 2
     index = np.zeros((m + 1) * width + 1, dtype=np.int64)
     sets = np.empty((4096, 2))
     used = 0
@@ -191,15 +204,8 @@ def reachable(
             used = 1
     index[width] = used
     lo, hi = np.empty(8 * MOST), np.empty(8 * MOST)
-    left = 0
     for i in range(1, m + 1):
-        if left == 0:
-            while not halt[i + left]:
-                left += 1
-        else:
-            left -= 1
-        ds = edges[i] - edges[i - 1]
-        cap = min(left, _levels(can, ds))
+        ds, cap = edges[i] - edges[i - 1], most[i]
         cell = Cell(ds, _free(safe, i), horizon - (edges[m] - edges[i]) / can.v)
         for k in range(width):
             count = 0
@@ -297,7 +303,8 @@ def tune(
     """
     kin = path.body.kinematics
     can = Speeds(kin.v_max * SHARE, kin.a_max * SHARE)
-    reached = reachable(path.edges, path.halt, can, safe, release, horizon)
+    way = Way(path.edges, path.halt, path.caps * SHARE)
+    reached = reachable(way, can, safe, release, horizon)
     width = (len(reached.slots) - 1) // (path.cells + 1)
     last = path.cells * width
     arrivals = reached.sets[reached.slots[last] : reached.slots[last + 1]]

@@ -1,30 +1,41 @@
-"""Motions of bodies that drive along their heading and turn on the spot: a lattice, shortcuts.
+"""Motions of bodies that drive along their heading and turn on the spot: the fastest of two ways.
 
-A* over a lattice of positions and headings (:mod:`up_samp.motion.fleet.roadmap`), coarse to fine,
-guided by the distance around what is fixed; then corners are left out where turning, driving and
-turning again is faster. It rests at each corner.
+One is found by A* over a lattice of positions and headings (:mod:`up_samp.motion.fleet.roadmap`),
+coarse to fine, guided by the distance around what is fixed; then corners are left out where
+turning, driving and turning again is faster, and corners are driven round
+(:mod:`up_samp.motion.planners.rounding`). The other one is a car's that turns no tighter than such
+a body can at top speed: it never rests but at cusps.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry import Scene, Shape, sweeps
-from up_samp.model import Body, Deadline, Trajectory
+from up_samp.model import Body, Deadline, MotionModel, Trajectory
+from up_samp.motion.budget import Budget
+from up_samp.motion.curves.rolling import rolled, rolling_radius, rolling_time, rows_of
 from up_samp.motion.curves.straight import timed_chain
 from up_samp.motion.curves.trajectories import at_rest
 from up_samp.motion.fleet.moves import Move, corners_of, steer
 from up_samp.motion.fleet.roadmap import Roadmap, cells_of
 from up_samp.motion.guides.cost_to_go import Fields, field_value
 from up_samp.motion.guides.search_space import search_box, widest_shape
+from up_samp.motion.planners.car import CarPlanner
+from up_samp.motion.planners.rounding import Rounding, Way
 from up_samp.motion.protocol import Leg, LegQuery
-from up_samp.motion.tuning import PivotTuning, PlannersTuning
+from up_samp.motion.tuning import CarTuning, PivotTuning, PlannersTuning
 
 FloatArray = npt.NDArray[np.float64]
+
+
+QUICK_CAR = CarTuning((0.7,), (8_000,), rounds=400, patience=120)
+"""How hard a way along arcs is sought: there is another one, with stops."""
 
 
 class PivotPlanner:
@@ -37,6 +48,7 @@ class PivotPlanner:
         self.scene = scene
         self.settings = settings or PivotTuning()
         self.fields = Fields(scene)
+        self._car = CarPlanner(scene, seed, QUICK_CAR)
 
     @classmethod
     def tuned(cls, scene: Scene, seed: int, tuning: PlannersTuning) -> PivotPlanner:
@@ -54,12 +66,49 @@ class PivotPlanner:
         effort, cut = 0, False
         if not self._is_free(shape, query, moves or ()):
             moves, effort, cut = self._search(shape, query, deadline)
-        if moves is None:
-            reason = "out of time" if cut else "no path at the finest resolution"
-            return Leg(None, reason, effort, complete=not cut)
-        short = self._shortened(shape, query, corners_of(moves), deadline)
+        found: list[FloatArray] = []
+        if moves is not None:
+            short = self._shortened(shape, query, corners_of(moves), deadline)
+            found += self._rounded(shape, query, short, deadline)
+        arcs, used = self._along_arcs(query, deadline)
+        effort += used
+        if arcs is not None:
+            found.append(arcs)
         whole = not cut and not deadline.expired()
-        return Leg(_timed(body, query, short), "", effort, complete=whole)
+        if not found:
+            reason = "no path at the finest resolution" if whole else "out of time"
+            return Leg(None, reason, effort, complete=whole)
+        rows = min(found, key=lambda rows: rolling_time(rows, body.kinematics))
+        return Leg(_timed(body, query, rows), "", effort, complete=whole)
+
+    def _rounded(
+        self, shape: Shape, query: LegQuery, nodes: FloatArray, deadline: Deadline
+    ) -> list[FloatArray]:
+        """Return the chain through ``nodes``, and one with its corners driven round."""
+        way = Way.of(nodes)
+        if way is None:
+            return [nodes]
+        rounding = Rounding(
+            query.body.kinematics,
+            self.settings.rounding,
+            lambda rows: self._sweeps_free(shape, query, rows),
+            deadline.expired,
+        )
+        better = rounding.rounded(way)
+        return [nodes] if better is way else [nodes, better.rows()]
+
+    def _along_arcs(self, query: LegQuery, deadline: Deadline) -> tuple[FloatArray | None, int]:
+        """Return the poses of a car's way, if one is found within fixed work, and the work done."""
+        kin = query.body.kinematics
+        if self.settings.arcs == 0:
+            return None, 0
+        car = replace(
+            kin, model=MotionModel.REEDSSHEPP, turning_radius=rolling_radius(kin), control=None
+        )
+        budget = Budget(deadline, self.settings.arcs)
+        arcs, _ = self._car.path(replace(query, body=replace(query.body, kinematics=car)), budget)
+        start = np.array(query.start[:3], dtype=np.float64)
+        return None if arcs is None else rows_of(start, arcs), budget.used
 
     def _search(
         self, shape: Shape, query: LegQuery, deadline: Deadline
@@ -110,9 +159,12 @@ class PivotPlanner:
         return nodes
 
     def _is_free(self, shape: Shape, query: LegQuery, moves: Sequence[Move]) -> bool:
+        return all(self._sweeps_free(shape, query, m.rows) for m in moves)
+
+    def _sweeps_free(self, shape: Shape, query: LegQuery, rows: FloatArray) -> bool:
         world = self.scene.world(shape, query.obstacles)
         least = 1e-3 * float(shape.data.slack[2])
-        return all(sweeps.samples_free(world, m.rows, least) < 0 for m in moves)
+        return bool(sweeps.samples_free(world, rows, least) < 0)
 
 
 def _spliced(nodes: FloatArray, i: int, j: int, part: FloatArray) -> FloatArray:
@@ -123,13 +175,13 @@ def _spliced(nodes: FloatArray, i: int, j: int, part: FloatArray) -> FloatArray:
     return np.concatenate([nodes[:i], part, tail])
 
 
-def _timed(body: Body, query: LegQuery, nodes: FloatArray) -> Trajectory:
-    """Return the motion through ``nodes``, exactly between the query's poses."""
-    if len(nodes) < 2:
+def _timed(body: Body, query: LegQuery, rows: FloatArray) -> Trajectory:
+    """Return the motion through ``rows``, exactly between the query's poses."""
+    if len(rows) < 2:
         return at_rest(query.goal)
-    motion = timed_chain(nodes, body.kinematics)
-    rows = motion.poses.copy()
+    motion = rolled(rows, body.kinematics)
+    poses = motion.poses.copy()
     for k, pose in ((0, query.start), (-1, query.goal)):
-        turns = 2 * math.pi * round((float(rows[k, 2]) - pose[2]) / (2 * math.pi))
-        rows[k] = (pose[0], pose[1], pose[2] + turns)
-    return Trajectory(motion.times.copy(), rows)
+        turns = 2 * math.pi * round((float(poses[k, 2]) - pose[2]) / (2 * math.pi))
+        poses[k] = (pose[0], pose[1], pose[2] + turns)
+    return Trajectory(motion.times.copy(), poses)

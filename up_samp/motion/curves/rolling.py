@@ -1,0 +1,196 @@
+"""Timing of bodies that drive along their heading and turn at will (two driven wheels).
+
+Their way is a list of poses with a constant twist from each to the next: a line or an arc that is
+driven ahead or backwards, or a turn on the spot. They turn by ``omega_max`` at most and need no
+time to begin that, so an arc of radius r is driven at ``min(v_max, omega_max r)``, straight on from
+a line. They rest where they turn on the spot, and where their direction changes.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.model import Kinematics, Trajectory
+from up_samp.motion.curves.arcs import nodes_of
+from up_samp.motion.curves.blending import profile
+from up_samp.motion.curves.trapezoid import MOST_TURN
+from up_samp.motion.curves.twists import partway, twists
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+SPOT = 1e-3
+"""Who turns round a point nearer than this (m) turns on the spot."""
+
+SAME = 1e-6
+"""Curvatures (1/m) that differ by less are one; speeds of which less is missing (as a share) are
+whole.
+"""
+
+SHORTEST = 1e-7
+"""Phases of a motion that are shorter than this (s) have no sample of their own."""
+
+NOWHERE = 1e-12
+"""Poses that differ by no more (m, rad) are one."""
+
+
+class Rolls(NamedTuple):
+    """The pieces of a way: their ``sizes`` (m; rad on the spot), ``turns`` (rad), what each is
+    (``kinds``: 1 ahead, -1 backwards, 2 and -2 turns on the spot), its top speed (m/s; rad/s on
+    the spot).
+    """
+
+    sizes: FloatArray
+    turns: FloatArray
+    kinds: IntArray
+    tops: FloatArray
+
+
+def rolls_of(rows: FloatArray, kinematics: Kinematics) -> Rolls:
+    """Return the pieces between poses (n, 3), theta continuous, each another one than the next."""
+    ahead, _, turns = twists(rows).T
+    way, size = np.abs(ahead), np.abs(turns)
+    on_spot = way < SPOT * size
+    kinds = np.where(on_spot, 2 * np.sign(turns), np.sign(ahead)).astype(np.int64)
+    bound = kinematics.omega_max * way / np.where(size > 0.0, size, 1.0)
+    slow = (size > 0.0) & (bound < kinematics.v_max * (1.0 - SAME))
+    tops = np.where(slow, bound, kinematics.v_max)
+    tops = np.where(on_spot, kinematics.omega_max, tops)
+    return Rolls(np.where(on_spot, size, way), turns, kinds, tops)
+
+
+def rolling_radius(kinematics: Kinematics) -> float:
+    """Return the radius (m) of the tightest arc that such a body drives at top speed."""
+    return kinematics.v_max / kinematics.omega_max * (1.0 + SAME)
+
+
+def rows_of(start: FloatArray, arcs: FloatArray) -> FloatArray:
+    """Return a car's way along ``arcs`` (n, 2) as poses, at most ``MOST_TURN`` rad apart."""
+    turns = np.abs(arcs[:, 0] * arcs[:, 1])
+    counts = np.maximum(1, np.ceil(turns / MOST_TURN)).astype(np.int64)
+    parts = arcs.copy()
+    parts[:, 1] /= counts
+    return np.asarray(nodes_of(start, np.ascontiguousarray(np.repeat(parts, counts, axis=0))))
+
+
+def rolling_time(rows: FloatArray, kinematics: Kinematics) -> float:
+    """Return how long (s) the way through ``rows`` (n, 3) takes from rest to rest."""
+    rolls = rolls_of(_distinct(rows), kinematics)
+    pieces = zip(rolls.sizes.tolist(), rolls.kinds.tolist(), rolls.tops.tolist(), strict=True)
+    return drive_time(list(pieces), kinematics.a_max)
+
+
+def drive_time(pieces: Sequence[tuple[float, int, float]], a: float) -> float:
+    """Return how long (s) pieces (size, kind, top speed; see :class:`Rolls`) take one after the
+    other, from rest to rest, at the acceleration ``a`` (m/s^2).
+    """
+    if not pieces:
+        return 0.0
+    sizes, kinds, tops = zip(*pieces, strict=True)
+    return sum(p.seconds for phases in _phases_of(sizes, kinds, tops, a) for p in phases)
+
+
+def rolled(rows: FloatArray, kinematics: Kinematics) -> Trajectory:
+    """Return the motion through ``rows`` (n, 3) from rest to rest, from time 0, as fast as can be.
+
+    Samples are all of them, and at most ``Trajectory.MAX_STEP`` s and ``MOST_TURN`` rad apart.
+    """
+    rows = _distinct(rows)
+    rolls = rolls_of(rows, kinematics)
+    times, pieces, shares = [0.0], [0], [0.0]
+    now = 0.0
+    for i, phases in enumerate(_phases(rolls, kinematics.a_max)):
+        size, turn = float(rolls.sizes[i]), abs(float(rolls.turns[i]))
+        done = 0.0
+        for seconds, speed, push in phases:
+            driven = speed * seconds + 0.5 * push * seconds * seconds
+            steps = max(seconds / Trajectory.MAX_STEP, turn * driven / size / MOST_TURN)
+            count = max(1, math.ceil(steps - 1e-9)) if seconds > SHORTEST else 0
+            for k in range(1, count + 1):
+                t = seconds * k / count
+                times.append(now + t)
+                pieces.append(i)
+                shares.append(min((done + speed * t + 0.5 * push * t * t) / size, 1.0))
+            now += seconds
+            done += driven
+        if len(times) > 1 and pieces[-1] == i:
+            shares[-1] = 1.0
+    poses = rows[:1].copy()
+    if len(times) > 1:
+        at = np.array(pieces)
+        poses = partway(rows[at], rows[at + 1], np.array(shares))
+        ends = np.array(shares) == 1.0
+        poses[ends] = rows[at[ends] + 1]
+        poses[0], poses[-1] = rows[0], rows[-1]
+    return Trajectory(np.array(times), poses)
+
+
+def thinned(
+    rows: FloatArray, kinematics: Kinematics, kept: npt.NDArray[np.bool_] | None = None
+) -> FloatArray:
+    """Return the poses (n, 3) at which the twist changes, those that are ``kept`` (n,), and as many
+    more as it takes to tell how often the body turns round.
+    """
+    _, _, kinds, _ = rolls = rolls_of(rows, kinematics)
+    bends = np.where(np.abs(kinds) == 2, 0.0, kinds * rolls.turns / rolls.sizes)
+    changes = (np.diff(kinds) != 0) | (np.abs(np.diff(bends)) > SAME)
+    stay = [0]
+    for i in range(1, len(rows) - 1):
+        asked = kept is not None and kept[i]
+        if asked or changes[i - 1] or abs(rows[i + 1, 2] - rows[stay[-1], 2]) > MOST_TURN:
+            stay.append(i)
+    stay.append(len(rows) - 1)
+    return rows[stay]
+
+
+class _Phase(NamedTuple):
+    """Constant acceleration ``push`` from ``speed`` (m, or on the spot rad, and s)."""
+
+    seconds: float
+    speed: float
+    push: float
+
+
+def _distinct(rows: FloatArray) -> FloatArray:
+    """Return the poses without those that are where the one before is."""
+    moves = np.abs(np.diff(rows, axis=0)).max(axis=1) > NOWHERE
+    return rows[np.concatenate([[True], moves])]
+
+
+def _phases(rolls: Rolls, a: float) -> Iterator[tuple[_Phase, ...]]:
+    """Yield the phases of each piece of a way."""
+    return _phases_of(rolls.sizes.tolist(), rolls.kinds.tolist(), rolls.tops.tolist(), a)
+
+
+def _phases_of(
+    sizes: Sequence[float], kinds: Sequence[int], tops: Sequence[float], a: float
+) -> Iterator[tuple[_Phase, ...]]:
+    speeds = _speeds(sizes, kinds, tops, a)
+    for i, (size, kind, top) in enumerate(zip(sizes, kinds, tops, strict=True)):
+        if abs(kind) == 2:
+            yield (_Phase(size / top, top, 0.0),)
+        else:
+            peak, rise, cruise, fall = profile(size, speeds[i], speeds[i + 1], top, a)
+            yield _Phase(rise, speeds[i], a), _Phase(cruise, peak, 0.0), _Phase(fall, peak, -a)
+
+
+def _speeds(
+    sizes: Sequence[float], kinds: Sequence[int], tops: Sequence[float], a: float
+) -> list[float]:
+    """Return the largest speeds (m/s) at the ends of all pieces."""
+    speeds = [0.0]
+    for i, (before, after) in enumerate(itertools.pairwise(kinds)):
+        rolls_on = before == after and abs(before) == 1
+        speeds.append(min(tops[i], tops[i + 1]) if rolls_on else 0.0)
+    speeds.append(0.0)
+    for i in range(len(sizes)):
+        speeds[i + 1] = min(speeds[i + 1], math.sqrt(speeds[i] ** 2 + 2.0 * a * sizes[i]))
+    for i in reversed(range(len(sizes))):
+        speeds[i] = min(speeds[i], math.sqrt(speeds[i + 1] ** 2 + 2.0 * a * sizes[i]))
+    return speeds
