@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from up_samp.motion.fleet.workspace import _but_cleared
+from up_samp.motion.fleet.cleared import but_cleared
 
 
 def rows_of(blocked):
@@ -50,5 +50,5 @@ def test_rows_and_columns_of_cleared_rests_are_taken_out():
                 expected[at, :] = False
             if rests["b"][number] in a.cleared:
                 expected[:, at] = False
-        assert (dense(_but_cleared(rows, a, b), shape) == expected).all()
+        assert (dense(but_cleared(rows, a, b), shape) == expected).all()
         assert (rows == kept).all(), "what is remembered is not changed"

@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -25,19 +26,22 @@ from up_samp.motion.curves.twists import partway, twists
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-SPOT = 1e-3
-"""Who turns round a point nearer than this (m) turns on the spot."""
 
-SAME = 1e-6
-"""Curvatures (1/m) that differ by less are one; speeds of which less is missing (as a share) are
-whole.
-"""
+@dataclass(frozen=True)
+class Fineness:
+    """Who turns round a point nearer than ``spot`` (m) turns on the spot. Curvatures (1/m) that
+    differ by less than ``same`` are one, speeds of which less is missing (as a share) are whole.
+    Phases of a motion shorter than ``shortest`` (s) have no sample of their own; poses that differ
+    by no more than ``nowhere`` (m, rad) are one.
+    """
 
-SHORTEST = 1e-7
-"""Phases of a motion that are shorter than this (s) have no sample of their own."""
+    spot: float = 1e-3
+    same: float = 1e-6
+    shortest: float = 1e-7
+    nowhere: float = 1e-12
 
-NOWHERE = 1e-12
-"""Poses that differ by no more (m, rad) are one."""
+
+FINE = Fineness()
 
 
 class Rolls(NamedTuple):
@@ -56,10 +60,10 @@ def rolls_of(rows: FloatArray, kinematics: Kinematics) -> Rolls:
     """Return the pieces between poses (n, 3), theta continuous, each another one than the next."""
     ahead, _, turns = twists(rows).T
     way, size = np.abs(ahead), np.abs(turns)
-    on_spot = way < SPOT * size
+    on_spot = way < FINE.spot * size
     kinds = np.where(on_spot, 2 * np.sign(turns), np.sign(ahead)).astype(np.int64)
     bound = kinematics.omega_max * way / np.where(size > 0.0, size, 1.0)
-    slow = (size > 0.0) & (bound < kinematics.v_max * (1.0 - SAME))
+    slow = (size > 0.0) & (bound < kinematics.v_max * (1.0 - FINE.same))
     tops = np.where(slow, bound, kinematics.v_max)
     tops = np.where(on_spot, kinematics.omega_max, tops)
     return Rolls(np.where(on_spot, size, way), turns, kinds, tops)
@@ -67,7 +71,7 @@ def rolls_of(rows: FloatArray, kinematics: Kinematics) -> Rolls:
 
 def rolling_radius(kinematics: Kinematics) -> float:
     """Return the radius (m) of the tightest arc that such a body drives at top speed."""
-    return kinematics.v_max / kinematics.omega_max * (1.0 + SAME)
+    return kinematics.v_max / kinematics.omega_max * (1.0 + FINE.same)
 
 
 def rows_of(start: FloatArray, arcs: FloatArray) -> FloatArray:
@@ -111,7 +115,7 @@ def rolled(rows: FloatArray, kinematics: Kinematics) -> Trajectory:
         for seconds, speed, push in phases:
             driven = speed * seconds + 0.5 * push * seconds * seconds
             steps = max(seconds / Trajectory.MAX_STEP, turn * driven / size / MOST_TURN)
-            count = max(1, math.ceil(steps - 1e-9)) if seconds > SHORTEST else 0
+            count = max(1, math.ceil(steps - 1e-9)) if seconds > FINE.shortest else 0
             for k in range(1, count + 1):
                 t = seconds * k / count
                 times.append(now + t)
@@ -139,7 +143,7 @@ def thinned(
     """
     _, _, kinds, _ = rolls = rolls_of(rows, kinematics)
     bends = np.where(np.abs(kinds) == 2, 0.0, kinds * rolls.turns / rolls.sizes)
-    changes = (np.diff(kinds) != 0) | (np.abs(np.diff(bends)) > SAME)
+    changes = (np.diff(kinds) != 0) | (np.abs(np.diff(bends)) > FINE.same)
     stay = [0]
     for i in range(1, len(rows) - 1):
         asked = kept is not None and kept[i]
@@ -159,7 +163,7 @@ class _Phase(NamedTuple):
 
 def _distinct(rows: FloatArray) -> FloatArray:
     """Return the poses without those that are where the one before is."""
-    moves = np.abs(np.diff(rows, axis=0)).max(axis=1) > NOWHERE
+    moves = np.abs(np.diff(rows, axis=0)).max(axis=1) > FINE.nowhere
     return rows[np.concatenate([[True], moves])]
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.model import Body, MotionModel
-from up_samp.motion.curves.rolling import SPOT, rolls_of
+from up_samp.motion.curves.rolling import FINE, rolls_of
 from up_samp.motion.curves.twists import twists
 from up_samp.motion.fleet.abilities import abilities_of
 
@@ -45,7 +45,7 @@ def path_steps(poses: FloatArray, body: Body, radius: float) -> FloatArray:
     moves = twists(poses)
     ways, turns = np.hypot(moves[:, 0], moves[:, 1]), np.abs(moves[:, 2])
     if kin.model is MotionModel.PIVOT:
-        return np.where(ways < SPOT * turns, turns * kin.v_max / kin.omega_max, ways)
+        return np.where(ways < FINE.spot * turns, turns * kin.v_max / kin.omega_max, ways)
     turn_metre = radius
     if abilities_of(body).pivots:
         turn_metre = kin.v_max / kin.omega_max

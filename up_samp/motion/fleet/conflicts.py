@@ -195,8 +195,7 @@ def conflict_runs(one: Swept, other: Swept, margin: float) -> IntArray:
     ta, g, tb, h = one.table, one.hull, other.table, other.hull
     core = g.core + h.core
     runs = np.empty((64, 3), dtype=np.int64)
-    used = 0
-    m = len(tb)
+    used, m = 0, len(tb)
     step = stride = 1e-9
     for j in range(m):
         b = piece(tb[j, 1])
@@ -205,8 +204,7 @@ def conflict_runs(one: Swept, other: Swept, margin: float) -> IntArray:
     for i in range(len(ta)):
         a = piece(ta[i, 1])
         mine = reach_of(a, g.radius)
-        open_from = -1
-        j = 0
+        open_from, j = -1, 0
         while j < m:
             b = piece(tb[j, 1])
             dx, dy = a.x - b.x, a.y - b.y

@@ -34,11 +34,12 @@ from up_samp.motion.fleet.cell_times import (
     forbidden,
     stay_far,
 )
+from up_samp.motion.fleet.cleared import but_cleared, is_cleared
 from up_samp.motion.fleet.conflicts import conflict_runs
 from up_samp.motion.fleet.lanes import shifted_lane
 from up_samp.motion.fleet.margins import kept, wished
 from up_samp.motion.fleet.paths import Path, path_of, resting_path
-from up_samp.motion.fleet.timed_path import NOBODY, TimedPath, pair_flags, planar, pose_at
+from up_samp.motion.fleet.timed_path import NOBODY, TimedPath, pair_flags, planar
 from up_samp.motion.fleet.timings import Timing
 from up_samp.motion.guides.search_space import widest_shape
 from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
@@ -66,31 +67,6 @@ class PathPlanner(Protocol):
     def plan(self, query: PathQuery, deadline: Deadline) -> PathReport:
         """Return the best path of one body among the query's obstacles."""
         ...
-
-
-def _is_cleared(path: Path, rest: Path) -> bool:
-    return rest.cells == 0 and (rest.body.footprint, pose_at(rest, 0)) in path.cleared
-
-
-def _but_cleared(rows: IntArray, a: Path, b: Path) -> IntArray:
-    """Return conflicting cells without rests of one path that the other one's planner has proven it
-    keeps clear of: cells are coarser than that.
-    """
-    if len(rows) == 0 or not (a.cleared or b.cleared):
-        return rows
-    for rest, cell in zip(a.rests, (0, a.cells + 1), strict=True):
-        if rest in b.cleared:
-            rows = rows[rows[:, 0] != cell]
-    for number, rest in enumerate(b.rests):
-        if rest not in a.cleared or len(rows) == 0:
-            continue
-        rows = rows.copy()
-        if number == 0:
-            rows[:, 1] = np.maximum(rows[:, 1], 1)
-        else:
-            rows[:, 2] = np.minimum(rows[:, 2], b.cells)
-        rows = rows[rows[:, 1] <= rows[:, 2]]
-    return rows
 
 
 def fleet_tuning(service: PathPlanner) -> FleetTuning:
@@ -285,19 +261,19 @@ class Workspace:
 
     def conflicts(self, a: Path, b: Path) -> IntArray:
         """Return the conflicting cells of two paths as rows (i, j first, j last)."""
-        if _is_cleared(a, b) or _is_cleared(b, a):
+        if is_cleared(a, b) or is_cleared(b, a):
             return NOTHING
         key = (a.number, b.number)
         known = self._conflicts.get(key)
         if known is not None:
-            return _but_cleared(known, a, b)
+            return but_cleared(known, a, b)
         p, q = a.box, b.box
         if p[0] > q[2] or q[0] > p[2] or p[1] > q[3] or q[1] > p[3]:
             return self._conflicts.put(key, NOTHING)
         check_time()
         margin = kept(self.margin, a.poses[[0, -1]], a.hull, b.poses[[0, -1]], b.hull)
         found = self._conflicts.put(key, conflict_runs(a.swept, b.swept, margin))
-        return _but_cleared(found, a, b)
+        return but_cleared(found, a, b)
 
     def forbidden(
         self, path: Path, name: str, avoid: frozenset[str] | None, others: Iterable[TimedPath]

@@ -23,17 +23,22 @@ from up_samp.motion.tuning import RoundingTuning
 FloatArray = npt.NDArray[np.float64]
 Point = tuple[float, float]
 
-FLAT = 1e-9
-"""Turns (rad) below this are none."""
 
-SHARP = 2.6
-"""Corners that turn by more (rad) are not cut: the arc would lie far away from them."""
+@dataclass(frozen=True)
+class Sense:
+    """What is worth rounding. Turns (rad) and lines (m) below ``flat`` are none; corners that turn
+    by more than ``sharp`` (rad) are not cut: the arc would lie far away from them. Another way must
+    save ``gain`` s. The place of a new corner and the angle there are made to fit in ``fitted``
+    rounds.
+    """
 
-GAIN = 1e-3
-"""Seconds that another way must save."""
+    flat: float = 1e-9
+    sharp: float = 2.6
+    gain: float = 1e-3
+    fitted: int = 4
 
-FITTED = 4
-"""Rounds in which the place of a new corner and the angle there are made to fit."""
+
+SENSE = Sense()
 
 
 @dataclass(frozen=True)
@@ -57,7 +62,7 @@ class Way:
         ahead: list[int] = []
         for a, b in itertools.pairwise(nodes):
             dx, dy = float(b[0] - a[0]), float(b[1] - a[1])
-            if math.hypot(dx, dy) > FLAT:
+            if math.hypot(dx, dy) > SENSE.flat:
                 along = dx * math.cos(a[2]) + dy * math.sin(a[2])
                 ahead.append(1 if along > 0.0 else -1)
                 points.append((float(b[0]), float(b[1])))
@@ -103,12 +108,12 @@ class Way:
             return math.inf
         pieces: list[tuple[float, int, float]] = []
         for k, (turn, radius) in enumerate(zip(turns, self.radii, strict=True)):
-            if abs(turn) > FLAT and radius == 0.0:
+            if abs(turn) > SENSE.flat and radius == 0.0:
                 pieces.append((abs(turn), 2, kinematics.omega_max))
-            elif abs(turn) > FLAT:
+            elif abs(turn) > SENSE.flat:
                 top = min(kinematics.v_max, kinematics.omega_max * radius)
                 pieces.append((abs(turn) * radius, self.ahead[k], top))
-            if k < len(self.ahead) and found[1][k] > FLAT:
+            if k < len(self.ahead) and found[1][k] > SENSE.flat:
                 pieces.append((found[1][k], self.ahead[k], kinematics.v_max))
         return drive_time(pieces, kinematics.a_max)
 
@@ -131,7 +136,7 @@ class Way:
             if k > 0:
                 rows.append((x, y, theta))
             theta += turn
-            if abs(turn) > FLAT:
+            if abs(turn) > SENSE.flat:
                 rows.append((x, y, theta))
         return np.array(rows)
 
@@ -157,14 +162,14 @@ class Rounding:
                 if found is not None:
                     best, seconds = found
                 k += 1
-            if before - seconds < GAIN:
+            if before - seconds < SENSE.gain:
                 break
         return best
 
     def _better(self, others: Iterator[Way], limit: float) -> tuple[Way, float] | None:
         """Return the fastest free one of some ways, if it is faster than ``limit`` (s)."""
         timed = ((way.seconds(self.kinematics), k, way) for k, way in enumerate(others))
-        for seconds, _, way in sorted(item for item in timed if item[0] < limit - GAIN):
+        for seconds, _, way in sorted(item for item in timed if item[0] < limit - SENSE.gain):
             if self.is_free(way.rows()):
                 return way, seconds
         return None
@@ -179,7 +184,7 @@ class Rounding:
                     yield found if k == 0 else _reversed(found)
             return
         turn = way.turns[k]
-        if way.ahead[k - 1] != way.ahead[k] or abs(turn) > SHARP:
+        if way.ahead[k - 1] != way.ahead[k] or abs(turn) > SENSE.sharp:
             return
         yield _without(way, k)
         for radius, share in itertools.product(radii, self.tuning.shifts):
@@ -199,7 +204,7 @@ def _cut_by(way: Way, k: int, radius: float, shift: float) -> Way:
     before, after = math.hypot(x - ax, y - ay), math.hypot(bx - x, by - y)
     inside = (bx - x) / after - (x - ax) / before, (by - y) / after - (y - ay) / before
     bend = math.hypot(*inside)
-    if bend > FLAT:
+    if bend > SENSE.flat:
         x, y = x - shift * inside[0] / bend, y - shift * inside[1] / bend
     points = (*way.points[:k], (x, y), *way.points[k + 1 :])
     return replace(way, points=points, radii=(*way.radii[:k], radius, *way.radii[k + 1 :]))
@@ -211,17 +216,17 @@ def _begun_in_an_arc(way: Way, radius: float) -> Way | None:
     """
     turn, sign = way.turns[0], way.ahead[0]
     (x, y), (bx, by) = way.points[:2]
-    if not FLAT < abs(turn) < SHARP:
+    if not SENSE.flat < abs(turn) < SENSE.sharp:
         return None
     c, s = sign * math.cos(way.ends[0]), sign * math.sin(way.ends[0])
     away = 0.0
-    for _ in range(FITTED):
+    for _ in range(SENSE.fitted):
         away = max(away, radius * math.tan(0.5 * abs(turn)))
         dx, dy = bx - x - away * c, by - y - away * s
         turn = math.remainder(math.atan2(sign * dy, sign * dx) - way.ends[0], 2 * math.pi)
-        if abs(turn) > SHARP:
+        if abs(turn) > SENSE.sharp:
             return None
-    radius = min(radius, away / max(math.tan(0.5 * abs(turn)), FLAT))
+    radius = min(radius, away / max(math.tan(0.5 * abs(turn)), SENSE.flat))
     points = ((x, y), (x + away * c, y + away * s), *way.points[1:])
     return replace(
         way, points=points, ahead=(sign, *way.ahead), radii=(0.0, radius, *way.radii[1:])
