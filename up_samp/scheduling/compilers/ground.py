@@ -38,7 +38,7 @@ def compile_ground(problem: PlainProblem) -> Compiled:
     that never change.
 
     Raises:
-        UnsupportedError: a duration that reads a fluent which effects change.
+        UnsupportedError: a duration that reads a fluent which effects change, or one of parameters.
     """
     fluents = _fluent_expressions(problem)
     open_names = {e[1] for e in fluents if any(a[0] not in ("obj", "int", "bool") for a in e[2:])}
@@ -62,17 +62,20 @@ def compile_ground(problem: PlainProblem) -> Compiled:
             ground[name] = Fluent(declared.type, (), problem.initial_value(fluent))
     compiled = _Rewriter(replaced).problem(problem, ground, open_names)
     for activity in compiled.activities:
-        _refuse_changing(activity)
+        _refuse_fluents(activity, {e.fluent[1] for e in problem.effects})
     return Compiled(compiled)
 
 
-def _refuse_changing(activity: Activity) -> None:
-    """Raise ``UnsupportedError`` if the duration reads a fluent (those left are changed)."""
+def _refuse_fluents(activity: Activity, changed: set[str]) -> None:
+    """Raise ``UnsupportedError`` if the duration reads a fluent (those of constants that effects
+    never change have been replaced).
+    """
     for bound in (activity.lower, activity.upper):
         for expression in subexpressions(bound):
             if expression[0] == "flu":
                 what = f"the duration of {activity.name} reads the fluent {show(expression)}"
-                raise UnsupportedError(f"{what}, which effects change")
+                why = "which effects change" if expression[1] in changed else "with its parameters"
+                raise UnsupportedError(f"{what}, {why}")
 
 
 def _fluent_expressions(problem: PlainProblem) -> list[Expr]:
