@@ -25,6 +25,7 @@ class Quirks:
         resources_with_variable_durations: counts resources rightly then.
         intervals_of_numbers: takes conditions on numbers over intervals.
         empty_intervals: takes a condition over an empty interval as none.
+        products: multiplies by constants.
         reports_variables: returns values of variables that belong to no activity.
         proves_unsolvable: its ``UNSOLVABLE_PROVEN`` is a proof.
         proves_optimal: its ``SOLVED_OPTIMALLY`` is a proof.
@@ -40,6 +41,7 @@ class Quirks:
     resources_with_variable_durations: bool = True
     intervals_of_numbers: bool = True
     empty_intervals: bool = True
+    products: bool = True
     reports_variables: bool = True
     proves_unsolvable: bool = True
     proves_optimal: bool = True
@@ -55,6 +57,7 @@ _ARIES = Quirks(
     resources_with_variable_durations=False,
     intervals_of_numbers=False,  # its server crashes
     empty_intervals=False,
+    products=False,  # "Unsupported operator up:times"
     reports_variables=False,
     proves_unsolvable=False,
     message_limit=4 * 2**20,

@@ -13,6 +13,8 @@ class CompilerLimits:
     """Largest domain whose values become objects."""
     forbidden_sets: int = 5000
     """Most sets of activities that are forbidden one by one, per resource."""
+    factor: int = 100
+    """Largest constant in a product that becomes a sum."""
     span: int = 10**6
     """Upper bound for the length of a span whose owner's is not a constant."""
 

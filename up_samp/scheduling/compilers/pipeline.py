@@ -16,6 +16,7 @@ from up_samp.scheduling.compilers.numbers import compile_numbers
 from up_samp.scheduling.compilers.optional import compile_optional
 from up_samp.scheduling.compilers.plain import Compiled, PlainProblem
 from up_samp.scheduling.compilers.precedences import compile_precedences
+from up_samp.scheduling.compilers.products import compile_products
 from up_samp.scheduling.compilers.resources import compile_resources
 from up_samp.scheduling.compilers.rules import compile_rules
 from up_samp.scheduling.compilers.settled import compile_settled
@@ -54,6 +55,8 @@ def compilers_for(quirks: Quirks, *, apart: bool = False) -> list[Compiler]:
     if not quirks.empty_intervals:
         passes.append(compile_intervals)
     passes += [compile_differences, compile_settled]
+    if not quirks.products:
+        passes.append(compile_products)
     if quirks.assignments and not quirks.optional:
         passes.append(compile_tokens)
     if not quirks.optional:
