@@ -65,6 +65,17 @@ def test_a_car_rests_where_its_direction_changes():
     assert car_faults(report.trajectory, CAR.kinematics) == []
 
 
+def test_a_slider_that_goes_there_and_back_has_to_stop_there():
+    rng = np.random.default_rng(3)
+    for _ in range(30):
+        home, there = ((*rng.uniform(-9, 9, 2), 0.4) for _ in range(2))
+        alone = planned(SLIDER, (home, there)).trajectory.duration
+        report = planned(SLIDER, (home, there, home))
+        assert report.trajectory.duration == pytest.approx(2 * alone, rel=1e-9)
+        assert report.complete
+        assert not faults(report.trajectory, SLIDER.kinematics)
+
+
 def test_a_slider_passes_corners_exactly_and_moving():
     rng = np.random.default_rng(5)
     for _ in range(20):

@@ -10,13 +10,17 @@ from up_samp.motion.curves.passing import driven_through, flown_through, pivoted
 from up_samp.motion.curves.trajectories import at_rest, joined
 from up_samp.motion.protocol import Leg
 
+ROUNDING = 1e-9
+"""Seconds that equal durations may differ by."""
+
 
 def strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Trajectory, bool]:
     """Return the motion along all ``legs`` of a query, from time 0, and whether it stops between
     them only where it has to.
 
     A car stops where its direction changes, and what turns on the spot where it turns; bodies that
-    can turn their velocity should never stop, and with their own law of motion nobody knows.
+    can turn their velocity should stop only to turn back, and with their own law of motion nobody
+    knows.
     """
     kinematics = query.body.kinematics
     parts = [leg.trajectory for leg in legs if leg.trajectory is not None]
@@ -35,6 +39,6 @@ def strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Traject
         ways = [leg.corners for leg in legs if leg.corners is not None]
         if len(ways) == len(legs):
             gliding = glide_through(scene, query.body, query.poses, ways, query.obstacles)
-            if gliding is not None and gliding[0].duration <= whole.duration:
+            if gliding is not None and gliding[0].duration <= whole.duration + ROUNDING:
                 return gliding
     return whole, False

@@ -32,6 +32,10 @@ PINNED = 1e-12
 """Corners that move by less (m, rad) stay where they are."""
 
 
+REVERSED = -1.0 + 1e-12
+"""Cosine of the angle between directions that are opposite, but for rounding."""
+
+
 @dataclass(frozen=True)
 class Chain:
     """Straight pieces: ``nodes`` (n, 3), lengths (m), unit directions and top speeds (m/s).
@@ -47,6 +51,10 @@ class Chain:
     a: float
     omega: float
     pins: Mapping[int, FloatArray] = field(default_factory=dict)
+
+    def turns_back(self, node: int) -> bool:
+        """Return whether the pieces before and after a node are of opposite directions."""
+        return bool(self.directions[node - 1] @ self.directions[node] <= REVERSED)
 
     @staticmethod
     def of(
@@ -72,8 +80,8 @@ def first_speeds(chain: Chain) -> FloatArray:
     speeds = np.zeros(n)
     for i in range(1, n - 1):
         before, after = chain.lengths[i - 1], chain.lengths[i]
-        if min(before, after) < TINY:
-            continue  # a turn on the spot
+        if min(before, after) < TINY or chain.turns_back(i):
+            continue  # a turn on the spot, or nothing is won by going on farther
         room = 0.45 * min(before, after)
         bend = chain.bend(i)
         fits = math.sqrt(2 * chain.a * room / bend) if bend > TINY else math.inf

@@ -34,7 +34,8 @@ class Glider:
         self, nodes: FloatArray, goal: Configuration, pins: Mapping[int, FloatArray] | None = None
     ) -> tuple[Trajectory, bool] | None:
         """Return the safe motion along ``nodes`` (n, 3) that ends exactly at ``goal``, and whether
-        it passes all ``pins`` (poses by node, met exactly) without a stop; None if there is none.
+        it passes all ``pins`` (poses by node, met exactly) without a stop but where it turns back;
+        None if there is none.
         """
         if len(nodes) < 2:
             return at_rest(goal), True
@@ -60,7 +61,7 @@ class Glider:
             rows[-1] = (goal[0], goal[1], goal[2] + turns * 2 * math.pi)
             hit = sweeps.samples_free(world, rows, least)
             if hit < 0:
-                passed = all(speeds[i] > 0.0 for i in pins or ())
+                passed = all(speeds[i] > 0.0 or straight.turns_back(i) for i in pins or ())
                 return Trajectory(motion.times.copy(), rows), passed
             slowed = _slowed(speeds, {owners[hit], owners[min(hit + 1, len(owners) - 1)]}, chain.v)
             if slowed is None:
@@ -89,7 +90,8 @@ def glide_through(
     obstacles: tuple[Placed, ...],
 ) -> tuple[Trajectory, bool] | None:
     """Return one motion along the legs ``ways`` (corners (n, 3) of each) that passes exactly
-    through ``poses`` between them, and whether it never stops there (None: no safe timing).
+    through ``poses`` between them, and whether it stops there only to turn back (None: no safe
+    timing).
     """
     shape = widest_shape(scene, body, poses, obstacles)
     if shape is None:
