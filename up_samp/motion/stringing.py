@@ -6,12 +6,10 @@ from collections.abc import Sequence
 
 from up_samp.geometry import Scene
 from up_samp.model import MotionModel, PathQuery, Trajectory
+from up_samp.motion.curves.blending import TINY
 from up_samp.motion.curves.passing import driven_through, flown_through, pivoted_through
 from up_samp.motion.curves.trajectories import at_rest, joined
 from up_samp.motion.protocol import Leg
-
-ROUNDING = 1e-9
-"""Seconds that equal durations may differ by."""
 
 
 def strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Trajectory, bool]:
@@ -39,6 +37,6 @@ def strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Traject
         ways = [leg.corners for leg in legs if leg.corners is not None]
         if len(ways) == len(legs):
             gliding = glide_through(scene, query.body, query.poses, ways, query.obstacles)
-            if gliding is not None and gliding[0].duration <= whole.duration + ROUNDING:
+            if gliding is not None and gliding[0].duration <= whole.duration + TINY:
                 return gliding
     return whole, False

@@ -32,10 +32,6 @@ PINNED = 1e-12
 """Corners that move by less (m, rad) stay where they are."""
 
 
-REVERSED = -1.0 + 1e-12
-"""Cosine of the angle between directions that are opposite, but for rounding."""
-
-
 @dataclass(frozen=True)
 class Chain:
     """Straight pieces: ``nodes`` (n, 3), lengths (m), unit directions and top speeds (m/s).
@@ -54,7 +50,7 @@ class Chain:
 
     def turns_back(self, node: int) -> bool:
         """Return whether the pieces before and after a node are of opposite directions."""
-        return bool(self.directions[node - 1] @ self.directions[node] <= REVERSED)
+        return self.bend(node) > 2.0 - TINY
 
     @staticmethod
     def of(
