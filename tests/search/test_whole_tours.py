@@ -17,11 +17,11 @@ from up_samp.motion import MotionService
 from up_samp.motion.fleet.committed import Committed
 from up_samp.search import session
 from up_samp.search.deals import decided_by, state_order
+from up_samp.search.first_tours import plan_tours, undecided_tours
 from up_samp.search.jobs import find_jobs
 from up_samp.search.large import homes_of
 from up_samp.search.loop import get_schedule, state_what_is_known
 from up_samp.search.params import Parameters
-from up_samp.search.tours import plan_tours, undecided_tours
 from up_samp.upio import read_itinerary, read_problem
 from up_samp.upio.thin import thinned
 from up_samp.validation import validate_plan
@@ -128,7 +128,7 @@ def test_every_fleet_that_parks_out_of_the_way_gets_a_plan(seed):
     search, itinerary, build = opened(problem, seed)
     found = plan_tours(search, itinerary, Deadline.after(100))
     assert found is not None
-    done = found.decided()
+    _, done = found
     whole = build(done.schedule, done.trajectories())
     assert validate_plan(problem, whole).violations == ()
 
@@ -161,7 +161,7 @@ def test_needless_ways_home_are_left_out_of_plans():
     problem = warehouse(3, 5, encoding="compact")
     search, itinerary, build = opened(problem, 0)
     homes = homes_of(find_jobs(problem, read_problem(problem)))
-    done = plan_tours(search, itinerary, Deadline.after(100), homes=homes).decided()
+    _, done = plan_tours(search, itinerary, Deadline.after(100), homes=homes)
     assert done.needless
     assert all(name.startswith("leave_") for name in done.needless)
     assert done.lean().makespan < done.schedule.makespan

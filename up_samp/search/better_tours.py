@@ -2,14 +2,14 @@
 
 Large-neighbourhood search (Shaw 1998; for paths of many robots: Li et al., "Anytime Multi-Agent
 Path Finding via Large Neighborhood Search", IJCAI 2021). One of the tours that end last is decided
-anew, with some of those that delay it or with any others, in a random order; or its robot gives a
-job to another one, or exchanges one with it. What is not withdrawn stays as it is, motions and
-times. A change is kept if the plan gets shorter, or if it does not and its tours do on the whole.
+anew, with some of those that delay it or with any others, in a random order or in the order of
+time; or its robot gives a job to another one, or exchanges one with it. What is not withdrawn stays
+as it is, motions and times. A change is kept if the plan gets shorter, or if it does not and its
+tours do on the whole.
 """
 
 from __future__ import annotations
 
-import math
 import random
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ from up_samp.search.deals import Deal
 from up_samp.search.decided import Decided
 from up_samp.search.rehearsal import Step
 from up_samp.search.tours import Tours
-from up_samp.search.tuning import LargeTuning, ToursTuning
+from up_samp.search.tuning import LargeTuning
 
 OpenTours = Callable[[Deal, Deadline], Tours | None]
 """Opens tours of what was dealt out, with nothing decided; None where they cannot be."""
@@ -49,11 +49,26 @@ class Better:
             stale += 1
             if found is None or self._cost(found) >= self._cost(before):
                 continue
-            self.best, stale = found, 0
-            self.tried.clear()
-            self.delays.clear()
+            self._keep(found)
+            stale = 0
             if found.lean().makespan < before.lean().makespan:
                 yield found
+
+    def polished(self, changes: int, deadline: Deadline) -> Decided:
+        """Return the best tours after some ``changes``, none of which gives jobs to others."""
+        for _ in range(changes):
+            if deadline.expired():
+                break
+            found = self._other_order(deadline)
+            if found is not None and self._cost(found) < self._cost(self.best):
+                self._keep(found)
+        return self.best
+
+    def _keep(self, found: Decided) -> None:
+        """Go on from better tours."""
+        self.best = found
+        self.tried.clear()
+        self.delays.clear()
 
     def _cost(self, decided: Decided) -> tuple[int, float]:
         return decided.cost(self.dealt.tuning.steep)
@@ -71,14 +86,14 @@ class Better:
         last = ranked[min(int(rng.expovariate(1.0)), len(ranked) - 1)]
         others = sorted(set(ranked) - {last})
         many = min(len(others), rng.randint(1, self.tuning.together))
-        delaying = sorted(self._delaying(last, deadline)) if rng.random() < 0.7 else []
+        asked = rng.random() < self.tuning.delaying
+        delaying = sorted(self._delaying(last, deadline)) if asked else []
         some = rng.sample(delaying, min(len(delaying), many))
         some += rng.sample([r for r in others if r not in some], many - len(some))
-        if rng.random() < 0.5:
-            some.insert(0, last)
-        else:
-            some.append(last)
-            rng.shuffle(some)
+        some.append(last)
+        rng.shuffle(some)
+        if rng.random() < self.tuning.ahead:
+            some.sort(key=lambda robot: robot != last)
         return self._anew(self.tours, some, deadline)
 
     def _delaying(self, robot: str, deadline: Deadline) -> set[str]:
@@ -102,13 +117,15 @@ class Better:
         return found
 
     def _anew(self, tours: Tours, some: list[str], deadline: Deadline) -> Decided | None:
-        """Return what comes of deciding some tours anew, in that order."""
+        """Return what comes of deciding some tours anew, in that order or in the order of time."""
         tours.limit = self.best.lean().makespan
         # other ways are looked for now and then: that takes far longer than to wait on known ones
         tours.looks = self.tuning.looks if self.rng.random() < self.tuning.looking else 0
-        if not tours.adopt(self.best, some) or tours.decide(some, deadline) is not None:
+        in_turns = self.rng.random() < self.tuning.in_turns
+        if not tours.adopt(self.best, some):
             return None
-        return tours.decided()
+        stuck = tours.decide_in_turns((), deadline) if in_turns else tours.decide(some, deadline)
+        return None if stuck is not None else tours.decided()
 
     def _exchanges(self) -> list[tuple[float, tuple[object, ...], dict[str, list[Step]]]]:
         """Return ways to take a job from the last tour, those first that are over soonest as far as
@@ -129,30 +146,6 @@ class Better:
                 found.append((then, key, changed))
         found.sort(key=lambda option: (option[0], str(option[1])))
         return found
-
-
-def in_other_orders(tours: Tours, tuning: ToursTuning, deadline: Deadline) -> Decided:
-    """Return the tours as they are decided, or sooner ones: all begun anew on known ways, those
-    that ended last first (learned priorities), and then whoever was too late for that.
-    """
-    best = tours.decided()
-    ends = best.ends()
-    order = sorted(ends, key=lambda robot: (-ends[robot], robot))
-    tours.looks = 0
-    for _ in range(tuning.restarts):
-        if deadline.expired():
-            break
-        tours.limit = best.lean().makespan - 1
-        tours.reset()
-        stuck = tours.decide(order, deadline)
-        if stuck is None:
-            best = tours.decided()
-            ends = best.ends()
-            order = sorted(ends, key=lambda robot: (-ends[robot], robot))
-        else:
-            order = [stuck, *(robot for robot in order if robot != stuck)]
-    tours.looks, tours.limit = tuning.looks, math.inf
-    return best
 
 
 def _changes(dealt: Deal, worst: str) -> Iterator[tuple[tuple[object, ...], dict[str, list[Step]]]]:

@@ -12,6 +12,7 @@ import random
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity
 
@@ -20,7 +21,11 @@ from up_samp.model.snapshot import TermKind
 from up_samp.search.guesses import Guess, Way
 from up_samp.search.jobs import Jobs
 from up_samp.search.rehearsal import Rehearsal, Step
+from up_samp.search.rehearsal_kernel import DRAWS, anneal, insert
 from up_samp.search.tuning import DealsTuning
+
+AT_ONCE = 4096
+"""Tries of annealing, after which is seen whether there is time left."""
 
 
 @dataclass
@@ -74,8 +79,7 @@ def deal(rehearsal: Rehearsal, deadline: Deadline, rng: random.Random) -> Deal:
     until nothing new is learned (at most ``tuning.rounds`` times).
     """
     jobs = rehearsal.jobs
-    robots = sorted({o.robot for options in jobs.options for o in options})
-    found = Deal(rehearsal, {robot: [] for robot in robots})
+    found = Deal(rehearsal, {robot: [] for robot in rehearsal.robots})
     work = [min(o.work for o in options) for options in jobs.options]
     due = [min(o.due for o in options) for options in jobs.options]
     for job in sorted(range(len(jobs.options)), key=lambda j: (due[j], -work[j], j)):
@@ -103,18 +107,10 @@ def mended(found: Deal, rng: random.Random, deadline: Deadline) -> Deal:
 
 def inserted(found: Deal, job: int) -> dict[str, list[Step]]:
     """Return the tour of who has done everything soonest then with a job more."""
-    best: tuple[float, float, str, list[Step]] | None = None
-    for number, option in enumerate(found.jobs.options[job]):
-        tour = found.tours[option.robot]
-        before = found.cost(option.robot, tour)
-        for at in range(len(tour) + 1):
-            longer = [*tour[:at], (job, number), *tour[at:]]
-            end = found.cost(option.robot, longer)
-            key = (end, end - before, option.robot, longer)
-            if best is None or key[:3] < best[:3]:
-                best = key
-    assert best is not None
-    return {best[2]: best[3]}
+    rehearsal = found.rehearsal
+    shares = rehearsal.shares(found.tours)
+    who = rehearsal.robots[insert(rehearsal.work(), rehearsal.rules, shares, job)]
+    return {who: rehearsal.tours(shares)[who]}
 
 
 def exchanged(found: Deal, rng: random.Random, deadline: Deadline, *, again: bool = False) -> Deal:
@@ -122,55 +118,22 @@ def exchanged(found: Deal, rng: random.Random, deadline: Deadline, *, again: boo
 
     :param again: it was annealed before, and is not to be stirred up much.
     """
-    tuning, weigh = found.tuning, found.rehearsal.weight
+    tuning, rehearsal = found.tuning, found.rehearsal
     warm = tuning.cold + (tuning.warm - tuning.cold) * (tuning.warm_again if again else 1.0)
-    tries = math.ceil(tuning.exchanges * len(found.jobs.options) * (0.25 if again else 1.0))
-    tours = {robot: list(tour) for robot, tour in found.tours.items()}
-    total = weigh(tours)
-    best, least = dict(tours), total
-    for number in range(tries):
-        changed = _changed(found, tours, rng)
-        if changed is None:
-            continue
+    share = tuning.exchanges_again if again else 1.0
+    tries = math.ceil(tuning.exchanges * len(found.jobs.options) * share)
+    now, best = rehearsal.shares(found.tours), rehearsal.shares(found.tours)
+    heats = np.zeros(tries)
+    if warm > 0.0:
+        heats = warm * (tuning.cold / warm) ** (np.arange(tries) / max(tries, 1))
+    chance = np.random.default_rng(rng.getrandbits(64))
+    for begun in range(0, tries, AT_ONCE):
         if deadline.expired():
             break
-        then = weigh({**tours, **changed})
-        cooling = (tuning.cold / warm) ** (number / tries) if warm else 0.0
-        heat = warm * cooling * total
-        if then > total and (heat <= 0 or rng.random() >= math.exp((total - then) / heat)):
-            continue
-        tours.update(changed)
-        total = then
-        if total < least:
-            best, least = dict(tours), total
-    return found.with_tours(best)
-
-
-def _changed(
-    found: Deal, tours: Mapping[str, list[Step]], rng: random.Random
-) -> dict[str, list[Step]] | None:
-    """Return tours in which a random job is done at another time, by another, or for another."""
-    jobs = found.jobs.options
-    full = [robot for robot in sorted(tours) if tours[robot]]
-    if not full:
-        return None
-    one = rng.choice(full)
-    step = rng.choice(tours[one])
-    number = rng.randrange(len(jobs[step[0]]))
-    other = jobs[step[0]][number].robot
-    left = [s for s in tours[one] if s != step]
-    into = left if other == one else list(tours[other])
-    at = rng.randint(0, len(into))
-    moved = [*into[:at], (step[0], number), *into[at:]]
-    if other == one or not into or rng.random() < 0.5:
-        return {one: left, other: moved} if other != one else {one: moved}
-    back = rng.choice(into)
-    options = [k for k, o in enumerate(jobs[back[0]]) if o.robot == one]
-    if not options:
-        return None
-    place = rng.randint(0, len(left))
-    taken = [*left[:place], (back[0], rng.choice(options)), *left[place:]]
-    return {one: taken, other: [s for s in moved if s != back]}
+        some = heats[begun : begun + AT_ONCE]
+        draws = chance.random((len(some), DRAWS))
+        anneal(rehearsal.work(), rehearsal.rules, now, best, draws, some)
+    return found.with_tours(rehearsal.tours(best))
 
 
 def decided_by(deal: Deal, names: Sequence[str]) -> frozenset[str]:

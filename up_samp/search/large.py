@@ -14,18 +14,20 @@ from __future__ import annotations
 import random
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.model import Body, Configuration, Deadline, PathQuery
 from up_samp.model.snapshot import Snapshot
 from up_samp.search.attempt import build, keep_if_better
-from up_samp.search.better_tours import Better, in_other_orders
+from up_samp.search.better_tours import Better
 from up_samp.search.bounds import Incumbent
 from up_samp.search.conclusion import SearchResult, conclude, conclude_stopped
 from up_samp.search.deals import Deal, biased, deal, decided_by, state_order
 from up_samp.search.decided import Decided
 from up_samp.search.events import Phase
+from up_samp.search.first_tours import plan_tours, undecided_tours
 from up_samp.search.guesses import Guess, pauses_of
 from up_samp.search.jobs import Jobs, find_jobs
 from up_samp.search.large_bounds import state_bounds
@@ -33,7 +35,7 @@ from up_samp.search.loop import get_schedule, solve, state_what_is_known
 from up_samp.search.rehearsal import Rehearsal
 from up_samp.search.search import Search
 from up_samp.search.stages import BUILDING, STATING
-from up_samp.search.tours import Tours, plan_tours, undecided_tours
+from up_samp.search.tours import Tours
 from up_samp.search.tuning import LargeTuning
 from up_samp.upio import Itinerary, read_itinerary
 from up_samp.upio.thin import thinned
@@ -92,8 +94,8 @@ def solve_large(
         yield better
         if not optimal:
             return conclude(search)
-    if found is not None and found.tours is not None:
-        yield from improve(search, large, found, found.tours)
+    if found is not None and found.better is not None:
+        yield from improve(search, large, found.better)
     if search.bounds.met or search.budget.deadline.expired():
         return conclude(search)
     if search.stopped:
@@ -111,7 +113,7 @@ def deals_of(search: Search, large: Large, deadline: Deadline) -> Iterator[Deal]
         traffic = tuning.deals.traffic * (1.0 + large.tuning.slower * number)
         deals = replace(tuning.deals, traffic=traffic)
         rng = random.Random(search.seed + number)
-        noise = tuning.deals.noise * min(number, 5)
+        noise = tuning.deals.noise * min(number, tuning.large.noisiest)
         bias = biased(large.jobs, noise, rng)
         soon = deadline.within(large.tuning.dealing * deadline.remaining())
         yield deal(Rehearsal(guess, large.jobs, deals, bias), soon, rng)
@@ -134,11 +136,10 @@ def guess_of(search: Search, large: Large) -> Guess:
 
 @dataclass(frozen=True)
 class Found:
-    """A valid plan of what was ``dealt`` out; with its ``tours``, where it is made of some."""
+    """A valid plan, and how to make it ``better`` where it is made of tours."""
 
-    dealt: Deal
     plan: Incumbent
-    tours: tuple[Tours, Decided] | None
+    better: Better | None
 
 
 def plan_of_deal(
@@ -156,16 +157,18 @@ def plan_of_deal(
     :param lined: if there are no tours, motions are decided one after the other.
     """
     inner, itinerary = opened
-    tours = plan_tours(inner, itinerary, deadline, homes=homes_of(large.jobs))
-    if tours is None:
+    found = plan_tours(inner, itinerary, deadline, homes=homes_of(large.jobs))
+    if found is None:
         if not lined:
             return None
         built = build(inner, itinerary)
         plan = None if built is None else search.plan_of(built.schedule, built.trajectories)
-        return None if plan is None or search.judged(plan.plan) else Found(dealt, plan, None)
-    decided = in_other_orders(tours, search.tuning.tours, deadline)
-    plan = plan_of_tours(search, decided)
-    return None if plan is None else Found(dealt, plan, (tours, decided))
+        return None if plan is None or search.judged(plan.plan) else Found(plan, None)
+    tours, decided = found
+    rng = random.Random(search.seed)
+    better = Better(dealt, tours, decided, partial(open_tours, large), large.tuning, rng)
+    plan = plan_of_tours(search, better.polished(large.tuning.polish, deadline))
+    return None if plan is None else Found(plan, better)
 
 
 def plan_of_tours(search: Search, decided: Decided) -> Incumbent | None:
@@ -203,19 +206,15 @@ def candidate_of(large: Large, dealt: Deal, deadline: Deadline) -> tuple[Search,
     return inner, read_itinerary(inner.knowledge.relaxation, report.schedule)
 
 
-def improve(
-    search: Search, large: Large, found: Found, tours: tuple[Tours, Decided]
-) -> Iterator[Incumbent]:
+def open_tours(large: Large, dealt: Deal, deadline: Deadline) -> Tours | None:
+    """Return the tours of what was dealt out, none of them decided."""
+    opened = candidate_of(large, dealt, deadline)
+    return None if opened is None else undecided_tours(*opened, homes_of(large.jobs))
+
+
+def improve(search: Search, large: Large, better: Better) -> Iterator[Incumbent]:
     """Yield better plans made of tours, until the time is over that there is for it."""
     deadline = search.budget.share(large.tuning.again, float("inf"))
-    homes = homes_of(large.jobs)
-
-    def open_tours(dealt: Deal, until: Deadline) -> Tours | None:
-        opened = candidate_of(large, dealt, until)
-        return None if opened is None else undecided_tours(*opened, homes)
-
-    rng = random.Random(search.seed)
-    better = Better(found.dealt, *tours, open_tours, large.tuning, rng)
     changes = better.improved(lambda: deadline.expired() or search.stopped, deadline)
     while not (search.bounds.met or search.stopped):
         with search.history.stages.of(BUILDING):

@@ -7,33 +7,21 @@ others come later has to go on from there. Aisles, and who waits where, are left
 
 from __future__ import annotations
 
-import heapq
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from up_samp.geometry.memory import Memory
-from up_samp.model import Configuration
+import numpy as np
+
+from up_samp.model import Body, Configuration
 from up_samp.search.guesses import Guess
 from up_samp.search.jobs import Jobs, Option
+from up_samp.search.rehearsal_kernel import FloatArray, Rules, Shares, Work, ends_of
 from up_samp.search.tuning import DealsTuning
 
 Step = tuple[int, int]
 """A job and which of its options is taken."""
-Stop = tuple[float, Configuration | None, float, float]
-"""How long (s) a robot drives to a place where others work, too (None: nobody does), how long it
-works there, and when it has to be done (s).
-"""
-
-
-@dataclass(frozen=True)
-class Day:
-    """What a robot does: ``stops``, and a way ``home`` (s) if others need the ``last`` place."""
-
-    stops: tuple[Stop, ...]
-    last: Configuration | None
-    home: float
 
 
 @dataclass
@@ -47,86 +35,124 @@ class Rehearsal:
     jobs: Jobs
     tuning: DealsTuning
     bias: Mapping[Step, float] = field(default_factory=dict)
-    _days: Memory[Day] = field(default_factory=lambda: Memory(5_000))
+    _known: tuple[int, Work] | None = None
+    """What options ask for, and how much was learned of drives when that was written down."""
 
     def __post_init__(self) -> None:
+        self.robots = sorted({o.robot for options in self.jobs.options for o in options})
+        """All that there are jobs for."""
+        self._numbers = {robot: number for number, robot in enumerate(self.robots)}
+        self._first = np.cumsum([0, *(len(options) for options in self.jobs.options)])
+        self._steps = [
+            (j, k) for j, options in enumerate(self.jobs.options) for k in range(len(options))
+        ]
         jobs = Counter[Configuration]()
         for options in self.jobs.options:
             jobs.update({pose for option in options for pose in stops_of(option)})
-        self._shared = {pose for pose, many in jobs.items() if many > 1}
+        shared = sorted(pose for pose, many in jobs.items() if many > 1)
+        self._shared = {pose: number for number, pose in enumerate(shared)}
 
-    def weight(self, tours: Mapping[str, Sequence[Step]]) -> float:
-        """Return what a share of all jobs is worth: less is better."""
-        steep = self.tuning.steep
-        ends = self.ends(tours)
-        return math.fsum((end + self.tuning.late * late) ** steep for end, late in ends.values())
+    @property
+    def rules(self) -> Rules:
+        """What counts how much."""
+        tuning = self.tuning
+        return Rules(tuning.handover, tuning.traffic, tuning.late, float(tuning.steep))
 
     def ends(self, tours: Mapping[str, Sequence[Step]]) -> dict[str, tuple[float, float]]:
         """Return when (s) each robot has done its jobs, and by how much it is late in all."""
-        days = {robot: self.day(robot, tour) for robot, tour in tours.items()}
-        free: dict[Configuration, float] = {}
-        last: dict[Configuration, str] = {}
-        found = dict.fromkeys(days, (0.0, 0.0))
-        queue = [(day.stops[0][0], robot, 0) for robot, day in days.items() if day.stops]
-        heapq.heapify(queue)
-        while queue:
-            came, robot, number = heapq.heappop(queue)
-            stops = days[robot].stops
-            _, place, stay, due = stops[number]
-            if place is None:
-                done = came + stay
-            else:
-                begin = came if last.get(place) == robot else max(came, free.get(place, 0.0))
-                done = begin + stay
-                free[place] = done + self.tuning.handover
-                last[place] = robot
-            # traffic takes time, too
-            late = max(0.0, self.tuning.traffic * done - due) if due < math.inf else 0.0
-            found[robot] = done, found[robot][1] + late
-            if number + 1 < len(stops):
-                heapq.heappush(queue, (done + stops[number + 1][0], robot, number + 1))
-        for robot, day in days.items():
-            if day.last is not None and last.get(day.last) != robot:
-                found[robot] = found[robot][0] + day.home, found[robot][1]
-        return found
+        found = ends_of(self.work(), self.rules, self.shares(tours), len(self._shared))
+        return {
+            r: (float(end), float(late)) for r, (end, late) in self._by_name(found) if r in tours
+        }
 
     def alone(self, robot: str, tour: Sequence[Step]) -> tuple[float, float]:
         """Return when (s) a robot would have done its jobs without others, and how late it is."""
         return self.ends({robot: tour})[robot]
 
-    def day(self, robot: str, tour: Sequence[Step]) -> Day:
-        """Return what a robot does that has a tour of jobs to do."""
-        key = robot, tuple(tour), self.guess.rounds
-        return self._days.get_or(key, lambda: self._day(robot, tour))
+    def shares(self, tours: Mapping[str, Sequence[Step]]) -> Shares:
+        """Return tours as rows of numbers, with room for one job more than there are."""
+        rows = np.full((len(self.robots), len(self.jobs.options) + 1), -1)
+        counts = np.zeros(len(self.robots), dtype=np.int64)
+        for robot, tour in tours.items():
+            number = self._numbers[robot]
+            counts[number] = len(tour)
+            rows[number, : len(tour)] = [self._first[j] + k for j, k in tour]
+        return Shares(rows, counts)
 
-    def _day(self, robot: str, tour: Sequence[Step]) -> Day:
+    def tours(self, shares: Shares) -> dict[str, list[Step]]:
+        """Return what tours are whose rows these are."""
+        rows = zip(self.robots, shares.tours, shares.counts, strict=True)
+        return {robot: [self._steps[o] for o in row[:count]] for robot, row, count in rows}
+
+    def work(self) -> Work:
+        """Return what options ask for, by what is known of drives now."""
+        if self._known is None or self._known[0] != self.guess.rounds:
+            self._known = self.guess.rounds, self._work()
+        return self._known[1]
+
+    def _by_name(self, found: FloatArray) -> zip[tuple[str, FloatArray]]:
+        return zip(self.robots, found, strict=True)
+
+    def _work(self) -> Work:
         snapshot, ride = self.guess.snapshot, self.guess.ride
-        here = snapshot.configurations[snapshot.initial[robot]]
-        stops: list[Stop] = []
-        on_the_way = 0.0
-        option: Option | None = None
-        for step in tour:
-            option = self.jobs.options[step[0]][step[1]]
-            places = stops_of(option)
-            drives = [ride(robot, here, option.entry), *(ride(robot, a, b) for a, b in option.legs)]
-            more = self.bias.get(step, 0.0) * (option.work + sum(drives[1:]))
+        options = [option for some in self.jobs.options for option in some]
+        starts = {r: snapshot.configurations[snapshot.initial[r]] for r in self.robots}
+        stops = [stops_of(option) for option in options]
+        homes = [self.guess.home(option) for option in options]
+        poses = {p for o in options for p in (o.entry, o.exit)} | set(starts.values())
+        number = {pose: n for n, pose in enumerate(sorted(poses))}
+        drives, stays = [], []
+        for step, option, places in zip(self._steps, options, stops, strict=True):
+            legs = [ride(option.robot, a, b) for a, b in option.legs]
+            more = self.bias.get(step, 0.0) * (option.work + math.fsum(legs))
             each = (option.work + self.guess.pause(option) + more) / len(places)
-            last = len(places) - 1
-            for number, (drive, place) in enumerate(zip(drives, places, strict=True)):
-                if place in self._shared or (number == last and option.due < math.inf):
-                    due = option.due * snapshot.seconds_per_unit if number == last else math.inf
-                    shared = place if place in self._shared else None
-                    stops.append((on_the_way + drive, shared, each, due))
-                    on_the_way = 0.0
-                else:
-                    on_the_way += drive + each
-            here = option.exit
-        if on_the_way > 0.0:
-            stops.append((on_the_way, None, 0.0, math.inf))
-        home = None if option is None else self.guess.home(option)
-        if home is None or here not in self._shared:
-            return Day(tuple(stops), None, 0.0)
-        return Day(tuple(stops), here, ride(robot, here, home))
+            drives += [0.0, *legs]
+            stays += [each] * len(places)
+        kinds, rides = self._rides(options, starts, number)
+        return Work(
+            of=np.array([j for j, _ in self._steps]),
+            robot=np.array([self._numbers[o.robot] for o in options]),
+            first=self._first,
+            entry=np.array([number[o.entry] for o in options]),
+            exit=np.array([number[o.exit] for o in options]),
+            home=np.array(
+                [
+                    -1.0 if home is None else ride(o.robot, o.exit, home)
+                    for o, home in zip(options, homes, strict=True)
+                ]
+            ),
+            due=np.array([o.due * snapshot.seconds_per_unit for o in options], dtype=float),
+            head=np.cumsum([0, *map(len, stops)]),
+            drive=np.array(drives, dtype=float),
+            place=np.array([self._shared.get(pose, -1) for places in stops for pose in places]),
+            stays=np.array(stays, dtype=float),
+            start=np.array([number[starts[r]] for r in self.robots]),
+            kind=np.array(kinds),
+            rides=rides,
+        )
+
+    def _rides(
+        self,
+        options: Sequence[Option],
+        starts: Mapping[str, Configuration],
+        number: Mapping[Configuration, int],
+    ) -> tuple[list[int], FloatArray]:
+        """Return which row of rides is each robot's, and those rides (kind, from, to; s): from
+        where robots of a kind are at first, and where their jobs end, to where others begin.
+        """
+        objects = self.guess.snapshot.objects
+        kinds: dict[Body, str] = {}
+        for robot in self.robots:
+            kinds.setdefault(objects[robot].body, robot)
+        rides = np.full((len(kinds), len(number), len(number)), np.inf)
+        for kind, (body, example) in enumerate(kinds.items()):
+            mine = [o for o in options if objects[o.robot].body == body]
+            begins = {pose for r, pose in starts.items() if objects[r].body == body}
+            for a in sorted(begins | {o.exit for o in mine}):
+                for b in sorted({o.entry for o in mine}):
+                    rides[kind, number[a], number[b]] = self.guess.ride(example, a, b)
+        order = {body: kind for kind, body in enumerate(kinds)}
+        return [order[objects[robot].body] for robot in self.robots], rides
 
 
 def stops_of(option: Option) -> list[Configuration]:

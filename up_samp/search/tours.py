@@ -13,7 +13,11 @@ ends. So in the worst case a robot waits at its start until all those before it 
 ends, and then drives alone (Čáp, Novák, Kleiner and Selecký, "Prioritized Planning Algorithms for
 Trajectory Coordination of Multiple Mobile Robots", IEEE T-ASE 2015). Elsewhere it is a try.
 
-Whoever finds no tour, or is late, goes first when all is begun anew.
+Whole tours are not fair: who is decided last finds gaps only, and waits. So tours are decided piece
+by piece, too, in the order of time (:meth:`Tours.decide_in_turns`): whoever comes first to the next
+place that others need is decided next, until it stands where nobody else has to be. That is token
+passing (Ma, Li, Kumar and Koenig, "Lifelong multi-agent path finding for online pickup and delivery
+tasks", AAMAS 2017), with places of one's own as the endpoints where agents wait for the token.
 """
 
 from __future__ import annotations
@@ -29,9 +33,9 @@ from up_samp.motion.fleet.committed import Committed
 from up_samp.motion.fleet.timed_path import TimedPath
 from up_samp.scheduling.partial_order import Earliest
 from up_samp.search.decided import Decided
-from up_samp.search.decisions import QUICK, Decisions, alone, can_decide, sooner, times_of
-from up_samp.search.events import Phase
+from up_samp.search.decisions import QUICK, Decisions, sooner
 from up_samp.search.search import Search
+from up_samp.search.visits import contested
 from up_samp.search.world import motion_key
 from up_samp.upio import Itinerary
 
@@ -43,44 +47,6 @@ class End(enum.Enum):
     STUCK = enum.auto()
     LATE = enum.auto()
     """Something would be too late, whatever is tried from here on."""
-
-
-def plan_tours(
-    search: Search,
-    itinerary: Itinerary,
-    deadline: Deadline,
-    *,
-    homes: frozenset[str] = frozenset(),
-) -> Tours | None:
-    """Return all tours of a candidate, decided; None where none are found.
-
-    :param homes: motions at the end of tours that may be left out where nobody needs them.
-    """
-    search.tell.stage(Phase.GROUP, count=len(itinerary.motions))
-    with search.budget.motion_time():
-        tours = undecided_tours(search, itinerary, homes)
-        if tours is None:
-            return None
-        first: list[str] = []
-        for _ in range(search.tuning.tours.orders):
-            stuck = tours.decide(first, deadline)
-            if stuck is None:
-                return tours
-            if deadline.expired() or first[:1] == [stuck]:
-                return None
-            first = [stuck, *(name for name in first if name != stuck)]
-            tours.begin_anew(first, deadline)
-    return None
-
-
-def undecided_tours(search: Search, itinerary: Itinerary, homes: frozenset[str]) -> Tours | None:
-    """Return the tours of a candidate, none of them decided; None where it is none that motions
-    are decided one by one for.
-    """
-    if not can_decide(search, itinerary):
-        return None
-    times = times_of(search, itinerary, alone(search, itinerary))
-    return None if times is None else Tours(search, itinerary, times, homes)
 
 
 class Tours(Decisions):
@@ -95,11 +61,17 @@ class Tours(Decisions):
         self._chains: dict[str, list[str]] = defaultdict(list)
         for motion in itinerary.motions:
             self._chains[motion.object].append(motion.activity)
+        self._contested = contested(search.facts, search.motions.service, itinerary)
         self._dead: set[tuple[str, float]] = set()
         """Stays (motion, until) of the present tour from which there is no way on."""
         self._tries = 0
         self.looks = self._tours.looks
         """How often other ways from pose to pose are looked for, if one is known."""
+        self.patient = False
+        """Whether ways past others that are about to go on are looked for only if nobody can."""
+        self._patient = False
+        self.ahead: Mapping[str, float] = {}
+        """By how much (s) a robot's turn comes sooner than it does to the next place."""
         self.limit = math.inf
         """When all tours have to be over (units)."""
 
@@ -202,7 +174,7 @@ class Tours(Decisions):
         """Decide all tours, those of ``first`` before the others; return None, or the robot that
         should have gone sooner.
         """
-        order = self._ranked(first)
+        order, self._patient = self._ranked(first), False
         while self._waiting:
             stuck: list[str] = []
             done = len(self._waiting)
@@ -218,6 +190,48 @@ class Tours(Decisions):
             if len(self._waiting) == done:
                 return stuck[0] if stuck else next(r for r in order if self._left(r))
         return None
+
+    def decide_in_turns(self, first: Sequence[str], deadline: Deadline) -> str | None:
+        """Decide all tours that are not decided piece by piece in the order of time, those of
+        ``first`` whole before the others; return None, or the robot that should have gone sooner.
+        """
+        self._patient = False
+        for robot in first:
+            if self._decide(self._stretch(robot), deadline) is End.LATE or deadline.expired():
+                return robot
+        asleep = set[str]()  # they found no way among what is decided
+        self._patient = self.patient
+        while self._waiting:
+            pieces = {r: self._piece(r) for r in self.robots if r not in asleep}
+            ready = [(self._rank(r, piece), r) for r, piece in pieces.items() if piece]
+            turn = min(ready)[1] if ready else None
+            end = End.STUCK if turn is None else self._decide(pieces[turn], deadline)
+            if end is End.DECIDED:
+                self._patient = self.patient
+                asleep.clear()
+            elif self._patient and (turn is None or end is End.LATE):
+                self._patient = False
+                asleep.clear()
+            elif turn is None or end is End.LATE:
+                return turn or next(r for r in self.robots if self._left(r))
+            else:
+                asleep.add(turn)
+            if deadline.expired():
+                return turn or self.robots[0]
+        self._patient = False
+        return None
+
+    def _rank(self, robot: str, piece: Sequence[str]) -> float:
+        """Return when a robot's turn comes (s): when it comes to the next place, or sooner."""
+        return self._facts.seconds(self._end(piece[0])) - self.ahead.get(robot, 0.0)
+
+    def _piece(self, robot: str) -> list[str]:
+        """Return the next motions of a robot, up to the first that ends where no other one has to
+        be: there it may stay until its turn comes again.
+        """
+        stretch = self._stretch(robot)
+        own = [n for n, name in enumerate(stretch) if name not in self._contested]
+        return stretch[: own[0] + 1] if own else stretch
 
     def _ranked(self, first: Sequence[str]) -> list[str]:
         """Return all robots: ``first``, then those that may well be late, then the others; those
@@ -306,11 +320,11 @@ class Tours(Decisions):
         asked = replace(motion, present_until=until, due=due)
         ways = self._floor.ways(asked)
         best = self._floor.by_known_ways(asked)
-        if best is None or best.arrival > due:
-            best = sooner(best, self._floor.past_all_ends(asked, deadline))
-        most = self.looks + (best is None and until == math.inf)
-        if not ways.paths or (ways.looks < most and (best is None or best.arrival > due)):
-            ways.looks += bool(ways.paths)
+        if best is None and not self._patient:
+            best = self._floor.past_all_ends(asked, deadline)
+        most = self.looks + (best is None and until == math.inf and not self._patient)
+        if ways.looks < most and (best is None or best.arrival > due):
+            ways.looks += 1
             best = sooner(best, self._look(asked, deadline))
         if best is None or best.arrival > until:
             return None

@@ -179,12 +179,21 @@ class InOrderTuning(Tunables):
 class ToursTuning(Tunables):
     """Whole tours decided one robot after the other (``search/tours.py``)."""
 
+    rounds: int = tunable(
+        24, "rounds", "in which all tours are decided in the order of time", least=0
+    )
+    each: int = tunable(8, "rounds", "after which other ways are looked for in one", least=1)
+    hopeless: int = tunable(
+        6, "rounds", "without tours, after which they are decided whole", least=1
+    )
+    noise: float = tunable(3.0, "s", "at most, by which turns are changed at random", least=0)
+    heard: float = share_of(0.3, "of how much later a robot ended, by which its turn comes sooner")
+    kept: float = share_of(0.9, "of that, that is kept from round to round")
     orders: int = tunable(
         12, "orders", "of the robots; who finds no tour goes first in the next one", least=1
     )
     effort: int = tunable(1, "effort", "for one motion: speeds, lanes and detours", least=0, most=3)
     tries: int = tunable(200, "motions", "tried for one tour", least=1)
-    restarts: int = tunable(8, "orders", "in which all are begun anew to end sooner", least=0)
     looks: int = tunable(
         1, "times", "that other ways from pose to pose are looked for, if one is known", least=0
     )
@@ -197,7 +206,7 @@ class ToursTuning(Tunables):
 class DealsTuning(Tunables):
     """Who does which job, before any motion is known (``search/deals.py``)."""
 
-    exchanges: int = tunable(200, "changes a job", "of annealing over who does what", least=0)
+    exchanges: int = tunable(2000, "changes a job", "of annealing over who does what", least=0)
     warm: float = share_of(0.03, "of all cost, by which a change may be worse at first")
     cold: float = share_of(0.0003, "of all cost, by which a change may be worse in the end")
     steep: int = tunable(6, "power", "of a tour's end that counts: the last one most", least=1)
@@ -211,6 +220,9 @@ class DealsTuning(Tunables):
     noise: float = share_of(0.06, "of what a job costs, by which guesses differ at first")
     warm_again: float = share_of(
         0.1, "of the warmth at first, when jobs are dealt out again with what was learned"
+    )
+    exchanges_again: float = share_of(
+        0.25, "of the changes at first, when jobs are dealt out again with what was learned"
     )
     rounds: int = tunable(
         4,
@@ -245,6 +257,9 @@ class LargeTuning(Tunables):
     dealing: float = share_of(0.3, "of what is left of that, for dealing jobs out once")
     turn: float = share_of(0.6, "of what is left of that, for one share of the jobs")
     deals: int = tunable(8, "shares of the jobs", "at most, until there is a plan", least=1)
+    noisiest: int = tunable(
+        5, "shares of the jobs", "after which guesses do not become more different", least=0
+    )
     unscheduled: int = tunable(
         2, "shares of the jobs", "without any schedule, after which jobs are not dealt out", least=1
     )
@@ -266,6 +281,10 @@ class LargeTuning(Tunables):
         4, "times", "that other ways from pose to pose are looked for, for better tours", least=0
     )
     looking: float = share_of(0.1, "of the changes, in which other ways are looked for")
+    polish: int = tunable(40, "changes", "of tours before the first plan is judged", least=0)
+    delaying: float = share_of(0.7, "of the changes, that free who delays one of the last")
+    ahead: float = share_of(0.5, "of the changes, in which one of the last goes before others")
+    in_turns: float = share_of(0.5, "of the changes, that are decided in the order of time")
     together: int = tunable(
         5, "tours", "at most, that are decided anew with one of the last", least=1
     )

@@ -67,6 +67,12 @@ def others_first(facts: Facts, service: MotionService, itinerary: Itinerary) -> 
     return found
 
 
+def contested(facts: Facts, service: MotionService, itinerary: Itinerary) -> set[str]:
+    """Return the motions that end where another object has to be, too, at some time."""
+    pairs = _meeting(service, visits_of(facts, itinerary))
+    return {visit.arrival for pair in pairs for visit in pair if visit.arrival is not None}
+
+
 def _meeting(service: MotionService, visits: list[Visit]) -> list[tuple[Visit, Visit]]:
     """Return the pairs of visits of two objects whose poses overlap."""
     at: dict[tuple[Body, Configuration], list[Visit]] = defaultdict(list)

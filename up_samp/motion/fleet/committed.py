@@ -66,10 +66,13 @@ class Committed:
 
     def alone(self, body: Body, poses: tuple[Configuration, ...], deadline: Deadline) -> float:
         """Return how long (s) a body takes on its best path if nobody else is there (inf: there is
-        none).
+        none). That path is one of those that are known then.
         """
         path = self._workspace.path(body, poses, (), deadline)
-        return path.natural.duration if isinstance(path, Path) else math.inf
+        if not isinstance(path, Path):
+            return math.inf
+        self._workspace.ways(body, poses).paths.setdefault(path.number, path)
+        return path.natural.duration
 
     def ways(self, motion: TimedMotion) -> Ways:
         """Return the paths for a motion that were of use, for whoever it was."""

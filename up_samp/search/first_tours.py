@@ -1,0 +1,132 @@
+"""First tours of a candidate: in the order of time, or else whole, one robot after the other.
+
+In the order of time all tours are decided again and again, on the ways that are known: that takes a
+hundredth of the time that it takes to look for ways. Those that ended late have their turns sooner
+in the next round (squeaky wheel optimisation; Joslin and Clements, JAIR 1999), and now and then
+they look for other ways. Who finds no tour, or misses what is due, goes before all others.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from up_samp.model import Deadline
+from up_samp.search.decided import Decided
+from up_samp.search.decisions import alone, can_decide, times_of
+from up_samp.search.events import Phase
+from up_samp.search.search import Search
+from up_samp.search.tours import Tours
+from up_samp.search.tuning import ToursTuning
+from up_samp.upio import Itinerary
+
+
+def plan_tours(
+    search: Search,
+    itinerary: Itinerary,
+    deadline: Deadline,
+    *,
+    homes: frozenset[str] = frozenset(),
+) -> tuple[Tours, Decided] | None:
+    """Return the tours of a candidate, and the best way to decide them that was found; None where
+    there is none.
+
+    :param homes: motions at the end of tours that may be left out where nobody needs them.
+    """
+    search.tell.stage(Phase.GROUP, count=len(itinerary.motions))
+    tuning = search.tuning.tours
+    with search.budget.motion_time():
+        tours = undecided_tours(search, itinerary, homes)
+        if tours is None:
+            return None
+        best = Rounds(tours, tuning, random.Random(search.seed)).best(deadline)
+        if best is None and _whole(tours, tuning.orders, deadline):
+            best = tours.decided()
+    return None if best is None else (tours, best)
+
+
+def undecided_tours(search: Search, itinerary: Itinerary, homes: frozenset[str]) -> Tours | None:
+    """Return the tours of a candidate, none of them decided; None where it is none that motions
+    are decided one by one for.
+    """
+    if not can_decide(search, itinerary):
+        return None
+    times = times_of(search, itinerary, alone(search, itinerary))
+    return None if times is None else Tours(search, itinerary, times, homes)
+
+
+@dataclass
+class Rounds:
+    """All tours decided in the order of time, again and again."""
+
+    tours: Tours
+    tuning: ToursTuning
+    rng: random.Random
+    first: list[str] = field(default_factory=list)
+    """Whose whole tours go before all others."""
+    ahead: dict[str, float] = field(default_factory=dict)
+    """How much sooner (s) robots have their turns than they would."""
+
+    def best(self, deadline: Deadline) -> Decided | None:
+        """Return the tours of the best round, if any round brought some."""
+        tours, tuning, best = self.tours, self.tuning, None
+        looks = tours.looks
+        for number in range(tuning.rounds):
+            if deadline.expired():
+                break
+            looking, more = divmod(number, tuning.each)
+            tours.looks, tours.patient = (looking, False) if more == 0 else (0, True)
+            found = self._round(deadline)
+            if found is None and best is None and number + 1 >= tuning.hopeless:
+                break
+            if found is not None:
+                self._hear(found.ends())
+                best = found if best is None or _sooner_over(found, best) else best
+        tours.looks, tours.patient, tours.ahead = looks, True, {}
+        return best
+
+    def _round(self, deadline: Deadline) -> Decided | None:
+        """Return the tours of one round; None where somebody was stuck: who goes first then."""
+        tours, noise = self.tours, self.tuning.noise if self.ahead else 0.0
+        tours.ahead = {r: self.ahead.get(r, 0.0) + self.rng.uniform(0, noise) for r in tours.robots}
+        tours.reset()
+        stuck = tours.decide_in_turns(self.first, deadline)
+        if stuck is None:
+            return tours.decided()
+        self.first = _sooner(stuck, self.first)
+        return None
+
+    def _hear(self, ends: Mapping[str, float]) -> None:
+        """Let those that ended later than most (s) have their turns sooner."""
+        usual = sorted(ends.values())[len(ends) // 2]
+        kept, heard = self.tuning.kept, self.tuning.heard
+        self.ahead = {
+            robot: kept * self.ahead.get(robot, 0.0) + heard * max(0.0, end - usual)
+            for robot, end in ends.items()
+        }
+
+
+def _sooner_over(one: Decided, other: Decided) -> bool:
+    """Return whether tours are over sooner than others."""
+    return one.cost(1) < other.cost(1)
+
+
+def _whole(tours: Tours, orders: int, deadline: Deadline) -> bool:
+    """Decide whole tours, one after the other; return whether that was possible."""
+    first: list[str] = []
+    tours.reset()
+    for _ in range(orders):
+        stuck = tours.decide(first, deadline)
+        if stuck is None:
+            return True
+        if deadline.expired() or first[:1] == [stuck]:
+            return False
+        first = _sooner(stuck, first)
+        tours.begin_anew(first, deadline)
+    return False
+
+
+def _sooner(stuck: str, first: Sequence[str]) -> list[str]:
+    """Return who goes first if one more has to."""
+    return [stuck, *(name for name in first if name != stuck)]
