@@ -18,10 +18,10 @@ from up_samp.model import Deadline
 from up_samp.search.deals import Deal
 from up_samp.search.decided import Decided
 from up_samp.search.rehearsal import Step
-from up_samp.search.tours import Tours
+from up_samp.search.tours_in_turns import ToursInTurns
 from up_samp.search.tuning import LargeTuning
 
-OpenTours = Callable[[Deal, Deadline], Tours | None]
+OpenTours = Callable[[Deal, Deadline], ToursInTurns | None]
 """Opens tours of what was dealt out, with nothing decided; None where they cannot be."""
 
 
@@ -30,7 +30,7 @@ class Better:
     """The best tours so far of a fleet, and the search for better ones."""
 
     dealt: Deal
-    tours: Tours
+    tours: ToursInTurns
     best: Decided
     open_tours: OpenTours
     tuning: LargeTuning
@@ -116,7 +116,7 @@ class Better:
             self.dealt, self.tours = dealt, tours
         return found
 
-    def _anew(self, tours: Tours, some: list[str], deadline: Deadline) -> Decided | None:
+    def _anew(self, tours: ToursInTurns, some: list[str], deadline: Deadline) -> Decided | None:
         """Return what comes of deciding some tours anew, in that order or in the order of time."""
         tours.limit = self.best.lean().makespan
         # other ways are looked for now and then: that takes far longer than to wait on known ones

@@ -21,11 +21,8 @@ from up_samp.model.snapshot import TermKind
 from up_samp.search.guesses import Guess, Way
 from up_samp.search.jobs import Jobs
 from up_samp.search.rehearsal import Rehearsal, Step
-from up_samp.search.rehearsal_kernel import DRAWS, anneal, insert
+from up_samp.search.rehearsal_kernel import anneal, drawn, insert
 from up_samp.search.tuning import DealsTuning
-
-AT_ONCE = 4096
-"""Tries of annealing, after which is seen whether there is time left."""
 
 
 @dataclass
@@ -127,11 +124,10 @@ def exchanged(found: Deal, rng: random.Random, deadline: Deadline, *, again: boo
     if warm > 0.0:
         heats = warm * (tuning.cold / warm) ** (np.arange(tries) / max(tries, 1))
     chance = np.random.default_rng(rng.getrandbits(64))
-    for begun in range(0, tries, AT_ONCE):
+    for some in np.array_split(heats, math.ceil(tries / tuning.at_once) or 1):
         if deadline.expired():
             break
-        some = heats[begun : begun + AT_ONCE]
-        draws = chance.random((len(some), DRAWS))
+        draws = drawn(chance, len(some))
         anneal(rehearsal.work(), rehearsal.rules, now, best, draws, some)
     return found.with_tours(rehearsal.tours(best))
 

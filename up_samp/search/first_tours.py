@@ -17,7 +17,7 @@ from up_samp.search.decided import Decided
 from up_samp.search.decisions import alone, can_decide, times_of
 from up_samp.search.events import Phase
 from up_samp.search.search import Search
-from up_samp.search.tours import Tours
+from up_samp.search.tours_in_turns import ToursInTurns
 from up_samp.search.tuning import ToursTuning
 from up_samp.upio import Itinerary
 
@@ -28,7 +28,7 @@ def plan_tours(
     deadline: Deadline,
     *,
     homes: frozenset[str] = frozenset(),
-) -> tuple[Tours, Decided] | None:
+) -> tuple[ToursInTurns, Decided] | None:
     """Return the tours of a candidate, and the best way to decide them that was found; None where
     there is none.
 
@@ -46,27 +46,31 @@ def plan_tours(
     return None if best is None else (tours, best)
 
 
-def undecided_tours(search: Search, itinerary: Itinerary, homes: frozenset[str]) -> Tours | None:
+def undecided_tours(
+    search: Search, itinerary: Itinerary, homes: frozenset[str]
+) -> ToursInTurns | None:
     """Return the tours of a candidate, none of them decided; None where it is none that motions
     are decided one by one for.
     """
     if not can_decide(search, itinerary):
         return None
     times = times_of(search, itinerary, alone(search, itinerary))
-    return None if times is None else Tours(search, itinerary, times, homes)
+    return None if times is None else ToursInTurns(search, itinerary, times, homes)
 
 
 @dataclass
 class Rounds:
     """All tours decided in the order of time, again and again."""
 
-    tours: Tours
+    tours: ToursInTurns
     tuning: ToursTuning
     rng: random.Random
     first: list[str] = field(default_factory=list)
     """Whose whole tours go before all others."""
     ahead: dict[str, float] = field(default_factory=dict)
     """How much sooner (s) robots have their turns than they would."""
+    good: dict[str, float] | None = None
+    """What that was in the best round."""
 
     def best(self, deadline: Deadline) -> Decided | None:
         """Return the tours of the best round, if any round brought some."""
@@ -80,9 +84,10 @@ class Rounds:
             found = self._round(deadline)
             if found is None and best is None and number + 1 >= tuning.hopeless:
                 break
+            if found is not None and (best is None or found.cost(1) < best.cost(1)):
+                best, self.good = found, dict(tours.ahead)
             if found is not None:
                 self._hear(found.ends())
-                best = found if best is None or _sooner_over(found, best) else best
         tours.looks, tours.patient, tours.ahead = looks, True, {}
         return best
 
@@ -94,7 +99,11 @@ class Rounds:
         stuck = tours.decide_in_turns(self.first, deadline)
         if stuck is None:
             return tours.decided()
-        self.first = _sooner(stuck, self.first)
+        if self.good is None:
+            self.first = _sooner(stuck, self.first)
+        else:
+            before = self.good.get(stuck, 0.0)
+            self.ahead = {**self.good, stuck: before + self.tuning.sooner}
         return None
 
     def _hear(self, ends: Mapping[str, float]) -> None:
@@ -107,12 +116,7 @@ class Rounds:
         }
 
 
-def _sooner_over(one: Decided, other: Decided) -> bool:
-    """Return whether tours are over sooner than others."""
-    return one.cost(1) < other.cost(1)
-
-
-def _whole(tours: Tours, orders: int, deadline: Deadline) -> bool:
+def _whole(tours: ToursInTurns, orders: int, deadline: Deadline) -> bool:
     """Decide whole tours, one after the other; return whether that was possible."""
     first: list[str] = []
     tours.reset()

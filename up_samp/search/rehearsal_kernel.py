@@ -16,9 +16,6 @@ from up_samp.geometry.compiled import inner, kernel
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-DRAWS = 9
-"""Random numbers for one try of annealing."""
-
 
 class Work(NamedTuple):
     """What options ask for. Option ``o`` is one of ``of[o]``, a job, by ``robot[o]``; those of job
@@ -233,13 +230,18 @@ def _change(work: Work, shares: Shares, draws: FloatArray) -> tuple[int, int]:
     return one, other
 
 
+def drawn(chance: np.random.Generator, tries: int) -> FloatArray:
+    """Return the random numbers in [0, 1) that some tries of annealing need (tries, 9)."""
+    return chance.random((tries, 9))
+
+
 @kernel
 def anneal(
     work: Work, rules: Rules, now: Shares, best: Shares, draws: FloatArray, heats: FloatArray
 ) -> None:
     """Change tours ``now``, also for the worse: by a random share (``heats``, of what they are
-    worth) at each of some tries with random numbers ``draws`` (tries, DRAWS). ``best`` becomes the
-    best that comes by.
+    worth) at each of some tries with random numbers ``draws`` (see :func:`drawn`). ``best``
+    becomes the best that comes by.
     """
     places = int(np.max(work.place)) + 1 if len(work.place) else 0
     total = _weight(ends_of(work, rules, now, places), rules)

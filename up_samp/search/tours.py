@@ -12,12 +12,6 @@ nobody's way, and between any two places where robots stop there is a way past a
 ends. So in the worst case a robot waits at its start until all those before it have come to their
 ends, and then drives alone (Čáp, Novák, Kleiner and Selecký, "Prioritized Planning Algorithms for
 Trajectory Coordination of Multiple Mobile Robots", IEEE T-ASE 2015). Elsewhere it is a try.
-
-Whole tours are not fair: who is decided last finds gaps only, and waits. So tours are decided piece
-by piece, too, in the order of time (:meth:`Tours.decide_in_turns`): whoever comes first to the next
-place that others need is decided next, until it stands where nobody else has to be. That is token
-passing (Ma, Li, Kumar and Koenig, "Lifelong multi-agent path finding for online pickup and delivery
-tasks", AAMAS 2017), with places of one's own as the endpoints where agents wait for the token.
 """
 
 from __future__ import annotations
@@ -35,7 +29,6 @@ from up_samp.scheduling.partial_order import Earliest
 from up_samp.search.decided import Decided
 from up_samp.search.decisions import QUICK, Decisions, sooner
 from up_samp.search.search import Search
-from up_samp.search.visits import contested
 from up_samp.search.world import motion_key
 from up_samp.upio import Itinerary
 
@@ -61,17 +54,13 @@ class Tours(Decisions):
         self._chains: dict[str, list[str]] = defaultdict(list)
         for motion in itinerary.motions:
             self._chains[motion.object].append(motion.activity)
-        self._contested = contested(search.facts, search.motions.service, itinerary)
         self._dead: set[tuple[str, float]] = set()
         """Stays (motion, until) of the present tour from which there is no way on."""
         self._tries = 0
         self.looks = self._tours.looks
         """How often other ways from pose to pose are looked for, if one is known."""
-        self.patient = False
-        """Whether ways past others that are about to go on are looked for only if nobody can."""
         self._patient = False
-        self.ahead: Mapping[str, float] = {}
-        """By how much (s) a robot's turn comes sooner than it does to the next place."""
+        """Whether who is in the way goes on soon, so that no way past it is looked for."""
         self.limit = math.inf
         """When all tours have to be over (units)."""
 
@@ -190,48 +179,6 @@ class Tours(Decisions):
             if len(self._waiting) == done:
                 return stuck[0] if stuck else next(r for r in order if self._left(r))
         return None
-
-    def decide_in_turns(self, first: Sequence[str], deadline: Deadline) -> str | None:
-        """Decide all tours that are not decided piece by piece in the order of time, those of
-        ``first`` whole before the others; return None, or the robot that should have gone sooner.
-        """
-        self._patient = False
-        for robot in first:
-            if self._decide(self._stretch(robot), deadline) is End.LATE or deadline.expired():
-                return robot
-        asleep = set[str]()  # they found no way among what is decided
-        self._patient = self.patient
-        while self._waiting:
-            pieces = {r: self._piece(r) for r in self.robots if r not in asleep}
-            ready = [(self._rank(r, piece), r) for r, piece in pieces.items() if piece]
-            turn = min(ready)[1] if ready else None
-            end = End.STUCK if turn is None else self._decide(pieces[turn], deadline)
-            if end is End.DECIDED:
-                self._patient = self.patient
-                asleep.clear()
-            elif self._patient and (turn is None or end is End.LATE):
-                self._patient = False
-                asleep.clear()
-            elif turn is None or end is End.LATE:
-                return turn or next(r for r in self.robots if self._left(r))
-            else:
-                asleep.add(turn)
-            if deadline.expired():
-                return turn or self.robots[0]
-        self._patient = False
-        return None
-
-    def _rank(self, robot: str, piece: Sequence[str]) -> float:
-        """Return when a robot's turn comes (s): when it comes to the next place, or sooner."""
-        return self._facts.seconds(self._end(piece[0])) - self.ahead.get(robot, 0.0)
-
-    def _piece(self, robot: str) -> list[str]:
-        """Return the next motions of a robot, up to the first that ends where no other one has to
-        be: there it may stay until its turn comes again.
-        """
-        stretch = self._stretch(robot)
-        own = [n for n, name in enumerate(stretch) if name not in self._contested]
-        return stretch[: own[0] + 1] if own else stretch
 
     def _ranked(self, first: Sequence[str]) -> list[str]:
         """Return all robots: ``first``, then those that may well be late, then the others; those

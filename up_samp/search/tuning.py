@@ -189,6 +189,7 @@ class ToursTuning(Tunables):
     noise: float = tunable(3.0, "s", "at most, by which turns are changed at random", least=0)
     heard: float = share_of(0.3, "of how much later a robot ended, by which its turn comes sooner")
     kept: float = share_of(0.9, "of that, that is kept from round to round")
+    sooner: float = tunable(20.0, "s", "by which turns of who is late come sooner", least=0)
     orders: int = tunable(
         12, "orders", "of the robots; who finds no tour goes first in the next one", least=1
     )
@@ -207,6 +208,9 @@ class DealsTuning(Tunables):
     """Who does which job, before any motion is known (``search/deals.py``)."""
 
     exchanges: int = tunable(2000, "changes a job", "of annealing over who does what", least=0)
+    at_once: int = tunable(
+        4_000, "changes", "after which is seen whether there is time left", least=1
+    )
     warm: float = share_of(0.03, "of all cost, by which a change may be worse at first")
     cold: float = share_of(0.0003, "of all cost, by which a change may be worse in the end")
     steep: int = tunable(6, "power", "of a tour's end that counts: the last one most", least=1)
