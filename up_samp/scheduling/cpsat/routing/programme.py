@@ -75,10 +75,12 @@ class Programme:
         tasks = [work.tasks[t] for t in wanted]
         return Programme(work.routes, tasks, before, layers, [sorted(some) for some in spots])
 
-    def tables(self, over: Callable[[], bool]) -> dict[int, Any] | None:
-        """Return the table of each set; ``None`` if there is no time."""
+    def tables(self, over: Callable[[], bool], *, anywhere: bool = False) -> dict[int, Any] | None:
+        """Return the table of each set; ``None`` if there is no time. ``anywhere``: travellers may
+        begin wherever they like.
+        """
         shape = [len(some) + 1 for some in self.spots]
-        steps = [list(self._steps(task)) for task in self.tasks]
+        steps = [list(self._steps(task, anywhere=anywhere)) for task in self.tasks]
         end = np.zeros(shape, dtype=np.int64)
         for axis, (route, some) in enumerate(zip(self.routes, self.spots, strict=True)):
             end = end + self._along(axis, [0, *(way_back(route, p) for p in some)])
@@ -102,12 +104,14 @@ class Programme:
         """Return the least time for all tasks."""
         return int(tables[0][(0,) * len(self.routes)])
 
-    def _steps(self, task: RoutedTask) -> Iterator[tuple[int, int, Any]]:
+    def _steps(self, task: RoutedTask, *, anywhere: bool) -> Iterator[tuple[int, int, Any]]:
         """Yield (route, index of the place, costs from everywhere) for all ways to do a task."""
         for axis, stop, places in task.ways:
             route, some = self.routes[axis], self.spots[axis]
             for place in sorted(places):
                 costs = [cost(route, route.initial, place, stop, first=True)]
+                if anywhere:
+                    costs = [route.rest(stop) - route.step]
                 costs += [cost(route, here, place, stop, first=False) for here in some]
                 costs = [min(INFINITE, c + task.length) for c in costs]
                 yield axis, 1 + some.index(place), self._along(axis, costs)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -233,6 +234,12 @@ class Rules:
     handovers: Any
     """(traveller, place, other, its place): from when the one can leave to when the other is ready.
     """
+    aside: int
+    """Bits of the tasks that ``lefts`` say nothing of."""
+    lefts: Any
+    """Of each set: from the start of the first task that is left, but for those aside, to the end
+    of everything, at least.
+    """
 
     @staticmethod
     def of(work: Work, programme: Programme, tables: dict[int, Any]) -> Rules | None:
@@ -265,12 +272,29 @@ class Rules:
             homes,
             doors_of(programme, ways),
             handovers_of(work, ways),
+            0,
+            np.zeros(len(sets), dtype=np.int64),
         )
 
     def plain(self) -> Rules:
         """Return the same with no regard to changes and to moves that happen once."""
         ways = [replace(w, hop=0 * w.hop, leading=0 * w.leading) for w in self.ways]
         return replace(self, ways=ways, changes=[None] * len(self.changes))
+
+    def anywhere(self, over: Callable[[], bool]) -> Rules | None:
+        """Return the rules for travellers who may begin wherever they like; ``None`` if there is no
+        time. Whose beginning is that of anybody is as near to everywhere, and free for all.
+        """
+        tables = self.programme.tables(over, anywhere=True)
+        if tables is None:
+            return None
+        starts = {route.initial for route in self.programme.routes}
+        ways = [some.nearby(starts) for some in self.ways]
+        handovers = self.handovers.copy()
+        for axis, some in enumerate(ways):
+            handovers[axis, some.among(starts)] = -NEVER
+        rests = np.stack([tables[int(done)].ravel() for done in self.sets])
+        return replace(self, ways=ways, rests=rests, handovers=handovers)
 
     @cached_property
     def lengths(self) -> Any:

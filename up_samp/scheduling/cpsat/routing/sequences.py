@@ -13,8 +13,9 @@ of the others has come to one more place; after it, each is where it may be, and
 
 Of two beginnings with the same tasks done and the same last ones, one with no end later is enough:
 labels, as in resource-constrained shortest paths. A beginning that cannot be continued in time,
-even if the rest is shared out evenly, is dropped; if none is left, no schedule ends by then (a
-destructive lower bound, Klein and Scholl 1999).
+even if the rest is shared out evenly, is dropped, and so is one that leaves more than can be done
+(:mod:`.lefts`); if none is left, no schedule ends by then (a destructive lower bound, Klein and
+Scholl 1999).
 """
 
 from __future__ import annotations
@@ -41,13 +42,15 @@ Found = list[tuple[int, int]]
 class Efforts:
     """How much is looked at how. ``at_once``: beginnings that are looked at before the clock is.
     ``steep``: how many times as many labels the next proof may cost; up to ``cheap`` ones cost
-    next to nothing. ``kept``: sequences that are told of.
+    next to nothing. ``kept``: sequences that are told of. ``unaided``: beginnings that are looked
+    at before it is worth finding out how long what is left takes (:mod:`.lefts`).
     """
 
     at_once: int = 200_000
     steep: int = 4
     cheap: int = 2_000
     kept: int = 4
+    unaided: int = 100_000
 
 
 EFFORTS = Efforts()
@@ -64,6 +67,10 @@ class Sequences:
     """How many were looked at."""
     found: list[Found] = field(default_factory=list)
     """Sequences that the last end was not refuted for, the one that ends first first."""
+    begun: int | None = None
+    """Tasks (bits) that were done before, with everybody wherever it likes now (``None``: nothing
+    was done, and everybody is where it begins).
+    """
 
     def plain(self) -> Sequences:
         """Return the same with no regard to changes and to moves that happen once: it bounds less,
@@ -74,6 +81,11 @@ class Sequences:
     def anew(self, most: int) -> Sequences:
         """Return the same with nothing looked at or found."""
         return Sequences(self.rules, most)
+
+    @property
+    def is_spent(self) -> bool:
+        """Whether all beginnings that may be looked at were."""
+        return self.seen[0] > self.most
 
     def refuted(self, end: int, over: Callable[[], bool]) -> bool:
         """Return whether it is proven that no schedule ends by ``end``."""
@@ -92,15 +104,16 @@ class Sequences:
         if end >= NEVER:
             return False
         steps = Steps(self.rules, end)
-        layers, labels = [], steps.beginning()
-        for _ in self.rules.programme.tasks:
+        begun = self.begun or 0
+        layers, labels = [], steps.beginning(begun)
+        for _ in range(len(self.rules.programme.tasks) - begun.bit_count()):
             following: list[Labels] = []
             layers.append(labels.bare())
             labels = labels.numbered()
             for start in range(0, len(labels), EFFORTS.at_once):
                 some = labels.rows(slice(start, start + EFFORTS.at_once))
                 for choice in range(len(self.rules.choices)):
-                    if over() or self.seen[0] > self.most:
+                    if over() or self.is_spent:
                         return False
                     more = [found for found in steps.continued(some, choice) if len(found)]
                     self.seen[0] += sum(map(len, more))
@@ -142,7 +155,7 @@ class Sequences:
     @cached_property
     def twins(self) -> Twins:
         """Who of the travellers is like whom."""
-        return Twins.of(self.rules)
+        return Twins.of(self.rules, anywhere=self.begun is not None)
 
 
 def raised(sequences: Sequences, known: int, over: Callable[[], bool], value: int = 0) -> int:
@@ -151,7 +164,7 @@ def raised(sequences: Sequences, known: int, over: Callable[[], bool], value: in
     """
     low, step, high = known, 1, value or 4 * known + 1000
     costs: list[tuple[int, int]] = []
-    while low < high and sequences.seen[0] <= sequences.most and not over():
+    while low < high and not sequences.is_spent and not over():
         end, before = min(low + step, high) - 1, sequences.seen[0]
         if sequences.refuted(end, over):
             low = end + 1

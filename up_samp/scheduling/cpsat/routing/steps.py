@@ -22,10 +22,13 @@ class Steps:
     rules: Rules
     end: int
 
-    def beginning(self) -> Labels:
-        """Return the one label of the beginning: everybody is at its place, nothing is done."""
+    def beginning(self, begun: int = 0) -> Labels:
+        """Return the one label of the beginning: everybody is at its place, nothing is done but
+        what was ``begun`` before.
+        """
         ready = [w.travel[w.number[w.route.initial]] for w in self.rules.ways]
-        return Labels.first(self._until(np.stack(ready)))
+        first = Labels.first(self._until(np.stack(ready)))
+        return replace(first, done=first.done | begun)
 
     def _until(self, ready: Any) -> Any:
         """Return when travellers are ready where, and never where moves would end after
@@ -208,8 +211,11 @@ class Steps:
         return total <= labels.last.shape[1] * self.end
 
     def hopeful(self, labels: Labels) -> Labels:
-        """Return the labels of which each task that is left may end in time, with all after it."""
+        """Return the labels of which each task that is left may end in time, with all after it, and
+        so may all of them once the first one has started.
+        """
         front, alive = self._front(labels), np.ones(len(labels), dtype=bool)
+        first = np.full(len(labels), NEVER)
         starts: dict[int, Any] = {}
         for task in self.rules.order:
             left = labels.done >> task & 1 == 0
@@ -219,9 +225,12 @@ class Steps:
             for earlier in starts:
                 if self.rules.programme.before[task] >> earlier & 1:
                     start = np.maximum(start, starts[earlier] + self.rules.ordered[earlier, task])
-            starts[task] = np.where(left, start, 0)
+            starts[task] = np.where(left, start, -NEVER)
             alive &= ~left | (start + self.rules.tails[task] <= self.end)
-        return labels.rows(alive)
+            if not self.rules.aside >> task & 1:
+                first = np.where(left, np.minimum(first, start), first)
+        lefts = self.rules.lefts[self.rules.row(labels.done)]
+        return labels.rows(alive & ((first >= NEVER) | (first + lefts <= self.end)))
 
     def _spent(self, labels: Labels) -> Any:
         """Return how much of its time each traveller has spent when it did its last task; what it

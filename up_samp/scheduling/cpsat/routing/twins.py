@@ -1,5 +1,6 @@
 """Travellers who can do the same in the same times: beginnings that differ in who of them did what
-are one. Where they start is their own, so only those that have done something are exchanged.
+are one. Where they start is their own, so only those that have done something are exchanged; all of
+them, where everybody begins anywhere.
 """
 
 from __future__ import annotations
@@ -22,10 +23,11 @@ class Twins:
 
     groups: list[list[int]]
     same: Any
+    anywhere: bool = False
 
     @staticmethod
-    def of(rules: Rules) -> Twins:
-        """Return who is alike by the rules."""
+    def of(rules: Rules, *, anywhere: bool = False) -> Twins:
+        """Return who is alike by the rules. ``anywhere``: all may begin where they like."""
         count = len(rules.ways)
         mine: list[dict[tuple[int, int], int]] = [{} for _ in range(count)]
         for number, choice in enumerate(rules.choices):
@@ -46,14 +48,14 @@ class Twins:
             for one, other in itertools.product(group, group):
                 for what, number in mine[one].items():
                     same[number, other] = mine[other][what]
-        return Twins([group for group in groups if len(group) > 1], same)
+        return Twins([group for group in groups if len(group) > 1], same, anywhere)
 
     def ordered(self, labels: Labels) -> Labels:
         """Return the labels with twins that did something in the order of what they did last."""
         turned = labels.turned.copy()
         for group in self.groups:
             first = self.same[labels.last[:, group], group[0]]
-            used = (labels.last[:, group] >= 0) @ (1 << np.arange(len(group)))
+            used = ((labels.last[:, group] >= 0) | self.anywhere) @ (1 << np.arange(len(group)))
             for pattern in np.unique(used).tolist():
                 places = np.flatnonzero(pattern >> np.arange(len(group)) & 1)
                 rows = np.flatnonzero(used == pattern)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -55,6 +55,17 @@ class Ways:
             other = route.way(a, frozenset((b,)), {m.name for m in route.hops[a, b]})
             detour[number[a], number[b]] = NEVER if other is None else min(other[0], NEVER)
         return Ways(route, places, number, travel, detour, hop, np.bitwise_or.reduce(hop, axis=1))
+
+    def nearby(self, some: set[int]) -> Ways:
+        """Return the same with ``some`` of the places as near to everywhere as can be."""
+        here = self.among(some)[:, None]
+        return replace(
+            self,
+            travel=np.where(here, 0, self.travel),
+            detour=np.where(here, 0, self.detour),
+            hop=np.where(here, 0, self.hop),
+            leading=np.where(here[:, 0], 0, self.leading),
+        )
 
     def among(self, some: Iterable[int]) -> Any:
         """Return which of the places are among ``some``."""

@@ -17,11 +17,12 @@ from up_samp.scheduling.cpsat.encode.statevars import Key
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.assignment import bound_by_assignment
 from up_samp.scheduling.cpsat.routing.dispatch import Work
+from up_samp.scheduling.cpsat.routing.lefts import with_lefts
 from up_samp.scheduling.cpsat.routing.openings import RoutedTask
 from up_samp.scheduling.cpsat.routing.programme import Programme, cost, way_back
 from up_samp.scheduling.cpsat.routing.route import INFINITE, Route
 from up_samp.scheduling.cpsat.routing.rules import Rules
-from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
+from up_samp.scheduling.cpsat.routing.sequences import EFFORTS, Sequences, raised
 
 
 def lanes(model: ScheduleModel, routes: list[Route]) -> list[list[int]]:
@@ -91,9 +92,12 @@ def bound_by_work(
     rules = Rules.of(work, programme, tables)
     if rules is None:
         return WorkBound(known)
-    sequences = Sequences(rules, labels)
+    sequences = Sequences(rules, min(labels, EFFORTS.unaided))
     if labels:
         known = raised(sequences.plain(), known, over, value)
+        known = raised(sequences, known, over, value)
+    if sequences.is_spent and labels > EFFORTS.unaided and not over():
+        sequences = Sequences(with_lefts(rules, labels // 2, over), labels)
         known = raised(sequences, known, over, value)
     return WorkBound(known, sequences)
 
