@@ -55,6 +55,7 @@ class CpsatSession:
         self._watcher = Watcher(problem)
         self._model: ScheduleModel | None = None
         self._last: CandidateSchedule | None = None
+        self._bounded = False  # whether bounds were sought with all effort
         self.explanation = Explanation((), ())
         """What was recognised when the model was last built."""
         self._interrupted = threading.Event()
@@ -98,9 +99,10 @@ class CpsatSession:
         )
         whole = Attempts(model, orders, deadline, self.bound, left=self.effort)
         guess = hint if hint is not None else self._last
-        search = Solve(whole, lambda: Watcher(self.problem).look(), guess)
+        search = Solve(whole, lambda: Watcher(self.problem).look(), guess, again=self._bounded)
         if not deadline.expired():
             solve(search)
+        self._bounded |= search.bounded
         if search.routes is not None:
             self.explanation = explain(model, search.routes)
         report = self._report(whole, deadline.elapsed() - started)
@@ -115,7 +117,7 @@ class CpsatSession:
     def _update(self, deadline: Deadline) -> ScheduleModel:
         parts = self._watcher.look()
         if self._model is None or not only_tightened(self._model, parts):
-            self.bound = 0
+            self.bound, self._bounded = 0, False
         if self._model is not None and can_grow(self._model, parts):
             # a model that the time ended in the middle of is not used any more
             grown, self._model = self._model, None

@@ -80,7 +80,10 @@ class StagesTuning(Tunables):
         least=0,
     )
     bound_labels_again: int = tunable(
-        150_000, "labels", "the same when a schedule that was found before is at hand", least=0
+        150_000,
+        "labels",
+        "the same when bounds were sought before, and more is stated now",
+        least=0,
     )
     beam: int = tunable(
         500,

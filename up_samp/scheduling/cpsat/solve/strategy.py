@@ -32,7 +32,8 @@ class Solve:
     """One solve: the attempts at the whole model, and what was recognised in it.
 
     ``parts`` gives all of the problem, ``guess`` a schedule to start from (it may break what was
-    added since), ``expected`` the makespan to expect (0: not known).
+    added since), ``expected`` the makespan to expect (0: not known). ``again``: bounds were sought
+    before with all effort, when less was stated; ``bounded``: they were here.
     """
 
     whole: Attempts
@@ -43,6 +44,8 @@ class Solve:
     sequences: Sequences | None = None
     """All of the tasks, with those that the lower bound was met by."""
     expected: int = 0
+    again: bool = False
+    bounded: bool = False
     done: list[str] = field(default_factory=list)
     """The stages that were run."""
 
@@ -100,12 +103,14 @@ def _bound_by_work(search: Solve) -> None:
     assert search.work is not None
     ends = search.share(whole.orders.tuning.bound_share).expired
     tuning = whole.orders.tuning
-    labels = tuning.bound_labels if search.guess is None else tuning.bound_labels_again
+    labels = tuning.bound_labels_again if search.again else tuning.bound_labels
     labels = labels if search.optimal else 0
     found = bound_by_work(
         whole.model, search.work, whole.bound, ends, labels=labels, value=whole.value
     )
     whole.bound, search.sequences = found.value, found.sequences
+    some = found.sequences
+    search.bounded = labels > 0 and some is not None and (bool(some.found) or some.is_spent)
 
 
 def _met_by(search: Solve) -> bool:
