@@ -1,5 +1,7 @@
 """Lanes beside a path, for bodies that can leave it sideways."""
 
+import math
+
 import numpy as np
 import pytest
 from independent import judge, limits_of
@@ -30,14 +32,37 @@ def test_a_lane_leaves_the_path_and_comes_back(offset, goal):
     assert path.natural.duration < motion.duration < path.natural.duration + 3.0
 
 
-def test_no_lane_through_a_wall_or_for_who_would_stop_to_turn():
+@pytest.mark.parametrize("offset", [-1.0, 0.7])
+@pytest.mark.parametrize("goal", [(18.0, 4.0, 0.0), (18.0, 6.0, 1.0), (18.0, 4.0, math.pi)])
+def test_who_turns_on_the_spot_changes_lanes_without_a_stop(offset, goal):
+    service = MotionService(tight.hall(20, 8, [(0.5, 0.5, 19.5, 7.5)]))
+    workspace, body = workspace_of(service), tight.differential()
+    path = workspace.path(body, ((2.0, 4.0, 0.0), goal), (), Deadline.never())
+    lane = workspace.lane(path, 8.0, 9.0, offset)
+    motion = lane.natural
+    assert not list(motion_violations("lane", limits_of("r", body), motion.times, motion.poses))
+    assert np.allclose(motion.poses[0], path.poses[0])
+    gap = motion.poses[-1] - path.poses[-1]
+    assert np.allclose([*gap[:2], math.remainder(gap[2], 2 * math.pi)], 0.0)
+    gaps = np.hypot(*(motion.poses[:, None, :2] - path.poses[None, :, :2]).transpose(2, 0, 1))
+    assert gaps.min(axis=1).max() == pytest.approx(abs(offset), abs=0.1)
+    assert lane.stop.sum() == path.stop.sum()
+    assert path.natural.duration < motion.duration < path.natural.duration + 3.0
+
+
+def test_no_lane_through_a_wall_or_where_somebody_stops_to_turn():
     service = MotionService(tight.hall(20, 8, [(0.0, 3.0, 20.0, 5.0)]))
     workspace = workspace_of(service)
     ends = ((2.0, 4.0, 0.0), (18.0, 4.0, 0.0))
     narrow = workspace.path(tight.omni(), ends, (), Deadline.never())
     assert workspace.lane(narrow, 8.0, 11.0, 1.0) is None
     pivot = workspace.path(tight.differential(), ends, (), Deadline.never())
-    assert workspace.lane(pivot, 8.0, 11.0, 0.3) is None
+    assert workspace.lane(pivot, 8.0, 11.0, 1.0) is None
+    assert workspace.lane(pivot, 8.0, 11.0, 0.1) is not None
+    turns = [*ends, (18.0, 4.0, 1.5), (12.0, 4.0, 3.1)]
+    turning = workspace.path(tight.differential(), tuple(turns), (), Deadline.never())
+    stop = float(turning.s[turning.stop][1])
+    assert workspace.lane(turning, stop - 2.0, stop + 2.0, 0.1) is None
 
 
 def test_a_fast_one_overtakes_in_the_open(tmp_path):

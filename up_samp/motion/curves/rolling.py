@@ -85,7 +85,7 @@ def rows_of(start: FloatArray, arcs: FloatArray) -> FloatArray:
 
 def rolling_time(rows: FloatArray, kinematics: Kinematics) -> float:
     """Return how long (s) the way through ``rows`` (n, 3) takes from rest to rest."""
-    rolls = rolls_of(_distinct(rows), kinematics)
+    rolls = rolls_of(rows[_moves_on(rows)], kinematics)
     pieces = zip(rolls.sizes.tolist(), rolls.kinds.tolist(), rolls.tops.tolist(), strict=True)
     return drive_time(list(pieces), kinematics.a_max)
 
@@ -105,7 +105,7 @@ def rolled(rows: FloatArray, kinematics: Kinematics) -> Trajectory:
 
     Samples are all of them, and at most ``Trajectory.MAX_STEP`` s and ``MOST_TURN`` rad apart.
     """
-    rows = _distinct(rows)
+    rows = rows[_moves_on(rows)]
     rolls = rolls_of(rows, kinematics)
     times, pieces, shares = [0.0], [0], [0.0]
     now = 0.0
@@ -141,6 +141,8 @@ def thinned(
     """Return the poses (n, 3) at which the twist changes, those that are ``kept`` (n,), and as many
     more as it takes to tell how often the body turns round.
     """
+    distinct = _moves_on(rows)
+    rows, kept = rows[distinct], None if kept is None else kept[distinct]
     _, _, kinds, _ = rolls = rolls_of(rows, kinematics)
     bends = np.where(np.abs(kinds) == 2, 0.0, kinds * rolls.turns / rolls.sizes)
     changes = (np.diff(kinds) != 0) | (np.abs(np.diff(bends)) > FINE.same)
@@ -161,10 +163,9 @@ class _Phase(NamedTuple):
     push: float
 
 
-def _distinct(rows: FloatArray) -> FloatArray:
-    """Return the poses without those that are where the one before is."""
-    moves = np.abs(np.diff(rows, axis=0)).max(axis=1) > FINE.nowhere
-    return rows[np.concatenate([[True], moves])]
+def _moves_on(rows: FloatArray) -> npt.NDArray[np.bool_]:
+    """Return which poses are not where the one before is."""
+    return np.append(True, np.abs(np.diff(rows, axis=0)).max(axis=1) > FINE.nowhere)
 
 
 def _phases(rolls: Rolls, a: float) -> Iterator[tuple[_Phase, ...]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -9,9 +10,11 @@ import numpy.typing as npt
 
 from up_samp.geometry import sweeps
 from up_samp.geometry.scene import Scene
+from up_samp.model import Configuration
 from up_samp.motion.curves.arcs import merged
 from up_samp.motion.curves.blending import pieces
-from up_samp.motion.curves.reeds_shepp import fastest
+from up_samp.motion.curves.reeds_shepp import CarLimits, fastest
+from up_samp.motion.curves.rolling import rolled, rolling_radius, rows_of, thinned
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.fleet.abilities import abilities_of
 from up_samp.motion.fleet.paths import Path, path_of
@@ -19,6 +22,9 @@ from up_samp.motion.planners.car_shortcuts import settle
 from up_samp.motion.planners.gliding import Glider
 
 FloatArray = npt.NDArray[np.float64]
+
+EXACT = 1e-7
+"""Metres, or rad, by which a lane may miss the path that it comes back to."""
 
 
 def lane_offsets(path: Path, other: Path) -> list[float]:
@@ -29,15 +35,15 @@ def lane_offsets(path: Path, other: Path) -> list[float]:
 
 def shifted_lane(scene: Scene, path: Path, first: float, last: float, offset: float) -> Path | None:
     """Return ``path`` moved sideways by ``offset`` m (left > 0) on [first, last] (m along it), if
-    the map allows it. For a path without waypoints, of cars and of bodies that move sideways: who
-    turns on the spot would stop and turn four times.
+    the map allows it. For a path without waypoints.
     """
     able = abilities_of(path.body)
     if able.free:
         return None
     if able.sideways:
         return _beside(scene, path, first, last, offset)
-    return None if able.pivots else _swerved(scene, path, first, last, offset)
+    swerve = _rolled_aside if able.pivots else _swerved
+    return swerve(scene, path, first, last, offset)
 
 
 def _beside(scene: Scene, path: Path, first: float, last: float, offset: float) -> Path | None:
@@ -85,31 +91,98 @@ def _thinned(rows: FloatArray, off_line: float = 0.01) -> FloatArray:
 def _swerved(scene: Scene, path: Path, first: float, last: float, offset: float) -> Path | None:
     """Return the lane of a car."""
     kin = path.body.kinematics
-    # a lane change of two equal arcs takes about 2 sqrt(|d| (2 R - |d| / 2)), with some air
-    reach = 2.0 * math.sqrt(abs(offset) * kin.turning_radius * 2.0) + kin.turning_radius
-    begin, end = first - reach, last + reach
-    if begin < 0.0 or end > path.length:
-        begin, end = max(begin, 0.0), min(end, path.length)
+    reach = _swerve(offset, kin.turning_radius)
+    begin, end = max(first - reach, 0.0), min(last + reach, path.length)
     marks = np.array([begin, first, last, end])
+    poses = _aside(path, marks, offset)
+    curves = _curves(poses, np.diff(marks), limits_of(kin))
+    if curves is None:
+        return None
+    ends = arcs_between(path, 0.0, begin), arcs_between(path, end, path.length)
+    whole = merged(np.concatenate([ends[0], *curves, ends[1]]))
+    start, goal = path.poses[0], path.poses[-1]
+    if sweeps.path_free(scene.world(scene.shape(path.body)), start, whole) >= 0:
+        return None
+    if settle(start, goal, whole) > EXACT:
+        return None
+    return path_of(trajectory_of(_ends(path), [whole], kin), path.body, _ends(path))
+
+
+def _rolled_aside(
+    scene: Scene, path: Path, first: float, last: float, offset: float
+) -> Path | None:
+    """Return the lane of a body that turns on the spot: it drives arcs all the same, between the
+    places where it rests.
+    """
+    kin, stops = path.body.kinematics, path.s[path.stop]
+    car = CarLimits(rolling_radius(kin), kin.v_max, kin.a_max)
+    reach = _swerve(offset, car.radius)
+    begin = max(first - reach, float(stops[stops <= first + 1e-9][-1]))
+    end = min(last + reach, float(stops[stops >= last - 1e-9][0]))
+    if not begin < first < last < end or np.any((stops > first) & (stops < last)):
+        return None
+    marks = np.array([begin, first, last, end])
+    poses = _aside(path, marks, offset)
+    curves = _curves(poses, np.diff(marks), car)
+    if curves is None:
+        return None
+    parts = [np.concatenate([path.poses[path.s < begin - EXACT], poses[:1]])]
+    for curve, target in zip(curves, poses[1:], strict=True):
+        rows = rows_of(np.ascontiguousarray(parts[-1][-1]), curve)
+        if np.abs(_off(rows[-1], target)).max() > EXACT:
+            return None
+        parts.append(rows[1:])
+    after = path.poses[path.s > end + EXACT].copy()
+    after[:, 2] += parts[-1][-1, 2] - poses[-1, 2] - _off(parts[-1][-1], poses[-1])[2]
+    rows = thinned(np.concatenate([*parts, after]), kin)
+    shape = scene.shape(path.body)
+    if sweeps.samples_free(scene.world(shape), rows, 1e-3 * float(shape.data.slack[2])) >= 0:
+        return None
+    return path_of(rolled(rows, kin), path.body, _ends(path))
+
+
+def _swerve(offset: float, radius: float) -> float:
+    """Return how long (m) a lane change is: two equal arcs take about 2 sqrt(|d| (2 R - |d| / 2)),
+    with some air.
+    """
+    return 2.0 * math.sqrt(abs(offset) * radius * 2.0) + radius
+
+
+def _aside(path: Path, marks: FloatArray, offset: float) -> FloatArray:
+    """Return the poses at four ``marks`` (m), the inner two ``offset`` m to the left."""
     poses = path.poses_at(marks)
     for i in (1, 2):
         poses[i, 0] -= offset * math.sin(poses[i, 2])
         poses[i, 1] += offset * math.cos(poses[i, 2])
-    arcs = [arcs_between(path, 0.0, begin)]
-    for i in range(3):
-        curve = fastest(tuple(poses[i]), tuple(poses[i + 1]), *limits_of(kin))[1]
-        if np.abs(curve[:, 1]).sum() > 2.0 * (marks[i + 1] - marks[i]) + 6 * kin.turning_radius:
+    return poses
+
+
+def _curves(poses: FloatArray, ways: FloatArray, car: CarLimits) -> list[FloatArray] | None:
+    """Return the arcs from pose to pose, if none is much longer than its part (m) of the path."""
+    found = []
+    for (a, b), way in zip(itertools.pairwise(poses), ways, strict=True):
+        curve = fastest(tuple(a), tuple(b), *car)[1]
+        if np.abs(curve[:, 1]).sum() > 2.0 * way + 6 * car.radius:
             return None
-        arcs.append(curve)
-    arcs.append(arcs_between(path, end, path.length))
-    whole = merged(np.concatenate(arcs))
-    start, goal = path.poses[0], path.poses[-1]
-    if sweeps.path_free(scene.world(scene.shape(path.body)), start, whole) >= 0:
-        return None
-    if settle(start, goal, whole) > 1e-7:
-        return None
-    ends = (tuple(float(x) for x in start), tuple(float(x) for x in goal))
-    return path_of(trajectory_of(ends, [whole], kin), path.body, ends)
+        found.append(curve)
+    return found
+
+
+def _off(pose: FloatArray, target: FloatArray) -> FloatArray:
+    """Return how far a pose is off another one, whole turns not counted."""
+    off = pose - target
+    off[2] = math.remainder(float(off[2]), 2 * math.pi)
+    return np.asarray(off)
+
+
+def _ends(path: Path) -> tuple[Configuration, Configuration]:
+    """Return where a path begins and ends."""
+    return pose_of(path.poses[0]), pose_of(path.poses[-1])
+
+
+def pose_of(row: FloatArray) -> Configuration:
+    """Return a row of an array as a configuration."""
+    return tuple(float(x) for x in row)
 
 
 def arcs_between(path: Path, first: float, last: float) -> FloatArray:
