@@ -321,6 +321,20 @@ def test_no_more_is_left_than_any_schedule_shows():
     assert tight
 
 
+def test_what_was_found_out_of_what_is_left_is_kept():
+    """A second look at the same tasks costs nothing; one cut short says less, never more."""
+    problem = Still(shop(2, 2, 3, seed=0), Style(), 0, narrow=True).problem
+    model = ScheduleModel(problem)
+    rules = bound_by_work(model, find_work(model, find_routes(model))).sequences.rules
+    memory = {}
+    full = with_lefts(rules, 10**6, lambda: False, memory).lefts
+    short = with_lefts(rules, 200, lambda: False).lefts
+    assert (short <= full).all()
+    assert 0 < short[0] < full[0]
+    with mock.patch.object(Sequences, "refuted", side_effect=AssertionError):
+        assert (with_lefts(rules, 10**6, lambda: False, memory).lefts == full).all()
+
+
 def checked(rules, path):
     """Assert that a sequence does what is said of what it leaves; return whether that is met."""
     end = max(start + rules.lengths[number] for number, start in path)

@@ -15,6 +15,7 @@ from up_samp.scheduling.cpsat.explain import Explanation, explain
 from up_samp.scheduling.cpsat.growth import can_grow, only_tightened
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.problem import Watcher
+from up_samp.scheduling.cpsat.routing.dispatch import Memory
 from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders, Progress
 from up_samp.scheduling.cpsat.solve.runner import SolverRun
 from up_samp.scheduling.cpsat.solve.strategy import Solve, solve
@@ -55,6 +56,7 @@ class CpsatSession:
         self._watcher = Watcher(problem)
         self._model: ScheduleModel | None = None
         self._last: CandidateSchedule | None = None
+        self._memory: Memory = {}
         self._bounded = False  # whether bounds were sought with all effort
         self.explanation = Explanation((), ())
         """What was recognised when the model was last built."""
@@ -99,7 +101,13 @@ class CpsatSession:
         )
         whole = Attempts(model, orders, deadline, self.bound, left=self.effort)
         guess = hint if hint is not None else self._last
-        search = Solve(whole, lambda: Watcher(self.problem).look(), guess, again=self._bounded)
+        search = Solve(
+            whole,
+            lambda: Watcher(self.problem).look(),
+            guess,
+            again=self._bounded,
+            memory=self._memory,
+        )
         if not deadline.expired():
             solve(search)
         self._bounded |= search.bounded
@@ -117,7 +125,7 @@ class CpsatSession:
     def _update(self, deadline: Deadline) -> ScheduleModel:
         parts = self._watcher.look()
         if self._model is None or not only_tightened(self._model, parts):
-            self.bound, self._bounded = 0, False
+            self.bound, self._bounded, self._memory = 0, False, {}
         if self._model is not None and can_grow(self._model, parts):
             # a model that the time ended in the middle of is not used any more
             grown, self._model = self._model, None

@@ -8,7 +8,7 @@ model: order, machines, doors, unary places.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from up_samp.scheduling.cpsat.encode.forms import TRUE, Cmp
 from up_samp.scheduling.cpsat.encode.statevars import Key, StateVar
@@ -17,15 +17,21 @@ from up_samp.scheduling.cpsat.routing.openings import RoutedTask, with_openings
 from up_samp.scheduling.cpsat.routing.route import Route
 from up_samp.scheduling.cpsat.routing.unit_places import UnitPlace, find_unit_places
 
+Memory = dict[tuple[object, ...], dict[int, int]]
+"""By what the tasks are called: of each set of them that are done (bits), what is left at least."""
+
 
 @dataclass
 class Work:
-    """All tasks, with the routes they are on."""
+    """All tasks, with the routes they are on. ``lefts``: what was found out before about what sets
+    of tasks leave (:mod:`.lefts`).
+    """
 
     routes: list[Route]
     tasks: list[RoutedTask]
     units: list[UnitPlace]
     initial: dict[Key, int | None]
+    lefts: Memory = field(default_factory=dict)
 
     def providers(self, state: Key, allowed: frozenset[int]) -> list[int]:
         """Return the tasks that bring a state variable to one of ``allowed``."""

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+from up_samp.scheduling.cpsat.routing.dispatch import Memory
 from up_samp.scheduling.cpsat.routing.programme import Programme
 from up_samp.scheduling.cpsat.routing.rules import Rules
 from up_samp.scheduling.cpsat.routing.sequences import Sequences
@@ -37,9 +38,12 @@ def aside_of(programme: Programme) -> int:
         found = kept
 
 
-def with_lefts(rules: Rules, most: int, over: Callable[[], bool]) -> Rules:
+def with_lefts(
+    rules: Rules, most: int, over: Callable[[], bool], memory: Memory | None = None
+) -> Rules:
     """Return the rules with what is left of each set of tasks, as far as ``most`` beginnings and
-    the time allow to find it out.
+    the time allow to find it out. ``memory``: what was found out for the same tasks when no more
+    was stated; what is found out goes there.
     """
     aside = aside_of(rules.programme)
     free = rules.anywhere(over)
@@ -48,16 +52,24 @@ def with_lefts(rules: Rules, most: int, over: Callable[[], bool]) -> Rules:
     free = replace(free, aside=aside, lefts=rules.lefts.copy())
     looked = Sequences(free, most)
     sets = [int(done) for done in rules.sets if int(done) & aside == aside]
+    found = {} if memory is None else memory.setdefault(_names(rules, aside), {})
     for done in sorted(sets, key=lambda some: -some.bit_count()):
-        if over() or looked.is_spent:
-            break
-        known = _of_more(free, done)
-        sequences = replace(looked, begun=done)
-        while sequences.refuted(known, over):
-            known += 1
+        known = found.get(done)
+        if known is None:
+            known = _of_more(free, done)
+            sequences = replace(looked, begun=done)
+            while not over() and not looked.is_spent and sequences.refuted(known, over):
+                known += 1
+            if not over() and not looked.is_spent:
+                found[done] = known
         free.lefts[free.row(done)] = known
     lefts = free.lefts[free.row(rules.sets | aside)]
     return replace(rules, aside=aside, lefts=lefts)
+
+
+def _names(rules: Rules, aside: int) -> tuple[object, ...]:
+    """Return what the tasks of sets are called, one way and another."""
+    return aside, *(tuple(name for _, name, _ in task.ways) for task in rules.programme.tasks)
 
 
 def _of_more(rules: Rules, done: int) -> int:

@@ -97,7 +97,7 @@ def bound_by_work(
         known = raised(sequences.plain(), known, over, value)
         known = raised(sequences, known, over, value)
     if sequences.is_spent and labels > EFFORTS.unaided and not over():
-        sequences = Sequences(with_lefts(rules, labels // 2, over), labels)
+        sequences = Sequences(with_lefts(rules, labels // 2, over, work.lefts), labels)
         known = raised(sequences, known, over, value)
     return WorkBound(known, sequences)
 

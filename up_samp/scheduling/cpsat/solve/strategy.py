@@ -15,7 +15,7 @@ from up_samp.model import CandidateSchedule, Deadline, OutOfTimeError
 from up_samp.scheduling.cpsat.problem import Additions
 from up_samp.scheduling.cpsat.routing.decoder import Step
 from up_samp.scheduling.cpsat.routing.detection import find_routes
-from up_samp.scheduling.cpsat.routing.dispatch import Work, find_work
+from up_samp.scheduling.cpsat.routing.dispatch import Memory, Work, find_work
 from up_samp.scheduling.cpsat.routing.list_scheduling import decode, improve, sequence_of
 from up_samp.scheduling.cpsat.routing.relaxation import RoutingRelaxation
 from up_samp.scheduling.cpsat.routing.route import Route
@@ -34,6 +34,7 @@ class Solve:
     ``parts`` gives all of the problem, ``guess`` a schedule to start from (it may break what was
     added since), ``expected`` the makespan to expect (0: not known). ``again``: bounds were sought
     before with all effort, when less was stated; ``bounded``: they were here.
+    ``memory``: of what sets of tasks leave, for as long as no less is stated.
     """
 
     whole: Attempts
@@ -45,6 +46,7 @@ class Solve:
     """All of the tasks, with those that the lower bound was met by."""
     expected: int = 0
     again: bool = False
+    memory: Memory = field(default_factory=dict)
     bounded: bool = False
     done: list[str] = field(default_factory=list)
     """The stages that were run."""
@@ -96,6 +98,8 @@ def _realize_guess(search: Solve) -> None:
 def _find_routes(search: Solve) -> None:
     search.routes = find_routes(search.whole.model) if search.whole.minimizes_makespan else []
     search.work = find_work(search.whole.model, search.routes) if search.routes else None
+    if search.work is not None:
+        search.work.lefts = search.memory
 
 
 def _bound_by_work(search: Solve) -> None:
