@@ -17,6 +17,7 @@ from up_samp.search.decided import Decided
 from up_samp.search.decisions import alone, can_decide, times_of
 from up_samp.search.events import Phase
 from up_samp.search.search import Search
+from up_samp.search.tours import Past
 from up_samp.search.tours_in_turns import ToursInTurns
 from up_samp.search.tuning import ToursTuning
 from up_samp.upio import Itinerary
@@ -80,7 +81,7 @@ class Rounds:
             if deadline.expired():
                 break
             looking, more = divmod(number, tuning.each)
-            tours.looks, tours.patient = (looking, False) if more == 0 else (0, True)
+            tours.looks, tours.past = (0, Past.NONE) if more else (looking, Past.QUICK)
             found = self._round(deadline)
             if found is None and best is None and number + 1 >= tuning.hopeless:
                 break
@@ -88,7 +89,7 @@ class Rounds:
                 best, self.good = found, dict(tours.ahead)
             if found is not None:
                 self._hear(found.ends())
-        tours.looks, tours.patient, tours.ahead = looks, True, {}
+        tours.looks, tours.past, tours.ahead = looks, Past.NONE, {}
         return best
 
     def _round(self, deadline: Deadline) -> Decided | None:

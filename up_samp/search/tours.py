@@ -42,6 +42,14 @@ class End(enum.Enum):
     """Something would be too late, whatever is tried from here on."""
 
 
+class Past(enum.IntEnum):
+    """Which ways past others are looked for where they stand in all that are known."""
+
+    NONE = 0
+    QUICK = 1
+    ANY = 2
+
+
 class Tours(Decisions):
     """Tours that wait to be decided, and those that are."""
 
@@ -59,8 +67,7 @@ class Tours(Decisions):
         self._tries = 0
         self.looks = self._tours.looks
         """How often other ways from pose to pose are looked for, if one is known."""
-        self._patient = False
-        """Whether who is in the way goes on soon, so that no way past it is looked for."""
+        self._past = Past.ANY
         self.limit = math.inf
         """When all tours have to be over (units)."""
 
@@ -163,7 +170,7 @@ class Tours(Decisions):
         """Decide all tours, those of ``first`` before the others; return None, or the robot that
         should have gone sooner.
         """
-        order, self._patient = self._ranked(first), False
+        order, self._past = self._ranked(first), Past.ANY
         while self._waiting:
             stuck: list[str] = []
             done = len(self._waiting)
@@ -267,9 +274,11 @@ class Tours(Decisions):
         asked = replace(motion, present_until=until, due=due)
         ways = self._floor.ways(asked)
         best = self._floor.by_known_ways(asked)
-        if best is None and not self._patient:
-            best = self._floor.past_all_ends(asked, deadline)
-        most = self.looks + (best is None and until == math.inf and not self._patient)
+        if best is None and self._past is not Past.NONE:
+            quick = self._past is Past.QUICK
+            best = self._floor.past_all_ends(asked, deadline, quick=quick)
+        hard = best is None and until == math.inf and self._past is Past.ANY
+        most = self.looks + hard
         if ways.looks < most and (best is None or best.arrival > due):
             ways.looks += 1
             best = sooner(best, self._look(asked, deadline))

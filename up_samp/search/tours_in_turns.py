@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from up_samp.model import Deadline
 from up_samp.scheduling.partial_order import Earliest
 from up_samp.search.search import Search
-from up_samp.search.tours import End, Tours
+from up_samp.search.tours import End, Past, Tours
 from up_samp.search.visits import contested
 from up_samp.upio import Itinerary
 
@@ -27,8 +27,10 @@ class ToursInTurns(Tours):
     ) -> None:
         super().__init__(search, itinerary, times, homes)
         self._contested = contested(search.facts, search.motions.service, itinerary)
-        self.patient = False
-        """Whether ways past others that are about to go on are looked for only if nobody can."""
+        self.past = Past.QUICK
+        """Which ways past others are looked for at first: they are about to go on. More are looked
+        for where nobody finds any, or somebody is late.
+        """
         self.ahead: Mapping[str, float] = {}
         """By how much (s) a robot's turn comes sooner than it does to the next place."""
 
@@ -36,22 +38,22 @@ class ToursInTurns(Tours):
         """Decide all tours that are not decided piece by piece in the order of time, those of
         ``first`` whole before the others; return None, or the robot that should have gone sooner.
         """
-        self._patient = False
+        self._past = Past.ANY
         for robot in first:
             if self._decide(self._stretch(robot), deadline) is End.LATE or deadline.expired():
                 return robot
         asleep = set[str]()  # they found no way among what is decided
-        self._patient = self.patient
+        self._past = self.past
         while self._waiting:
             pieces = {r: self._piece(r) for r in self.robots if r not in asleep}
             ready = [(self._rank(r, piece), r) for r, piece in pieces.items() if piece]
             turn = min(ready)[1] if ready else None
             end = End.STUCK if turn is None else self._decide(pieces[turn], deadline)
             if end is End.DECIDED:
-                self._patient = self.patient
+                self._past = self.past
                 asleep.clear()
-            elif self._patient and (turn is None or end is End.LATE):
-                self._patient = False
+            elif self._past is not Past.ANY and (turn is None or end is End.LATE):
+                self._past = Past(self._past + 1)
                 asleep.clear()
             elif turn is None or end is End.LATE:
                 return turn or next(r for r in self.robots if self._left(r))
@@ -59,7 +61,7 @@ class ToursInTurns(Tours):
                 asleep.add(turn)
             if deadline.expired():
                 return turn or self.robots[0]
-        self._patient = False
+        self._past = Past.ANY
         return None
 
     def _rank(self, robot: str, piece: Sequence[str]) -> float:

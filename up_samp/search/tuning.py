@@ -180,7 +180,7 @@ class ToursTuning(Tunables):
     """Whole tours decided one robot after the other (``search/tours.py``)."""
 
     rounds: int = tunable(
-        24, "rounds", "in which all tours are decided in the order of time", least=0
+        12, "rounds", "in which all tours are decided in the order of time", least=0
     )
     each: int = tunable(8, "rounds", "after which other ways are looked for in one", least=1)
     hopeless: int = tunable(
@@ -285,7 +285,7 @@ class LargeTuning(Tunables):
         4, "times", "that other ways from pose to pose are looked for, for better tours", least=0
     )
     looking: float = share_of(0.1, "of the changes, in which other ways are looked for")
-    polish: int = tunable(40, "changes", "of tours before the first plan is judged", least=0)
+    polish: int = tunable(0, "changes", "of tours before the first plan is judged", least=0)
     delaying: float = share_of(0.7, "of the changes, that free who delays one of the last")
     ahead: float = share_of(0.5, "of the changes, in which one of the last goes before others")
     in_turns: float = share_of(0.5, "of the changes, that are decided in the order of time")
