@@ -30,7 +30,13 @@ def one(robots: int, orders: int, encoding: str, timeout: float) -> dict[str, fl
     from up_samp.benchmarks.warehouse import warehouse
 
     get_environment().credits_stream = None
-    problem = warehouse(robots, orders, encoding=encoding)
+    if encoding == "file":
+        sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2]))
+        from tests.search.store_fleet import fleet_of
+
+        problem = fleet_of(robots, orders).problem
+    else:
+        problem = warehouse(robots, orders, encoding=encoding)
     began = time.process_time()
     with OneshotPlanner(name="samp-refine[cpsat]") as planner:
         result = planner.solve(problem, timeout=timeout)
@@ -114,7 +120,12 @@ def measured(size: str, encoding: str, timeout: float) -> dict[str, float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("series", nargs="+", help="robots x orders, such as 5x10,10x30,20x60")
-    parser.add_argument("--encoding", default="compact")
+    parser.add_argument(
+        "--encoding",
+        choices=("compact", "moves", "file"),
+        default="compact",
+        help="file: the same orders as a fleet's problem file, without latest ends",
+    )
     parser.add_argument("--timeout", type=float, default=900.0, help="wall clock of one size (s)")
     parser.add_argument("--out", help="a picture")
     parser.add_argument("--rows", help="where rows are kept, and looked up: a JSON file")

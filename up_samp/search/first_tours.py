@@ -70,6 +70,8 @@ class Rounds:
     """Whose whole tours go before all others."""
     ahead: dict[str, float] = field(default_factory=dict)
     """How much sooner (s) robots have their turns than they would."""
+    late: set[str] = field(default_factory=set)
+    """Who was stuck before there was any good round."""
     good: dict[str, float] | None = None
     """What that was in the best round."""
 
@@ -100,11 +102,11 @@ class Rounds:
         stuck = tours.decide_in_turns(self.first, deadline)
         if stuck is None:
             return tours.decided()
-        if self.good is None:
+        if self.good is None and stuck in self.late:
             self.first = _sooner(stuck, self.first)
-        else:
-            before = self.good.get(stuck, 0.0)
-            self.ahead = {**self.good, stuck: before + self.tuning.sooner}
+        self.late.add(stuck)
+        before = self.ahead if self.good is None else self.good
+        self.ahead = {**before, stuck: before.get(stuck, 0.0) + self.tuning.sooner}
         return None
 
     def _hear(self, ends: Mapping[str, float]) -> None:
