@@ -181,6 +181,17 @@ def test_names_in_the_gantt_chart_do_not_overlap(plan):
     assert_apart(extents(ax.figure, ax.texts))
 
 
+@pytest.mark.parametrize("draw", [plot_gantt, plot_map])
+def test_texts_are_measured_without_a_picture_for_each(plan, draw, monkeypatch):
+    from matplotlib.backends import backend_agg
+
+    made, real = [], backend_agg.RendererAgg
+    monkeypatch.setattr(backend_agg, "RendererAgg", lambda *size: made.append(size) or real(*size))
+    ax = draw(plan)
+    assert len(ax.texts) > 3
+    assert 1 <= len(made) <= 3
+
+
 def test_the_map_shows_footprints_and_places(plan, made):
     ax = plot_map(plan, places=places_of(made.problem))
     assert ax.get_xlim() == (0.0, 30.0)

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Annotation, Text
 from matplotlib.transforms import Bbox
 
@@ -60,6 +61,9 @@ def drawn(ax: Axes) -> None:
     """Lay the figure out, so that texts and data have their final places on it."""
     figure = ax.get_figure(root=True)
     if figure is not None:
+        if figure.canvas.manager is None and not hasattr(figure.canvas, "get_renderer"):
+            # else each look at a text's size makes a whole picture: gigabytes for 200 names
+            FigureCanvasAgg(figure)
         figure.draw_without_rendering()
 
 
