@@ -21,7 +21,7 @@ from up_samp.model import (
     TimedMotion,
 )
 from up_samp.motion.fleet import coordinate
-from up_samp.motion.fleet.conflicts import conflict_runs
+from up_samp.motion.fleet.conflicts import conflict_runs, conflicting_cells
 from up_samp.motion.fleet.paths import path_of
 from up_samp.motion.service import MotionService
 
@@ -69,6 +69,8 @@ def test_cells_in_conflict_are_found_and_no_others(seed):
     a, b = (random_path(rng, body, 6.0) for body in bodies)
     margin = 0.01
     runs = conflict_runs(a.swept, b.swept, margin)
+    for most in (1, 40 * len(b.swept.table), 10**9):
+        assert np.array_equal(conflicting_cells(a.swept, b.swept, margin, most), runs)
     found = np.zeros((a.cells + 2, b.cells + 2), dtype=bool)
     for i, j0, j1 in runs:
         found[i, j0 : j1 + 1] = True

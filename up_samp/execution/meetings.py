@@ -20,7 +20,7 @@ import numpy.typing as npt
 from up_samp.execution.lives import Drive, Life, Piece, Stay, concerned, pairs_of
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.model import ProblemError
-from up_samp.motion.fleet.conflicts import conflict_runs
+from up_samp.motion.fleet.conflicts import conflicting_cells
 from up_samp.motion.fleet.paths import Path
 from up_samp.motion.fleet.swept import Swept
 
@@ -136,7 +136,7 @@ def _runs(path_a: Path, path_b: Path, margin: float) -> IntArray:
     for path in (path_a, path_b):
         table = path.swept.table[1:-1] if path.cells else path.swept.table[:1]
         moving.append(Swept(np.ascontiguousarray(table), path.hull))
-    return np.asarray(conflict_runs(moving[0], moving[1], margin))
+    return np.asarray(conflicting_cells(moving[0], moving[1], margin))
 
 
 def cell_times(piece: Piece, path: Path) -> tuple[FloatArray, FloatArray]:

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry.compiled import inner, kernel
+from up_samp.model import check_time
 from up_samp.motion.fleet.swept import Hull, Piece, Swept, piece, reach_of, standing
 
 FloatArray = npt.NDArray[np.float64]
@@ -234,6 +235,24 @@ def conflict_runs(one: Swept, other: Swept, margin: float) -> IntArray:
             runs = _noted(runs, used, i, open_from, m - 1)
             used += 1
     return runs[:used].copy()  # a part would keep all of it
+
+
+def conflicting_cells(one: Swept, other: Swept, margin: float, most: int = 5_000_000) -> IntArray:
+    """Return the same as :func:`conflict_runs`, so many comparisons of convex parts at a time:
+    between them it looks at the time limit.
+    """
+    table, hull = one
+    each = len(hull.counts) * len(other.hull.counts) * max(len(other.table), 1)
+    rows = max(1, most // each)
+    if rows >= len(table):
+        return conflict_runs(one, other, margin)
+    found = []
+    for first in range(0, len(table), rows):
+        check_time()
+        runs = conflict_runs(Swept(table[first : first + rows], hull), other, margin)
+        runs[:, 0] += first
+        found.append(runs)
+    return np.concatenate(found)
 
 
 @kernel

@@ -35,7 +35,7 @@ from up_samp.motion.fleet.cell_times import (
     stay_far,
 )
 from up_samp.motion.fleet.cleared import but_cleared, is_cleared
-from up_samp.motion.fleet.conflicts import conflict_runs
+from up_samp.motion.fleet.conflicts import conflicting_cells
 from up_samp.motion.fleet.lanes import shifted_lane
 from up_samp.motion.fleet.margins import kept, wished
 from up_samp.motion.fleet.paths import Path, path_of, resting_path
@@ -272,7 +272,7 @@ class Workspace:
             return self._conflicts.put(key, NOTHING)
         check_time()
         margin = kept(self.margin, a.poses[[0, -1]], a.hull, b.poses[[0, -1]], b.hull)
-        found = self._conflicts.put(key, conflict_runs(a.swept, b.swept, margin))
+        found = self._conflicts.put(key, conflicting_cells(a.swept, b.swept, margin))
         return but_cleared(found, a, b)
 
     def forbidden(
