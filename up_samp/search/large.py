@@ -11,6 +11,7 @@ with other jobs or before others (:mod:`up_samp.search.better_tours`).
 
 from __future__ import annotations
 
+import math
 import random
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, replace
@@ -54,6 +55,14 @@ class Large:
     open_thin: OpenThin
     tuning: LargeTuning
 
+    def nearly_all(self, share: float) -> float:
+        """Return a share of the time, the nearer to all of it the larger the problem is: another
+        share of the jobs takes as long again, and the usual search is lost in tens of thousands of
+        activities.
+        """
+        optional = sum(a.optional for a in self.problem.activities)
+        return 1.0 - (1.0 - share) * math.sqrt(self.tuning.activities / optional)
+
 
 def large_of(
     problem: SchedulingMotionProblem, snapshot: Snapshot, open_thin: OpenThin, tuning: LargeTuning
@@ -71,12 +80,12 @@ def solve_large(
     """Solve a large problem: plans by dealing out jobs, better and better ones if that is asked
     for, then the search as for any other problem, from the best one on.
     """
-    first = search.budget.share(large.tuning.share, float("inf"))
+    first = search.budget.share(large.nearly_all(large.tuning.share), float("inf"))
     search.tell.stage(Phase.PREPARE, "who does which job", len(large.jobs.options))
     found, failed = None, 0
     for number, dealt in enumerate(deals_of(search, large, first), start=1):
         with search.history.stages.of(BUILDING):
-            deadline = first.within(large.tuning.turn * first.remaining())
+            deadline = first.within(large.nearly_all(large.tuning.turn) * first.remaining())
             opened = candidate_of(large, dealt, deadline)
             if opened is not None:
                 # motions in the order of time take longer and find less: only in the end

@@ -256,10 +256,12 @@ class LargeTuning(Tunables):
         240, "optional activities", "from which on jobs are dealt out first", least=1
     )
     share: float = share_of(
-        0.6, "of all time, for a first plan by dealing out jobs; then the usual search has its turn"
+        0.6,
+        "of all time, for a first plan by dealing out jobs; then the usual search has its turn "
+        "(more of it in problems that are much larger)",
     )
     dealing: float = share_of(0.3, "of what is left of that, for dealing jobs out once")
-    turn: float = share_of(0.6, "of what is left of that, for one share of the jobs")
+    turn: float = share_of(0.6, "of what is left of that, for one share of the jobs (more again)")
     deals: int = tunable(8, "shares of the jobs", "at most, until there is a plan", least=1)
     noisiest: int = tunable(
         5, "shares of the jobs", "after which guesses do not become more different", least=0
