@@ -223,7 +223,7 @@ def open_tours(large: Large, dealt: Deal, deadline: Deadline) -> ToursInTurns | 
 
 def improve(search: Search, large: Large, better: Better) -> Iterator[Incumbent]:
     """Yield better plans made of tours, until the time is over that there is for it."""
-    deadline = search.budget.share(large.tuning.again, float("inf"))
+    deadline = search.budget.share(large.nearly_all(large.tuning.again), float("inf"))
     changes = better.improved(lambda: deadline.expired() or search.stopped, deadline)
     while not (search.bounds.met or search.stopped):
         with search.history.stages.of(BUILDING):

@@ -276,7 +276,9 @@ class LargeTuning(Tunables):
         10, "rounds a task", "of annealing over tours of what was dealt out", least=0
     )
     relaxed: float = effort_of(0.1, "for the routing relaxation of what was dealt out")
-    again: float = share_of(0.6, "of the time that is left after the first plan, for better tours")
+    again: float = share_of(
+        0.6, "of the time that is left after the first plan, for better tours (more again)"
+    )
     bounding: float = share_of(0.1, "of the time that is left after the first plan, for bounds")
     drives: int = tunable(
         3000, "drives", "at most, that the planner is asked for to raise the bound", least=0
