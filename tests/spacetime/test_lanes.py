@@ -15,39 +15,41 @@ from up_samp.motion.service import MotionService
 from up_samp.validation.kinematics import motion_violations
 
 
+def changed(body, goal, last, offset):
+    """Return a path through a hall, and the same with a lane of a few metres beside it."""
+    service = MotionService(tight.hall(20, 8, [(0.5, 0.5, 19.5, 7.5)]))
+    workspace = workspace_of(service)
+    path = workspace.path(body, ((2.0, 4.0, 0.0), goal), (), Deadline.never())
+    lane = workspace.lane(path, 8.0, last, offset)
+    motion = lane.natural
+    assert not list(motion_violations("lane", limits_of("r", body), motion.times, motion.poses))
+    assert path.natural.duration < motion.duration < path.natural.duration + 3.0
+    return path, lane
+
+
 @pytest.mark.parametrize("offset", [-1.0, 0.7])
 @pytest.mark.parametrize("goal", [(18.0, 4.0, 0.0), (18.0, 6.0, 1.0)])
 def test_a_lane_leaves_the_path_and_comes_back(offset, goal):
-    service = MotionService(tight.hall(20, 8, [(0.5, 0.5, 19.5, 7.5)]))
-    workspace, body = workspace_of(service), tight.omni()
-    path = workspace.path(body, ((2.0, 4.0, 0.0), goal), (), Deadline.never())
-    lane = workspace.lane(path, 8.0, 11.0, offset)
+    path, lane = changed(tight.omni(), goal, 11.0, offset)
     motion = lane.natural
-    assert not list(motion_violations("lane", limits_of("r", body), motion.times, motion.poses))
     assert np.allclose(motion.poses[[0, -1], :2], path.poses[[0, -1], :2])
     way = path.poses[-1, :2] - path.poses[0, :2]
     left = np.array([-way[1], way[0]]) / np.hypot(*way)
     aside = (motion.poses[:, :2] - path.poses[0, :2]) @ left
     assert max(aside * np.sign(offset)) == pytest.approx(abs(offset), abs=0.02)
-    assert path.natural.duration < motion.duration < path.natural.duration + 3.0
 
 
 @pytest.mark.parametrize("offset", [-1.0, 0.7])
 @pytest.mark.parametrize("goal", [(18.0, 4.0, 0.0), (18.0, 6.0, 1.0), (18.0, 4.0, math.pi)])
 def test_who_turns_on_the_spot_changes_lanes_without_a_stop(offset, goal):
-    service = MotionService(tight.hall(20, 8, [(0.5, 0.5, 19.5, 7.5)]))
-    workspace, body = workspace_of(service), tight.differential()
-    path = workspace.path(body, ((2.0, 4.0, 0.0), goal), (), Deadline.never())
-    lane = workspace.lane(path, 8.0, 9.0, offset)
+    path, lane = changed(tight.differential(), goal, 9.0, offset)
     motion = lane.natural
-    assert not list(motion_violations("lane", limits_of("r", body), motion.times, motion.poses))
     assert np.allclose(motion.poses[0], path.poses[0])
     gap = motion.poses[-1] - path.poses[-1]
     assert np.allclose([*gap[:2], math.remainder(gap[2], 2 * math.pi)], 0.0)
     gaps = np.hypot(*(motion.poses[:, None, :2] - path.poses[None, :, :2]).transpose(2, 0, 1))
     assert gaps.min(axis=1).max() == pytest.approx(abs(offset), abs=0.1)
     assert lane.stop.sum() == path.stop.sum()
-    assert path.natural.duration < motion.duration < path.natural.duration + 3.0
 
 
 def test_no_lane_through_a_wall_or_where_somebody_stops_to_turn():
