@@ -97,7 +97,9 @@ def test_a_model_is_whole_or_there_is_none():
     assert report.status is ScheduleStatus.OUT_OF_TIME
 
 
-def test_the_local_search_that_breaks_memory_is_never_run(capfd):
+@pytest.mark.parametrize("first", [False, True])
+@pytest.mark.parametrize("workers", [2, 4])
+def test_the_searches_that_break_memory_are_never_run(workers, first, capfd):
     jobs, machines = 5, 4
     plain = cp_model.CpModel()
     ends, on = [], {m: [] for m in range(machines)}
@@ -112,11 +114,15 @@ def test_the_local_search_that_breaks_memory_is_never_run(capfd):
     makespan = plain.new_int_var(0, 200, "")
     plain.add_max_equality(makespan, ends)
     plain.minimize(makespan)
-    options = {"log_search_progress": True, "num_workers": 4}
-    answer = run(plain, SolverRun(0, 4), Deadline.after(30), lambda *_: False, options=options)
-    assert answer.status == cp_model.OPTIMAL
-    told = [line for line in capfd.readouterr().out.splitlines() if "subsolvers: [" in line]
+    options = {"log_search_progress": True, "stop_after_first_solution": first}
+    answer = run(
+        plain, SolverRun(0, workers), Deadline.after(30), lambda *_: False, options=options
+    )
+    assert answer.status in (cp_model.OPTIMAL, cp_model.FEASIBLE)
+    lines = capfd.readouterr().out.splitlines()
+    told = [line for line in lines if "subsolver" in line and "[" in line]
     assert told
     running = [line for line in told if "ignored" not in line]
     names = {n.strip("[],") for line in running for n in line.split(": ", 1)[1].split(", ")}
-    assert not {n for n in names if n.startswith("ls")}, told
+    assert names
+    assert not {n for n in names if n.startswith(("ls", "fj"))}, told
