@@ -114,7 +114,7 @@ def opened(problem, seed):
     state_what_is_known(search)
     report = get_schedule(search, optimal=False)
     search.scheduler.close()
-    build = partial(session.to_plan, problem, snapshot)
+    build = partial(session.to_plan, problem, snapshot, 0.01)
     return search, read_itinerary(search.knowledge.relaxation, report.schedule), build
 
 

@@ -43,14 +43,19 @@ class Dependencies:
 
 
 def dependencies_of(
-    problem: SchedulingProblem, plan: PlanDict, *, margin: float = TOLERANCES.margin
+    problem: SchedulingProblem, plan: PlanDict, *, margin: float | None = None
 ) -> Dependencies:
     """Return the dependency graph of a valid plan: acyclic, transitively reduced, with reasons.
+
+    ``margin``: clearance in m that is kept where the plan keeps it (None: the one that the plan
+    was made with).
 
     Raises :class:`ProblemError` where the plan breaks the problem,
     :class:`UnsupportedError` for what no executive can keep.
     """
     unit = float(plan["seconds_per_unit"])
+    if margin is None:
+        margin = float(plan.get("margin", TOLERANCES.margin))
     problem = named_as_planned(problem, plan)
     snapshot = snapshot_of(problem, unit)
     plan = with_avoid(plan, snapshot)

@@ -13,7 +13,6 @@ from up_samp.execution.graph import At, Bound, Choice, Edge, Event, Graph, Prece
 from up_samp.execution.lives import Drive, lives_of
 from up_samp.execution.meetings import meetings_of
 from up_samp.execution.reduce import MEETING
-from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.plan_dict import PlanDict, snapshot_of
 from up_samp.io.versions import VERSIONS
 from up_samp.model import ProblemError
@@ -21,7 +20,7 @@ from up_samp.upio.movers import named_as_planned
 
 
 def with_dependencies(
-    problem: SchedulingProblem, plan: PlanDict, *, margin: float = TOLERANCES.margin
+    problem: SchedulingProblem, plan: PlanDict, *, margin: float | None = None
 ) -> PlanDict:
     """Return a plan dictionary of version 1.1: with ``dependencies``, each motion's ``progress`` at
     its samples, and what it must keep clear of.

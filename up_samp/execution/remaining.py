@@ -180,6 +180,7 @@ class _Builder:
             {name: at for name, (at, _) in self.stops.items()},
             rest_of_plan(target, self.planned, self.state, self.since),
             tuple(self.notes),
+            {k: float(self.plan[k]) for k in ("seconds_per_unit", "margin") if k in self.plan},
         )
 
     def _known_values(self) -> dict[str, FNode]:

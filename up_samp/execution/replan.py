@@ -26,11 +26,12 @@ LAST_METRES = 30.0
 def solve_remaining(
     left: Remaining, *, engine: str = ENGINE, seconds: float | None = None
 ) -> PlanDict:
-    """Return a plan of what is left, sought from the rest of the old plan (``left.hint``) on.
+    """Return a plan of what is left, sought from the rest of the old plan (``left.hint``) on,
+    in its units and with its clearance (``left.params``).
 
     Raises :class:`ProblemError` where the engine finds none within ``seconds``.
     """
-    with OneshotPlanner(name=engine) as planner:
+    with OneshotPlanner(name=engine, params=dict(left.params)) as planner:
         result = planner.solve(left.problem, timeout=seconds, warm_start_plan=left.hint)
     return result_to_dict(left.problem, result)
 

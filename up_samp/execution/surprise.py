@@ -37,6 +37,8 @@ class Remaining:
 
     Robots under way stop there: these are the points at which they can. ``hint`` is what is left of
     the old plan, as a UP schedule of the new problem. ``notes`` say which constraints fell away.
+    ``params`` are parameters of an engine that the new plan has to have in common with the old one:
+    the length of a unit, and the clearance.
     """
 
     problem: SchedulingMotionProblem
@@ -46,6 +48,7 @@ class Remaining:
     """How far robots under way still go in the motion that they are in (m), before they stand."""
     hint: Schedule | None
     notes: tuple[str, ...]
+    params: Mapping[str, float] = field(default_factory=dict)
 
 
 def check_names(surprise: Surprise, source: SchedulingMotionProblem, state: State) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from up_samp.io.precision import PRECISION
+
 
 @dataclass(frozen=True)
 class Tolerances:
@@ -29,8 +31,9 @@ class Tolerances:
     """Progress by which a robot may be short of a point and still count as having come to it."""
     grip: float = 0.01
     """Way of a ride in which its load also counts as standing where it was, or will be."""
-    margin: float = 0.01
-    """Clearance that the dependencies keep, where the plan does; less where it does not."""
+    margin: float = PRECISION.margin
+    """Clearance that the dependencies keep, where the plan does and says no other one; less where
+    it does not."""
 
 
 TOLERANCES = Tolerances()

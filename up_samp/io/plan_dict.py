@@ -81,19 +81,24 @@ def plan_to_dict(
     }
     if rides := described_rides(snapshot, times):
         data["rides"] = rides
-    _tell_maps(data, maps)
+    _tell_newer(data, maps, getattr(plan, "margin", None))
     if problem.base_variables:
         # only by these can a plan with variables be read back and judged
         data["parameters"] = {v.name: value_of(plan.get(v)) for v in problem.base_variables}
     return data
 
 
-def _tell_maps(data: PlanDict, maps: list[dict[str, Any]]) -> None:
-    """Add what only plans on several maps, or on maps with frames of their own, have."""
+def _tell_newer(data: PlanDict, maps: list[dict[str, Any]], margin: float | None) -> None:
+    """Add what minor versions brought, where a plan has it: several maps, maps with frames of
+    their own, a clearance that is not the usual one.
+    """
     if len(maps) > 1 or "frame" in data["map"] or "height" in data["map"]:
         data["minor"] = VERSIONS.maps
     if len(maps) > 1:
         data["maps"] = maps
+    if margin is not None and margin != PRECISION.margin:
+        data["minor"] = VERSIONS.margin
+        data["margin"] = margin
 
 
 def result_to_dict(

@@ -17,6 +17,8 @@ class FilePrecision:
     """Digits of the samples of motions. Where two curves meet, samples may lie 0.1 ms apart:
     rounded to a micrometre, a motion at its limits would seem to be beyond them there.
     """
+    margin: float = 0.01
+    """Clearance in m of plans that do not tell theirs: what the engine keeps by default."""
 
 
 PRECISION = FilePrecision()

@@ -64,7 +64,7 @@ def plan_from_dict(problem: SchedulingMotionProblem, plan: PlanDict) -> SampSche
                 )
             trajectories[trajectory_key(task)] = rows_trajectory(rows)
     candidate = CandidateSchedule(times, parameters)
-    return build_plan(problem, snapshot, candidate, trajectories)
+    return build_plan(problem, snapshot, candidate, trajectories, plan.get("margin"))
 
 
 def _check_value(problem: SchedulingMotionProblem, tpe: Any, what: str, value: Value) -> None:

@@ -39,6 +39,11 @@ def positive(value: Any) -> str | None:
     return number(value) or (None if value > 0 else "a number above 0")
 
 
+def distance(value: Any) -> str | None:
+    """Check a number from zero."""
+    return number(value) or (None if value >= 0 else "a number from 0")
+
+
 def whole(value: Any) -> str | None:
     """Check a whole number (2.0 is one)."""
     return number(value) or (None if value == math.floor(value) else "a whole number")
@@ -151,6 +156,7 @@ def check_shape(plan: Mapping[str, Any], label: str) -> None:
         _need(plan, key, check, label, "")
     _check_maps(plan, label)
     _maybe(plan, "parameters", values, label, "")
+    _maybe(plan, "margin", distance, label, "")
     _check_rides(plan, label)
     for key, checks in ENTRIES.items():
         for i, entry in enumerate(plan[key]):

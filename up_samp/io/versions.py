@@ -17,6 +17,8 @@ class Versions:
     """Adds maps with frames and heights, and several maps."""
     choices: int = 3
     """Adds ``choices`` to the dependencies: orders that could be the other way round, too."""
+    margin: int = 4
+    """Adds ``margin``: the clearance that motions were planned with."""
 
 
 VERSIONS = Versions()

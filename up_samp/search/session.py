@@ -107,7 +107,7 @@ def open_search(
     asked = Problem(
         relax_anew,
         scheduler_for,
-        partial(to_plan, problem, snapshot),
+        partial(to_plan, problem, snapshot, params.margin),
         check_plan,
         wrapped.native,
     )
@@ -164,7 +164,7 @@ def open_thin(
             environment=problem.environment,
         )
 
-    build = partial(to_plan, problem, snapshot)
+    build = partial(to_plan, problem, snapshot, params.margin)
     asked = Problem(relax_anew, scheduler_for, build, lambda plan: [], native=True)
     return assemble(asked, service, replace(mine, components=components), deadline, workers)
 
@@ -261,6 +261,7 @@ def open_service(
 def to_plan(
     problem: SchedulingMotionProblem,
     snapshot: Snapshot,
+    margin: float,
     schedule: CandidateSchedule,
     trajectories: Mapping[str, Trajectory],
 ) -> SampSchedule:
@@ -271,7 +272,7 @@ def to_plan(
         if key in found:
             own = found[key]
             found[key] = replace(own, poses=snapshot.to_world[task.map].out(own.poses))
-    return build_plan(problem, snapshot, schedule, found)
+    return build_plan(problem, snapshot, schedule, found, margin)
 
 
 def run(search: Search, *, optimal: bool) -> Generator[Incumbent, None, SearchResult]:

@@ -55,7 +55,7 @@ class Settled:
             activity = self.original.get_activity(self.copies.get(moved.name, moved.name))
             paths[activity, activity.motion_constraints[index]] = path
         trajectories = {self._key(key): t for key, t in plan.trajectories.items()}
-        return SampSchedule(
+        back = SampSchedule(
             activities,
             assignment,
             paths,
@@ -63,6 +63,8 @@ class Settled:
             self.original.environment,
             plan.seconds_per_unit,
         )
+        back.margin = plan.margin
+        return back
 
     def _key(self, key: str) -> str:
         """Return the name of a trajectory, which may be that of an activity's further motion."""

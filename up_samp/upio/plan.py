@@ -32,7 +32,8 @@ class SampSchedule(MotionSchedule):  # type: ignore[misc]
 
     ``trajectories`` maps activities to trajectories in s from the plan's start (an activity that
     moves several objects: ``activity#k`` for its k-th further constraint). One unit of its schedule
-    is ``seconds_per_unit`` s.
+    is ``seconds_per_unit`` s. ``margin`` is the clearance that its motions were planned with, m
+    (None: not known).
     """
 
     def __init__(
@@ -47,6 +48,7 @@ class SampSchedule(MotionSchedule):  # type: ignore[misc]
         super().__init__(activities, dict(assignment), dict(motion_paths), environment)
         self.trajectories: dict[str, Trajectory] = dict(trajectories)
         self.seconds_per_unit = seconds_per_unit
+        self.margin: float | None = None
 
 
 def trajectory_key(task: MotionTask) -> str:
@@ -59,10 +61,12 @@ def build_plan(
     snapshot: Snapshot,
     schedule: CandidateSchedule,
     trajectories: Mapping[str, Trajectory],
+    margin: float | None = None,
 ) -> SampSchedule:
     """Return the UP plan for a schedule whose motions were found.
 
-    ``trajectories`` are keyed as :func:`trajectory_key` says, in s from the plan's start.
+    ``trajectories`` are keyed as :func:`trajectory_key` says, in s from the plan's start; they
+    were planned with a clearance of ``margin`` m.
     """
     activities = [a for a in problem.activities if a.name in schedule.times]
     paths = {}
@@ -75,7 +79,7 @@ def build_plan(
         paths[activity, activity.motion_constraints[task.index]] = up_path(
             trajectories[trajectory_key(task)], model
         )
-    return SampSchedule(
+    plan = SampSchedule(
         activities,
         _assignment(problem, schedule, activities),
         paths,
@@ -83,6 +87,8 @@ def build_plan(
         problem.environment,
         snapshot.seconds_per_unit,
     )
+    plan.margin = margin
+    return plan
 
 
 def build_schedule(problem: Any, schedule: CandidateSchedule) -> Schedule:
