@@ -71,8 +71,9 @@ SPANS = [whole, whole, whole, inside, behind, begin, finish]
 class RandomRoutes:
     """Draws one problem."""
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, *, touching: bool = False) -> None:
         self.r = r = random.Random(seed)
+        self.origins = [behind, behind, begin] if touching else [whole, whole, begin]
         self.p = SchedulingProblem(f"routes{seed}")
         self.spot, self.leaf = UserType("spot"), UserType("leaf")
         self.spots = [
@@ -139,7 +140,7 @@ class RandomRoutes:
         origin = Equals(at(), a)
         if self.chance(0.1):
             origin = Or(origin, Equals(at(), r.choice([s for s in self.spots if s is not b])))
-        m.add_condition(r.choice([whole, whole, begin])(m), origin)
+        m.add_condition(r.choice(self.origins)(m), origin)
         m.add_effect(m.end, at(), b)
         if still and self.chance(0.95):
             m.add_condition(inside(m), Equals(self.door(), self.door()))
@@ -363,9 +364,13 @@ def present(*activities):
     return [a.present for a in activities if a.optional]
 
 
-def random_routes(seed: int, *, batteries: bool = False) -> SchedulingProblem:
-    """Return the problem of a seed, with levels that moves take from if ``batteries``."""
-    drawn = RandomRoutes(seed)
+def random_routes(
+    seed: int, *, batteries: bool = False, touching: bool = False
+) -> SchedulingProblem:
+    """Return the problem of a seed, with levels that moves take from if ``batteries``, and mostly
+    with moves that need their origin right after their start only if ``touching``.
+    """
+    drawn = RandomRoutes(seed, touching=touching)
     for t in drawn.travellers if batteries else ():
         add_battery(drawn, t, random.Random(seed + (3 + t) * 10**6))
     return drawn.p

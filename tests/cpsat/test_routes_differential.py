@@ -25,9 +25,9 @@ def state_some_absent(problem: SchedulingProblem, seed: int) -> None:
         problem.add_constraint(Not(a.present))
 
 
-def disagreement(seed, *, absent=False, batteries=False):
+def disagreement(seed, *, absent=False, **drawn):
     """Return (what differs on the problem of ``seed``, whether it has routes)."""
-    problem = random_routes(seed, batteries=batteries)
+    problem = random_routes(seed, **drawn)
     if absent:
         state_some_absent(problem, seed)
     with nothing_recognised():
@@ -63,6 +63,10 @@ def test_routes_with_batteries():
     check(range(30_000, 30_000 + FEW // 2), batteries=True)
 
 
+def test_routes_whose_moves_may_touch():
+    check(range(40_000, 40_000 + FEW // 2), touching=True)
+
+
 def test_tasks_that_are_apart_by_other_gaps_for_other_travellers():
     assert disagreement(10_170) == (None, True)
 
@@ -84,3 +88,9 @@ def test_many_routes_without_what_never_happens(block):
 @pytest.mark.parametrize("block", range(6))
 def test_many_routes_with_batteries(block):
     check(range(31_000 + block * 100, 31_100 + block * 100), batteries=True)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("block", range(4))
+def test_many_routes_whose_moves_may_touch(block):
+    check(range(41_000 + block * 100, 41_100 + block * 100), touching=True)

@@ -113,7 +113,6 @@ def test_a_parameter_may_tell_who_comes_to_a_unary_place_and_leaves_it():
 
 def test_requirements_over_their_spans():
     tail = rules.needs_open("a", "door", "shut", 3, rules.Reason("blocks")).statement
-    start = rules.needs_away_at_start("a", "door", "shut", "on it").statement
 
     def opened_at(t):
         return lambda _, first, last: (
@@ -122,8 +121,6 @@ def test_requirements_over_their_spans():
 
     assert holds(tail, schedule(a=(0, 10)), opened_at(7))
     assert not holds(tail, schedule(a=(0, 10)), opened_at(8))
-    assert holds(start, schedule(a=(5, 10)), opened_at(4))
-    assert not holds(start, schedule(a=(5, 10)), opened_at(5))
 
 
 def test_the_papers_condition_gives_way_to_any_rival():

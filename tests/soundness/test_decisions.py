@@ -107,7 +107,7 @@ def broken(world, rooms, decided, attack, refinements, named=False):
     for refinement in refinements:
         if refinement.strength is not Strength.PROVEN:
             continue
-        if not holds(refinement.statement, schedule, places, relaxation.early):
+        if not holds(refinement.statement, schedule, places):
             yield f"{decided} with {times} breaks {refinement}"
 
 

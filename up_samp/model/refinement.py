@@ -149,7 +149,6 @@ class Lasts:
 class Span(enum.Enum):
     """Over which part of an activity something is required."""
 
-    START = "at its start"
     TAIL = "in its last part"
     WHOLE = "all the time"
 
@@ -160,7 +159,7 @@ class Requires:
 
     ``WHOLE`` is [start + 1, end - 1] (changes at the very start and end do no harm; nothing is
     asked of an activity that lasts one unit), ``TAIL`` is
-    [end - tail + 1, end] (or the end alone where ``tail`` is 0), ``START`` the start alone.
+    [end - tail + 1, end] (or the end alone where ``tail`` is 0).
     """
 
     activity: str

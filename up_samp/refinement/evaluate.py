@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable
 
 from up_samp.model import CandidateSchedule
 from up_samp.model.refinement import (
@@ -32,22 +32,17 @@ def holds(
     statement: Statement,
     schedule: CandidateSchedule,
     places: Places,
-    early: Mapping[str, int] | None = None,
 ) -> bool:
-    """Return whether ``schedule`` satisfies ``statement``.
-
-    ``early`` tells by how many units the states of objects are set before the ends (default: 0).
-    """
-    early = early or {}
+    """Return whether ``schedule`` satisfies ``statement``."""
     if isinstance(statement, Clause):
-        return any(_true(x, schedule, places, early) for x in statement.literals)
+        return any(_true(x, schedule, places) for x in statement.literals)
     if isinstance(statement, Lasts):
         if statement.activity not in schedule.times:
             return True
         start, end = schedule.times[statement.activity]
         return end - start >= statement.at_least
     if isinstance(statement, Requires):
-        return _meets_requirement(statement, schedule, places, early)
+        return _meets_requirement(statement, schedule, places)
     if isinstance(statement, FirstUsed):
         used = [schedule.times.get(name) for name in statement.activities]
         starts = [times[0] for times in used if times is not None]
@@ -55,15 +50,11 @@ def holds(
     return _fits_place(statement, schedule)
 
 
-def _meets_requirement(
-    statement: Requires, schedule: CandidateSchedule, places: Places, early: Mapping[str, int]
-) -> bool:
+def _meets_requirement(statement: Requires, schedule: CandidateSchedule, places: Places) -> bool:
     if statement.activity not in schedule.times:
         return True
     start, end = schedule.times[statement.activity]
-    seen = start + early.get(statement.object, 0)
     first, last = {
-        Span.START: (seen, seen),
         Span.WHOLE: (start + 1, end - 1),
         Span.TAIL: (end - max(0, statement.tail - 1), end),
     }[statement.span]
@@ -87,9 +78,7 @@ def _fits_place(statement: Exclusive, schedule: CandidateSchedule) -> bool:
     return True
 
 
-def _true(
-    literal: Literal, schedule: CandidateSchedule, places: Places, early: Mapping[str, int]
-) -> bool:
+def _true(literal: Literal, schedule: CandidateSchedule, places: Places) -> bool:
     times = schedule.times
     if isinstance(literal, Absent):
         return literal.activity not in times
@@ -104,8 +93,7 @@ def _true(
         if literal.activity not in times:
             return False
         start, end = times[literal.activity]
-        first = start + early.get(literal.object, 0)
-        return literal.configuration not in places(literal.object, first, end)
+        return literal.configuration not in places(literal.object, start + 1, end)
     return _overlaps(literal, schedule)
 
 

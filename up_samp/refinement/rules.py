@@ -128,12 +128,6 @@ def _not_during(activity: str, other: str, begins: TimeRef, obstacle: str) -> Re
     return Refinement(Clause(literals), Layer.GEOMETRIC, Strength.PROVEN, why)
 
 
-def needs_away_at_start(activity: str, obstacle: str, configuration: str, why: str) -> Refinement:
-    """State that an obstacle which lies on the motion's first pose must not be there then."""
-    statement = Requires(activity, obstacle, frozenset({configuration}), Span.START)
-    return Refinement(statement, Layer.GEOMETRIC, Strength.PROVEN, why)
-
-
 def gone_before(point: TimeRef, changes: Iterable[str], units: int, reason: Reason) -> Refinement:
     """State that an obstacle has gone ``units`` before an activity's start or end.
 

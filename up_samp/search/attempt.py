@@ -132,7 +132,7 @@ def learn_from(search: Search, itinerary: Itinerary, check: Check) -> list[Refin
     for statement in search.components.after_failure if not check.passed else ():
         search.learn(statement.find(search))
     relaxation = search.knowledge.relaxation
-    return [r for r in check.refinements if rejects(relaxation, itinerary, r)]
+    return [r for r in check.refinements if rejects(itinerary, relaxation.snapshot, r)]
 
 
 def record(search: Search, report: ScheduleReport, check: Check, learned: list[Refinement]) -> None:

@@ -184,7 +184,7 @@ class Checker:
 
     def rejected(self, itinerary: Itinerary, found: Sequence[Refinement]) -> bool:
         """Return whether one of the refinements forbids the candidate."""
-        return any(rejects(self.knowledge.relaxation, itinerary, r) for r in found)
+        return any(rejects(itinerary, self.knowledge.relaxation.snapshot, r) for r in found)
 
 
 def _names(query: GroupQuery) -> frozenset[str]:

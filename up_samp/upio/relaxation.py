@@ -5,7 +5,9 @@ continuous (Definition 9.3), each object that changes its configuration has a st
 object-valued fluent that its motions need at their start and set in the end. Where one of the
 problem's own fluents does just that already (``robot_at``), it serves, if it is set at the
 motions' ends or a unit *early*. A state of our own is set a unit early, if all that set it last
-that long: an effect at t is seen from t + 1 on, so that motions of one object may touch.
+that long: an effect at t is seen from t + 1 on, so that motions of one object may touch. Where it
+is set at their ends, motions need it right after their starts, for the same reason; what else the
+problem itself asks of its fluent at their starts stays as it is.
 """
 
 from __future__ import annotations
@@ -18,11 +20,7 @@ from unified_planning.model import Effect, Fluent, FNode, Parameter, Timing
 from unified_planning.model.motion import MotionActivity, SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity, SchedulingProblem
 from unified_planning.model.timing import (
-    ClosedTimeInterval,
     DurationInterval,
-    OpenTimeInterval,
-    RightOpenTimeInterval,
-    TimeInterval,
     TimePointInterval,
 )
 
@@ -30,7 +28,9 @@ from up_samp.model import check_time
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
 from up_samp.upio.choices import Choice, choose, constraints_on_one, every_effect, told_fluents
 from up_samp.upio.copies import check_fluents, copy_chronicle, copy_state
+from up_samp.upio.lasting import find_lasting
 from up_samp.upio.rewrite import Rewriter
+from up_samp.upio.spans import closed, inner, whole
 from up_samp.upio.told import hold_told
 
 
@@ -150,8 +150,9 @@ def relax(
     told = {str(e): rewriter(e) for e in told_fluents(problem)}
     check_fluents(problem, rewriter)
     relaxation = Relaxation(plain, snapshot, rewriter, {}, told_fluents=told)
+    lasting = find_lasting(relaxation)
     for name in sorted(snapshot.moved()):
-        _add_state(relaxation, name)
+        _add_state(relaxation, name, lasting)
     _agree_at_end(problem, relaxation)
     drives = _drives_of(snapshot)
     for task in snapshot.tasks if hold_static else ():
@@ -162,8 +163,10 @@ def relax(
     return relaxation
 
 
-def _add_state(relaxation: Relaxation, name: str) -> None:
-    """Give object ``name`` a state fluent and tie its motions to it."""
+def _add_state(relaxation: Relaxation, name: str, lasting: frozenset[str]) -> None:
+    """Give object ``name`` a state fluent and tie its motions to it; those in ``lasting`` surely
+    last a unit.
+    """
     snapshot = relaxation.snapshot
     # who rides is moved like who drives: it has to be where it is taken from
     tasks = [t for t in snapshot.tasks if t.object == name] + [
@@ -172,8 +175,7 @@ def _add_state(relaxation: Relaxation, name: str) -> None:
         if r.load == name
     ]
     changes = [c for c in snapshot.changes if c.object == name]
-    movers = {t.activity for t in tasks} | {c.activity for c in changes}
-    early = int(all(_lasts(relaxation.activities[m]) for m in movers))
+    early = int(lasting.issuperset(snapshot.movers[name]))
     own = _tracking_fluent(relaxation, name, tasks, changes, early)
     if own is None and early:
         own = _tracking_fluent(relaxation, name, tasks, changes, 0)
@@ -186,7 +188,11 @@ def _add_state(relaxation: Relaxation, name: str) -> None:
         activity = relaxation.activities[task.activity]
         # reading the state also keeps others from moving the object meanwhile
         start, *via = [choose(relaxation, activity, t, state=state) for t in task.terms]
-        activity.add_condition(whole(activity, early), manager.Equals(state, start))
+        before = not early and (
+            task.activity not in lasting or _read_at_start(activity, state, task)
+        )
+        span = closed(activity) if before else whole(activity, early)
+        activity.add_condition(span, manager.Equals(state, start))
         if own is None:
             activity.add_effect(Timing(-early, activity.end), state, via[-1])
     for change in changes:
@@ -196,10 +202,16 @@ def _add_state(relaxation: Relaxation, name: str) -> None:
             activity.add_effect(Timing(-early, activity.end), state, goal)
 
 
-def _lasts(activity: Activity) -> bool:
-    """Return whether an activity surely lasts a unit."""
-    low = activity.duration.lower
-    return bool(low.is_int_constant() and low.constant_value() >= 1)
+def _read_at_start(activity: Activity, state: FNode, task: MotionTask) -> bool:
+    """Return whether the problem itself reads a state at a drive's very start."""
+    if task.terms[0].kind is TermKind.FLUENT:
+        return True
+    return any(
+        span.lower == Timing(0, activity.start)
+        and not span.is_left_open()
+        and any(state in condition.args for condition in conditions)
+        for span, conditions in activity.conditions.items()
+    )
 
 
 def _agree_at_end(problem: SchedulingMotionProblem, relaxation: Relaxation) -> None:
@@ -253,23 +265,6 @@ def _hold_static(relaxation: Relaxation, task: MotionTask, drives: Mapping[str, 
                     manager.LE(rival.end, activity.start), manager.LE(activity.end, rival.start)
                 )
                 relaxation.problem.add_constraint(apart, scope)
-
-
-def inner(activity: Activity, early: int = 0) -> TimeInterval:
-    """Return when the effects of what ends within (start, end) happen: nothing, for an activity
-    that lasts one unit.
-    """
-    if early:
-        return RightOpenTimeInterval(Timing(0, activity.start), Timing(-early, activity.end))
-    return OpenTimeInterval(Timing(0, activity.start), Timing(0, activity.end))
-
-
-def whole(activity: Activity, early: int = 0) -> TimeInterval:
-    """Return the closed interval [start, end - early] of an activity.
-
-    The ends are wrapped in timings: bare timepoints crash UP's ``problem.kind``.
-    """
-    return ClosedTimeInterval(Timing(0, activity.start), Timing(-early, activity.end))
 
 
 def _new_state(relaxation: Relaxation, name: str) -> FNode:

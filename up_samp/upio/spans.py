@@ -1,11 +1,46 @@
-"""Intervals as UP scripts write them: their ends may be bare timepoints."""
+"""Intervals: those that conditions of the relaxation are about, and those of UP scripts, whose ends
+may be bare timepoints.
+"""
 
 from __future__ import annotations
 
 from typing import Any
 
 from unified_planning.model import Timepoint, Timing
-from unified_planning.model.timing import TimeInterval
+from unified_planning.model.scheduling import Activity
+from unified_planning.model.timing import (
+    ClosedTimeInterval,
+    LeftOpenTimeInterval,
+    OpenTimeInterval,
+    RightOpenTimeInterval,
+    TimeInterval,
+)
+
+
+def whole(activity: Activity, early: int = 0) -> TimeInterval:
+    """Return when a state that is set ``early`` units before the ends of activities has to hold
+    all through one of them, which may begin at the instant at which another one ends: an effect
+    is seen from the next instant on.
+
+    The ends are wrapped in timings: bare timepoints crash UP's ``problem.kind``.
+    """
+    if early:
+        return ClosedTimeInterval(Timing(0, activity.start), Timing(-early, activity.end))
+    return LeftOpenTimeInterval(Timing(0, activity.start), Timing(0, activity.end))
+
+
+def closed(activity: Activity) -> TimeInterval:
+    """Return [start, end] of an activity: it begins after others that set what it needs."""
+    return ClosedTimeInterval(Timing(0, activity.start), Timing(0, activity.end))
+
+
+def inner(activity: Activity, early: int = 0) -> TimeInterval:
+    """Return when the effects of what ends within (start, end) happen: nothing, for an activity
+    that lasts one unit.
+    """
+    if early:
+        return RightOpenTimeInterval(Timing(0, activity.start), Timing(-early, activity.end))
+    return OpenTimeInterval(Timing(0, activity.start), Timing(0, activity.end))
 
 
 def with_timings(span: TimeInterval) -> TimeInterval:

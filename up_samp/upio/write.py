@@ -10,7 +10,6 @@ from unified_planning.model import FNode, Timing
 from unified_planning.model.scheduling import Activity
 from unified_planning.model.timing import (
     ClosedTimeInterval,
-    TimePointInterval,
 )
 
 from up_samp.model.refinement import (
@@ -29,7 +28,8 @@ from up_samp.model.refinement import (
     Span,
     TimeRef,
 )
-from up_samp.upio.relaxation import Relaxation, inner, whole
+from up_samp.upio.relaxation import Relaxation
+from up_samp.upio.spans import inner, whole
 
 
 def write_refinement(relaxation: Relaxation, refinement: Refinement) -> None:
@@ -77,11 +77,9 @@ def _write_requires(relaxation: Relaxation, requires: Requires) -> None:
     end = Timing(-early, activity.end)
     if requires.span is Span.WHOLE:
         span = inner(activity, early)
-    elif requires.span is Span.TAIL:
+    else:
         first = Timing(-max(0, requires.tail - 1) - early, activity.end)
         span = ClosedTimeInterval(first, end)
-    else:
-        span = TimePointInterval(Timing(0, activity.start))
     state = relaxation.state[requires.object]
     for name in sorted(requires.configurations):
         place = manager.ObjectExp(relaxation.problem.object(name))

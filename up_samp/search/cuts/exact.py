@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from up_samp.model.refinement import Refinement
+from up_samp.model.snapshot import Snapshot
 from up_samp.refinement import holds, rules, timed
 from up_samp.search.cuts.failure import Failure
 from up_samp.search.world import places_between
-from up_samp.upio import Itinerary, Relaxation
+from up_samp.upio import Itinerary
 
 
 def or_exact(failure: Failure, found: list[Refinement]) -> list[Refinement]:
     """Return ``found``, with the exact cut added if nothing of it rejects the candidate."""
     snapshot, group = failure.facts.snapshot, failure.group
-    if any(rejects(failure.relaxation, failure.itinerary, r) for r in found):
+    if any(rejects(failure.itinerary, failure.facts.snapshot, r) for r in found):
         return found
     times = failure.itinerary.schedule.times
     mine = {m.activity for m in group}
@@ -35,10 +36,10 @@ def or_exact(failure: Failure, found: list[Refinement]) -> list[Refinement]:
     return [*found, rules.only_given(exact, tuple(sorted(given)))]
 
 
-def rejects(relaxation: Relaxation, itinerary: Itinerary, refinement: Refinement) -> bool:
+def rejects(itinerary: Itinerary, snapshot: Snapshot, refinement: Refinement) -> bool:
     """Return whether a refinement forbids the candidate schedule."""
 
     def places(name: str, first: int, last: int) -> set[str]:
-        return places_between(itinerary, relaxation.snapshot, name, first, last)
+        return places_between(itinerary, snapshot, name, first, last)
 
-    return not holds(refinement.statement, itinerary.schedule, places, relaxation.early)
+    return not holds(refinement.statement, itinerary.schedule, places)

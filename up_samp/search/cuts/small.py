@@ -111,7 +111,7 @@ def _first_violated(
 ) -> list[Refinement]:
     for attempt in attempts:
         found = attempt()
-        if any(rejects(failure.relaxation, failure.itinerary, r) for r in found):
+        if any(rejects(failure.itinerary, failure.facts.snapshot, r) for r in found):
             return found
     return []
 

@@ -29,9 +29,10 @@ class Change:
     """What ``activity`` (``None``: the problem itself) does to a place: it leads from one of
     ``origins`` to one of ``targets``, by an effect ``delay`` (0 or less) after its end.
 
-    ``origin`` and ``target`` are the variables (parameters) that tell which, if there are any.
-    ``odd`` says why it is no plain move (nothing: it is one). ``free``: it may happen at any time,
-    beside all else.
+    ``touches``: it needs its origin right after its start only, so it may start at the instant at
+    which another one ends. ``origin`` and ``target`` are the variables (parameters) that tell
+    which, if there are any. ``odd`` says why it is no plain move (nothing: it is one). ``free``: it
+    may happen at any time, beside all else.
     """
 
     activity: ActivityVars | None
@@ -42,6 +43,7 @@ class Change:
     target: int | None = None
     odd: str = ""
     free: bool = False
+    touches: bool = False
 
 
 def changes_of(model: ScheduleModel, timeline: Timeline, members: set[int]) -> list[Change]:
@@ -79,33 +81,50 @@ def _change(
     if max(high for _, high in delays) > 0 or min(since) < 0:
         why = "changes it before its start or after its end"
         return Change(activity, everything, anywhere, odd=why, free=True)
-    read = _at_start(model, activity, state)
-    origins, origin = everything, None
+    # right after its start it sees what it sets then itself
+    instants = [(0, 0), (1, 1)] if min(since) >= 1 else [(0, 0)]
+    read = _at_start(model, activity, state, instants)
+    origins, origin, touches = everything, None, False
     if read is not None and read.allowed is not None:
         origins, origin = read.allowed, _variable(read.value)
+        touches = model.states.difference(read.lo, activity.start) != (0, 0)
     last = _last(timeline, numbers)
     if last is None or last.active != activity.present:
         delay = min(low for low, _ in delays)
         why = "may change it, or to what, is not certain"
-        return Change(activity, origins, anywhere, delay, origin, odd=why)
+        return Change(activity, origins, anywhere, delay, origin, odd=why, touches=touches)
     delay = model.states.difference(last.time, activity.end)[0]
     targets, target = _values(model, last.value, everything), _variable(last.value)
     odd = "sets it to what is computed" if last.value.terms and target is None else ""
-    return Change(activity, origins, targets, delay, origin, target, odd)
+    return Change(activity, origins, targets, delay, origin, target, odd, touches=touches)
 
 
-def _at_start(model: ScheduleModel, activity: ActivityVars, state: StateVar) -> Read | None:
-    """Return what an activity needs of a state at its start."""
+def _at_start(
+    model: ScheduleModel,
+    activity: ActivityVars,
+    state: StateVar,
+    instants: list[tuple[int, int]],
+) -> Read | None:
+    """Return what an activity needs of a state at its start, or at one of other ``instants``,
+    counted from there.
+    """
     found = [
         read
         for read in state.reads
         if read.owner == activity.index
         and read.allowed is not None
         and read.active == activity.present
-        and model.states.difference(read.lo, activity.start) == (0, 0)
+        and model.states.difference(read.lo, activity.start) in instants
     ]
-    # what a variable tells is worth more than a list, and a short list more than a long one
-    return min(found, key=lambda r: (r.value is None, len(r.allowed or ())), default=None)
+
+    def worth(read: Read) -> tuple[bool, int, int]:
+        """What a variable tells is worth more than a list, a short list more than a long one, and
+        what is needed from the start on more than what is needed later.
+        """
+        later = model.states.difference(read.lo, activity.start)[0]
+        return read.value is None, len(read.allowed or ()), later
+
+    return min(found, key=worth, default=None)
 
 
 def _last(timeline: Timeline, numbers: list[int]) -> Write | None:

@@ -155,13 +155,19 @@ def _route(model: ScheduleModel, place: Place, lengths: Lengths) -> Route:
         odd={name_of(c): c.odd for c in place.changes if c.odd},
         free=place.free,
         never=never,
-        lag=1 + min(c.delay for c in bound),
+        lag=_lag(bound),
     )
     _find_returns(model, route)
     find_visits(model, route)
     find_entries(model, route, bound)
     route.still = {} if place.free else find_still(model, state, place.owners)
     return route
+
+
+def _lag(changes: list[Change]) -> int:
+    """Return the time from the end of a move until the next one, or a stop, may begin at least."""
+    seen = 1 + min(c.delay for c in changes)
+    return max(0, seen - any(c.touches for c in changes))
 
 
 def _moves(change: Change, lengths: Lengths) -> Iterator[Move]:
