@@ -8,11 +8,13 @@ from types import SimpleNamespace
 
 import pytest
 from unified_planning.model import TimePointInterval, Timing
+from unified_planning.model.motion import MovableObject
 from unified_planning.model.operators import OperatorKind
 from unified_planning.shortcuts import (
     LE,
     AnytimePlanner,
     Equals,
+    GlobalEndTiming,
     MinimizeMakespan,
     OneshotPlanner,
     Or,
@@ -145,6 +147,29 @@ def crowded(seed):
     return work.problem
 
 
+def with_few_stations(seed):
+    """Return a small world with fewer stations than robots: who stays there in the end counts. Some
+    orders are left to choice.
+    """
+    rng = random.Random(seed)
+    robots = rng.choice([2, 3])
+    work = Warehouse(f"stations{seed}", store(robots), compact=rng.random() < 0.8)
+    manager = work.problem.environment.expression_manager
+    stations, pending = rng.choice([1, 1, 2]), []
+    for k in range(rng.choice([2, 3])):
+        service = rng.choice([1, 3]), rng.choice([1, 3])
+        order = Order(rng.randrange(4), rng.randrange(stations), service, None, optional=False)
+        pending = [*pending, *work.order(k, order)]
+        if rng.random() < 0.7:
+            work.problem.add_constraint(manager.Or([a.present for a in pending]))
+            pending = []
+    if pending:
+        work.problem.add_constraint(manager.Or([a.present for a in pending]))
+    if rng.random() < 0.3:
+        loosened(work.problem, rng)
+    return work.problem
+
+
 def small_fleet(seed):
     """Return a small fleet's problem file whose orders share places; with some of what says that a
     robot carries one thing at a time left out now and then.
@@ -189,8 +214,21 @@ def loosened(problem, rng):
                 effects[:] = [e for e in effects if e.is_assignment()]
 
 
+def told_apart(problem):
+    """State that no two robots are at one place in the end, as no plan lets them."""
+    manager = problem.environment.expression_manager
+    robots = [o for o in problem.all_objects if isinstance(o, MovableObject)]
+    where = [f for f in problem.fluents if f.type.is_configuration_type()]
+    found = [f() for f in where if f.arity == 0]
+    found += [f(robot) for f in where if f.arity == 1 for robot in robots]
+    assert len(found) == len(robots)
+    for one, other in itertools.combinations(found, 2):
+        problem.add_condition(GlobalEndTiming(), manager.Not(manager.Equals(one, other)))
+
+
 def soonest(problem):
     """Return the least makespan of all schedules whose drives last as long as their bounds say."""
+    told_apart(problem)
     snapshot, grid = lay_out(read_problem(problem))
     relaxation = relax(problem, snapshot, hold_static=True)
     facts = Facts(relaxation.snapshot, relaxation.choices)
@@ -226,6 +264,20 @@ def test_no_schedule_of_a_small_fleet_is_shorter_than_the_bound():
     shares = [s for s in (check_crowded(n, small_fleet) for n in (1, 11, 13)) if s is not None]
     assert len(shares) == 3
     assert max(shares) == 1.0
+
+
+def test_no_schedule_with_few_stations_is_shorter_than_the_bound():
+    shares = [s for s in (check_crowded(n, with_few_stations) for n in (1, 2, 3)) if s is not None]
+    assert len(shares) == 3
+    assert max(shares) == 1.0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("block", range(10))
+def test_no_schedule_of_many_with_few_stations_is_shorter_than_the_bound(block):
+    seeds = range(3000 + 20 * block, 3020 + 20 * block)
+    shares = [s for s in (check_crowded(n, with_few_stations) for n in seeds) if s is not None]
+    assert len(shares) >= 12
 
 
 @pytest.mark.long

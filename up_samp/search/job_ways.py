@@ -24,7 +24,8 @@ class Way:
     """One way in which robots of a ``kind`` (a number) do a ``job``: they come to ``goal`` from one
     of the ``origins`` (None: nothing is known of how they come), drive ``legs`` and are busy for
     some units beside that. Then they have come to the places ``ends``; to those ``after`` only
-    after they had come to the goal.
+    after they had come to the goal. Beside an origin they have left the places ``leaves`` (None:
+    it is not known which).
     """
 
     job: int
@@ -36,6 +37,7 @@ class Way:
     ends: tuple[str, ...]
     after: frozenset[str]
     origins: frozenset[str] = frozenset()
+    leaves: tuple[str, ...] | None = ()
 
     def drives(self, origin: str | None) -> tuple[Leg, ...]:
         """Return all drives if it comes from an origin."""

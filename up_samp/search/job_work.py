@@ -68,6 +68,10 @@ class Work:
         pose = self._facts.snapshot.configurations
         return self._facts.units(self._service.lower_bound(body, pose[start], pose[goal]))
 
+    def drives(self, robot: str) -> Sequence[MotionTask]:
+        """Return all drives of a robot."""
+        return self._driven[robot]
+
     def comings(self, called: Collection[tuple[int, str]]) -> dict[tuple[int, str], int]:
         """Return by kind of robots and place what it takes at least to come there without doing a
         counted job: the drive, and what has to be done with it and with no other such drive.
@@ -166,23 +170,26 @@ class Work:
         direct = [t for t in driven if len(t.terms) == 2 and self._known_ends(t)]
         calls = [t for t in driven if t.terms[0].kind is not TermKind.CONSTANT]
         call = calls[0] if len(calls) == 1 and self.traced(robot) else None
-        origins = None if call is None else self._origins(call)
+        origins = None if call is None else self.origins(call)
         if call is None or not origins or len(call.terms) > 2:
             call, origins = None, ()
         busy = sum(self._drive(t) for t in driven if t not in direct and t is not call)
         busy += self._beside(option)
-        legs = tuple((self._body(t), t.terms[0].name, t.terms[-1].name) for t in direct)
+        legs = tuple((self.body_of(t), t.terms[0].name, t.terms[-1].name) for t in direct)
         ends = tuple(t.terms[-1].name for t in driven) if self.traced(robot) else ()
+        begins = [t.terms[0] for t in driven if t is not call]
+        known = all(term.kind is TermKind.CONSTANT for term in begins)
         return Way(
             job,
             self.fleet.kind_of[robot],
             busy,
             legs,
-            self._facts.snapshot.objects[robot].body if call is None else self._body(call),
+            self._facts.snapshot.objects[robot].body if call is None else self.body_of(call),
             None if call is None else call.terms[-1].name,
             ends,
             frozenset() if call is None else self._after(option, call, driven),
             frozenset(origins or ()),
+            tuple(term.name for term in begins) if known else None,
         )
 
     def _after(
@@ -227,7 +234,7 @@ class Work:
 
     def _drives(self, task: MotionTask) -> Stop:
         name, first, last = task.activity, task.terms[0], task.terms[-1]
-        origins = self._origins(task)
+        origins = self.origins(task)
         fluent = first.name if first.kind is TermKind.FLUENT else ""
         loose = fluent in self._stands.fluents
         read = self._stands.reads.get(name, frozenset())
@@ -243,17 +250,18 @@ class Work:
     def _known_ends(self, task: MotionTask) -> bool:
         return all(t.kind is TermKind.CONSTANT for t in (task.terms[0], task.terms[-1]))
 
-    def _body(self, task: MotionTask) -> Body:
+    def body_of(self, task: MotionTask) -> Body:
+        """Return what a drive drives, with its loads."""
         return self._facts.snapshot.body(task.activity, task.index, task.object)
 
     def _drive(self, task: MotionTask) -> int:
         if task.terms[-1].kind is not TermKind.CONSTANT:
             return 0
-        origins = self._origins(task) or ()
-        body, goal = self._body(task), task.terms[-1].name
+        origins = self.origins(task) or ()
+        body, goal = self.body_of(task), task.terms[-1].name
         return min((self.units((body, place, goal)) for place in origins), default=0)
 
-    def _origins(self, task: MotionTask) -> tuple[str, ...] | None:
+    def origins(self, task: MotionTask) -> tuple[str, ...] | None:
         """Return where a drive may begin, None where that is not known."""
         first = task.terms[0]
         if first.kind is TermKind.CONSTANT:

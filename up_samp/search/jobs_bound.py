@@ -5,7 +5,8 @@ than what all jobs take their robots, shared as evenly as can be, nor than what 
 takes its quickest robot. A robot comes to a job from one of the places where it may be then; where
 whatever brings it to a place has a drive of its own away from there, no other drive begins there
 (there would be more departures than arrivals). Who comes from anywhere else begins there, or was
-brought there by another drive.
+brought there by another drive. Who has done its last job stays there if nobody else does, or drives
+on.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from up_samp.search.job_items import items_of
 from up_samp.search.job_ways import Leg
 from up_samp.search.job_work import Work
 from up_samp.search.jobs import Jobs, Option
+from up_samp.search.last_places import last_places
 from up_samp.search.shared_work import Share, called, least_share
 
 ROUNDING = 1e-6
@@ -52,6 +54,9 @@ class JobsBound:
         if items is not None:  # it may drive anywhere in between
             self._shared, self._comings = items, {}
             self._stops = {way.body: self._work.stops(way.kind) for way in items}
+        parts = (jobs, counted) if items is None else None
+        self._since = 0
+        self._last = last_places(self._work, facts.snapshot, service, self._shared, parts)
 
     def absolute(self, deadline: Deadline) -> int:
         """Return units that no plan can beat."""
@@ -88,13 +93,29 @@ class JobsBound:
     def _share(self, deadline: Deadline) -> Share:
         """Return what no plan can beat, with the drives that this hangs on."""
         work = self._work
-        shared = least_share(work, self._shared, self._comings, deadline.remaining())
+        shared = self._even(deadline)
         costs = _least((way.job, (way.least(work.units), ())) for way in self._ways)
         soonest = _least((way.job, work.alone(way)) for way in self._shared)
         even = sum(units for units, _ in costs) / len(work.fleet.robots)
         most = max(shared.units, even, *(units for units, _ in (*costs, *soonest)))
         legs = {leg for units, some in soonest if units >= most - ROUNDING for leg in some}
         return Share(most, shared.legs | legs)
+
+    def _even(self, deadline: Deadline) -> Share:
+        """Return what robots that share all work as evenly as they can take at least, by one bound
+        after the other.
+        """
+        known = None
+        while True:
+            left, since = deadline.remaining(), self._since
+            found = least_share(
+                self._work, self._shared, self._comings, left, self._last, self._since
+            )
+            if known is None or found.units > known.units:
+                known = found
+            self._since = max(self._since, _units(known))
+            if self._since == since or not self._last.everybody:
+                return known
 
 
 def _units(share: Share) -> int:
