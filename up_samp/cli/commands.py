@@ -16,7 +16,13 @@ from up_samp.benchmarks import logistics
 from up_samp.benchmarks.builder import ENCODINGS
 from up_samp.cli.fleets import tell_findings
 from up_samp.cli.outputs import write_outputs
-from up_samp.cli.problems import add_problem_arguments, find_problem, is_problem_file, unit_of
+from up_samp.cli.problems import (
+    add_problem_arguments,
+    find_problem,
+    is_problem_file,
+    problem_of_plan,
+    settings_of,
+)
 from up_samp.cli.solving import add_solver_arguments, describe, judge, solve_and_show
 from up_samp.cli.table import table
 from up_samp.io import read_plan
@@ -44,7 +50,7 @@ def _demo(args: argparse.Namespace) -> int:
         sides=args.sides,
         encoding=args.encoding,
     )
-    args.seconds_per_unit = args.seconds_per_unit or 1.0
+    _settle("", args)
     return solve_and_show(problem, args)
 
 
@@ -56,17 +62,19 @@ def add_solve(parser: argparse.ArgumentParser) -> None:
 
 
 def _solve(args: argparse.Namespace) -> int:
-    problem = _problem(args)
-    if args.seconds_per_unit is None:
-        args.seconds_per_unit = unit_of(args.problem)
+    problem = find_problem(args.problem, args.encoding, _settle(args.problem, args))
     code = solve_and_show(problem, args)
     if code and is_problem_file(args.problem):
         tell_findings(args.problem)
     return code
 
 
-def _problem(args: argparse.Namespace) -> SchedulingMotionProblem:
-    return find_problem(args.problem, args.encoding)
+def _settle(name: str, args: argparse.Namespace) -> dict[str, float]:
+    """Settle with which settings a problem is solved, and return them."""
+    given = {"seconds_per_unit": args.seconds_per_unit, "margin": args.margin}
+    settings = settings_of(name, given)
+    args.seconds_per_unit, args.margin = settings["seconds_per_unit"], settings["margin"]
+    return settings
 
 
 def add_validate(parser: argparse.ArgumentParser) -> None:
@@ -81,7 +89,7 @@ def _validate(args: argparse.Namespace) -> int:
     from up_samp.io.compare import poses_beyond
 
     plan = read_plan(args.plan)
-    problem = _problem(args)
+    problem = problem_of_plan(args.problem, args.encoding, plan)
     if not isinstance(problem, SchedulingMotionProblem):
         raise ProblemError(f"problem '{problem.name}' has no motions: it has no plan files")
     beyond = poses_beyond(problem, plan)

@@ -7,6 +7,7 @@ import os
 import runpy
 import sys
 import traceback
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.benchmarks import instance
 from up_samp.benchmarks.builder import ENCODINGS, Encoding
+from up_samp.io import PlanDict
+from up_samp.io.precision import PRECISION
 from up_samp.model import ProblemError, SampError
 
 
@@ -32,15 +35,18 @@ def add_problem_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def find_problem(name: str, encoding: Encoding = "lean") -> SchedulingProblem:
+def find_problem(
+    name: str, encoding: Encoding = "lean", settings: Mapping[str, float] | None = None
+) -> SchedulingProblem:
     """Return the problem of a problem file, of a script (``*.py``) or of a benchmark instance.
+    ``settings`` take the place of a problem file's own (see :func:`settings_of`).
 
     Raises :class:`ProblemError` that says what was looked for.
     """
     if is_problem_file(name):
         from up_samp.fleet import Fleet
 
-        return Fleet.from_file(name).problem
+        return Fleet.from_file(name).with_settings(**settings or {}).problem
     path = Path(name)
     if path.suffix == ".py":
         return load_script(path)
@@ -51,18 +57,28 @@ def find_problem(name: str, encoding: Encoding = "lean") -> SchedulingProblem:
     return instance(name).build(encoding, True)
 
 
+def problem_of_plan(name: str, encoding: Encoding, plan: PlanDict) -> SchedulingProblem:
+    """Return the problem that a plan is one of: a problem file's in the plan's unit of time, which
+    may be another one than the file's.
+    """
+    return find_problem(name, encoding, {"seconds_per_unit": plan["seconds_per_unit"]})
+
+
 def is_problem_file(name: str) -> bool:
     """Return whether ``name`` is that of a problem file."""
     return name.lower().endswith((".yaml", ".yml", ".json"))
 
 
-def unit_of(name: str) -> float:
-    """Return the length of a schedule unit (s) that a problem file asks for; 1 of all others."""
-    if not is_problem_file(name):
-        return 1.0
-    from up_samp.fleet import read_problem_file
+def settings_of(name: str, given: Mapping[str, float | None]) -> dict[str, float]:
+    """Return the length of a schedule unit (s) and the margin (m) to solve a problem with: what is
+    ``given``, else what its problem file asks for, else what the engines take.
+    """
+    own = {"seconds_per_unit": 1.0, "margin": PRECISION.margin}
+    if is_problem_file(name):
+        from up_samp.fleet import Fleet
 
-    return read_problem_file(name).seconds_per_unit
+        own = Fleet.from_file(name).settings
+    return {**own, **{k: v for k, v in given.items() if v is not None}}
 
 
 def load_script(path: Path) -> SchedulingProblem:

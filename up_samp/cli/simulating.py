@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from up_samp.benchmarks.builder import ENCODINGS
-from up_samp.cli.problems import find_problem
+from up_samp.cli.problems import problem_of_plan
 from up_samp.cli.table import table
 from up_samp.io import PlanDict, read_plan, write_plan
 from up_samp.model import ProblemError
@@ -79,7 +79,8 @@ def _simulate(args: argparse.Namespace) -> int:
     policies = args.policy or ("timed", "staircase", "reorder")
     if "replan" in policies and args.problem is None:
         raise ProblemError("--policy replan plans anew: name the plan's problem with --problem")
-    problem = None if args.problem is None else find_problem(args.problem, args.encoding)
+    named = args.problem is not None
+    problem = problem_of_plan(args.problem, args.encoding, plan) if named else None
     runs = [run for policy in policies for run in _runs(args, plan, problem, delays, policy)]
     print(_table(runs))
     if args.out is not None:

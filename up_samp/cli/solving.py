@@ -62,6 +62,14 @@ def add_solver_arguments(parser: argparse.ArgumentParser, *, out: str | None, gi
         metavar="S",
         help="length of a time unit (default: 1, or what the problem file says)",
     )
+    parser.add_argument(
+        "--margin",
+        type=float,
+        default=None,
+        metavar="M",
+        help="clearance in m that motions keep from walls and from each other (default: 0.01, or "
+        "what the problem file says)",
+    )
     _add_output_arguments(parser, out=out, gif=gif)
 
 
@@ -163,6 +171,7 @@ def _solve(problem: SchedulingProblem, args: argparse.Namespace) -> PlanGenerati
             "preset": args.preset,
             "seed": args.seed,
             "seconds_per_unit": args.seconds_per_unit,
+            "margin": args.margin,
             "progress": progress,
         }
         if args.optimal:

@@ -98,7 +98,8 @@ class Meter:
 
     @cached_property
     def _service(self) -> MotionService:
-        return MotionService(load_map(self._folder / self._records.map))
+        grid = load_map(self._folder / self._records.map)
+        return MotionService(grid, margin=self._records.margin)
 
 
 def taken(battery: Battery, way: Trajectory) -> float:

@@ -66,7 +66,7 @@ def check_fleet(
 class _Checker:
     def __init__(self, records: FleetRecords, folder: Path, seconds: float) -> None:
         self.records = records
-        self.service = MotionService(load_map(folder / records.map))
+        self.service = MotionService(load_map(folder / records.map), margin=records.margin)
         self.seconds = seconds
         self.bodies = {name: body_of(kind) for name, kind in records.robot_types.items()}
         precompile({body.kinematics.model for body in self.bodies.values()})

@@ -82,4 +82,5 @@ class Crowd:
 
     @cached_property
     def _service(self) -> MotionService:
-        return MotionService(load_map(self._folder / self._records.map))
+        grid = load_map(self._folder / self._records.map)
+        return MotionService(grid, margin=self._records.margin)

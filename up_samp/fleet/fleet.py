@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Sequence
 from os import PathLike, fspath
@@ -44,6 +45,8 @@ class Fleet:
 
     :param map: a ROS ``map_server`` YAML file.
     :param objective: ``"makespan"`` or ``"none"``.
+    :param seconds_per_unit: the schedule's unit: durations are rounded up to it.
+    :param margin: clearance in m that motions keep from walls and from each other.
     """
 
     def __init__(
@@ -53,12 +56,14 @@ class Fleet:
         name: str = "fleet",
         objective: str = "makespan",
         seconds_per_unit: float = 1.0,
+        margin: float = 0.01,
     ) -> None:
         data = {
             "map": fspath(map),
             "name": name,
             "objective": objective,
             "seconds_per_unit": seconds_per_unit,
+            "margin": margin,
         }
         self._records: FleetRecords = read_record(FleetRecords, data)
         self._folder = Path()
@@ -166,10 +171,15 @@ class Fleet:
 
     def solve(self, timeout: float | None = 60.0, **params: Any) -> FleetResult:
         """Solve it. ``params`` are those of the engine (``optimal=True``, ``seed=1``, ...);
-        ``engine="aries"`` takes another scheduler.
+        ``engine="aries"`` takes another scheduler. Other ``seconds_per_unit`` or another ``margin``
+        than the problem's hold for this time only.
         """
-        unit = self._records.seconds_per_unit
-        given = {"seconds_per_unit": unit, **params}
+        settings = self._records.settings
+        other = {k: params[k] for k in settings if k in params}
+        if other:
+            rest = {k: v for k, v in params.items() if k not in settings}
+            return self.with_settings(**other).solve(timeout, **rest)
+        given = {**settings, **params}
         records, folder, written = self._records, self._folder, self._as_written()
         return solve_problem(
             written,
@@ -178,6 +188,24 @@ class Fleet:
             lambda: check_fleet(records, folder),
             lambda plan: tell_levels(records, written, plan),
         )
+
+    def with_settings(self, **settings: float) -> Fleet:
+        """Return the same problem with other ``seconds_per_unit`` or another ``margin``."""
+        unknown = settings.keys() - self._records.settings
+        if unknown:
+            raise FleetError([Fault((min(unknown),), "is no setting of a problem")])
+        read = read_record(FleetRecords, {"map": self._records.map, **settings})
+        fleet = copy.copy(self)
+        fleet._records = dataclasses.replace(
+            self._records, **{name: getattr(read, name) for name in settings}
+        )
+        fleet._written = None
+        return fleet
+
+    @property
+    def settings(self) -> dict[str, float]:
+        """The length of a schedule unit (s) and the margin (m): an engine's parameters."""
+        return self._records.settings
 
     def check(self) -> list[Finding]:
         """Look at it before any solving: what overlaps, what can be reached at all."""

@@ -13,6 +13,7 @@ from annotated_types import Ge, Gt, Le, MinLen
 from pydantic import BeforeValidator, ConfigDict, StringConstraints
 
 from up_samp.fleet.limits import FIGURES
+from up_samp.io.precision import PRECISION
 from up_samp.upio.limits import LIMITS
 
 FORMAT = "up-samp-problem"
@@ -28,6 +29,7 @@ Count = Annotated[int, Gt(0), Le(int(FIGURES.largest))]
 Visits = Annotated[int, Gt(0), Le(FIGURES.visits)]
 Positive = Annotated[float, Ge(FIGURES.least), Le(FIGURES.largest)]
 Length = Annotated[float, Ge(FIGURES.least), Le(LIMITS.footprint)]
+Clearance = Annotated[float, Ge(0), Le(LIMITS.footprint)]
 Seconds = Positive
 Moment = Annotated[float, Ge(0), Le(FIGURES.largest)]
 Rate = Annotated[float, Ge(0), Le(FIGURES.largest)]
@@ -287,12 +289,15 @@ class Task:
 
 @dataclass(frozen=True)
 class FleetRecords:
-    """All that a fleet problem says. ``map``: a ROS ``map_server`` YAML file."""
+    """All that a fleet problem says. ``map``: a ROS ``map_server`` YAML file; ``margin``: clearance
+    in m that motions keep from walls and from each other.
+    """
 
     __pydantic_config__ = STRICT
     map: str
     name: Name = "fleet"
     seconds_per_unit: Seconds = 1.0
+    margin: Clearance = PRECISION.margin
     robot_types: Mapping[Name, RobotType] = field(default_factory=dict)
     robots: Mapping[Name, Robot] = field(default_factory=dict)
     places: Mapping[Name, AnyPlace] = field(default_factory=dict)
@@ -304,6 +309,11 @@ class FleetRecords:
     objective: Literal["makespan", "none"] = "makespan"
     format: Literal["up-samp-problem"] = "up-samp-problem"
     version: Literal[1] = 1
+
+    @property
+    def settings(self) -> dict[str, float]:
+        """What an engine that solves the problem has to be given: its parameters, by name."""
+        return {"seconds_per_unit": self.seconds_per_unit, "margin": self.margin}
 
     @property
     def jobs(self) -> tuple[Order | Task, ...]:

@@ -48,9 +48,11 @@ class Teller:
         )
 
 
-def read_problem(problem: dict[str, Any], map_upload: dict[str, Any]) -> tuple[Any, float]:
-    """Return the UP problem of a request and its seconds per unit; its files are written into the
-    current folder.
+def read_problem(
+    problem: dict[str, Any], map_upload: dict[str, Any]
+) -> tuple[Any, dict[str, float]]:
+    """Return the UP problem of a request and its settings; its files are written into the current
+    folder.
     """
     from up_samp.fleet.build import build_problem
     from up_samp.fleet.files import read_problem_file
@@ -60,7 +62,7 @@ def read_problem(problem: dict[str, Any], map_upload: dict[str, Any]) -> tuple[A
     file = folder / "problem.json"
     file.write_text(json.dumps({**problem, "map": MAP_NAME}), encoding="utf-8")
     records = read_problem_file(file)
-    return build_problem(records, folder), records.seconds_per_unit
+    return build_problem(records, folder), records.settings
 
 
 def solve(request: dict[str, Any], teller: Teller) -> None:
@@ -70,11 +72,11 @@ def solve(request: dict[str, Any], teller: Teller) -> None:
     import up_samp  # noqa: F401  (registers the engines)
 
     get_environment().credits_stream = None
-    problem, unit = read_problem(request["problem"], request["map"])
+    problem, settings = read_problem(request["problem"], request["map"])
     teller.tell(event="progress", phase="read", message=f"{len(problem.activities)} activities")
     params = {
         "seed": request["seed"],
-        "seconds_per_unit": unit,
+        **settings,
         "progress": teller.progress,
         "optimal": not request["first_plan"],
     }
@@ -113,7 +115,8 @@ def judge(request: dict[str, Any], teller: Teller) -> None:
     from up_samp.model import ProblemError
     from up_samp.validation import validate_plan
 
-    problem, unit = read_problem(request["problem"], request["map"])
+    problem, settings = read_problem(request["problem"], request["map"])
+    unit = settings["seconds_per_unit"]
     plan = {**request["plan"], "map": {"yaml": str(Path.cwd() / MAP_NAME)}}
     check_plan(plan, "the plan")
     if plan["seconds_per_unit"] != unit:

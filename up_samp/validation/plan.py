@@ -40,16 +40,19 @@ def validate_plan(
     plan: Any,
     trajectories: Mapping[str, Trajectory] | None = None,
     *,
-    seconds_per_unit: float = 1.0,
+    seconds_per_unit: float | None = None,
 ) -> Verdict:
     """Judge a UP ``MotionSchedule`` of a ``SchedulingMotionProblem``: schedule and motions.
 
     ``trajectories`` maps activities to trajectories in plan time (s; ``activity#k`` for an
     activity's k-th further motion constraint). Without it they are ``plan.trajectories``, or read
     from the plan's ``SE2WithControlsPath`` paths, starting at their activities' starts. Where a
-    plan holds both, they have to agree. Rules: ``semantics.py``. Raises ``UnsupportedError`` for
+    plan holds both, they have to agree. A unit of the schedule is ``seconds_per_unit`` s (None: as
+    the plan says, else 1). Rules: ``semantics.py``. Raises ``UnsupportedError`` for
     what has no rule there, ``ProblemError`` for a wrong problem.
     """
+    if seconds_per_unit is None:
+        seconds_per_unit = getattr(plan, "seconds_per_unit", 1.0)
     if not (seconds_per_unit > 0 and math.isfinite(seconds_per_unit)):
         raise ProblemError(f"seconds_per_unit must be positive, not {seconds_per_unit}")
     judged = judge_schedule(problem, plan)
