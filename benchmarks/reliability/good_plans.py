@@ -61,7 +61,7 @@ def asked(problem, plan, folder: Path) -> str:
     file = write_plan(folder / "plan.json", data)
     said = io.StringIO()
     with (
-        mock.patch.object(commands, "find_problem", return_value=problem),
+        mock.patch.object(commands, "problem_of_plan", return_value=problem),
         contextlib.redirect_stdout(said),
         contextlib.redirect_stderr(said),
     ):

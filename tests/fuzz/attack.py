@@ -162,7 +162,7 @@ def refusal_of_command(problem, result, folder: Path) -> str:
     file = write_plan(folder / "plan.json", result_to_dict(problem, result))
     said = io.StringIO()
     with (
-        mock.patch.object(commands, "find_problem", return_value=problem),
+        mock.patch.object(commands, "problem_of_plan", return_value=problem),
         contextlib.redirect_stdout(said),
         contextlib.redirect_stderr(said),
     ):
