@@ -10,7 +10,7 @@ from operator import is_
 from typing import Any
 
 from unified_planning.environment import Environment
-from unified_planning.model import Effect, Fluent, FNode, Object, Parameter
+from unified_planning.model import Effect, Fluent, FNode, Object, Parameter, Variable
 from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.types import Type
 
@@ -80,6 +80,10 @@ class Rewriter:
             )
         return self._parameters[parameter]
 
+    def variable(self, variable: Variable) -> Variable:
+        """Return the plain variable (of a quantifier) of the same name."""
+        return Variable(variable.name, self.type(variable.type), self.environment)
+
     def __call__(self, expression: FNode) -> FNode:
         """Return ``expression`` over plain things."""
         done = self._expressions.get(expression.node_id)
@@ -93,6 +97,8 @@ class Rewriter:
             return manager.ObjectExp(self.object(expression.object()))
         if kind is Op.PARAM_EXP:
             return manager.ParameterExp(self.parameter(expression.parameter()))
+        if kind is Op.VARIABLE_EXP:
+            return manager.VariableExp(self.variable(expression.variable()))
         arguments = expression.args
         known = self._expressions
         # preconditions without fluents are millions of nodes: most arguments were seen before
@@ -100,9 +106,11 @@ class Rewriter:
         if kind is Op.FLUENT_EXP:
             self._met[expression.fluent()] = None
             return manager.FluentExp(self.fluent(expression.fluent()), plain)
-        if all(map(is_, plain, arguments)):
-            return expression
         payload: Any = expression._content.payload
+        if kind in (Op.EXISTS, Op.FORALL):
+            payload = tuple(map(self.variable, expression.variables()))
+        elif all(map(is_, plain, arguments)):
+            return expression
         return manager.create_node(node_type=kind, args=plain, payload=payload)
 
     def effect(self, effect: Effect) -> Effect:
@@ -112,5 +120,5 @@ class Rewriter:
             self(effect.value),
             self(effect.condition),
             kind=effect.kind,
-            forall=effect.forall,
+            forall=tuple(map(self.variable, effect.forall)),
         )
