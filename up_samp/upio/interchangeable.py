@@ -80,15 +80,13 @@ def _same(relaxation: Relaxation, some: list[Activity], keys: _Keys) -> Iterator
 
 
 def _own(relaxation: Relaxation, activity: Activity, keys: _Keys) -> Any:
-    me = {activity.name: _SELF}
+    me = keys.renamed({activity.name: _SELF})
     bounds, snapshot = activity.duration, relaxation.snapshot
     conditions = Counter(
-        (*keys.span(span, me), keys.of(node, me))
-        for span, nodes in activity.conditions.items()
-        for node in nodes
+        (*me.span(span), me(node)) for span, nodes in activity.conditions.items() for node in nodes
     )
     effects = Counter(
-        (keys.timing(timing, me), e.kind, *(keys.of(n, me) for n in _nodes(e)))
+        (me.timing(timing), e.kind, *map(me, _nodes(e)))
         for timing, some in activity.effects.items()
         for e in some
     )
@@ -108,7 +106,7 @@ def _own(relaxation: Relaxation, activity: Activity, keys: _Keys) -> Any:
     )
     return (
         (bounds.is_left_open(), bounds.is_right_open()),
-        tuple(keys.of(n, me) for n in (bounds.lower, bounds.upper)),
+        tuple(map(me, (bounds.lower, bounds.upper))),
         tuple(p.name.rpartition(".")[2] for p in activity.parameters),
         frozenset(conditions.items()),
         frozenset(effects.items()),
@@ -156,15 +154,11 @@ class _Said:
             for name in (one, other)
             for me, node, scope in self._by_name[name]
         }.values()
-        as_it_is, exchanged = {one: one, other: other}, {one: other, other: one}
-        return Counter(self._key(c, as_it_is) for c in both) == Counter(
-            self._key(c, exchanged) for c in both
+        plain, names = self._keys.plain, {one: other, other: one}
+        exchanged = self._keys.renamed(names)
+        return Counter((me, plain(n), frozenset(map(plain, s))) for me, n, s in both) == Counter(
+            (names.get(me, me), exchanged(n), frozenset(map(exchanged, s))) for me, n, s in both
         )
-
-    def _key(self, constraint: tuple[str, FNode, list[FNode]], names: Names) -> Any:
-        me, node, scope = constraint
-        inside = frozenset(self._keys.of(s, names) for s in scope)
-        return names.get(me, me), self._keys.of(node, names), inside
 
 
 def _others(owner: Any) -> Iterator[FNode]:
@@ -190,10 +184,14 @@ def _nodes(effect: Effect) -> tuple[FNode, FNode, FNode]:
 
 
 class _Keys:
-    """Expressions with activities called by other names, as values to compare."""
+    """Expressions as numbers: the same for those that are built alike, whatever the order of what
+    has none.
+    """
 
     def __init__(self) -> None:
         self._names: dict[int, frozenset[str]] = {}
+        self._numbers: dict[Any, int] = {}
+        self._plain = _Renamed(self, {})
 
     def names(self, node: FNode) -> frozenset[str]:
         """Return the activities that an expression speaks of."""
@@ -209,29 +207,64 @@ class _Keys:
             self._names[node.node_id] = found
         return found
 
-    def of(self, node: FNode, names: Names) -> Any:
-        """Return an expression as a value, with activities renamed."""
-        if self.names(node).isdisjoint(names):
-            return node.node_id
-        kind = node.node_type
+    def plain(self, node: FNode) -> int:
+        """Return the number of an expression as it is."""
+        return self._plain(node)
+
+    def renamed(self, names: Names) -> _Renamed:
+        """Return what gives the numbers of expressions with activities called otherwise."""
+        return _Renamed(self, names)
+
+    def number(self, built: Any) -> int:
+        """Return the number of what is built of numbers."""
+        return self._numbers.setdefault(built, len(self._numbers))
+
+
+class _Renamed:
+    """The numbers of expressions with some activities renamed; what does not speak of these keeps
+    its own.
+    """
+
+    def __init__(self, keys: _Keys, names: Names) -> None:
+        self._keys, self._names = keys, names
+        self._known: dict[int, int] = {}
+
+    def __call__(self, node: FNode) -> int:
+        found = self._known.get(node.node_id)
+        if found is None:
+            if self._names and self._keys.names(node).isdisjoint(self._names):
+                found = self._keys.plain(node)
+            else:
+                found = self._keys.number(self._built(node))
+            self._known[node.node_id] = found
+        return found
+
+    def _built(self, node: FNode) -> Any:
+        kind, names = node.node_type, self._names
         if kind is Op.TIMING_EXP:
-            return (kind, *self.timing(node.timing(), names))
+            return (kind, *self.timing(node.timing()))
         if kind is Op.PRESENT_EXP:
             name = str(node.presence().container)
             return kind, names.get(name, name)
         if kind is Op.PARAM_EXP:
             owner, _, name = node.parameter().name.rpartition(".")
             return kind, names.get(owner, owner), name
-        parts = [self.of(arg, names) for arg in node.args]
-        inside = frozenset(Counter(parts).items()) if kind in _UNORDERED else tuple(parts)
-        return kind, str(node.fluent()) if kind is Op.FLUENT_EXP else "", inside
+        if not node.args and kind is not Op.FLUENT_EXP:
+            return node.node_id
+        parts = map(self, node.args)
+        inside = tuple(sorted(parts)) if kind in _UNORDERED else tuple(parts)
+        if kind is Op.FLUENT_EXP:
+            return kind, node.fluent().name, inside
+        if kind in (Op.EXISTS, Op.FORALL):
+            return kind, tuple(node.variables()), inside
+        return kind, "", inside
 
-    def timing(self, timing: Timing, names: Names) -> tuple[Any, ...]:
+    def timing(self, timing: Timing) -> tuple[Any, ...]:
         """Return a timing as a value."""
         point = timing.timepoint
-        return point.kind, names.get(point.container or "", point.container), timing.delay
+        return point.kind, self._names.get(point.container or "", point.container), timing.delay
 
-    def span(self, span: TimeInterval, names: Names) -> tuple[Any, ...]:
+    def span(self, span: TimeInterval) -> tuple[Any, ...]:
         """Return an interval as a value."""
-        ends = self.timing(span.lower, names), self.timing(span.upper, names)
+        ends = self.timing(span.lower), self.timing(span.upper)
         return (*ends, span.is_left_open(), span.is_right_open())

@@ -25,6 +25,7 @@ from unified_planning.model.timing import (
 )
 
 from up_samp.model import check_time
+from up_samp.model.refinement import Literal
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
 from up_samp.upio.choices import Choice, choose, constraints_on_one, every_effect, told_fluents
 from up_samp.upio.copies import check_fluents, copy_chronicle, copy_state
@@ -56,6 +57,8 @@ class Relaxation:
     """What each of the problem's ground fluents may hold, as far as it was asked."""
     orders: set[FNode] = field(default_factory=set)
     """Constraints that tell which of several activities is used first, where that is no matter."""
+    literals: dict[Literal, FNode] = field(default_factory=dict)
+    """Parts of statements that are written already: most come many times."""
     told_fluents: dict[str, FNode] = field(default_factory=dict)
     """Fluents that motions name as configurations, by how the problem writes them."""
 

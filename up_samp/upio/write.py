@@ -40,7 +40,11 @@ def write_refinement(relaxation: Relaxation, refinement: Refinement) -> None:
 
 def _write_clause(relaxation: Relaxation, clause: Clause) -> None:
     manager = relaxation.problem.environment.expression_manager
-    parts = [_LITERALS[type(x)](relaxation, x) for x in clause.literals]
+    known = relaxation.literals
+    for literal in clause.literals:
+        if literal not in known:
+            known[literal] = _LITERALS[type(literal)](relaxation, literal)
+    parts = [known[literal] for literal in clause.literals]
     relaxation.problem.add_constraint(manager.Or(parts) if parts else manager.FALSE())
 
 

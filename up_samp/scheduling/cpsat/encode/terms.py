@@ -60,6 +60,8 @@ class World:
     makespan: int = -1
     makespan_used: bool = False
     timings: dict[FNode, Lin] = field(default_factory=dict)
+    equalities: dict[tuple[int, bool], Form] = field(default_factory=dict)
+    """Of parameters and objects: (number of the node, whether it holds) -> what that says."""
 
     def values_of(self, tpe: Type) -> list[int]:
         """Return the codes of all values of a bool, user or bounded int type."""
@@ -282,7 +284,13 @@ class Terms:
         return compare(difference, "<=")
 
     def _equality(self, node: FNode, positive: bool) -> Form:
-        return compare(self._difference(node), "==" if positive else "!=")
+        # who else reads these, or when, is no matter; copies of an activity are compared often
+        if any(a.node_type not in (Op.PARAM_EXP, Op.OBJECT_EXP) for a in node.args):
+            return compare(self._difference(node), "==" if positive else "!=")
+        key, known = (node.node_id, positive), self.world.equalities
+        if key not in known:
+            known[key] = compare(self._difference(node), "==" if positive else "!=")
+        return known[key]
 
 
 def times(lin: Lin, factor: int) -> Lin:

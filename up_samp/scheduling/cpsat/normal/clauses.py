@@ -16,18 +16,23 @@ from unified_planning.model.scheduling import Activity
 from up_samp.model import check_time
 
 Constraint = tuple[FNode, list[FNode], "Activity | None"]
+Known = dict[tuple[int, bool], FNode]
+"""(number of a node, whether it is meant as it is, not negated) -> what that is, rewritten."""
 
 
 def split(constraints: Iterable[Constraint]) -> list[Constraint]:
     """Return ``constraints`` as clauses (idempotent; their order is kept)."""
     clauses: list[Constraint] = []
+    known: Known = {}
     for constraint in constraints:
         check_time()
-        clauses += _clauses(*constraint)
+        clauses += _clauses(*constraint, known)
     return clauses
 
 
-def _clauses(node: FNode, scope: list[FNode], owner: Activity | None) -> Iterator[Constraint]:
+def _clauses(
+    node: FNode, scope: list[FNode], owner: Activity | None, known: Known
+) -> Iterator[Constraint]:
     if not scope and node.node_type is Op.OR and _is_pair(node):
         yield node, scope, owner  # by far the most frequent ones, as they are
         return
@@ -38,7 +43,7 @@ def _clauses(node: FNode, scope: list[FNode], owner: Activity | None) -> Iterato
     for part in scope:
         heads += _conjuncts(part)
     heads = list(dict.fromkeys(heads))
-    for rest, more in _scoped(_inwards(node)):
+    for rest, more in _scoped(_inwards(node, known)):
         every = list(dict.fromkeys([*heads, *more]))
         if rest is None and len(every) <= 2 and all(_is_presence(p) for p in every):
             manager = node.environment.expression_manager
@@ -67,16 +72,26 @@ def _conjuncts(node: FNode) -> list[FNode]:
     return [] if node.is_true() else [node]
 
 
-def _inwards(node: FNode, positive: bool = True) -> FNode:
+def _inwards(node: FNode, known: Known, positive: bool = True) -> FNode:
     """Return ``node`` (or its negation) without ``Implies`` and with ``Not`` on atoms only."""
+    # copies of one activity are told apart two by two: most parts of constraints come many times
+    key = (node.node_id, positive)
+    found = known.get(key)
+    if found is None:
+        found = known[key] = _rewritten(node, known, positive)
+    return found
+
+
+def _rewritten(node: FNode, known: Known, positive: bool) -> FNode:
     kind, manager = node.node_type, node.environment.expression_manager
     if kind is Op.NOT:
-        return _inwards(node.arg(0), not positive)
+        return _inwards(node.arg(0), known, not positive)
     if kind in (Op.AND, Op.OR):
-        parts = [_inwards(a, positive) for a in node.args]
+        parts = [_inwards(a, known, positive) for a in node.args]
         return manager.And(parts) if (kind is Op.AND) == positive else manager.Or(parts)
     if kind is Op.IMPLIES:
-        parts = [_inwards(node.arg(0), not positive), _inwards(node.arg(1), positive)]
+        one, other = node.args
+        parts = [_inwards(one, known, not positive), _inwards(other, known, positive)]
         return manager.Or(parts) if positive else manager.And(parts)
     if positive:
         return node
@@ -110,9 +125,10 @@ def _scoped(node: FNode) -> Iterator[tuple[FNode | None, list[FNode]]]:
         # p or (a and b) is (p or a) and (p or b)
         for part, more in _scoped(rest[0]):
             yield part, [*absent, *more]
+    elif len(rest) == 1 or tuple(rest) == node.args:
+        yield (node if len(rest) > 1 else rest[0]), absent
     else:
-        whole = node.environment.expression_manager.Or(rest) if len(rest) > 1 else rest[0]
-        yield whole, absent
+        yield node.environment.expression_manager.Or(rest), absent
 
 
 def _disjuncts(node: FNode) -> list[FNode]:

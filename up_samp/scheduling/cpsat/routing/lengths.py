@@ -31,8 +31,10 @@ class Lengths:
         self._with: dict[tuple[int, int], list[Form]] = {}
         self._others: dict[int, list[Form]] = {}
         asked = frozenset(variables)
+        owners = _Owners(model)
         for form in model.stated if asked else ():
-            found = asked & _variables(form)
+            # of one activity, a clause says nothing that may hold for the sake of another
+            found = asked & _variables(form) if owners.at_most_one(form) else None
             if not found:
                 continue
             # what says nothing but of one value is looked at for that only
@@ -80,6 +82,32 @@ class Lengths:
         return None
 
 
+class _Owners:
+    """Whose variables and presences are whose."""
+
+    def __init__(self, model: ScheduleModel) -> None:
+        self._of: dict[int, str] = {}
+        self._absent: dict[int, str] = {}
+        for name, (var, _, _) in model.parameters.items():
+            self._of[var] = name.rpartition(".")[0]  # nothing for those of the problem
+        for activity in model.states.activities:
+            self._absent[~activity.present] = activity.name
+            for time in (activity.start, activity.end):
+                self._of.update((var, activity.name) for var, _ in time.terms)
+
+    def at_most_one(self, form: Form) -> bool:
+        """Return whether a form is no clause of parts that speak of several activities."""
+        if form.__class__ is not tuple or form[0] != "|":
+            return True
+        known = set[str]()
+        for part in form[1:]:
+            if part.__class__ is int:
+                known.add(self._absent.get(part, ""))
+            elif part.__class__ is Cmp:
+                known.update(self._of.get(var, "") for var, _ in part.terms)
+        return len(known - {""}) < 2
+
+
 def _variables(form: Form) -> frozenset[int]:
     if form.__class__ is tuple:
         return frozenset[int]().union(*map(_variables, form[1:]))
@@ -96,8 +124,13 @@ def _unless(form: Form) -> Iterable[tuple[int, int]]:
 def _implied(form: Form, activity: ActivityVars, values: Values) -> int:
     """Return how long an activity that is there lasts at least for a form to hold."""
     if form.__class__ is tuple:
-        parts = [_implied(p, activity, values) for p in form[1:]]
-        return min(parts, default=INFINITE) if form[0] == "|" else max(parts, default=0)
+        enough, better = (0, min) if form[0] == "|" else (INFINITE, max)
+        least = INFINITE - enough
+        for part in form[1:]:
+            least = better(least, _implied(part, activity, values))
+            if least == enough:
+                break
+        return least
     if form.__class__ is int:
         return INFINITE if form in (FALSE, ~activity.present) else 0
     if form.needs and any(need != activity.present for need in form.needs):
