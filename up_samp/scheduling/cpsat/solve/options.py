@@ -27,9 +27,9 @@ CP_SATS_OWN: Profile = {}
 IGNORED = ("ls*", "fj*")
 """Never run: CP-SAT's local search over violations and its feasibility jump write beyond their
 memory (OR-Tools 9.15). Of 180 runs of a job shop's routing relaxation with two workers and ``ls``,
-ten ended the process ("free(): invalid next size"); of 120 without it, none. With ``fj``, every
-replay of 70 small, infeasible relaxations (a fleet without chargers) ended within 10 rounds, where
-the memory allocator checks itself; without either, none did in 200 rounds with 1 to 8 workers.
+ten ended the process ("free(): invalid next size"); of 120 without it, none. With ``fj``, small
+relaxations without a solution do: benchmarks/reliability/memory.py shows it, and whether a newer
+OR-Tools is any better.
 """
 
 NO_PRESOLVE: Profile = {
