@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 
-from up_samp.execution import At, Dependencies, Do, Edge, Event, Go, Graph, Task
+from up_samp.execution import At, Dependencies, Do, Edge, Event, Go, Graph, PlannedTask
 from up_samp.execution.graph import ORIGIN
 from up_samp.execution.lives import Drive, Life
 from up_samp.model import Body, Kinematics, MotionModel, Trajectory
@@ -31,7 +31,7 @@ def fleet(robots, tasks, seed=0):
         for k in range(each):
             name, start = f"t{r}_{k}", 25.0 * k
             drives = k % 2 == 0
-            all_tasks[name] = Task(
+            all_tasks[name] = PlannedTask(
                 name, (start, start + 20.0), 20.0, (f"r{r}",), (f"r{r}",) if drives else ()
             )
             events[Event(At.START, name)], events[Event(At.END, name)] = start, start + 20.0

@@ -16,7 +16,6 @@ from cpsat.writer import Writer
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.routing import workload
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
 from up_samp.scheduling.cpsat.routing.lefts import with_lefts
@@ -25,6 +24,7 @@ from up_samp.scheduling.cpsat.routing.sequels import steps_of, times_of
 from up_samp.scheduling.cpsat.routing.sequences import Sequences
 from up_samp.scheduling.cpsat.routing.workload import WorkBound, bound_by_work
 from up_samp.scheduling.cpsat.solve import strategy
+from up_samp.scheduling.cpsat.tuning import BoundsTuning
 from up_samp.upio.plan import build_schedule
 from up_samp.validation import validate_schedule
 
@@ -187,7 +187,9 @@ def test_what_needs_too_much_effort_is_not_proven():
     problem = Still(shop(2, 2, 2, seed=3), Style(), 0).problem
     model = ScheduleModel(problem)
     work = find_work(model, find_routes(model))
-    none, few, many = (bound_by_work(model, work, labels=n).value for n in (0, 100, 10**6))
+    none, few, many = (
+        bound_by_work(model, work, tuning=BoundsTuning(labels=n)).value for n in (0, 100, 10**6)
+    )
     assert none < few < many
 
 
@@ -265,20 +267,14 @@ def can_be_travelled(rules, path):
     return sorted(rules.choices[n].task for n, _ in path) == list(range(len(path)))
 
 
-def heeding(unaided):
-    """Let bounds find out how long what is left takes after so many beginnings."""
-    efforts = replace(workload.EFFORTS, unaided=unaided)
-    return mock.patch.object(workload, "EFFORTS", efforts)
-
-
 def bounds_with_and_without_what_is_left(problem):
     """Return the bound by all sequences, and the same where less of them are looked at."""
     model = ScheduleModel(problem)
     work = find_work(model, find_routes(model))
     without = bound_by_work(model, work)
     assert not without.sequences.is_spent
-    with heeding(0):
-        return without.value, bound_by_work(model, work).value
+    aided = bound_by_work(model, work, tuning=BoundsTuning(unaided=0))
+    return without.value, aided.value
 
 
 def test_what_is_left_prunes_no_best_sequence():

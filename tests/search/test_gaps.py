@@ -1,12 +1,13 @@
 """What robots do in turn, what they carry, and the units that they surely lose."""
 
+from unified_planning.model import Timing
 from unified_planning.model.motion import ActivityWaypoints
 
 from tests.search.store_fleet import fleet_of
 from up_samp.benchmarks.warehouse import warehouse
 from up_samp.geometry import lay_out
 from up_samp.search.carrying import carried
-from up_samp.search.gaps import closed, gaps_told, held_by, idle_between
+from up_samp.search.gaps import closed, gaps_told, held_by, idle_between, orders_told
 from up_samp.search.jobs import find_jobs
 from up_samp.search.sure_stands import sure_stands
 from up_samp.upio import read_problem
@@ -69,6 +70,23 @@ def test_what_is_told_only_while_another_one_is_there_is_not_told():
     assert (one.name, two.name) not in gaps_told(problem)
     problem.add_constraint(before, [one.present, two.present])
     assert gaps_told(problem)[one.name, two.name] == 1
+
+
+def test_an_order_is_told_only_where_one_ends_before_the_other_starts():
+    """Not while they may overlap a little, and not while it hangs on somebody else."""
+    problem = warehouse(2, 2, encoding="compact")
+    one, two, three = (
+        named(problem, f"{what}_robot{k}_order{k}")
+        for what, k in (("unload", 0), ("unload", 1), ("load", 1))
+    )
+    manager = problem.environment.expression_manager
+    before = orders_told(problem)
+    problem.add_constraint(manager.LE(Timing(-2, one.end), two.start))
+    problem.add_constraint(manager.LE(one.end, two.start), [three.present])
+    assert orders_told(problem) == before
+    problem.add_constraint(manager.LE(Timing(1, one.end), two.start), [two.present])
+    assert orders_told(problem) == before | {(one.name, two.name)}
+    assert (one.name, two.name) in orders_told(problem, strictly=True)
 
 
 def test_what_has_to_be_between_follows():

@@ -23,7 +23,7 @@ from unified_planning.shortcuts import (
 
 from up_samp import Fleet
 from up_samp.benchmarks.maps import drawn_map
-from up_samp.benchmarks.warehouse import WAREHOUSE_ENCODINGS, Order, store, warehouse
+from up_samp.benchmarks.warehouse import WAREHOUSE_ENCODINGS, TransportOrder, store, warehouse
 from up_samp.benchmarks.warehouse import _Work as Warehouse
 from up_samp.geometry import lay_out
 from up_samp.model import Deadline
@@ -137,7 +137,7 @@ def crowded(seed):
     work = Warehouse(f"crowded{seed}", store(robots), compact=rng.random() < 0.7)
     for k in range(rng.choice([2, 3, 4])):
         service = rng.choice([1, 3]), rng.choice([1, 3])
-        order = Order(rng.randrange(2), rng.randrange(2), service, None, optional=False)
+        order = TransportOrder(rng.randrange(2), rng.randrange(2), service, None, optional=False)
         loads = work.order(k, order)
         work.problem.add_constraint(work.problem.environment.expression_manager.Or(
             [a.present for a in loads]
@@ -158,7 +158,9 @@ def with_few_stations(seed):
     stations, pending = rng.choice([1, 1, 2]), []
     for k in range(rng.choice([2, 3])):
         service = rng.choice([1, 3]), rng.choice([1, 3])
-        order = Order(rng.randrange(4), rng.randrange(stations), service, None, optional=False)
+        order = TransportOrder(
+            rng.randrange(4), rng.randrange(stations), service, None, optional=False
+        )
         pending = [*pending, *work.order(k, order)]
         if rng.random() < 0.7:
             work.problem.add_constraint(manager.Or([a.present for a in pending]))

@@ -5,13 +5,13 @@ from pathlib import Path
 import pytest
 
 psutil = pytest.importorskip("psutil")
-from up_samp.server.jobs import Jobs, Limits, QueueFullError, State  # noqa: E402
+from up_samp.server.jobs import JobQueue, Limits, QueueFullError, State  # noqa: E402
 
 FAKE = (sys.executable, str(Path(__file__).with_name("fake_worker.py")))
 
 
 def jobs(**limits):
-    return Jobs(Limits(**limits), FAKE)
+    return JobQueue(Limits(**limits), FAKE)
 
 
 def ask(*steps, timeout=30):

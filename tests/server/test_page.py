@@ -14,7 +14,7 @@ from selenium.webdriver.common.by import By  # noqa: E402
 
 from tests.server.client import serving  # noqa: E402
 from up_samp.fleet.starter import write_starter  # noqa: E402
-from up_samp.server.jobs import Jobs  # noqa: E402
+from up_samp.server.jobs import JobQueue  # noqa: E402
 
 BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 
@@ -43,7 +43,7 @@ def test_a_person_uploads_a_map_and_sees_a_plan(browser, tmp_path):
     problem = yaml.safe_load(problem_file.read_text())
     del problem["map"]
     problem["orders"] = problem["orders"][:1]
-    with Jobs() as jobs, serving(jobs) as client:
+    with JobQueue() as jobs, serving(jobs) as client:
         browser.get(client.url)
         find = browser.find_element
         find(By.ID, "picture").send_keys(str(image))
@@ -68,7 +68,7 @@ def test_a_person_uploads_a_map_and_sees_a_plan(browser, tmp_path):
 
 def test_what_is_wrong_is_said_on_the_page(browser, tmp_path):
     _, _, image = write_starter(tmp_path / "mine")
-    with Jobs() as jobs, serving(jobs) as client:
+    with JobQueue() as jobs, serving(jobs) as client:
         browser.get(client.url)
         browser.find_element(By.ID, "picture").send_keys(str(image))
         put(browser, "problem", "{no json")

@@ -11,7 +11,7 @@ pytest.importorskip("fastapi")
 pytest.importorskip("uvicorn")
 from tests.server.client import serving
 from up_samp.fleet.starter import write_starter
-from up_samp.server.jobs import Jobs, Limits
+from up_samp.server.jobs import JobQueue, Limits
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +33,7 @@ def starter(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def client():
-    with Jobs(Limits(request=200_000)) as jobs, serving(jobs) as client:
+    with JobQueue(Limits(request=200_000)) as jobs, serving(jobs) as client:
         yield client
 
 

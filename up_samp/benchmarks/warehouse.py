@@ -80,7 +80,7 @@ class Store:
 
 
 @dataclass(frozen=True)
-class Order:
+class TransportOrder:
     """From a slot to a station (indices); ``service``: units of loading and unloading; ``due``:
     latest end (units), if there is one; ``optional``: see the module.
     """
@@ -126,7 +126,7 @@ def store(robots: int) -> Store:
     )
 
 
-def draw_orders(plan: Store, orders: int, seed: int) -> list[Order]:
+def draw_orders(plan: Store, orders: int, seed: int) -> list[TransportOrder]:
     """Draw orders: every fifth has a latest end, of the rest every fourth is optional."""
     rng = random.Random(1000 * orders + seed)
     free: list[int] = []
@@ -137,7 +137,7 @@ def draw_orders(plan: Store, orders: int, seed: int) -> list[Order]:
         due = 120 + 60 * (k // max(1, len(plan.docks))) if k % 5 == 4 else None
         service = rng.choice(SERVICE), rng.choice(SERVICE)
         station = rng.randrange(len(plan.stations))
-        found.append(Order(free.pop(), station, service, due, due is None and k % 4 == 3))
+        found.append(TransportOrder(free.pop(), station, service, due, due is None and k % 4 == 3))
     return found
 
 
@@ -216,7 +216,7 @@ class _Work:
         self.problem.set_initial_value(self.robot_at(robot), start)
         return robot
 
-    def order(self, k: int, order: Order) -> list[Activity]:
+    def order(self, k: int, order: TransportOrder) -> list[Activity]:
         """Add what each robot can do for an order; return all robots' loading."""
         who = self.problem.add_variable(f"robot_of_order{k}", IntType(0, len(self.robots) - 1))
         loads = [self._job(r, k, order) for r in range(len(self.robots))]
@@ -224,7 +224,7 @@ class _Work:
             self.problem.add_constraint(Equals(who, r), scope=[load.present])
         return loads
 
-    def _job(self, r: int, k: int, order: Order) -> Activity:
+    def _job(self, r: int, k: int, order: TransportOrder) -> Activity:
         robot, at = self.robots[r], self.robot_at(self.robots[r])
         slot, station = self.slots[order.slot], self.stations[order.station]
         title = f"{robot.name}_order{k}"

@@ -27,7 +27,7 @@ def _serve(args: argparse.Namespace) -> int:
         import uvicorn
 
         from up_samp.server.app import create_app
-        from up_samp.server.jobs import Jobs, Limits
+        from up_samp.server.jobs import JobQueue, Limits
     except ImportError as error:
         raise UnsupportedError(
             f"the service needs the extra [server] ({error.name} is missing): "
@@ -39,7 +39,7 @@ def _serve(args: argparse.Namespace) -> int:
         seconds=args.timeout,
         memory=round(args.memory * 2**30),
     )
-    with Jobs(limits) as jobs:
+    with JobQueue(limits) as jobs:
         print(f"up-samp serves at http://{args.host}:{args.port}/", flush=True)
         uvicorn.run(create_app(jobs), host=args.host, port=args.port, log_level="warning")
     return 0

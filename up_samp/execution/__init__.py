@@ -5,7 +5,7 @@ from up_samp.execution.commands import Command, Do, Go, Hold
 from up_samp.execution.delays import Delays
 from up_samp.execution.executor import Executor
 from up_samp.execution.files import dependencies_from_plan, with_dependencies
-from up_samp.execution.graph import At, Bound, Edge, Event, Graph, Task
+from up_samp.execution.graph import At, Bound, Edge, Event, Graph, PlannedTask
 from up_samp.execution.reorder import Reorderer
 from up_samp.execution.replan import Incident, Journey, simulate_replanned, solve_remaining
 from up_samp.execution.simulate import Simulation, simulate
@@ -28,11 +28,11 @@ __all__ = [
     "Hold",
     "Incident",
     "Journey",
+    "PlannedTask",
     "Remaining",
     "Reorderer",
     "Simulation",
     "Surprise",
-    "Task",
     "coarse",
     "dependencies_from_plan",
     "dependencies_of",

@@ -10,7 +10,7 @@ from functools import cached_property
 from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.execution.draft import Draft, why_of
-from up_samp.execution.graph import Choice, Graph, Task
+from up_samp.execution.graph import Choice, Graph, PlannedTask
 from up_samp.execution.lives import Life, lives_of
 from up_samp.execution.meetings import Meeting, meetings_of
 from up_samp.execution.reduce import MEETING
@@ -94,7 +94,7 @@ def with_avoid(plan: PlanDict, snapshot: Snapshot) -> PlanDict:
     return {**plan, "motions": motions}
 
 
-def tasks_of(plan: PlanDict, who: Mapping[str, tuple[str, ...]]) -> dict[str, Task]:
+def tasks_of(plan: PlanDict, who: Mapping[str, tuple[str, ...]]) -> dict[str, PlannedTask]:
     """Return the plan's activities; one that mentions nobody belongs to whom its name mentions."""
     unit = float(plan["seconds_per_unit"])
     movers = sorted({m["object"] for m in plan["motions"]})
@@ -106,7 +106,7 @@ def tasks_of(plan: PlanDict, who: Mapping[str, tuple[str, ...]]) -> dict[str, Ta
         )
         doers = who.get(name) or tuple(m for m in movers if _mentions(name, m))
         start, end = entry["start"] * unit, entry["end"] * unit
-        tasks[name] = Task(name, (start, end), end - start, doers or moves, moves)
+        tasks[name] = PlannedTask(name, (start, end), end - start, doers or moves, moves)
     return tasks
 
 

@@ -16,8 +16,8 @@ from up_samp.execution.graph import (
     Edge,
     Event,
     Graph,
+    PlannedTask,
     Precedence,
-    Task,
 )
 from up_samp.execution.lives import Life
 from up_samp.execution.meetings import Meeting
@@ -25,23 +25,23 @@ from up_samp.execution.reduce import MEETING, reduced
 from up_samp.execution.staircase import Step, steps_of
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.scheduling.partial_order.differences import Difference, Point
-from up_samp.scheduling.partial_order.order import Order
+from up_samp.scheduling.partial_order.order import OrderConstraint
 
 
 class Draft:
     """Edges under construction, by events."""
 
-    def __init__(self, tasks: Mapping[str, Task], lives: Mapping[str, Life]):
+    def __init__(self, tasks: Mapping[str, PlannedTask], lives: Mapping[str, Life]):
         self.tasks = tasks
         self.drives = {d.key: d for life in lives.values() for d in life.drives}
         self.edges: dict[tuple[Event, Event], tuple[float, str, str]] = {}
         self.bounds: list[tuple[Event, Event, float, str]] = []
         self.tight: list[tuple[Event, Event, float, str, str]] = []
         self.free: set[tuple[Event, Event]] = set()
-        self.orders: list[tuple[Order, float]] = []
+        self.orders: list[tuple[OrderConstraint, float]] = []
         """Orders that could be the other way round (see ``settle_choices``)."""
 
-    def add_order(self, order: Order, unit: float) -> None:
+    def add_order(self, order: OrderConstraint, unit: float) -> None:
         """Add a difference: an edge, or a bound where the plan has it the other way round."""
         if order.instead is not None:
             self.orders.append((order, unit))

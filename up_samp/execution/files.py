@@ -9,7 +9,7 @@ import numpy as np
 from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.execution.build import Dependencies, dependencies_of, tasks_of, with_avoid
-from up_samp.execution.graph import At, Bound, Choice, Edge, Event, Graph, Precedence, Task
+from up_samp.execution.graph import At, Bound, Choice, Edge, Event, Graph, PlannedTask, Precedence
 from up_samp.execution.lives import Drive, lives_of
 from up_samp.execution.meetings import meetings_of
 from up_samp.execution.reduce import MEETING
@@ -137,7 +137,8 @@ def dependencies_from_plan(plan: PlanDict) -> Dependencies:
     tasks = tasks_of(plan, who)
     expected = {t["activity"]: float(t["expected"]) for t in data["tasks"]}
     tasks = {
-        n: Task(n, t.planned, expected.get(n, t.expected), t.who, t.moves) for n, t in tasks.items()
+        n: PlannedTask(n, t.planned, expected.get(n, t.expected), t.who, t.moves)
+        for n, t in tasks.items()
     }
     choices = tuple(_choice_from_dict(entry) for entry in data.get("choices", ()))
     for event in (e for c in choices for w in c.ways for e in (w.first, w.then)):
@@ -151,7 +152,7 @@ def dependencies_from_plan(plan: PlanDict) -> Dependencies:
 
 def _graph(
     data: Mapping[str, Any],
-    tasks: Mapping[str, Task],
+    tasks: Mapping[str, PlannedTask],
     drives: Mapping[tuple[str, str], Drive],
     free: Collection[tuple[Event, Event]],
 ) -> Graph:
@@ -185,7 +186,7 @@ def _graph(
 
 
 def _planned(
-    event: Event, tasks: Mapping[str, Task], drives: Mapping[tuple[str, str], Drive]
+    event: Event, tasks: Mapping[str, PlannedTask], drives: Mapping[tuple[str, str], Drive]
 ) -> float:
     if event.at is At.ORIGIN:
         return 0.0

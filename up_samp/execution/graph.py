@@ -100,7 +100,7 @@ class Bound:
 
 
 @dataclass(frozen=True)
-class Task:
+class PlannedTask:
     """An activity of the plan. ``planned`` start and end in s; ``expected`` is how long (s) it
     lasts without disturbance where it drives nothing; ``who`` are the robots that do it.
     """
@@ -122,7 +122,7 @@ class Graph:
     that there were before those that follow from others were dropped.
     """
 
-    tasks: Mapping[str, Task]
+    tasks: Mapping[str, PlannedTask]
     events: tuple[Event, ...]
     times: tuple[float, ...]
     edges: tuple[Edge, ...]
@@ -152,7 +152,7 @@ class Graph:
         return tuple(found)
 
 
-def _implied(events: Sequence[Event], tasks: Mapping[str, Task]) -> list[tuple[int, int]]:
+def _implied(events: Sequence[Event], tasks: Mapping[str, PlannedTask]) -> list[tuple[int, int]]:
     number = {event: k for k, event in enumerate(events)}
     pairs: list[tuple[int, int]] = []
     on_path: dict[tuple[str, str], list[int]] = {}

@@ -11,14 +11,14 @@ import numpy as np
 
 from up_samp.execution.build import Dependencies
 from up_samp.execution.commands import Command, Do, Go, Hold
-from up_samp.execution.graph import Task
+from up_samp.execution.graph import PlannedTask
 
 
 class Timetable:
     """Looks like an :class:`Executor`, but knows only planned times and each robot's own order."""
 
     def __init__(self, dependencies: Dependencies):
-        self.tasks: Mapping[str, Task] = dependencies.graph.tasks
+        self.tasks: Mapping[str, PlannedTask] = dependencies.graph.tasks
         self.drives = {d.key: d for life in dependencies.lives.values() for d in life.drives}
         self.ready = sorted(self.tasks, key=lambda n: self.tasks[n].planned)
         self.running: dict[str, set[str]] = {}

@@ -15,7 +15,7 @@ from unified_planning.shortcuts import MinimizeMakespan
 
 from up_samp.fleet.drives import Drives
 from up_samp.fleet.hands import add_loads
-from up_samp.fleet.jobs import Jobs
+from up_samp.fleet.jobs import JobRules
 from up_samp.fleet.meanings import Written
 from up_samp.fleet.records import FleetRecords
 from up_samp.fleet.site import Site
@@ -41,7 +41,7 @@ def write_problem(records: FleetRecords, folder: Path) -> Written:
     for robot in records.robots:
         drives.add(robot)
         add_loads(site, work, robot)
-    Jobs(site, work).add()
+    JobRules(site, work).add()
     for robot, activities in work.busy.items():
         one_at_a_time(site.problem, robot, activities)
     if records.objective == "makespan":

@@ -24,7 +24,7 @@ from up_samp.fleet.visits import ENDS, Role
 from up_samp.fleet.work import Work
 
 
-class Jobs:
+class JobRules:
     """Writes the rules of jobs into a site's problem, whose activities are all there."""
 
     def __init__(self, site: Site, work: Work) -> None:

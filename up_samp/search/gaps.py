@@ -39,6 +39,15 @@ def gaps_told(problem: SchedulingMotionProblem) -> dict[tuple[str, str], int]:
     return found
 
 
+def orders_told(
+    problem: SchedulingMotionProblem, *, strictly: bool = False
+) -> set[tuple[str, str]]:
+    """Return pairs of activities of which one ends before the other starts, as constraints say
+    (``strictly``: and not when the other one starts).
+    """
+    return {pair for pair, units in gaps_told(problem).items() if units >= int(strictly)}
+
+
 def _is_presence(node: FNode) -> bool:
     return bool(node.node_type is Op.PRESENT_EXP)
 

@@ -18,8 +18,8 @@ from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.model import Body, Configuration, Deadline
 from up_samp.model.snapshot import Snapshot, TermKind
+from up_samp.search.gaps import orders_told
 from up_samp.search.jobs import Jobs, Option
-from up_samp.search.stands import orders_told
 from up_samp.search.tuning import DealsTuning
 
 Lasts = Callable[[Body, Configuration, Configuration], float]

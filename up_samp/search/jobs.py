@@ -21,7 +21,8 @@ from unified_planning.model.operators import OperatorKind as Op
 from up_samp.model import Configuration
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
 from up_samp.scheduling.cpsat.encode.durations import least
-from up_samp.search.stands import orders_told, stands_of
+from up_samp.search.gaps import orders_told
+from up_samp.search.stands import stands_of
 
 _Way = tuple[str, Configuration, Configuration, tuple[tuple[Configuration, Configuration], ...]]
 """A robot, where its way begins and ends, and the drives in between."""

@@ -66,25 +66,3 @@ def stand_told(condition: FNode, whose: Mapping[FNode, str]) -> Stand | None:
         if fluent in whose and place.is_object_exp():
             return whose[fluent], place.object().name
     return None
-
-
-def orders_told(
-    problem: SchedulingMotionProblem, *, strictly: bool = False
-) -> set[tuple[str, str]]:
-    """Return pairs of activities of which one ends before the other starts, as constraints say
-    (``strictly``: and not when the other one starts).
-    """
-    relations = (Op.LT,) if strictly else (Op.LE, Op.LT)
-    found: set[tuple[str, str]] = set()
-    for owner in (problem._base, *problem.activities):
-        for constraint, _ in owner._constraints:
-            if constraint.node_type not in relations:
-                continue
-            one, two = constraint.args
-            if not (one.is_timing_exp() and two.is_timing_exp()):
-                continue
-            end, start = one.timing(), two.timing()
-            first, then = end.timepoint.container, start.timepoint.container
-            if end.is_from_end() and start.is_from_start() and first and then:
-                found.add((first, then))
-    return found

@@ -13,11 +13,11 @@ from typing import Any
 from fastapi import FastAPI, HTTPException, Request, Response
 from fastapi.responses import HTMLResponse, JSONResponse, StreamingResponse
 
-from up_samp.server.jobs import Job, Jobs, QueueFullError
+from up_samp.server.jobs import Job, JobQueue, QueueFullError
 from up_samp.server.requests import PlanRequest, ValidateRequest
 
 
-def create_app(jobs: Jobs) -> FastAPI:
+def create_app(jobs: JobQueue) -> FastAPI:
     """Return the application that serves ``jobs``. Whoever made ``jobs`` closes it."""
     from up_samp import __version__
 
@@ -80,7 +80,7 @@ def _add_animation(app: FastAPI, find: Callable[[str], Job]) -> None:
         return animation_of(job.plan, job.request["map"])
 
 
-def _add_validation(app: FastAPI, jobs: Jobs) -> None:
+def _add_validation(app: FastAPI, jobs: JobQueue) -> None:
     @app.post("/v1/validate")
     def validate(request: ValidateRequest) -> dict[str, Any]:
         """Judge a plan; the answer holds ``valid`` and the ``violations``."""
@@ -94,7 +94,7 @@ def _add_validation(app: FastAPI, jobs: Jobs) -> None:
         return {"valid": end["valid"], "violations": end["violations"]}
 
 
-def _submitted(jobs: Jobs, request: dict[str, Any]) -> Job:
+def _submitted(jobs: JobQueue, request: dict[str, Any]) -> Job:
     """Queue a job; where there is no room the client is told to come back."""
     try:
         return jobs.submit(request)

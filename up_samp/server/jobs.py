@@ -136,7 +136,7 @@ class Job:
             self.changed.notify_all()
 
 
-class Jobs:
+class JobQueue:
     """All jobs of a server. Use it as a context: leaving it ends them all."""
 
     def __init__(self, limits: Limits | None = None, command: tuple[str, ...] = ()) -> None:
@@ -148,7 +148,7 @@ class Jobs:
         self._threads: set[threading.Thread] = set()
         self._closed = False
 
-    def __enter__(self) -> Jobs:
+    def __enter__(self) -> JobQueue:
         return self
 
     def __exit__(self, *_: object) -> None:

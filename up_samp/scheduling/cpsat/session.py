@@ -92,12 +92,16 @@ class CpsatSession:
         try:
             model = self._update(deadline)
         except OutOfTimeError:
-            seconds = deadline.elapsed() - started
-            return ScheduleReport(ScheduleStatus.OUT_OF_TIME, seconds=seconds)
+            return ScheduleReport(ScheduleStatus.OUT_OF_TIME, seconds=deadline.elapsed() - started)
         self.bound = max(self.bound, lower_bound or 0)
         wants_optimum = optimal and bool(self.problem.quality_metrics)
         orders = Orders(
-            self.settings, wants_optimum, self.tuning.stages, self._interrupted, on_solution
+            self.settings,
+            wants_optimum,
+            self.tuning.stages,
+            self._interrupted,
+            on_solution,
+            self.tuning.bounds,
         )
         whole = Attempts(model, orders, deadline, self.bound, left=self.effort)
         guess = hint if hint is not None else self._last

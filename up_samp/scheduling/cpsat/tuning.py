@@ -72,19 +72,6 @@ class StagesTuning(Tunables):
         least=0,
     )
     bound_share: float = share_of(0.35, "of the time that is left, for bounds without search")
-    bound_labels: int = tunable(
-        4_000_000,
-        "labels",
-        "beginnings of sequences of tasks that proofs of a lower bound may look at, where the "
-        "optimum is asked for (some 10 microseconds each)",
-        least=0,
-    )
-    bound_labels_again: int = tunable(
-        150_000,
-        "labels",
-        "the same when bounds were sought before, and more is stated now",
-        least=0,
-    )
     beam: int = tunable(
         500,
         "labels",
@@ -100,7 +87,58 @@ class StagesTuning(Tunables):
 
 
 @dataclass(frozen=True)
+class BoundsTuning(Tunables):
+    """Lower bounds without search (``routing/workload.py``): how much of what is looked at."""
+
+    states: int = tunable(
+        2_000_000,
+        "states",
+        "of the dynamic programme over sets of tasks; with more of them it is only asked who does "
+        "what",
+        least=1,
+    )
+    labels: int = tunable(
+        4_000_000,
+        "labels",
+        "beginnings of sequences of tasks that proofs may look at, where the optimum is asked for "
+        "(some 10 microseconds each)",
+        least=0,
+    )
+    labels_again: int = tunable(
+        150_000,
+        "labels",
+        "the same when bounds were sought before, and more is stated now",
+        least=0,
+    )
+    unaided: int = tunable(
+        100_000,
+        "labels",
+        "beginnings of sequences that are looked at before it is found out how long what is left "
+        "takes at least",
+        least=0,
+    )
+    steep: float = tunable(
+        4.0, "factor", "how many times as many labels the next proof may cost", least=1
+    )
+    cheap: int = tunable(2_000, "labels", "up to so many, a proof costs next to nothing", least=1)
+    kept: int = tunable(
+        4, "sequences", "that a bound is met by, and that are made schedules", least=1
+    )
+    near: int = tunable(
+        24, "labels", "before each one in order, which it is compared with for dominance", least=1
+    )
+    near_rounds: int = tunable(
+        6, "rounds", "of these comparisons, as long as labels fall away", least=1
+    )
+    sets: int = tunable(
+        20_000, "sets of tasks", "that one proof over who does what may look at", least=1
+    )
+    cover: float = effort_of(0.5, "for one proof over who does what")
+
+
+@dataclass(frozen=True)
 class CpsatTuning(Tunables):
     """All of the engine's tunables."""
 
     stages: StagesTuning = field(default_factory=StagesTuning)
+    bounds: BoundsTuning = field(default_factory=BoundsTuning)

@@ -12,7 +12,7 @@ from up_samp.scheduling.partial_order.differences import (
     Difference,
     Planned,
 )
-from up_samp.scheduling.partial_order.order import Order
+from up_samp.scheduling.partial_order.order import OrderConstraint
 
 
 def _movers(planned: Planned, snapshot: Snapshot) -> dict[str, list[tuple[str, bool]]]:
@@ -31,16 +31,16 @@ def _movers(planned: Planned, snapshot: Snapshot) -> dict[str, list[tuple[str, b
     return found
 
 
-def lives(planned: Planned, snapshot: Snapshot) -> Iterator[Order]:
+def lives(planned: Planned, snapshot: Snapshot) -> Iterator[OrderConstraint]:
     """One motion or change of an object after the other."""
     for name, movers in _movers(planned, snapshot).items():
         for (one, _), (two, drives) in itertools.pairwise(movers):
             then = ("start" if drives else "end", two)
             need = Difference(("end", one), then, 0, strict=True)
-            yield Order(need, "object", f"{one} and {two} both move {name}")
+            yield OrderConstraint(need, "object", f"{one} and {two} both move {name}")
 
 
-def resting(planned: Planned, snapshot: Snapshot) -> Iterator[Order]:
+def resting(planned: Planned, snapshot: Snapshot) -> Iterator[OrderConstraint]:
     """Static obstacles rest from the start to the end of the motion that lists them."""
     movers = _movers(planned, snapshot)
     for task in snapshot.tasks:
@@ -57,9 +57,9 @@ def resting(planned: Planned, snapshot: Snapshot) -> Iterator[Order]:
                 before = Difference(("end", name), ("start", task.activity), 0)
                 after = Difference(("end", task.activity), then, 0)
                 if stop <= start:
-                    yield Order(before, "static obstacle", why, after)
+                    yield OrderConstraint(before, "static obstacle", why, after)
                 elif end <= (begin if drives else stop):
-                    yield Order(after, "static obstacle", why, before)
+                    yield OrderConstraint(after, "static obstacle", why, before)
                 else:
                     raise ProblemError(f"in the plan {why} at the same time")
 

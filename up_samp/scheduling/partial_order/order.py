@@ -10,7 +10,7 @@ from up_samp.scheduling.partial_order.differences import (
 
 
 @dataclass(frozen=True)
-class Order:
+class OrderConstraint:
     """A difference with its reason: ``kind`` is a stable word, ``why`` is for people. ``instead``
     would do what is asked as well.
     """

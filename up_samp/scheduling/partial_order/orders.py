@@ -23,10 +23,10 @@ from up_samp.scheduling.partial_order.differences import (
     other_way,
 )
 from up_samp.scheduling.partial_order.objects import lives, resting
-from up_samp.scheduling.partial_order.order import Order
+from up_samp.scheduling.partial_order.order import OrderConstraint
 
 
-def orders_of(planned: Planned, snapshot: Snapshot) -> list[Order]:
+def orders_of(planned: Planned, snapshot: Snapshot) -> list[OrderConstraint]:
     """Return all that the problem asks of the order of present activities.
 
     Raises :class:`ProblemError` where the plan breaks a constraint, ``UnsupportedError`` for
@@ -40,14 +40,14 @@ def orders_of(planned: Planned, snapshot: Snapshot) -> list[Order]:
     return found
 
 
-def _constraints(planned: Planned) -> Iterator[Order]:
+def _constraints(planned: Planned) -> Iterator[OrderConstraint]:
     for constraint in planned.problem.constraints:
         needs = kept(planned, constraint)
         if needs is None:
             raise ProblemError(f"the plan breaks the constraint '{_short(constraint)}'")
         instead = other_way(planned, constraint, needs)
         for need in needs:
-            yield Order(need, "constraint", _short(constraint), instead)
+            yield OrderConstraint(need, "constraint", _short(constraint), instead)
 
 
 def _short(e: Expr) -> str:
@@ -55,7 +55,7 @@ def _short(e: Expr) -> str:
     return text if len(text) <= 160 else text[:157] + "..."
 
 
-def _durations(planned: Planned) -> Iterator[Order]:
+def _durations(planned: Planned) -> Iterator[OrderConstraint]:
     for activity in planned.problem.activities:
         if activity.name not in planned.times:
             continue
@@ -71,9 +71,9 @@ def _durations(planned: Planned) -> Iterator[Order]:
                 value = terms[1]
             why = f"duration of {activity.name}"
             if sign > 0:
-                yield Order(Difference(start, end, value), "duration", why)
+                yield OrderConstraint(Difference(start, end, value), "duration", why)
             else:
-                yield Order(Difference(end, start, -value), "duration", why)
+                yield OrderConstraint(Difference(end, start, -value), "duration", why)
 
 
 # ------------------------------------------------------------------ fluents
@@ -100,7 +100,7 @@ class _Read:
     what: str
 
 
-def _fluents(planned: Planned) -> Iterator[Order]:
+def _fluents(planned: Planned) -> Iterator[OrderConstraint]:
     writes, reads = _writes(planned), _reads(planned)
     for key, all_writes in writes.items():
         all_writes.sort(key=lambda w: w.time)
@@ -177,7 +177,7 @@ def _dense(first: Point, then: Point, lag: int) -> Difference:
 
 def _around(
     planned: Planned, key: Expr, read: _Read, writes: list[_Write], every: bool
-) -> Iterator[Order]:
+) -> Iterator[OrderConstraint]:
     """Producers before the reader, the next writer after it."""
     (low, dl), (high, dh) = read.low, read.high
     begin, end = planned.time(low) + dl, planned.time(high) + dh
@@ -192,15 +192,15 @@ def _around(
         if w.owner != read.owner and low != HORIZON:
             need = _dense(w.point, low, w.delay - dl + 1)
             why = f"{w.owner or 'the problem'} sets {show(key)} for the {read.what}"
-            yield Order(need, "fluent", why)
+            yield OrderConstraint(need, "fluent", why)
     for w in after:
         if w.owner != read.owner and high != HORIZON:
             need = _dense(high, w.point, dh - w.delay + 1)
             why = f"{w.owner or 'the problem'} changes {show(key)} only after the {read.what}"
-            yield Order(need, "fluent", why)
+            yield OrderConstraint(need, "fluent", why)
 
 
-def _in_order(planned: Planned, key: Expr, writes: list[_Write]) -> Iterator[Order]:
+def _in_order(planned: Planned, key: Expr, writes: list[_Write]) -> Iterator[OrderConstraint]:
     """Changes of one fluent happen in the plan's order."""
     instants = sorted({w.time for w in writes})
     for one, two in itertools.pairwise(instants):
@@ -209,7 +209,7 @@ def _in_order(planned: Planned, key: Expr, writes: list[_Write]) -> Iterator[Ord
                 if w.owner != v.owner or w.owner is None:
                     need = _dense(w.point, v.point, w.delay - v.delay + 1)
                     why = f"{w.owner or 'the problem'} sets {show(key)} before {v.owner} does"
-                    yield Order(need, "fluent", why)
+                    yield OrderConstraint(need, "fluent", why)
 
 
 def _capacity(planned: Planned, key: Expr, writes: list[_Write]) -> int | None:
@@ -234,7 +234,9 @@ def _capacity(planned: Planned, key: Expr, writes: list[_Write]) -> int | None:
     return int(initial - (type_[1] if type_[1] is not None else 0))
 
 
-def _chained(planned: Planned, key: Expr, writes: list[_Write], capacity: int) -> Iterator[Order]:
+def _chained(
+    planned: Planned, key: Expr, writes: list[_Write], capacity: int
+) -> Iterator[OrderConstraint]:
     """Whose units an activity takes over (chaining: Policella et al. 2004)."""
     amount: dict[str, int] = {}
     for w in writes:
@@ -249,7 +251,7 @@ def _chained(planned: Planned, key: Expr, writes: list[_Write], capacity: int) -
         for one, two in itertools.combinations(users, 2):
             need = Difference(("end", one), ("start", two), 0)
             instead = Difference(("end", two), ("start", one), 0)
-            yield Order(need, "resource", f"{two} takes {show(key)} after {one}", instead)
+            yield OrderConstraint(need, "resource", f"{two} takes {show(key)} after {one}", instead)
         return
     units: list[tuple[int, int, str | None]] = [(0, capacity, None)]  # free since, how many, after
     for name in users:
@@ -268,6 +270,8 @@ def _chained(planned: Planned, key: Expr, writes: list[_Write], capacity: int) -
             units.append((end, used, name))
             if last is not None:
                 need = Difference(("end", last), ("start", name), 0)
-                yield Order(need, "resource", f"{name} takes {show(key)} over from {last}")
+                yield OrderConstraint(
+                    need, "resource", f"{name} takes {show(key)} over from {last}"
+                )
         if left:
             raise ProblemError(f"the plan takes more of {show(key)} than there is, in {name}")

@@ -17,11 +17,7 @@ from ortools.sat.python import cp_model
 from up_samp.scheduling.cpsat.routing.dispatch import Work
 from up_samp.scheduling.cpsat.routing.programme import cost, way_back
 from up_samp.scheduling.cpsat.routing.route import INFINITE, Route
-
-EFFORT = 0.5
-"""Of one proof, in CP-SAT's deterministic time."""
-MOST_SETS = 20_000
-"""Sets of tasks that one proof may look at."""
+from up_samp.scheduling.cpsat.tuning import BoundsTuning
 
 
 @dataclass(frozen=True)
@@ -98,30 +94,34 @@ def _share(
 
 
 def bound_by_assignment(
-    work: Work, known: int, seed: int = 0, over: Callable[[], bool] = lambda: False
+    work: Work,
+    known: int,
+    over: Callable[[], bool] = lambda: False,
+    tuning: BoundsTuning | None = None,
 ) -> int:
     """Return a lower bound on the makespan, at least ``known``: the first that is not refuted, or
     less if the time is ``over``.
     """
+    tuning = tuning or BoundsTuning()
     costs = shares(work)
     if not costs or any(not mine for mine in costs):
         return known
     most = max(known, sum(max(share.most for share in mine.values()) for mine in costs))
     low = max(known, max(min(s.least for s in mine.values()) for mine in costs))
     step = 1
-    while low < most and not over() and _refuted(costs, low + step - 1, seed):
+    while low < most and not over() and _refuted(costs, low + step - 1, tuning):
         low, step = low + step, 2 * step
     high = low + step - 1
     while low < high and not over():
         middle = (low + high - 1) // 2
-        if _refuted(costs, middle, seed):
+        if _refuted(costs, middle, tuning):
             low = middle + 1
         else:
             high = middle
     return low
 
 
-def _refuted(costs: list[dict[int, Share]], end: int, seed: int) -> bool:
+def _refuted(costs: list[dict[int, Share]], end: int, tuning: BoundsTuning) -> bool:
     """Return whether it is proven that the travellers cannot share all tasks and end by ``end``.
 
     Whoever does some tasks by then does one of the sets that are possible and as large as can be.
@@ -130,7 +130,7 @@ def _refuted(costs: list[dict[int, Share]], end: int, seed: int) -> bool:
     done: list[list[cp_model.IntVar]] = [[] for _ in costs]
     count = 0
     for axis in sorted({axis for mine in costs for axis in mine}):
-        sets = _possible(costs, axis, end, MOST_SETS - count)
+        sets = _possible(costs, axis, end, tuning.sets - count)
         if sets is None:
             return False
         count += len(sets)
@@ -144,9 +144,8 @@ def _refuted(costs: list[dict[int, Share]], end: int, seed: int) -> bool:
         model.add_bool_or(options)
     solver = cp_model.CpSolver()
     solver.parameters.num_workers = 1
-    solver.parameters.random_seed = seed
     solver.parameters.linearization_level = 2
-    solver.parameters.max_deterministic_time = EFFORT
+    solver.parameters.max_deterministic_time = tuning.cover
     return bool(solver.solve(model) == cp_model.INFEASIBLE)
 
 

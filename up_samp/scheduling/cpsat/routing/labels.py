@@ -12,16 +12,7 @@ from typing import Any
 
 import numpy as np
 
-
-@dataclass(frozen=True)
-class Near:
-    """With how many before it each label is compared, and how often again while some fall away."""
-
-    labels: int
-    rounds: int = 6
-
-
-NEAR = Near(24)
+from up_samp.scheduling.cpsat.tuning import BoundsTuning
 
 
 @dataclass(frozen=True)
@@ -86,7 +77,7 @@ class Labels:
         columns = zip(*(labels._columns() for labels in some), strict=True)
         return Labels(*(np.concatenate(column) for column in columns))
 
-    def undominated(self, near: Near, over: Callable[[], bool] = lambda: False) -> Labels:
+    def undominated(self, tuning: BoundsTuning, over: Callable[[], bool] = lambda: False) -> Labels:
         """Return the labels without those that another one is at least as good as: the same is
         done by the same, nothing later, nobody further on its way, with no more moves used up.
 
@@ -96,15 +87,15 @@ class Labels:
         """
         sums = self.free.sum(1) + self.leave.sum(1) + self.ready.sum((1, 2), dtype=np.int64)
         mine = self.rows(np.lexsort((sums, *self.last.T, self.done)))
-        first, last = 1, near.labels
-        for _ in range(near.rounds):
+        first, last = 1, tuning.near
+        for _ in range(tuning.near_rounds):
             worse = mine._worse(range(first, last + 1), over)
             left = len(mine) - int(worse.sum())
             if left == len(mine) or over():
                 break
             # those that were further off are nearer now
             first, mine = 1 + last * left // len(mine), mine.rows(~worse)
-            last = first + near.labels
+            last = first + tuning.near
         return mine
 
     def _worse(self, shifts: range, over: Callable[[], bool]) -> Any:

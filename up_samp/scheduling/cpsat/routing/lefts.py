@@ -20,6 +20,7 @@ from up_samp.scheduling.cpsat.routing.dispatch import Memory
 from up_samp.scheduling.cpsat.routing.programme import Programme
 from up_samp.scheduling.cpsat.routing.rules import Rules
 from up_samp.scheduling.cpsat.routing.sequences import Sequences
+from up_samp.scheduling.cpsat.tuning import BoundsTuning
 
 
 def aside_of(programme: Programme) -> int:
@@ -39,7 +40,11 @@ def aside_of(programme: Programme) -> int:
 
 
 def with_lefts(
-    rules: Rules, most: int, over: Callable[[], bool], memory: Memory | None = None
+    rules: Rules,
+    most: int,
+    over: Callable[[], bool],
+    memory: Memory | None = None,
+    tuning: BoundsTuning | None = None,
 ) -> Rules:
     """Return the rules with what is left of each set of tasks, as far as ``most`` beginnings and
     the time allow to find it out. ``memory``: what was found out for the same tasks when no more
@@ -50,7 +55,7 @@ def with_lefts(
     if free is None:
         return rules
     free = replace(free, aside=aside, lefts=rules.lefts.copy())
-    looked = Sequences(free, most)
+    looked = Sequences(free, most, tuning=tuning or BoundsTuning())
     sets = [int(done) for done in rules.sets if int(done) & aside == aside]
     found = {} if memory is None else memory.setdefault(_names(rules, aside), {})
     for done in sorted(sets, key=lambda some: -some.bit_count()):

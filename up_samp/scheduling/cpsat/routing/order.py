@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from up_samp.scheduling.cpsat.encode.forms import Cmp, Form
 
 
-class Order:
+class PrecedenceClosure:
     """What follows from unconditional differences between the times of activities.
 
     :param forms: all that is stated; only ``u + k <= v`` (k > 0), said without condition, counts.

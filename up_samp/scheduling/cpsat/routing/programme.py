@@ -17,9 +17,6 @@ from up_samp.scheduling.cpsat.routing.dispatch import Work
 from up_samp.scheduling.cpsat.routing.openings import RoutedTask
 from up_samp.scheduling.cpsat.routing.route import INFINITE, Route
 
-MOST_STATES = 2_000_000
-"""States of the dynamic programme; more of them take longer than they are worth."""
-
 
 def cost(route: Route, here: int, place: int, stop: str, *, first: bool) -> int:
     """Return the least time from the end of what is done ``here`` until ``stop`` begins."""
@@ -55,8 +52,10 @@ class Programme:
     spots: list[list[int]]
 
     @staticmethod
-    def of(work: Work, *, doors: bool = True) -> Programme | None:
-        """Return the programme, ``None`` if it would be too large; with what opens ``doors``."""
+    def of(work: Work, most: int, *, doors: bool = True) -> Programme | None:
+        """Return the programme, ``None`` if it has more than ``most`` states; with what opens
+        ``doors``.
+        """
         wanted = [i for i, task in enumerate(work.tasks) if task.wanted or (doors and task.needed)]
         number = {task: k for k, task in enumerate(wanted)}
         before = [0] * len(wanted)
@@ -69,7 +68,7 @@ class Programme:
             for route, _, places in work.tasks[task].ways:
                 spots[route] |= places
         positions = math.prod(len(some) + 1 for some in spots)
-        layers = _ideals(before, MOST_STATES // positions)
+        layers = _ideals(before, most // positions)
         if not wanted or layers is None:
             return None
         tasks = [work.tasks[t] for t in wanted]

@@ -37,7 +37,7 @@ from up_samp.scheduling.cpsat.routing.expand import changes_by_name, expand
 from up_samp.scheduling.cpsat.routing.legs import Arc, Legs, Travel, entry_form
 from up_samp.scheduling.cpsat.routing.levels import Course, find_levels
 from up_samp.scheduling.cpsat.routing.once import opened_once
-from up_samp.scheduling.cpsat.routing.order import Order
+from up_samp.scheduling.cpsat.routing.order import PrecedenceClosure
 from up_samp.scheduling.cpsat.routing.reduce import without
 from up_samp.scheduling.cpsat.routing.route import INFINITE, Entry, Route
 from up_samp.scheduling.cpsat.routing.unit_places import find_unit_places
@@ -66,7 +66,7 @@ class RoutingRelaxation:
         self.units = find_unit_places(full, routes)
         self._legs = Legs(self.model.store, self.model.limit, self.units, routes)
         self._forms: list[Form] = []
-        self._order = Order(self.model.stated)
+        self._order = PrecedenceClosure(self.model.stated)
         for route in routes:
             self._circuit(route)
         for form in merge_forms(self._forms, self.model.exact):

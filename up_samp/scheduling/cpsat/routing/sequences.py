@@ -28,32 +28,19 @@ from functools import cached_property
 
 import numpy as np
 
-from up_samp.scheduling.cpsat.routing.labels import NEAR, Labels
+from up_samp.scheduling.cpsat.routing.labels import Labels
 from up_samp.scheduling.cpsat.routing.rules import Rules
 from up_samp.scheduling.cpsat.routing.steps import Steps
 from up_samp.scheduling.cpsat.routing.twins import Twins
 from up_samp.scheduling.cpsat.routing.ways import NEVER
+from up_samp.scheduling.cpsat.tuning import BoundsTuning
 
 Found = list[tuple[int, int]]
 """(choice, start) of the tasks of a sequence, in its order."""
 
 
-@dataclass(frozen=True)
-class Efforts:
-    """How much is looked at how. ``at_once``: beginnings that are looked at before the clock is.
-    ``steep``: how many times as many labels the next proof may cost; up to ``cheap`` ones cost
-    next to nothing. ``kept``: sequences that are told of. ``unaided``: beginnings that are looked
-    at before it is worth finding out how long what is left takes (:mod:`.lefts`).
-    """
-
-    at_once: int = 200_000
-    steep: int = 4
-    cheap: int = 2_000
-    kept: int = 4
-    unaided: int = 100_000
-
-
-EFFORTS = Efforts()
+_AT_ONCE = 200_000
+"""Beginnings that are looked at before the clock is."""
 
 
 @dataclass(frozen=True)
@@ -71,16 +58,17 @@ class Sequences:
     """Tasks (bits) that were done before, with everybody wherever it likes now (``None``: nothing
     was done, and everybody is where it begins).
     """
+    tuning: BoundsTuning = field(default_factory=BoundsTuning)
 
     def plain(self) -> Sequences:
         """Return the same with no regard to changes and to moves that happen once: it bounds less,
         but its labels are fewer, and go further where they are too many. It may look at a fifth.
         """
-        return Sequences(self.rules.plain(), self.most // 5)
+        return Sequences(self.rules.plain(), self.most // 5, tuning=self.tuning)
 
     def anew(self, most: int) -> Sequences:
         """Return the same with nothing looked at or found."""
-        return Sequences(self.rules, most)
+        return Sequences(self.rules, most, tuning=self.tuning)
 
     @property
     def is_spent(self) -> bool:
@@ -110,8 +98,8 @@ class Sequences:
             following: list[Labels] = []
             layers.append(labels.bare())
             labels = labels.numbered()
-            for start in range(0, len(labels), EFFORTS.at_once):
-                some = labels.rows(slice(start, start + EFFORTS.at_once))
+            for start in range(0, len(labels), _AT_ONCE):
+                some = labels.rows(slice(start, start + _AT_ONCE))
                 for choice in range(len(self.rules.choices)):
                     if over() or self.is_spent:
                         return False
@@ -121,12 +109,12 @@ class Sequences:
             labels = steps.hopeful(Labels.joined(following)) if following else labels.rows([])
             if not len(labels):
                 return None
-            labels = self.twins.ordered(labels).undominated(NEAR, over)
+            labels = self.twins.ordered(labels).undominated(self.tuning, over)
             if 0 < width < len(labels):
                 total = labels.spent.sum(1) + self.rules.rest(labels.done, labels.last)
                 labels = labels.rows(np.sort(np.argsort(total, kind="stable")[:width]))
         ends = labels.free.max(1)
-        order = np.argsort(ends, kind="stable")[: EFFORTS.kept]
+        order = np.argsort(ends, kind="stable")[: self.tuning.kept]
         self.found[:] = [self._path([*layers, labels], int(row)) for row in order]
         return True
 
@@ -169,14 +157,14 @@ def raised(sequences: Sequences, known: int, over: Callable[[], bool], value: in
         if sequences.refuted(end, over):
             low = end + 1
             costs.append((end, sequences.seen[0] - before))
-            step = _step(costs, sequences.most - sequences.seen[0])
+            step = _step(costs, sequences.most - sequences.seen[0], sequences.tuning)
         else:
             high = end
             step = max(1, (high - low + 1) // 2)
     return low
 
 
-def _step(costs: list[tuple[int, int]], left: int) -> int:
+def _step(costs: list[tuple[int, int]], left: int, tuning: BoundsTuning) -> int:
     """Return by how much more time may be refuted next: ``costs`` are the efforts so far (end,
     labels), ``left`` is what more there may be.
     """
@@ -184,5 +172,5 @@ def _step(costs: list[tuple[int, int]], left: int) -> int:
         return len(costs)
     (one, few), (other, many) = costs[-2:]
     growth = math.log(max(many, 2) / max(few, 1)) / (other - one)
-    dear = min(EFFORTS.steep * max(many, EFFORTS.cheap), left / 2)
+    dear = min(tuning.steep * max(many, tuning.cheap), left / 2)
     return max(1, int(math.log(max(1.0, dear / max(many, 1))) / max(growth, 0.05)))

@@ -22,7 +22,8 @@ from up_samp.scheduling.cpsat.routing.openings import RoutedTask
 from up_samp.scheduling.cpsat.routing.programme import Programme, cost, way_back
 from up_samp.scheduling.cpsat.routing.route import INFINITE, Route
 from up_samp.scheduling.cpsat.routing.rules import Rules
-from up_samp.scheduling.cpsat.routing.sequences import EFFORTS, Sequences, raised
+from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
+from up_samp.scheduling.cpsat.tuning import BoundsTuning
 
 
 def lanes(model: ScheduleModel, routes: list[Route]) -> list[list[int]]:
@@ -65,19 +66,20 @@ def bound_by_work(
     known: int = 0,
     over: Callable[[], bool] = lambda: False,
     *,
-    labels: int = 1_000_000,
     value: int = 0,
+    tuning: BoundsTuning | None = None,
 ) -> WorkBound:
     """Return a lower bound on the makespan; of large fleets, by who does what alone.
 
     :param known: a lower bound.
     :param over: tells that the time is up.
-    :param labels: beginnings of sequences of tasks that proofs may look at (0: there is none).
     :param value: the makespan of a schedule (0: there is none); no more is asked for.
     """
-    programme = Programme.of(work) or Programme.of(work, doors=False)
+    tuning = tuning or BoundsTuning()
+    states = tuning.states
+    programme = Programme.of(work, states) or Programme.of(work, states, doors=False)
     if programme is None:
-        return WorkBound(bound_by_assignment(work, known, over=over))
+        return WorkBound(bound_by_assignment(work, known, over, tuning))
     tables = programme.tables(over)
     if tables is None or programme.start(tables) >= INFINITE:
         return WorkBound(known)
@@ -92,12 +94,14 @@ def bound_by_work(
     rules = Rules.of(work, programme, tables)
     if rules is None:
         return WorkBound(known)
-    sequences = Sequences(rules, min(labels, EFFORTS.unaided))
+    labels = tuning.labels
+    sequences = Sequences(rules, min(labels, tuning.unaided), tuning=tuning)
     if labels:
         known = raised(sequences.plain(), known, over, value)
         known = raised(sequences, known, over, value)
-    if sequences.is_spent and labels > EFFORTS.unaided and not over():
-        sequences = Sequences(with_lefts(rules, labels // 2, over, work.lefts), labels)
+    if sequences.is_spent and labels > tuning.unaided and not over():
+        rules = with_lefts(rules, labels // 2, over, work.lefts, tuning)
+        sequences = Sequences(rules, labels, tuning=tuning)
         known = raised(sequences, known, over, value)
     return WorkBound(known, sequences)
 

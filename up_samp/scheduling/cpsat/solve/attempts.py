@@ -18,7 +18,7 @@ from up_samp.scheduling.cpsat.solve import options as profiles
 from up_samp.scheduling.cpsat.solve.options import Profile
 from up_samp.scheduling.cpsat.solve.runner import SolverAnswer, SolverRun, run
 from up_samp.scheduling.cpsat.solve.solutions import hint_values, schedule_of
-from up_samp.scheduling.cpsat.tuning import StagesTuning
+from up_samp.scheduling.cpsat.tuning import BoundsTuning, StagesTuning
 
 Progress = Callable[[CandidateSchedule, "int | None"], None]
 
@@ -32,6 +32,7 @@ class Orders:
     tuning: StagesTuning
     interrupted: threading.Event
     progress: Progress | None = None
+    bounds: BoundsTuning = field(default_factory=BoundsTuning)
 
 
 @dataclass

@@ -106,15 +106,15 @@ def _bound_by_work(search: Solve) -> None:
     whole = search.whole
     assert search.work is not None
     ends = search.share(whole.orders.tuning.bound_share).expired
-    tuning = whole.orders.tuning
-    labels = tuning.bound_labels_again if search.again else tuning.bound_labels
-    labels = labels if search.optimal else 0
+    tuning = whole.orders.bounds
+    labels = tuning.labels_again if search.again else tuning.labels
+    tuning = replace(tuning, labels=labels if search.optimal else 0)
     found = bound_by_work(
-        whole.model, search.work, whole.bound, ends, labels=labels, value=whole.value
+        whole.model, search.work, whole.bound, ends, value=whole.value, tuning=tuning
     )
     whole.bound, search.sequences = found.value, found.sequences
     some = found.sequences
-    search.bounded = labels > 0 and some is not None and (bool(some.found) or some.is_spent)
+    search.bounded = tuning.labels > 0 and some is not None and (bool(some.found) or some.is_spent)
 
 
 def _met_by(search: Solve) -> bool:
