@@ -128,7 +128,7 @@ def test_every_fleet_that_parks_out_of_the_way_gets_a_plan(seed):
     search, itinerary, build = opened(problem, seed)
     found = plan_tours(search, itinerary, Deadline.after(100))
     assert found is not None
-    _, done = found
+    done = found.decided
     whole = build(done.schedule, done.trajectories())
     assert validate_plan(problem, whole).violations == ()
 
@@ -161,7 +161,7 @@ def test_needless_ways_home_are_left_out_of_plans():
     problem = warehouse(3, 5, encoding="compact")
     search, itinerary, build = opened(problem, 0)
     homes = homes_of(find_jobs(problem, read_problem(problem)))
-    _, done = plan_tours(search, itinerary, Deadline.after(100), homes=homes)
+    done = plan_tours(search, itinerary, Deadline.after(100), homes=homes).decided
     assert done.needless
     assert all(name.startswith("leave_") for name in done.needless)
     assert done.lean().makespan < done.schedule.makespan

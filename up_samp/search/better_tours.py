@@ -1,11 +1,12 @@
 """Better plans of a fleet: some tours are withdrawn and decided anew among the others.
 
-Large-neighbourhood search (Shaw 1998; for paths of many robots: Li et al., "Anytime Multi-Agent
-Path Finding via Large Neighborhood Search", IJCAI 2021). One of the tours that end last is decided
-anew, with some of those that delay it or with any others, in a random order or in the order of
-time; or its robot gives a job to another one, or exchanges one with it. What is not withdrawn stays
-as it is, motions and times. A change is kept if the plan gets shorter, or if it does not and its
-tours do on the whole.
+First all tours are decided again and again (:mod:`up_samp.search.better_rounds`), if that is how
+they were found, until that brings nothing any more. Then comes a large-neighbourhood search (Shaw
+1998; for paths of many robots: Li et al., "Anytime Multi-Agent Path Finding via Large Neighborhood
+Search", IJCAI 2021). One of the tours that end last is decided anew, with some of those that delay
+it or with any others, in a random order or in the order of time; or its robot gives a job to
+another one, or exchanges one with it. What is not withdrawn stays as it is, motions and times. A
+change is kept if the plan gets shorter, or if it does not and its tours do on the whole.
 """
 
 from __future__ import annotations
@@ -15,11 +16,12 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from up_samp.model import Deadline
+from up_samp.search.better_rounds import BetterRounds
 from up_samp.search.deals import Deal
 from up_samp.search.decided import Decided
 from up_samp.search.rehearsal import Step
 from up_samp.search.tours_in_turns import ToursInTurns
-from up_samp.search.tuning import LargeTuning
+from up_samp.search.tuning import LargeTuning, RoundsTuning
 
 OpenTours = Callable[[Deal, Deadline], ToursInTurns | None]
 """Opens tours of what was dealt out, with nothing decided; None where they cannot be."""
@@ -39,9 +41,23 @@ class Better:
     """Exchanges of jobs that did not help since the last change."""
     delays: dict[str, set[str]] = field(default_factory=dict)
     """Who delays a robot, as far as that was asked since the last change."""
+    ahead: Mapping[str, float] | None = None
+    """How much sooner (s) robots had their turns in the round that these tours are of, if any."""
+    rounds: RoundsTuning = field(default_factory=RoundsTuning)
 
     def improved(self, over: Callable[[], bool], deadline: Deadline) -> Iterator[Decided]:
         """Yield tours that are over sooner than all before, until it is ``over``."""
+        if self.ahead is not None:
+            steep, ahead = self.dealt.tuning.steep, self.ahead
+            rounds = BetterRounds(self.tours, self.best, ahead, self.rounds, steep, self.rng)
+            for found in rounds.improved(over, deadline):
+                self._keep(found)
+                yield found
+            self._keep(rounds.best)
+        yield from self._changed(over, deadline)
+
+    def _changed(self, over: Callable[[], bool], deadline: Deadline) -> Iterator[Decided]:
+        """Yield the same, with a few tours decided anew at a time."""
         stale = 0
         while stale < self.tuning.stale and not over():
             change = self._other_jobs if self.rng.random() < self.tuning.jobs else self._other_order

@@ -23,15 +23,25 @@ from up_samp.search.tuning import ToursTuning
 from up_samp.upio import Itinerary
 
 
+@dataclass(frozen=True)
+class FirstTours:
+    """Tours and the best way to decide them that was found. ``ahead``: how much sooner (s) robots
+    had their turns than they would, None if they had none.
+    """
+
+    tours: ToursInTurns
+    decided: Decided
+    ahead: Mapping[str, float] | None
+
+
 def plan_tours(
     search: Search,
     itinerary: Itinerary,
     deadline: Deadline,
     *,
     homes: frozenset[str] = frozenset(),
-) -> tuple[ToursInTurns, Decided] | None:
-    """Return the tours of a candidate, and the best way to decide them that was found; None where
-    there is none.
+) -> FirstTours | None:
+    """Return the tours of a candidate, decided; None where there is no way to do that.
 
     :param homes: motions at the end of tours that may be left out where nobody needs them.
     """
@@ -41,10 +51,12 @@ def plan_tours(
         tours = undecided_tours(search, itinerary, homes)
         if tours is None:
             return None
-        best = Rounds(tours, tuning, random.Random(search.seed)).best(deadline)
-        if best is None and _whole(tours, tuning.orders, deadline):
-            best = tours.decided()
-    return None if best is None else (tours, best)
+        rounds = Rounds(tours, tuning, random.Random(search.seed))
+        best = rounds.best(deadline)
+        if best is not None:
+            return FirstTours(tours, best, rounds.good)
+        whole = _whole(tours, tuning.orders, deadline)
+    return FirstTours(tours, tours.decided(), None) if whole else None
 
 
 def undecided_tours(

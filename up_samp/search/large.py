@@ -173,9 +173,10 @@ def plan_of_deal(
         built = build(inner, itinerary)
         plan = None if built is None else search.plan_of(built.schedule, built.trajectories)
         return None if plan is None or search.judged(plan.plan) else Found(plan, None)
-    tours, decided = found
-    rng = random.Random(search.seed)
-    better = Better(dealt, tours, decided, partial(open_tours, large), large.tuning, rng)
+    rng, again = random.Random(search.seed), partial(open_tours, large)
+    better = Better(dealt, found.tours, found.decided, again, large.tuning, rng)
+    if found.ahead is not None:
+        better.ahead, better.rounds = found.ahead, search.tuning.rounds
     plan = plan_of_tours(search, better.polished(large.tuning.polish, deadline))
     return None if plan is None else Found(plan, better)
 

@@ -19,7 +19,7 @@ from __future__ import annotations
 import enum
 import math
 from collections import defaultdict
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from up_samp.model import Deadline, TimedMotion
@@ -67,6 +67,8 @@ class Tours(Decisions):
         self._tries = 0
         self.looks = self._tours.looks
         """How often other ways from pose to pose are looked for, if one is known."""
+        self.looking: Mapping[str, int] = {}
+        """The same for some motions, by activity."""
         self._past = Past.ANY
         self.limit = math.inf
         """When all tours have to be over (units)."""
@@ -94,15 +96,30 @@ class Tours(Decisions):
     def delaying(self, decided: Decided, robot: str, deadline: Deadline) -> set[str]:
         """Return who is in the way of a robot's motions that take longer than they would alone."""
         found = set[str]()
+        for motion, delay in self._delayed(decided, robot):
+            if delay > self._tuning.grace:
+                found |= self._floor.in_the_way(motion, deadline)
+        return found & self._chains.keys() - {robot}
+
+    def delays(self, decided: Decided, robot: str) -> dict[str, float]:
+        """Return by how much (s) a robot's motions end later than if nobody was in their way."""
+        return {motion.name: delay for motion, delay in self._delayed(decided, robot)}
+
+    def looked(self, name: str) -> int:
+        """Return how often other ways were looked for from where to where a motion goes."""
+        return self._floor.ways(self._timed_as(name, 0.0)).looks
+
+    def _delayed(self, decided: Decided, robot: str) -> Iterator[tuple[TimedMotion, float]]:
+        """Yield a robot's motions, each while all before it is decided, with what (s) they take
+        longer than alone.
+        """
         if not self.adopt(decided, [robot]):
-            return found
+            return
         for name in self._chains[robot]:
             motion, run = self._timed(name), decided.runs[name]
-            if run.arrival > motion.release + self._least(name) + self._tuning.grace:
-                found |= self._floor.in_the_way(motion, deadline)
+            yield motion, run.arrival - motion.release - self._least(name)
             if not self._take(name, replace(run, until=math.inf)):
-                break
-        return found & self._chains.keys() - {robot}
+                return
 
     def begin_anew(self, first: Sequence[str], deadline: Deadline) -> None:
         """Decide the tours of ``first`` before all others, of which those stay decided that are in
@@ -278,7 +295,7 @@ class Tours(Decisions):
             quick = self._past is Past.QUICK
             best = self._floor.past_all_ends(asked, deadline, quick=quick)
         hard = best is None and until == math.inf and self._past is Past.ANY
-        most = self.looks + hard
+        most = self.looking.get(name, self.looks) + hard
         if ways.looks < most and (best is None or best.arrival > due):
             ways.looks += 1
             best = sooner(best, self._look(asked, deadline))

@@ -9,6 +9,7 @@ endpoints where agents wait for the token.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 from up_samp.model import Deadline
@@ -33,6 +34,8 @@ class ToursInTurns(Tours):
         """
         self.ahead: Mapping[str, float] = {}
         """By how much (s) a robot's turn comes sooner than it does to the next place."""
+        self.latest = math.inf
+        """Everything is given up once somebody cannot be done by then (units)."""
 
     def decide_in_turns(self, first: Sequence[str], deadline: Deadline) -> str | None:
         """Decide all tours that are not decided piece by piece in the order of time, those of
@@ -50,6 +53,8 @@ class ToursInTurns(Tours):
             turn = min(ready)[1] if ready else None
             end = End.STUCK if turn is None else self._decide(pieces[turn], deadline)
             if end is End.DECIDED:
+                if turn is not None and self._done(self._chains[turn]) > self.latest:
+                    return turn
                 self._past = self.past
                 asleep.clear()
             elif self._past is not Past.ANY and (turn is None or end is End.LATE):

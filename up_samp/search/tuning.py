@@ -302,6 +302,23 @@ class LargeTuning(Tunables):
 
 
 @dataclass(frozen=True)
+class RoundsTuning(Tunables):
+    """Rounds in the order of time, again and again (``search/better_rounds.py``)."""
+
+    stale: int = tunable(150, "rounds", "in a row that may bring nothing better", least=0)
+    turns: tuple[int, ...] = tunable(
+        (1, 1, 2, 3, 5), "robots", "whose turns change in a round: one of these", least=1
+    )
+    sooner: float = tunable(10.0, "s", "at most, by which turns come sooner or later", least=0)
+    looking: float = share_of(0.3, "of the rounds, in which other ways are looked for")
+    both: float = share_of(0.5, "of those, in which turns change, too")
+    motions: int = tunable(2, "motions", "of a robot that look for other ways at once", least=1)
+    delayed: float = tunable(
+        6.0, "s", "by which a motion takes longer than alone, if it looks for other ways", least=0
+    )
+
+
+@dataclass(frozen=True)
 class SlackTuning(Tunables):
     """More time for motions than they need alone (``search/slack.py``)."""
 
@@ -388,6 +405,7 @@ class SearchTuning(Tunables):
     tours: ToursTuning = field(default_factory=ToursTuning)
     deals: DealsTuning = field(default_factory=DealsTuning)
     large: LargeTuning = field(default_factory=LargeTuning)
+    rounds: RoundsTuning = field(default_factory=RoundsTuning)
     start: StartTuning = field(default_factory=StartTuning)
     slack: SlackTuning = field(default_factory=SlackTuning)
     neighbourhoods: NeighbourhoodsTuning = field(default_factory=NeighbourhoodsTuning)
