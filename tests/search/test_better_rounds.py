@@ -27,9 +27,7 @@ def first_rounds(size, seed=0):
 
 def rounds_of(found, *, stale=12, seed=0):
     tuning = RoundsTuning(stale=stale, delayed=1.0)
-    return BetterRounds(
-        found.tours, found.decided, found.ahead, tuning, STEEP, random.Random(seed)
-    )
+    return BetterRounds(found.tours, found.decided, found.ahead, tuning, STEEP, random.Random(seed))
 
 
 def test_rounds_get_better_and_each_is_a_plan():
