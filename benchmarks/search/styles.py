@@ -35,7 +35,7 @@ from up_samp.model import MotionModel
 from up_samp.motion.compile import precompile
 
 warnings.simplefilter("ignore")
-STYLES = {str(style): style for style in (*ALIKE, *OTHERS)}
+STYLES = {str(style): style for style in (*ALIKE, *OTHERS, MotionStyle(moves="go"))}
 
 
 def main() -> None:

@@ -2,6 +2,8 @@
 routes, lengths, doors that are needed open, places for one, tasks and who may do them.
 """
 
+from dataclasses import replace
+
 import pytest
 
 from tests.metamorphic.motions import ALIKE, OTHERS, MotionStyle
@@ -47,6 +49,20 @@ def differing(site, styles, folder):
 @pytest.mark.parametrize("family", SMALL)
 def test_the_same_is_recognised_in_styles_that_mean_the_same(family, tmp_path):
     assert differing(SMALL[family](), FEW + BUSY, tmp_path) == []
+
+
+@pytest.mark.parametrize("family", SMALL)
+def test_moves_whose_ends_are_both_parameters_are_recognised(family, tmp_path):
+    """But that each of them keeps still the doors which it does not go through."""
+    plain, free = (
+        structures(SMALL[family](), style, tmp_path)
+        for style in (MotionStyle(), MotionStyle(moves="go"))
+    )
+    same = [
+        replace(some, routes=frozenset((*r[:5], *r[6:]) for r in some.routes))
+        for some in (plain, free)
+    ]
+    assert same[0] == same[1]
 
 
 @pytest.mark.long

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
@@ -28,7 +29,7 @@ class Lengths:
     def __init__(self, model: ScheduleModel, variables: Iterable[int]) -> None:
         self._model = model
         self._names = {var: name for name, (var, _, _) in model.parameters.items()}
-        self._with: dict[tuple[int, int], list[Form]] = {}
+        self._with: dict[frozenset[tuple[int, int]], list[Form]] = {}
         self._others: dict[int, list[Form]] = {}
         asked = frozenset(variables)
         owners = _Owners(model)
@@ -37,10 +38,10 @@ class Lengths:
             found = asked & _variables(form) if owners.at_most_one(form) else None
             if not found:
                 continue
-            # what says nothing but of one value is looked at for that only
-            item = next((i for i in _unless(form) if i[0] in asked), None)
-            if item is not None:
-                self._with.setdefault(item, []).append(form)
+            # what says nothing but of some values is looked at for these only
+            items = frozenset(_unless(form))
+            if items:
+                self._with.setdefault(items, []).append(form)
                 continue
             for var in found:
                 self._others.setdefault(var, []).append(form)
@@ -48,10 +49,11 @@ class Lengths:
     def least(self, activity: ActivityVars, values: Values) -> int:
         """Return how long an activity lasts at least with ``values``; INFINITE if it cannot."""
         least = max(activity.least, self._by_fluents(activity, values))
-        for item in values.items():
-            for form in (*self._with.get(item, ()), *self._others.get(item[0], ())):
-                least = max(least, _implied(form, activity, values))
-        return least
+        some = [*values.items()]
+        parts = (p for n in range(len(some)) for p in itertools.combinations(some, n + 1))
+        forms = [form for part in parts for form in self._with.get(frozenset(part), ())]
+        forms += [form for var in values for form in self._others.get(var, ())]
+        return max([least, *(_implied(form, activity, values) for form in forms)])
 
     def _by_fluents(self, activity: ActivityVars, values: Values) -> int:
         """Return the duration's lower bound where it is told by fluents that never change."""

@@ -280,6 +280,7 @@ class Attempts:
     def _set_hints(self, model: Any) -> None:
         """Give the model what is known as hints."""
         model.clear_hints()
-        for var, value in sorted(self.known.items()):
-            position = self.model.store.position(var)
-            model.add_hint(model.get_int_var_from_proto_index(position), value)
+        some = sorted(self.known.items())
+        hint = model.proto.solution_hint  # one by one takes a hundred times as long
+        hint.vars.extend([self.model.store.position(var) for var, _ in some])
+        hint.values.extend([value for _, value in some])
