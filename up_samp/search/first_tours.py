@@ -1,7 +1,8 @@
 """First tours of a candidate: in the order of time, or else whole, one robot after the other.
 
-In the order of time all tours are decided again and again, on the ways that are known: that takes a
-hundredth of the time that it takes to look for ways. Those that ended late have their turns sooner
+Ways past the places where others stand are looked for first. Then, in the order of time, all tours
+are decided again and again, on the ways that are known: that takes a hundredth of the time that it
+takes to look for ways. Those that ended late have their turns sooner
 in the next round (squeaky wheel optimisation; Joslin and Clements, JAIR 1999), and now and then
 they look for other ways. Who finds no tour, or misses what is due, goes before all others.
 """
@@ -51,6 +52,7 @@ def plan_tours(
         tours = undecided_tours(search, itinerary, homes)
         if tours is None:
             return None
+        tours.learn_ways_past(tuning.past, deadline)
         rounds = Rounds(tours, tuning, random.Random(search.seed))
         best = rounds.best(deadline)
         if best is not None:
@@ -90,12 +92,13 @@ class Rounds:
     def best(self, deadline: Deadline) -> Decided | None:
         """Return the tours of the best round, if any round brought some."""
         tours, tuning, best = self.tours, self.tuning, None
-        looks = tours.looks
+        usual = tours.looks
         for number in range(tuning.rounds):
             if deadline.expired():
                 break
             looking, more = divmod(number, tuning.each)
-            tours.looks, tours.past = (0, Past.NONE) if more else (looking, Past.QUICK)
+            looks = looking if not more else 0
+            tours.looks, tours.past = looks, Past.QUICK if looks else Past.NONE
             found = self._round(deadline)
             if found is None and best is None and number + 1 >= tuning.hopeless:
                 break
@@ -103,7 +106,7 @@ class Rounds:
                 best, self.good = found, dict(tours.ahead)
             if found is not None:
                 self._hear(found.ends())
-        tours.looks, tours.past, tours.ahead = looks, Past.NONE, {}
+        tours.looks, tours.past, tours.ahead = usual, Past.NONE, {}
         return best
 
     def _round(self, deadline: Deadline) -> Decided | None:

@@ -78,6 +78,19 @@ class Tours(Decisions):
         """All robots that drive."""
         return sorted(self._chains)
 
+    def learn_ways_past(self, tries: int, deadline: Deadline) -> None:
+        """Let all motions know ways past the places where others of these tours may stand.
+
+        :param tries: so many ways are looked for, for each.
+        """
+        bodies = {name: self._facts.body(motion) for name, motion in self._motions.items()}
+        where = {(bodies[n].footprint, m.poses[-1]): n for n, m in sorted(self._motions.items())}
+        stands = [(bodies[name], pose) for (_, pose), name in where.items()]
+        for name in sorted(self._motions):
+            if deadline.expired():
+                return
+            self._floor.learn_ways_past(self._timed_as(name, 0.0), stands, deadline, tries)
+
     def reset(self) -> None:
         """Let nothing be decided."""
         self._times.restore(self._begun)

@@ -179,10 +179,13 @@ class InOrderTuning(Tunables):
 class ToursTuning(Tunables):
     """Whole tours decided one robot after the other (``search/tours.py``)."""
 
-    rounds: int = tunable(
-        12, "rounds", "in which all tours are decided in the order of time", least=0
+    past: int = tunable(
+        2, "ways", "past the places where others stand, that are looked for first", least=0
     )
-    each: int = tunable(8, "rounds", "after which other ways are looked for in one", least=1)
+    rounds: int = tunable(
+        16, "rounds", "in which all tours are decided in the order of time", least=0
+    )
+    each: int = tunable(16, "rounds", "after which other ways are looked for in one", least=1)
     hopeless: int = tunable(
         6, "rounds", "without tours, after which they are decided whole", least=1
     )

@@ -16,6 +16,7 @@ from dataclasses import replace
 from up_samp.model import Body, Configuration, Deadline, Placed, Rest, TimedMotion
 from up_samp.motion.fleet.detours import is_good, met_at_full_speed
 from up_samp.motion.fleet.one_robot import Attempt, plan_one
+from up_samp.motion.fleet.past_stands import Stand, ways_past
 from up_samp.motion.fleet.paths import Path
 from up_samp.motion.fleet.priority_search import Group, alone, climb
 from up_samp.motion.fleet.timed_path import TimedPath, avoids, pair_flags, pose_at
@@ -88,6 +89,21 @@ class Committed:
             if is_good(best, motion):
                 break
         return best
+
+    def learn_ways_past(
+        self, motion: TimedMotion, stands: Sequence[Stand], deadline: Deadline, tries: int
+    ) -> None:
+        """Look for ways of a motion past the places where others may stand, once; they are known
+        ways then.
+        """
+        ways = self.ways(motion)
+        if ways.past or not ways.paths:
+            return
+        ways.past = True
+        best = ways.quickest_first()[0]
+        asked = motion.poses, best, stands, deadline
+        for path in ways_past(self._workspace, *asked, tries=tries):
+            ways.paths.setdefault(path.number, path)
 
     def in_the_way(self, motion: TimedMotion, deadline: Deadline) -> set[str]:
         """Return who is met if a motion drives its best path as soon as it may."""

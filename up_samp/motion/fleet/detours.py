@@ -144,14 +144,14 @@ def _virtual_obstacles(
             if not near or float(np.hypot(*(row[:2] - last))) < copies * other.path.hull.radius:
                 continue
             pose = (float(row[0]), float(row[1]), math.atan2(row[3], row[2]))
-            if _crowds(workspace, path, pose, other.path):
+            if crowds(workspace, path, pose, other.path):
                 continue
             last = row[:2]
             virtual.append(Placed(f"{other.object}~{j}", other.path.body, pose))
     return virtual
 
 
-def _crowds(workspace: Workspace, path: Path, pose: Configuration, other: Path) -> bool:
+def crowds(workspace: Workspace, path: Path, pose: Configuration, other: Path) -> bool:
     """Return whether the body of ``other``, at a pose, is near an end of a path."""
     enough = workspace.margin + CLEARANCES.room
     return any(

@@ -77,10 +77,13 @@ def fleet_tuning(service: PathPlanner) -> FleetTuning:
 
 @dataclass
 class Ways:
-    """Paths from pose to pose that were of use, by number, and how often others were looked for."""
+    """Paths from pose to pose that were of use, by number, how often others were looked for, and
+    whether ways past the places where others may stand were.
+    """
 
     paths: dict[int, Path] = field(default_factory=dict)
     looks: int = 0
+    past: bool = False
 
     def quickest_first(self) -> list[Path]:
         """Return the paths, those that may be the quickest first."""
