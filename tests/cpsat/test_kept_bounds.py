@@ -86,7 +86,7 @@ def followed(problem, seed, times=3):
     return kept
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_what_is_remembered_holds_for_what_is_tightened(seed):
     assert followed(Still(*gated(4000 + seed)).problem, seed) > 0
 
@@ -94,7 +94,7 @@ def test_what_is_remembered_holds_for_what_is_tightened(seed):
 @pytest.mark.long
 @pytest.mark.parametrize("block", range(10))
 def test_what_is_remembered_holds_for_much_that_is_tightened(block):
-    for seed in range(4100 + 20 * block, 4120 + 20 * block):
+    for seed in range(4100 + 6 * block, 4106 + 6 * block):
         followed(Still(*gated(seed)).problem, seed, times=4)
 
 

@@ -64,7 +64,7 @@ def test_routes_with_batteries():
 
 
 def test_routes_whose_moves_may_touch():
-    check(range(40_000, 40_000 + FEW // 2), touching=True)
+    check(range(40_000, 40_000 + FEW // 3), touching=True)
 
 
 def test_tasks_that_are_apart_by_other_gaps_for_other_travellers():
