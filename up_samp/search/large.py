@@ -219,7 +219,10 @@ def candidate_of(large: Large, dealt: Deal, deadline: Deadline) -> tuple[Search,
 def open_tours(large: Large, dealt: Deal, deadline: Deadline) -> ToursInTurns | None:
     """Return the tours of what was dealt out, none of them decided."""
     opened = candidate_of(large, dealt, deadline)
-    return None if opened is None else undecided_tours(*opened, homes_of(large.jobs))
+    tours = None if opened is None else undecided_tours(*opened, homes_of(large.jobs))
+    if opened is not None and tours is not None:
+        tours.learn_ways_past(opened[0].tuning.tours.past, deadline)
+    return tours
 
 
 def improve(search: Search, large: Large, better: Better) -> Iterator[Incumbent]:
