@@ -98,6 +98,16 @@ def test_a_problem_that_grows_between_calls(solve):
     assert third.status in (ScheduleStatus.INFEASIBLE, ScheduleStatus.NOT_FOUND)
 
 
+@pytest.mark.parametrize("times", [1_000, 100_000])
+def test_what_takes_long_is_solved_too(solve, times):
+    """Times in small units: aries has a horizon, and calls what takes longer unsolvable."""
+    report = solve(problems.fetch_and_return(times=times))
+    assert report.status in SOLVED, report.message
+    assert report.schedule.makespan >= 10 * times + 1
+    if solve.engine in PROVING:
+        assert report.schedule.makespan == 10 * times + 1
+
+
 def test_a_lower_bound_that_is_met_is_a_proof(solve):
     report = solve(problems.two_after_each_other(), lower_bound=7)
     if report.schedule.makespan == 7:

@@ -51,6 +51,9 @@ class Quirks:
     satisficing: str | None = None
 
 
+# Its time ends at 10,000 unless it is told otherwise: whatever takes longer is "unsolvable". At
+# ten times this its server crashes.
+_HORIZON = ("ARIES_PLANNING_HORIZON", "100000000")
 _ARIES = Quirks(
     optional=False,  # 0.5.0 ignores ``optional`` without a word
     assignments=True,
@@ -63,13 +66,13 @@ _ARIES = Quirks(
     message_limit=4 * 2**20,
     # some small problems crash its server ("No such key", "index out of bounds"), depending on the
     # order of the activities and the search strategy
-    fallback=(("ARIES_STRATEGIES", "forward,activity-bool-light"),),
+    fallback=(_HORIZON, ("ARIES_STRATEGIES", "forward,activity-bool-light")),
 )
 # Of its search strategies, "causal" finds first plans of SAMP relaxations far sooner than the
 # others, with which it would have to share the processor; for proofs it needs a companion.
-_ARIES_FIRST = replace(_ARIES, environment=(("ARIES_STRATEGIES", "causal"),))
+_ARIES_FIRST = replace(_ARIES, environment=(_HORIZON, ("ARIES_STRATEGIES", "causal")))
 _ARIES_PROOF = replace(
-    _ARIES, environment=(("ARIES_STRATEGIES", "causal,activity"),), satisficing="Aries"
+    _ARIES, environment=(_HORIZON, ("ARIES_STRATEGIES", "causal,activity")), satisficing="Aries"
 )
 _CPSE = Quirks(
     optional=True,
