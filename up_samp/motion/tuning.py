@@ -65,7 +65,9 @@ class LadderTuning(Tunables):
 
 @dataclass(frozen=True)
 class DetoursTuning(Tunables):
-    """Other paths for one robot (``motion/fleet/detours.py``, ``lanes.py``)."""
+    """Other paths for one robot (``motion/fleet/detours.py``, ``lanes.py``), or for two robots that
+    pass each other (``passing.py``).
+    """
 
     copies: float = tunable(
         0.8, "radii of the mover", "between the copies of it that a detour keeps clear of", least=0
@@ -73,6 +75,15 @@ class DetoursTuning(Tunables):
     lane: float = tunable(25.0, "m", "of a stretch beside which a lane is tried, at most", least=0)
     quick: float = tunable(
         0.5, "s", "for a detour where no planner stops after fixed work", least=0
+    )
+    beside: tuple[float, ...] = tunable(
+        (1.0, 1.4), "shares", "of the room that it takes at least, for two lanes in turn", least=1
+    )
+    stretch: tuple[float, ...] = tunable(
+        (2.0, 6.0),
+        "radii of both",
+        "long two lanes are in turn, a quarter of it before both meet",
+        least=0.1,
     )
 
 

@@ -97,7 +97,7 @@ def _attempts(tuning: SearchTuning) -> Sequence[tuple[Attempt, Ideas]]:
     door; what rests is in its way; it meets another one at a whole range of start offsets.
     """
     return (
-        (handover_cuts, ("profiles",)),
+        (partial(handover_cuts, tuning=tuning.handovers), ("profiles",)),
         (door_cuts, ()),
         (rest_cuts, ()),
         (partial(pair_cuts, tuning=tuning.cuts), ("profiles",)),

@@ -110,7 +110,10 @@ class HandoversTuning(Tunables):
     pairs: int = tunable(
         1500, "pairs of motions", "that are stated at once at most; others when they meet", least=0
     )
-    share: float = share_of(0.1, "of the remaining time, for the gaps between fastest motions")
+    share: float = share_of(
+        0.1,
+        "of the remaining time, for gaps between fastest motions: all, or one late one's",
+    )
     seconds: float = tunable(6.0, "s", "at most, for these gaps", least=0)
 
 

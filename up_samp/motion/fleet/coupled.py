@@ -33,6 +33,7 @@ from up_samp.model import (
     Trajectory,
 )
 from up_samp.motion.fleet.knots import Drives, untie
+from up_samp.motion.fleet.passing import pass_by
 from up_samp.motion.fleet.paths import Path, path_of
 from up_samp.motion.fleet.timed_path import TimedPath, run_of
 from up_samp.motion.fleet.timings import Timing, natural_timing
@@ -94,6 +95,9 @@ def couple(
     """
     if workspace.scene is None or not _can_couple(motions):
         return None
+    beside = pass_by(workspace, motions, alone, world)
+    if beside is not None:
+        return beside
     coupling = Coupling(workspace, motions, world, deadline)
     if len(motions) <= coupling.tuning.robots:
         _find_places(coupling, workspace.scene, alone, seed)

@@ -19,6 +19,7 @@ from up_samp.model import Deadline, TimedMotion
 from up_samp.motion.fleet.cell_times import TIMES
 from up_samp.motion.fleet.coupled import couple
 from up_samp.motion.fleet.one_robot import Attempt, plan_one
+from up_samp.motion.fleet.passing import pass_by
 from up_samp.motion.fleet.timed_path import TimedPath
 from up_samp.motion.fleet.waiting import Window
 from up_samp.motion.fleet.workspace import Workspace
@@ -98,6 +99,10 @@ def climb(group: Group, root: Node, top: int = RUNGS) -> None:
     group.least = group.lateness(root.runs)
     tuning = group.workspace.tuning.ladder
     for effort, nodes in enumerate(tuning.nodes[:top]):
+        if effort == 1:
+            _pass(group, root)
+            if group.finished():
+                return
         if effort == tuning.couple_before and group.best is None:
             _couple(group, root)
         late = math.inf if group.best is None else group.lateness(group.best.runs) - group.least
@@ -107,6 +112,22 @@ def climb(group: Group, root: Node, top: int = RUNGS) -> None:
         _search(group, root, nodes)
         if group.finished() or group.deadline.expired():
             return
+
+
+def _pass(group: Group, root: Node) -> None:
+    """Let pairs that meet pass each other, each robot in a lane of its own, if that is better."""
+    if len({m.object for m in group.motions.values()}) < len(group.motions):
+        return  # who comes later would be late for its next motion
+    runs = dict(root.runs)
+    for part in _parts(root.conflicts):
+        motions = [group.motions[n] for n in group.order if n in part]
+        world = [*group.world, *(runs[n] for n in sorted(runs) if n not in part)]
+        found = pass_by(group.workspace, motions, root.runs, world)
+        if found is None:
+            return
+        runs.update(found)
+    if group.best is None or group.cost(runs) < group.cost(group.best.runs):
+        group.best = Node(runs)
 
 
 def _couple(group: Group, root: Node) -> None:

@@ -8,9 +8,10 @@ from up_samp.search.cases import MotionCase
 from up_samp.search.cuts.failure import Failure
 from up_samp.search.motions import Motions
 from up_samp.search.statements.handovers import are_apart, handover
+from up_samp.search.tuning import HandoversTuning
 
 
-def handover_cuts(failure: Failure, late: str) -> list[Refinement]:
+def handover_cuts(failure: Failure, late: str, *, tuning: HandoversTuning) -> list[Refinement]:
     """Return the gaps to whoever leaves the late motion's goal before it arrives, stated for all
     pairs of motions that are the same to the motion planner.
     """
@@ -18,11 +19,13 @@ def handover_cuts(failure: Failure, late: str) -> list[Refinement]:
     coming = failure.scheduled[late]
     if coming.constraint or knowledge.history.restarts:
         return []  # after a restart, proofs are asked for: guesses would only be dropped again
+    # a plan may be a moment away: what these gaps are may not take all the time that is left
+    deadline = motions.budget.share(tuning.share, tuning.seconds)
     found = []
     for other in failure.scheduled.values():
         if leaves_for(motions, other, coming):
             for pair in _same_pairs(failure, other, coming):
-                cut = handover(motions, knowledge, pair, motions.budget.deadline)
+                cut = handover(motions, knowledge, pair, deadline)
                 found += [] if cut is None else [cut]
     return found
 

@@ -90,7 +90,7 @@ def handover(
     units = facts.units(proven_gap(*signatures))
     if signatures not in knowledge.handovers and not deadline.expired():
         gap = _gap_of_the_fastest(motions, *signatures, deadline)
-        if gap is not None or not deadline.expired():
+        if gap is not None or not motions.budget.deadline.expired():
             knowledge.handovers[signatures] = gap
     gap = knowledge.handovers.get(signatures)
     if gap is not None and facts.units(gap) > units:
