@@ -97,9 +97,9 @@ def test_what_an_observer_raises_ends_the_search(tmp_path):
 def test_a_plan_is_built_once_for_each_incumbent(tmp_path, monkeypatch):
     built = []
 
-    def build(problem, snapshot, schedule, trajectories):
+    def build(problem, snapshot, schedule, *rest):
         built.append(schedule)
-        return original(problem, snapshot, schedule, trajectories)
+        return original(problem, snapshot, schedule, *rest)
 
     original = session.build_plan
     monkeypatch.setattr(session, "build_plan", build)

@@ -194,9 +194,9 @@ def test_robots_on_different_floors_never_meet(tmp_path, engine, cell):
 
 
 def test_the_same_robots_on_one_floor_meet(tmp_path):
-    file = hall(tmp_path, "low", height=1.7)
+    file = hall(tmp_path, "low", height=1.4)
     house = House([file], [(0, 0, 0)])
-    facing(house, 0, 0, 0.85)
+    facing(house, 0, 0, 0.7)
     assert solve(house.problem, timeout=3).plan is None
 
 

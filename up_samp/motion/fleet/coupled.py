@@ -16,7 +16,7 @@ import heapq
 import itertools
 import math
 import random
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -77,6 +77,16 @@ class Coupling:
         poses = (self.places[robot][state[robot]], self.places[robot][there])
         static = parked_all_the_time(motion, self.world)
         return self.workspace.detour(motion.body, poses, static, parked, self.deadline)
+
+
+def tied_by(conflicts: Iterable[tuple[str, str]]) -> list[set[str]]:
+    """Return the sets of motions that hang together by conflicts."""
+    parts: list[set[str]] = []
+    for pair in sorted(conflicts):
+        joined = set(pair).union(*(part for part in parts if part & set(pair)))
+        parts = [part for part in parts if not part & joined]
+        parts.append(joined)
+    return parts
 
 
 def couple(

@@ -11,13 +11,13 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 
 from up_samp.model import Deadline, TimedMotion
 from up_samp.motion.fleet.cell_times import TIMES
-from up_samp.motion.fleet.coupled import couple
+from up_samp.motion.fleet.coupled import couple, tied_by
 from up_samp.motion.fleet.one_robot import Attempt, plan_one
 from up_samp.motion.fleet.passing import pass_by
 from up_samp.motion.fleet.timed_path import TimedPath
@@ -118,40 +118,42 @@ def _pass(group: Group, root: Node) -> None:
     """Let pairs that meet pass each other, each robot in a lane of its own, if that is better."""
     if len({m.object for m in group.motions.values()}) < len(group.motions):
         return  # who comes later would be late for its next motion
-    runs = dict(root.runs)
-    for part in _parts(root.conflicts):
-        motions = [group.motions[n] for n in group.order if n in part]
-        world = [*group.world, *(runs[n] for n in sorted(runs) if n not in part)]
-        found = pass_by(group.workspace, motions, root.runs, world)
-        if found is None:
-            return
-        runs.update(found)
+    runs: dict[str, TimedPath] | None = dict(root.runs)
+    for part in tied_by(root.conflicts):
+        runs = None if runs is None else _moved_together(group, root, runs, part, pass_by)
+    if runs is None:
+        return
     if group.best is None or group.cost(runs) < group.cost(group.best.runs):
         group.best = Node(runs)
 
 
 def _couple(group: Group, root: Node) -> None:
     """Move those that meet together, where no order of them was found; or else everybody."""
+    together = partial(couple, deadline=group.deadline)
     counts = Counter(motion.object for motion in group.motions.values())
-    parts = _parts(root.conflicts)
+    parts = tied_by(root.conflicts)
     if any(counts[group.motions[n].object] > 1 for part in parts for n in part):
         return  # the same object's other motions would have to give way, too
     runs: dict[str, TimedPath] | None = dict(root.runs)
     for part in parts:
-        runs = None if runs is None else _moved_together(group, root, runs, part)
+        runs = None if runs is None else _moved_together(group, root, runs, part, together)
     if runs is None and len(counts) == len(group.motions):
-        runs = _moved_together(group, root, root.runs, set(group.motions))
+        runs = _moved_together(group, root, root.runs, set(group.motions), together)
     if runs is not None:
         group.best = Node(_polished(group, runs))
 
 
 def _moved_together(
-    group: Group, root: Node, runs: Mapping[str, TimedPath], part: set[str]
+    group: Group,
+    root: Node,
+    runs: Mapping[str, TimedPath],
+    part: set[str],
+    by: Callable[..., dict[str, TimedPath] | None],
 ) -> dict[str, TimedPath] | None:
     """Return ``runs`` with those of a ``part`` moved together among the others, if found."""
     motions = [group.motions[n] for n in group.order if n in part]
     world = [*group.world, *(runs[n] for n in sorted(runs) if n not in part)]
-    found = couple(group.workspace, motions, root.runs, world, group.deadline)
+    found = by(group.workspace, motions, root.runs, world)
     return None if found is None else {**runs, **found}
 
 
@@ -175,16 +177,6 @@ def _polished(group: Group, runs: Mapping[str, TimedPath]) -> dict[str, TimedPat
         if gained < tuning.polish_worth:
             break
     return found
-
-
-def _parts(conflicts: Iterable[Pair]) -> list[set[str]]:
-    """Return the sets of motions that hang together by conflicts."""
-    parts: list[set[str]] = []
-    for pair in sorted(conflicts):
-        joined = set(pair).union(*(part for part in parts if part & set(pair)))
-        parts = [part for part in parts if not part & joined]
-        parts.append(joined)
-    return parts
 
 
 def window_of(group: Group, name: str, runs: Mapping[str, TimedPath]) -> Window:
