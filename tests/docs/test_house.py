@@ -78,7 +78,7 @@ def test_this_package_has_no_circle(house):
 LIMITS = {
     "long_functions": 7,
     "wide_functions": 21,
-    "long_files": 1,
+    "long_files": 0,
     "constants": 104,
     "said_twice": 50,
 }

@@ -20,7 +20,9 @@ from up_samp.execution import (
 from up_samp.execution.replan import solve_remaining
 from up_samp.io import plan_from_dict, plan_to_dict, read_plan, result_to_dict, write_plan
 from up_samp.io.files import check_plan
+from up_samp.io.precision import PRECISION
 from up_samp.model import ProblemError
+from up_samp.search.params import Parameters
 from up_samp.validation import validate_plan
 
 PARAMS = {"seconds_per_unit": 0.5, "margin": 0.2}
@@ -44,7 +46,7 @@ def test_files_tell_a_margin_that_is_not_the_usual_one(solved, tmp_path):
     assert plan_from_dict(problem, again).margin == 0.2
     with OneshotPlanner(name="samp-refine[cpsat]") as planner:
         usual = planner.solve(problem, timeout=120)
-    assert usual.plan.margin == 0.01
+    assert usual.plan.margin == PRECISION.margin == Parameters().margin
     assert not {"margin", "minor"} & result_to_dict(problem, usual).keys()
 
 

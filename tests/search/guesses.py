@@ -5,8 +5,8 @@ import random
 from up_samp.model import Deadline
 from up_samp.search.deals import deal
 from up_samp.search.guesses import Guess
+from up_samp.search.large_tuning import DealsTuning
 from up_samp.search.rehearsal import Rehearsal
-from up_samp.search.tuning import DealsTuning
 
 
 def along_the_axes(body, a, b):

@@ -9,7 +9,7 @@ from up_samp.benchmarks.warehouse import warehouse
 from up_samp.model import Deadline
 from up_samp.search.better_rounds import BetterRounds
 from up_samp.search.first_tours import plan_tours
-from up_samp.search.tuning import RoundsTuning
+from up_samp.search.large_tuning import RoundsTuning
 from up_samp.validation import validate_plan
 
 STEEP = 6

@@ -12,8 +12,8 @@ from up_samp.model import Deadline
 from up_samp.search.deals import Deal, deal, inserted
 from up_samp.search.guesses import Guess, pauses_of
 from up_samp.search.jobs import Jobs, find_jobs
+from up_samp.search.large_tuning import DealsTuning
 from up_samp.search.rehearsal import Rehearsal
-from up_samp.search.tuning import DealsTuning
 from up_samp.upio import read_problem
 
 

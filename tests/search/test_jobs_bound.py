@@ -2,9 +2,7 @@
 
 import itertools
 import random
-from collections import Counter
 from dataclasses import replace
-from types import SimpleNamespace
 
 import pytest
 from unified_planning.model import TimePointInterval, Timing
@@ -33,14 +31,12 @@ from up_samp.search.budget import Budget
 from up_samp.search.drives import Drives
 from up_samp.search.facts import Facts
 from up_samp.search.history import History
-from up_samp.search.job_ways import Way
 from up_samp.search.jobs import Jobs, find_jobs
 from up_samp.search.jobs_bound import JobsBound
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
 from up_samp.search.params import Parameters
 from up_samp.search.session import open_service
-from up_samp.search.shared_work import called, least_share
 from up_samp.search.statements.durations import lower_bounds
 from up_samp.upio import read_problem, write_refinement
 from up_samp.upio.relaxation import relax
@@ -303,71 +299,6 @@ def test_no_schedule_of_many_crowded_worlds_is_shorter_than_the_bound(block):
 
 
 # --------------------------------------------------------------- shares against all ways to share
-def random_share(seed):
-    """Return a fleet that does jobs, in drives of random lengths, and the ways to do them."""
-    rng = random.Random(seed)
-    places = ["a", "b", "c", "d"]
-    kinds = [0, 0, 1][: rng.choice([1, 2, 3])]
-    starts = Counter((kind, rng.choice(places)) for kind in kinds)
-    far = {(kind, p, q): rng.randint(1, 9) for kind in (0, 1) for p in places for q in places}
-    comings = {(kind, p): rng.randint(1, 12) for kind in (0, 1) for p in places}
-    ways = []
-    for job, kind in itertools.product(range(rng.choice([2, 3, 4])), sorted(set(kinds))):
-        goal, end = rng.choice(places), rng.choice(places)
-        legs = ((kind, goal, end),)
-        busy, origins = rng.randint(0, 5), frozenset(places)
-        after = frozenset({goal, end})
-        ways.append(Way(job, kind, busy, legs, kind, goal, (goal, end), after, origins))
-    work = SimpleNamespace(
-        fleet=SimpleNamespace(sizes=Counter(kinds), starts=starts),
-        units=lambda leg: far[leg],
-        comings={at: comings[at] for at in sorted(called(ways))},
-    )
-    robots = [(kind, place) for (kind, place), n in sorted(starts.items()) for _ in range(n)]
-    return work, ways, robots
-
-
-def tour(work, ways, jobs, robot):
-    """Return the least time in which a robot does jobs in an order, with whatever detours."""
-    kind, here = robot
-    total, comings = 0, work.comings
-    for job in jobs:
-        way = next((w for w in ways if (w.job, w.kind) == (job, kind)), None)
-        if way is None:
-            return None
-        straight = way.units(here, work.units)
-        detour = min(comings[kind, p] + way.units(p, work.units) for p in "abcd")
-        total += min(straight, detour)
-        here = way.ends[-1]
-    return total
-
-
-def best_share(work, ways, robots):
-    """Return the least makespan of all ways to share the jobs."""
-    jobs = sorted({w.job for w in ways})
-    best = None
-    for whose in itertools.product(range(len(robots)), repeat=len(jobs)):
-        last = 0
-        for r, robot in enumerate(robots):
-            mine = [j for j, who in zip(jobs, whose, strict=True) if who == r]
-            ends = [tour(work, ways, order, robot) for order in itertools.permutations(mine)]
-            last = None if None in ends or last is None else max(last, min(ends))
-        if last is not None:
-            best = last if best is None else min(best, last)
-    return best
-
-
-def test_no_way_to_share_jobs_is_better_than_the_share():
-    shares = []
-    for seed in range(60):
-        work, ways, robots = random_share(seed)
-        share, best = least_share(work, ways, work.comings, 60.0), best_share(work, ways, robots)
-        assert share.units <= best + 1e-6, seed
-        assert share.legs
-        shares.append(share.units / best)
-    assert sum(shares) / len(shares) > 0.6
-
-
 def with_a_stop_on_the_way():
     """A robot comes to a station sooner with a stop than by the planner's direct drive."""
     made = Warehouse("stop", store(3), compact=True)

@@ -32,6 +32,7 @@ from up_samp.fleet.records import (
     Zone,
 )
 from up_samp.fleet.result import FleetResult, saved, solve_problem
+from up_samp.io.precision import PRECISION
 
 Names = str | Sequence[str]
 
@@ -56,7 +57,7 @@ class Fleet:
         name: str = "fleet",
         objective: str = "makespan",
         seconds_per_unit: float = 1.0,
-        margin: float = 0.01,
+        margin: float = PRECISION.margin,
     ) -> None:
         data = {
             "map": fspath(map),

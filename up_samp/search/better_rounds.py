@@ -17,9 +17,9 @@ from dataclasses import dataclass
 
 from up_samp.model import Deadline
 from up_samp.search.decided import Decided
+from up_samp.search.large_tuning import RoundsTuning
 from up_samp.search.tours import Past
 from up_samp.search.tours_in_turns import ToursInTurns
-from up_samp.search.tuning import RoundsTuning
 
 
 @dataclass

@@ -19,9 +19,9 @@ from up_samp.model import Deadline
 from up_samp.search.better_rounds import BetterRounds
 from up_samp.search.deals import Deal
 from up_samp.search.decided import Decided
+from up_samp.search.large_tuning import LargeTuning, RoundsTuning
 from up_samp.search.rehearsal import Step
 from up_samp.search.tours_in_turns import ToursInTurns
-from up_samp.search.tuning import LargeTuning, RoundsTuning
 
 OpenTours = Callable[[Deal, Deadline], ToursInTurns | None]
 """Opens tours of what was dealt out, with nothing decided; None where they cannot be."""

@@ -20,9 +20,9 @@ from up_samp.model import Configuration, Deadline
 from up_samp.model.snapshot import TermKind
 from up_samp.search.guesses import Guess, Way
 from up_samp.search.jobs import Jobs
+from up_samp.search.large_tuning import DealsTuning
 from up_samp.search.rehearsal import Rehearsal, Step
 from up_samp.search.rehearsal_kernel import anneal, drawn, insert
-from up_samp.search.tuning import DealsTuning
 
 
 @dataclass

@@ -18,8 +18,8 @@ from up_samp.motion.fleet.timed_path import TimedPath
 from up_samp.scheduling.compilers.read import read_problem as read_plain
 from up_samp.scheduling.partial_order import Difference, Earliest, Planned, orders_of
 from up_samp.scheduling.partial_order.differences import HORIZON, ZERO
+from up_samp.search.large_tuning import InOrderTuning
 from up_samp.search.search import Search
-from up_samp.search.tuning import InOrderTuning
 from up_samp.search.visits import others_first
 from up_samp.search.world import motion_key
 from up_samp.upio import Itinerary

@@ -17,10 +17,10 @@ from up_samp.model import Deadline
 from up_samp.search.decided import Decided
 from up_samp.search.decisions import alone, can_decide, times_of
 from up_samp.search.events import Phase
+from up_samp.search.large_tuning import ToursTuning
 from up_samp.search.search import Search
 from up_samp.search.tours import Past
 from up_samp.search.tours_in_turns import ToursInTurns
-from up_samp.search.tuning import ToursTuning
 from up_samp.upio import Itinerary
 
 

@@ -20,7 +20,7 @@ from up_samp.model import Body, Configuration, Deadline
 from up_samp.model.snapshot import Snapshot, TermKind
 from up_samp.search.gaps import orders_told
 from up_samp.search.jobs import Jobs, Option
-from up_samp.search.tuning import DealsTuning
+from up_samp.search.large_tuning import DealsTuning
 
 Lasts = Callable[[Body, Configuration, Configuration], float]
 """How long a body takes at least from one pose to another (s)."""

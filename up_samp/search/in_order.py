@@ -15,8 +15,8 @@ from up_samp.scheduling.partial_order import Earliest
 from up_samp.search.bounds import Incumbent
 from up_samp.search.decisions import QUICK, Decisions, can_decide, times_of
 from up_samp.search.events import Phase
+from up_samp.search.large_tuning import InOrderTuning
 from up_samp.search.search import Search
-from up_samp.search.tuning import InOrderTuning
 from up_samp.search.world import groups_of
 from up_samp.upio import Itinerary
 

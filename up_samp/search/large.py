@@ -32,12 +32,12 @@ from up_samp.search.first_tours import plan_tours, undecided_tours
 from up_samp.search.guesses import Guess, pauses_of
 from up_samp.search.jobs import Jobs, find_jobs
 from up_samp.search.large_bounds import state_bounds
+from up_samp.search.large_tuning import LargeTuning
 from up_samp.search.loop import get_schedule, solve, state_what_is_known
 from up_samp.search.rehearsal import Rehearsal
 from up_samp.search.search import Search
 from up_samp.search.stages import BUILDING, STATING
 from up_samp.search.tours_in_turns import ToursInTurns
-from up_samp.search.tuning import LargeTuning
 from up_samp.upio import Itinerary, read_itinerary
 from up_samp.upio.thin import thinned
 

@@ -17,8 +17,8 @@ import numpy as np
 from up_samp.model import Body, Configuration
 from up_samp.search.guesses import Guess
 from up_samp.search.jobs import Jobs, Option
+from up_samp.search.large_tuning import DealsTuning
 from up_samp.search.rehearsal_kernel import FloatArray, Rules, Shares, Work, ends_of
-from up_samp.search.tuning import DealsTuning
 
 Step = tuple[int, int]
 """A job and which of its options is taken."""

@@ -45,7 +45,7 @@ class Work(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """What counts how much (see :class:`up_samp.search.tuning.DealsTuning`)."""
+    """What counts how much (see :class:`up_samp.search.large_tuning.DealsTuning`)."""
 
     handover: float
     traffic: float
