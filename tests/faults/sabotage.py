@@ -13,8 +13,8 @@ PLACES = {
     "leg": ("up_samp.motion.legs", "Legs", "find"),
     "certificate": ("up_samp.motion.proofs.certificates", "Certifier", "prove"),
     "bound": ("up_samp.motion.proofs.bounds", "Bounds", "duration"),
-    "tidy": ("up_samp.search.tidy", None, "_loose"),
-    "repair": ("up_samp.search.repair", "Repairing", "__call__"),
+    "tidy": ("up_samp.search.resolve", None, "_with_motions_optional"),
+    "repair": ("up_samp.search.resolve", "RepairDurations", "__call__"),
 }
 
 

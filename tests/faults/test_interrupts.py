@@ -13,7 +13,7 @@ from tests.fuzz.small import small_case
 from up_samp import cli
 from up_samp.model.errors import InterruptedSearch
 from up_samp.scheduling.cpsat.solve.runner import _interruptible
-from up_samp.search import tidy
+from up_samp.search import resolve
 from up_samp.system import child
 
 
@@ -125,7 +125,7 @@ def test_ctrl_c_behind_another_error_keeps_the_plan(tmp_path, monkeypatch):
     def interrupted(*_):
         raise RuntimeError("Error calling __set_name__") from KeyboardInterrupt()
 
-    monkeypatch.setattr(tidy, "_loose", interrupted)
+    monkeypatch.setattr(resolve, "_with_motions_optional", interrupted)
     case = small_case(279)  # its last pass has a drive to leave out
     params = {"seconds_per_unit": SECONDS}
     with (

@@ -8,7 +8,7 @@ from tests.upio.hall import Hall
 from up_samp.model import CandidateSchedule, GroupReport, Outcome, ScheduledMotion
 from up_samp.motion import MotionService
 from up_samp.search.check import Check
-from up_samp.search.in_turn import _of_failed_groups
+from up_samp.search.resolve import of_failed_groups
 from up_samp.upio import Itinerary
 from up_samp.validation import validate_plan
 
@@ -98,4 +98,4 @@ def test_an_activity_named_like_a_further_motion_is_taken_for_itself(failed, wro
 
     motions = (motion("go", 0, 0), motion("go#1", 0, 5), motion("come", 1, 9))
     itinerary = Itinerary(CandidateSchedule({}), motions, ())
-    assert _of_failed_groups(itinerary, Check(failed={failed})) == wrong
+    assert of_failed_groups(itinerary, Check(failed={failed})) == wrong

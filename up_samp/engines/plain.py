@@ -23,7 +23,7 @@ from up_samp.model import (
     in_force,
 )
 from up_samp.scheduling import open_scheduler
-from up_samp.search.start import start_of
+from up_samp.search.resolve import start_of
 from up_samp.upio import build_schedule, read_problem, relax
 from up_samp.validation import validate_schedule
 

@@ -30,9 +30,9 @@ from up_samp.search.conclusion import (
     restart,
 )
 from up_samp.search.events import Phase
+from up_samp.search.resolve import begin_near, motions_of
 from up_samp.search.search import Search
 from up_samp.search.stages import SCHEDULING, STATING
-from up_samp.search.start import motions_of, near
 from up_samp.upio import read_itinerary
 
 
@@ -77,7 +77,7 @@ def begin_from(search: Search, start: CandidateSchedule) -> Incumbent | None:
     search.tell.stage(Phase.PREPARE, "what the plan drives")
     state_durations_of(search, start)
     for _ in range(search.tuning.start.rounds):
-        schedule = near(search, start)
+        schedule = begin_near(search, start)
         if schedule is None or search.budget.deadline.expired():
             return None
         itinerary = read_itinerary(search.knowledge.relaxation, shaped(search, schedule))

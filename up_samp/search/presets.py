@@ -24,19 +24,22 @@ from up_samp.search.cuts.small import Attempt, SmallCuts
 from up_samp.search.events import Phase
 from up_samp.search.facts import Facts, just_this
 from up_samp.search.in_order import InOrder
-from up_samp.search.in_turn import InTurn
 from up_samp.search.neighbourhoods import Descent
 from up_samp.search.pace import AtOnce, Staged
 from up_samp.search.params import SWITCHES, Parameters
-from up_samp.search.repair import Repairing
+from up_samp.search.resolve import (
+    PruneCandidate,
+    PruneMotions,
+    RepairDurations,
+    SerializeMotions,
+    Slack,
+)
 from up_samp.search.search import Search
-from up_samp.search.slack import Slack
 from up_samp.search.statements.copies import used_in_order
 from up_samp.search.statements.durations import fastest_durations, lower_bounds
 from up_samp.search.statements.handovers import guessed_handovers, proven_handovers
 from up_samp.search.statements.unary_places import unary_places
 from up_samp.search.statements.unreachable import unreachable
-from up_samp.search.tidy import Lean, Tidying
 from up_samp.search.tuning import CutsTuning, SearchTuning
 from up_samp.tuning import tuning_of
 
@@ -115,9 +118,9 @@ def components_of(params: Parameters, *, native: bool) -> Components:
 
     tuning = tuning_of(params.tuning).search
     slack = Slack(tuning.slack)
-    repair = Repairing(slack.spread if "slack" in ideas else None, tuning.repair)
+    repair = RepairDurations(slack if "slack" in ideas else None, tuning.repair)
     # other engines' schedules are full of motions that nothing needs
-    lean = () if native else ((Lean(tuning.tidy), ("tidy", "incumbents")),)
+    lean = () if native else ((PruneCandidate(tuning.tidy), ("tidy", "incumbents")),)
 
     def with_ideas(parts: Sequence[tuple[Part, Ideas]]) -> tuple[Part, ...]:
         return tuple(part for part, needed in parts if ideas.issuperset(needed))
@@ -131,13 +134,15 @@ def components_of(params: Parameters, *, native: bool) -> Components:
         else AtOnce(),
         shapers=with_ideas((*lean, (slack, ("slack",)))),
         builders=with_ideas(((InOrder(tuning.in_order), ("incumbents",)),)),
-        repairs=with_ideas(((repair, ("incumbents",)), (InTurn(tuning.turns), ("incumbents",)))),
+        repairs=with_ideas(
+            ((repair, ("incumbents",)), (SerializeMotions(tuning.turns), ("incumbents",)))
+        ),
         after_failure=with_ideas(_after_failure(tuning)),
         for_proofs=() if native else with_ideas(((UNARY_PLACES, ("certificates",)),)),
         improvers=with_ideas(
             ((Descent(tuning.neighbourhoods), ("neighbourhoods", "native", "incumbents")),)
         ),
-        finishers=with_ideas(((Tidying(tuning.tidy), ("tidy",)),)),
+        finishers=with_ideas(((PruneMotions(tuning.tidy), ("tidy",)),)),
         learns="refine" in ideas,
     )
 

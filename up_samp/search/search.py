@@ -73,7 +73,7 @@ class Search:
     workers: Workers | None = None
     """Who does parts of it beside this process."""
     start: CandidateSchedule | None = None
-    """What to begin from: see :mod:`up_samp.search.start`."""
+    """What to begin from: see :mod:`up_samp.search.resolve`."""
     large: Large | None = None
     """The problem as one that is looked at in parts, if it is large."""
     remembered: dict[int, object] = field(default_factory=dict)

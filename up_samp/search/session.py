@@ -37,10 +37,10 @@ from up_samp.search.params import GROUP_PLANNERS, Parameters
 from up_samp.search.presets import components_of, motion_service_of
 from up_samp.search.progress import ProgressObserver
 from up_samp.search.proof import Prover
+from up_samp.search.resolve import start_of
 from up_samp.search.restarts import Restarts
 from up_samp.search.search import Problem, Search
 from up_samp.search.stages import READING, Stages
-from up_samp.search.start import start_of
 from up_samp.search.start_poses import check_start_poses
 from up_samp.search.stopping import runtime_of
 from up_samp.search.trace import TraceObserver

@@ -140,7 +140,7 @@ class CutsTuning(Tunables):
 
 @dataclass(frozen=True)
 class RepairTuning(Tunables):
-    """Plans made of candidates whose motions do not fit (``search/repair.py``)."""
+    """Plans made of candidates whose motions do not fit (``search/resolve.py``)."""
 
     steps: int = tunable(25, "steps", "of scheduling anew and driving", least=0)
     enough: int = tunable(
@@ -151,7 +151,7 @@ class RepairTuning(Tunables):
 
 @dataclass(frozen=True)
 class TurnsTuning(Tunables):
-    """Motions one after another where there is no plan yet (``search/in_turn.py``)."""
+    """Motions one after another where there is no plan yet (``search/resolve.py``)."""
 
     steps: int = tunable(12, "steps", "of scheduling anew and driving", least=0)
     effort: float = effort_of(0.3, "for one step: a few seconds at most")
@@ -160,7 +160,7 @@ class TurnsTuning(Tunables):
 
 @dataclass(frozen=True)
 class SlackTuning(Tunables):
-    """More time for motions than they need alone (``search/slack.py``)."""
+    """More time for motions than they need alone (``search/resolve.py``)."""
 
     units: tuple[int, ...] = tunable(
         (1, 3, 6),
@@ -209,7 +209,7 @@ class NeighbourhoodsTuning(Tunables):
 
 @dataclass(frozen=True)
 class TidyTuning(Tunables):
-    """Needless motions left out in the end (``search/tidy.py``)."""
+    """Needless motions left out in the end (``search/resolve.py``)."""
 
     steps: int = tunable(8, "steps", "of leaving out and driving", least=0)
     effort: float = effort_of(0.2, "for one step: a few seconds at most")
@@ -220,7 +220,7 @@ class TidyTuning(Tunables):
 
 @dataclass(frozen=True)
 class StartTuning(Tunables):
-    """A search that begins from a plan (``search/start.py``)."""
+    """A search that begins from a plan (``search/resolve.py``)."""
 
     effort: float = effort_of(0.1, "for one schedule: about a second at most")
     rounds: int = tunable(

@@ -1,0 +1,485 @@
+"""A candidate solved again: what it does is kept, and scheduled anew until its motions fit.
+
+The activities of a candidate alone make a small problem (:func:`up_samp.upio.restrict.restrict`).
+Each component adds constraints or puts another objective, has it scheduled by our own engine, and
+where motions are driven tells it what they turned out to need, see ``until_driven``:
+
+| component | constraints | objective | what motions that do not fit tell |
+|---|---|---|---|
+| ``RepairDurations`` | | the problem's | the time that they need |
+| ``SerializeMotions`` | motions one after another | some schedule | what is learned of each alone |
+| ``Slack`` | no later end | time left for motions | |
+| ``PruneMotions`` | no later end, motions optional | few motions | the same, or: some are needed |
+| ``begin_near`` | | near the old times | |
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
+
+from unified_planning.model.metrics import Oversubscription
+from unified_planning.model.scheduling import Activity, SchedulingProblem
+from unified_planning.plans import Plan, Schedule
+
+from up_samp.model import CandidateSchedule, Deadline, ProblemError, ScheduledMotion
+from up_samp.model.snapshot import TermKind
+from up_samp.scheduling.cpsat import CpsatSession
+from up_samp.scheduling.schedules import to_candidate
+from up_samp.search.bounds import Incumbent
+from up_samp.search.check import Check
+from up_samp.search.cuts.handovers import leaves_for
+from up_samp.search.events import Phase
+from up_samp.search.motions import Motions
+from up_samp.search.search import Search
+from up_samp.search.tuning import RepairTuning, SlackTuning, TidyTuning, TurnsTuning
+from up_samp.search.world import groups_of, motion_key
+from up_samp.upio import Itinerary, Relaxation, read_itinerary
+from up_samp.upio.restrict import restrict
+
+Next = Callable[[CandidateSchedule], "CandidateSchedule | None"]
+"""Schedules a small problem again, near a schedule; None ends it."""
+Tell = Callable[[Itinerary, Check], bool]
+"""Tells a small problem what motions that did not fit need; False ends it."""
+
+
+class Subproblem:
+    """A problem of few activities that our own engine schedules again as it is told more:
+    ``effort`` of counted work at a time, with one worker, so that it always does the same.
+    """
+
+    def __init__(self, search: Search, problem: SchedulingProblem, effort: float) -> None:
+        self.search, self.problem = search, problem
+        self.activities: Mapping[str, Activity] = {a.name: a for a in problem.activities}
+        self.session = CpsatSession(
+            problem, seed=search.seed, workers=1, effort=effort, tuning=search.cpsat
+        )
+
+    def schedule(
+        self, near: CandidateSchedule, *, optimal: bool = True, deadline: Deadline | None = None
+    ) -> CandidateSchedule | None:
+        """Return the best (``optimal``), or some, schedule; None where none is found in time."""
+        budget = self.search.budget
+        report = self.session.solve(deadline or budget.deadline, optimal=optimal, hint=near)
+        budget.seconds_scheduler += report.seconds
+        if report.schedule is None:
+            return None
+        values = {**near.parameters, **report.schedule.parameters}
+        return CandidateSchedule(report.schedule.times, values)
+
+    def last_at_least(self, itinerary: Itinerary, needed: Mapping[str, int]) -> None:
+        """Let motions last as long as they turned out to need: ``needed`` are ends (units)."""
+        manager = self.problem.environment.expression_manager
+        motions = {motion_key(m): m for m in itinerary.motions}
+        for key, end in needed.items():
+            activity = self.activities[motions[key].activity]
+            start, _ = itinerary.schedule.times[activity.name]
+            longer = manager.LE(manager.Plus(activity.start, end - start), activity.end)
+            self.problem.add_constraint(longer)
+
+
+def until_driven(
+    search: Search,
+    near: CandidateSchedule,
+    again: Next,
+    tell: Tell,
+    *,
+    steps: int,
+    deadline: Deadline,
+    learn: bool = False,
+) -> Incumbent | None:
+    """Schedule ``again``, drive, and ``tell`` what did not fit, until all motions fit; None where
+    that ends before. ``learn``: checks also look for what holds for later candidates.
+    """
+    drive = search.checker.check if learn else search.checker.drive
+    for _ in range(steps):
+        if deadline.expired():
+            return None
+        scheduled = again(near)
+        if scheduled is None:
+            return None
+        near = scheduled
+        itinerary = read_itinerary(search.knowledge.relaxation, near)
+        check = drive(itinerary)
+        if check.passed:
+            return search.plan_of(near, check.trajectories)
+        if not tell(itinerary, check):
+            return None
+    return None
+
+
+# ------------------------------------------------------------------ motions get the time they need
+
+
+@dataclass(frozen=True)
+class RepairDurations:
+    """Makes a plan of a candidate whose motions are late: the same activities, with the ends that
+    the motions turned out to need. ``slack`` gives motions what time is left.
+    """
+
+    slack: Slack | None = None
+    tuning: RepairTuning = field(default_factory=RepairTuning)
+
+    def __call__(
+        self, search: Search, schedule: CandidateSchedule, check: Check
+    ) -> Incumbent | None:
+        """Return a plan with the activities of ``schedule``, or None where none is found, or some
+        motion found no trajectory at all.
+        """
+        if check.failed:
+            return None
+        search.tell.stage(Phase.REPAIR)
+        problem = restrict(search.own_relaxation(), search.facts.snapshot, schedule)
+        small = Subproblem(search, problem, self.tuning.effort)
+        needs = Needs(search.motions, small, self.tuning.enough)
+
+        def again(near: CandidateSchedule) -> CandidateSchedule | None:
+            found = small.schedule(near)
+            if found is None or not search.bounds.improves(found):
+                return None
+            return found if self.slack is None else self.slack.spread(search, problem, found)
+
+        def tell(itinerary: Itinerary, check: Check) -> bool:
+            if check.failed or not check.needed:
+                return False
+            needs.add(itinerary, check.needed)
+            return True
+
+        needs.add(read_itinerary(search.knowledge.relaxation, schedule), check.needed)
+        return until_driven(
+            search, schedule, again, tell, steps=self.tuning.steps, deadline=search.budget.deadline
+        )
+
+
+@dataclass
+class Needs:
+    """What motions turned out to need, stated in a small problem.
+
+    Who is late where another one has just left comes later after that one's departure: only to
+    last longer would not help, if both were moved alike. Others last as long as they need.
+    """
+
+    motions: Motions
+    small: Subproblem
+    enough: int
+    gaps: dict[tuple[str, str], int] = field(default_factory=dict)
+
+    def add(self, itinerary: Itinerary, needed: Mapping[str, int]) -> None:
+        """State what the late motions of a schedule need: ``needed`` are their ends (units)."""
+        motions = {motion_key(m): m for m in itinerary.motions}
+        longer = {
+            key: end
+            for key, end in needed.items()
+            if not self._after_departure(itinerary, motions[key], end)
+        }
+        self.small.last_at_least(itinerary, longer)
+
+    def _after_departure(self, itinerary: Itinerary, late: ScheduledMotion, end: int) -> bool:
+        """Tie a late arrival to the last departure from its goal; tell whether that is new."""
+        leaving = [m for m in itinerary.motions if leaves_for(self.motions, m, late)]
+        if not leaving:
+            return False
+        last = max(leaving, key=lambda m: (m.start, m.activity))
+        gap, pair = end - last.start, (last.activity, late.activity)
+        if gap <= self.gaps.get(pair, 0) or gap > 2 * (late.end - last.start) + self.enough:
+            return False
+        self.gaps[pair] = gap
+        problem, activities = self.small.problem, self.small.activities
+        manager = problem.environment.expression_manager
+        departure = manager.Plus(activities[last.activity].start, gap)
+        problem.add_constraint(manager.LE(departure, activities[late.activity].end))
+        return True
+
+
+# ------------------------------------------------------------------ motions one after another
+
+
+@dataclass(frozen=True)
+class SerializeMotions:
+    """Makes some plan, as long as there is none, where the motions of a candidate do not fit.
+
+    Robots that drive at the same time may find no way past each other, or not in time. Who drives
+    alone only has to get around what rests. So the candidate's activities are scheduled anew, first
+    with the motions of the groups that failed in turn, then with all of them; what is learned about
+    each motion among what rests (who has to be gone before) counts for later candidates, too. The
+    plan may be long: what comes after makes it shorter.
+    """
+
+    tuning: TurnsTuning = field(default_factory=TurnsTuning)
+
+    def __call__(
+        self, search: Search, schedule: CandidateSchedule, check: Check
+    ) -> Incumbent | None:
+        """Return a plan with the activities of ``schedule``, or None where none is found."""
+        if search.bounds.incumbent is not None:
+            return None
+        search.tell.stage(Phase.REPAIR)
+        itinerary = read_itinerary(search.knowledge.relaxation, schedule)
+        alone = of_failed_groups(itinerary, check)
+        everybody = {m.activity for m in itinerary.motions}
+        for some in (alone, everybody) if alone != everybody else (everybody,):
+            found = self._in_turn(search, schedule, some)
+            if found is not None:
+                return found
+        return None
+
+    def _in_turn(
+        self, search: Search, schedule: CandidateSchedule, some: Collection[str]
+    ) -> Incumbent | None:
+        """Return a plan in which the motions of ``some`` activities happen one at a time."""
+        deadline = search.budget.share(self.tuning.share, math.inf)
+
+        def again(near: CandidateSchedule) -> CandidateSchedule | None:
+            # made anew: the relaxation holds what was learned by then
+            problem = restrict(search.own_relaxation(), search.facts.snapshot, schedule)
+            _take_turns(problem, some)
+            small = Subproblem(search, problem, self.tuning.effort)
+            return small.schedule(near, optimal=False, deadline=deadline)
+
+        def tell(itinerary: Itinerary, check: Check) -> bool:
+            return bool(search.learn(check.refinements))
+
+        return until_driven(
+            search, schedule, again, tell, steps=self.tuning.steps, deadline=deadline, learn=True
+        )
+
+
+def of_failed_groups(itinerary: Itinerary, check: Check) -> set[str]:
+    """Return the motion activities of the groups in which a motion failed or came late."""
+    names = {*check.failed, *check.needed}
+    wrong = {m.activity for m in itinerary.motions if motion_key(m) in names}
+    found = set()
+    for group in groups_of(itinerary.motions):
+        names = {m.activity for m in group}
+        if names & wrong:
+            found |= names
+    return found
+
+
+def _take_turns(problem: SchedulingProblem, some: Collection[str]) -> None:
+    """Let the activities of ``some`` happen one at a time, with a rest in between: who arrives
+    when another one leaves may still meet it.
+    """
+    manager = problem.environment.expression_manager
+    turns = [a for a in problem.activities if a.name in some]
+    for a, b in itertools.combinations(turns, 2):
+        problem.add_constraint(manager.Or(manager.LT(a.end, b.start), manager.LT(b.end, a.start)))
+
+
+# ------------------------------------------------------------------ time where it costs nothing
+
+
+@dataclass(frozen=True)
+class Slack:
+    """Gives a candidate's motions what time its makespan leaves: a scheduler has no reason to give
+    a motion more than it needs alone, and with more those that are not critical can give way.
+    """
+
+    tuning: SlackTuning = field(default_factory=SlackTuning)
+
+    def __call__(self, search: Search, schedule: CandidateSchedule) -> CandidateSchedule:
+        """Return a candidate with the same activities and makespan, its motions with more time."""
+        relaxation = search.knowledge.relaxation
+        if not _only_makespan(relaxation):
+            return schedule
+        return self.spread(search, restrict(relaxation, search.facts.snapshot, schedule), schedule)
+
+    def spread(
+        self, search: Search, problem: SchedulingProblem, schedule: CandidateSchedule
+    ) -> CandidateSchedule:
+        """Return a schedule of ``problem`` (see ``restrict``) that ends no later than
+        ``schedule`` and whose motions have as much slack as can be; ``schedule`` itself, if there
+        is none to be had in little time.
+        """
+        loose = problem.clone()
+        manager = loose.environment.expression_manager
+        moving = {t.activity for t in search.facts.snapshot.tasks}
+        goals = {}
+        for activity in loose.activities:
+            if activity.name in moving:
+                start, end = schedule.times[activity.name]
+                for more in self.tuning.units:
+                    longer = manager.Plus(activity.start, end - start + more)
+                    goals[manager.LE(longer, activity.end)] = 1
+        _prefer(loose, goals, schedule.makespan)
+        return Subproblem(search, loose, self.tuning.effort).schedule(schedule) or schedule
+
+
+def _prefer(problem: SchedulingProblem, goals: dict[object, int], until: int) -> None:
+    """Let as many ``goals`` (by their worth) hold as can, with all of it at an end by ``until``."""
+    manager = problem.environment.expression_manager
+    for activity in problem.activities:
+        problem.add_constraint(manager.LE(activity.end, until))
+    problem.clear_quality_metrics()
+    problem.add_quality_metric(Oversubscription(goals, problem.environment))
+
+
+def _only_makespan(relaxation: Relaxation) -> bool:
+    """Return whether nothing but the makespan is to be made smaller."""
+    return all(m.is_minimize_makespan() for m in relaxation.problem.quality_metrics)
+
+
+# ------------------------------------------------------------------ needless motions
+
+
+@dataclass(frozen=True)
+class PruneMotions:
+    """Leaves needless motions out of the best plan, as the last pass of a search.
+
+    A makespan says nothing of moves that end before it: an idle robot may drive out, back and out
+    again. Among the plans with some of the same motions, no later end, the same decisions and all
+    else that is present, the one with the fewest motions is sought, then with the least driving.
+    Its motions are checked and the plan is validated like any other.
+    """
+
+    tuning: TidyTuning = field(default_factory=TidyTuning)
+
+    def __call__(self, search: Search, plan: Incumbent) -> Incumbent | None:
+        """Return a valid plan with fewer motions that ends no later, if one is found."""
+        search.tell.stage(Phase.TIDY)
+        relaxation = search.knowledge.relaxation
+        weights = _worth_of_leaving_out(relaxation, plan.schedule)
+        if not weights or not _only_makespan(relaxation):
+            return None
+        problem = _with_motions_optional(relaxation, plan.schedule, weights, plan.schedule.makespan)
+        small = Subproblem(search, problem, self.tuning.effort)
+
+        def again(near: CandidateSchedule) -> CandidateSchedule | None:
+            found = small.schedule(near)
+            return found if found is not None and weights.keys() - found.times.keys() else None
+
+        def tell(itinerary: Itinerary, check: Check) -> bool:
+            if check.needed and not check.failed:
+                small.last_at_least(itinerary, check.needed)
+                return True
+            gone = sorted(weights.keys() - itinerary.schedule.times.keys())
+            manager = problem.environment.expression_manager
+            problem.add_constraint(manager.Or(small.activities[n].present for n in gone))
+            return True
+
+        better = until_driven(
+            search,
+            plan.schedule,
+            again,
+            tell,
+            steps=self.tuning.steps,
+            deadline=search.budget.deadline,
+        )
+        return None if better is None or search.judged(better.plan) else better
+
+
+@dataclass(frozen=True)
+class PruneCandidate:
+    """Leaves needless motions out of another engine's candidates, before these are checked: such
+    schedules are full of motions that nothing needs.
+    """
+
+    tuning: TidyTuning = field(default_factory=TidyTuning)
+
+    def __call__(self, search: Search, schedule: CandidateSchedule) -> CandidateSchedule:
+        """Return a candidate with some of the same activities, few of them motions, that ends as
+        soon as these can; ``schedule`` itself, if there is none to be had in little time.
+
+        What the engine was not told may need more time: twice as much as it scheduled at most.
+        """
+        own, told = search.own_relaxation(), search.knowledge.relaxation
+        for relaxation, factor in ((own, 2), (told, 1)):
+            weights = _worth_of_leaving_out(relaxation, schedule)
+            if not weights or not _only_makespan(relaxation):
+                return schedule
+            problem = _with_motions_optional(
+                relaxation, schedule, weights, factor * schedule.makespan
+            )
+            few = Subproblem(search, problem, self.tuning.lean).schedule(schedule)
+            if few is not None:
+                soon = restrict(relaxation, relaxation.snapshot, few)
+                return Subproblem(search, soon, self.tuning.lean).schedule(few) or few
+        return schedule
+
+
+def _worth_of_leaving_out(relaxation: Relaxation, schedule: CandidateSchedule) -> dict[str, int]:
+    """Return what leaving out each present optional motion is worth: one motion more than all
+    driving, one unit of driving more than all changes without motions.
+    """
+    present = schedule.times
+    optional = {a.name for a in relaxation.problem.activities if a.optional} & set(present)
+    drives = {t.activity for t in relaxation.snapshot.tasks} & optional
+    changes = {c.activity for c in relaxation.snapshot.changes} & optional - drives
+    unit = len(changes) + 1
+    lengths = {n: (present[n][1] - present[n][0]) * unit for n in drives}
+    most = sum(lengths.values()) + unit
+    return {n: most + lengths[n] for n in drives} | dict.fromkeys(changes, 1)
+
+
+def _with_motions_optional(
+    relaxation: Relaxation, schedule: CandidateSchedule, weights: Mapping[str, int], until: int
+) -> SchedulingProblem:
+    """Return the problem of a schedule's activities, with the weighted ones optional; all of it
+    ends by ``until``.
+    """
+    twins = {twin.name for twin in relaxation.elsewhere.values()}
+    free = frozenset(weights) | (twins & set(schedule.times))
+    problem = restrict(relaxation, relaxation.snapshot, schedule, free=free)
+    manager = problem.environment.expression_manager
+    present = {a.name: a.present for a in problem.activities if a.name in weights}
+    _prefer(problem, {manager.Not(p): weights[n] for n, p in present.items()}, until)
+    return problem
+
+
+# ------------------------------------------------------------------ a plan to begin from
+
+
+def start_of(problem: SchedulingProblem, plan: Plan) -> CandidateSchedule:
+    """Return a UP plan (an old one, or another's) as what to begin from: what it says of activities
+    that the problem has.
+
+    Activities that have to be present and are not in the plan are to begin at 0. Raises
+    :class:`ProblemError` where the plan is no schedule.
+    """
+    if not isinstance(plan, Schedule):
+        raise ProblemError(f"a search begins from schedules only, not from a {type(plan).__name__}")
+    told = to_candidate(problem, plan)
+    known = {a.name for a in problem.activities}
+    times = {name: span for name, span in told.times.items() if name in known}
+    for activity in problem.activities:
+        if not activity.optional and activity.name not in times:
+            least = activity.duration.lower
+            times[activity.name] = (0, int(least.constant_value()) if least.is_constant() else 1)
+    names = {p.name for p in problem.base_variables}
+    names |= {p.name for a in problem.activities if a.name in times for p in a.parameters}
+    values = {name: value for name, value in told.parameters.items() if name in names}
+    return CandidateSchedule(times, values)
+
+
+def motions_of(relaxation: Relaxation, start: CandidateSchedule) -> list[ScheduledMotion]:
+    """Return the motions of a schedule from which values may be missing: those that can be told
+    without them.
+    """
+    found = []
+    for task in relaxation.snapshot.tasks:
+        span = start.times.get(task.activity)
+        if span is not None and all(t.kind is TermKind.CONSTANT for t in task.terms):
+            names = tuple(t.name for t in task.terms)
+            poses = tuple(relaxation.snapshot.configurations[n] for n in names)
+            static = task.static or frozenset()
+            found.append(
+                ScheduledMotion(
+                    task.activity, task.index, task.object, names, poses, *span, task.avoid, static
+                )
+            )
+    return found
+
+
+def begin_near(search: Search, start: CandidateSchedule) -> CandidateSchedule | None:
+    """Return a schedule of the relaxation with the activities of ``start``, near its times; None
+    where there is none or it is not found in little time.
+
+    Only what the plan drives is looked at before, so that a search begins in a fraction of a second
+    where the plan still fits; else the plan is the scheduler's hint.
+    """
+    search.tell.stage(Phase.SCHEDULE)
+    # nothing decides the places of motions but the plan itself
+    problem = restrict(search.knowledge.relaxation, search.facts.snapshot, start)
+    return Subproblem(search, problem, search.tuning.start.effort).schedule(start, optimal=False)
