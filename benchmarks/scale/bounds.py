@@ -30,7 +30,7 @@ from up_samp.search.jobs_bound import JobsBound
 from up_samp.search.params import Parameters
 from up_samp.search.session import open_service
 from up_samp.upio import read_problem
-from up_samp.upio.relaxation import relax
+from up_samp.upio.relaxing import relax
 
 
 def row(problem: SchedulingMotionProblem, most: int, seconds: float) -> str:

@@ -39,7 +39,7 @@ from up_samp.search.params import Parameters
 from up_samp.search.session import open_service
 from up_samp.search.statements.durations import lower_bounds
 from up_samp.upio import read_problem, write_refinement
-from up_samp.upio.relaxation import relax
+from up_samp.upio.relaxing import relax
 from up_samp.validation import validate_plan
 
 

@@ -20,7 +20,7 @@ from up_samp.search.params import Parameters
 from up_samp.search.session import open_service
 from up_samp.search.shared_work import least_share
 from up_samp.upio import read_problem
-from up_samp.upio.relaxation import relax
+from up_samp.upio.relaxing import relax
 
 HOME = "home"
 

@@ -27,7 +27,7 @@ from up_samp.benchmarks.maps import (
     job_shop_size,
     job_shop_walls,
 )
-from up_samp.benchmarks.places import Door, Pose, box, check_poses
+from up_samp.benchmarks.places import Door, Pose, Shop, box, check_poses
 from up_samp.benchmarks.published.jobshop import published_job_shop
 from up_samp.model import ProblemError
 
@@ -48,19 +48,6 @@ class JobShopSizes:
 SIZES = JobShopSizes()
 
 _UP = math.pi / 2
-
-
-@dataclass(frozen=True)
-class Shop:
-    """One drawn job shop.
-
-    ``jobs[j]`` is job j's route: (machine, processing time) pairs in order. ``machines[m]`` and
-    ``starts[r]`` are poses (x, y, theta; m, rad).
-    """
-
-    jobs: tuple[tuple[tuple[int, int], ...], ...]
-    machines: tuple[Pose, ...]
-    starts: tuple[Pose, ...]
 
 
 def shop_door(i: int) -> Door:

@@ -26,7 +26,7 @@ from unified_planning.shortcuts import FALSE, TRUE, BoolType
 
 from up_samp.benchmarks.builder import Encoding, Family, is_published
 from up_samp.benchmarks.maps import LOGISTICS_SIZE, logistics_map, logistics_walls
-from up_samp.benchmarks.places import Door, Pose, box, check_poses
+from up_samp.benchmarks.places import Door, Layout, Pose, box, check_poses
 from up_samp.benchmarks.published.logistics import published_logistics
 from up_samp.benchmarks.routes import at_start
 from up_samp.model import ProblemError
@@ -59,15 +59,6 @@ _DEPOTS = {
     4: (10.0, 20.0, 30.0, 40.0),
     5: (15.0, 20.0, 25.0, 30.0, 35.0),
 }
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Where things are: ``depots[r]``, ``inner[i]`` and ``outer[i]`` (x, y, theta; m, rad)."""
-
-    depots: tuple[Pose, ...]
-    inner: tuple[Pose, ...]
-    outer: tuple[Pose, ...]
 
 
 def layout(robots: int, items: int, seed: int = 0) -> Layout:

@@ -53,6 +53,28 @@ class Door:
     button: Pose
 
 
+@dataclass(frozen=True)
+class Shop:
+    """One drawn job shop.
+
+    ``jobs[j]`` is job j's route: (machine, processing time) pairs in order. ``machines[m]`` and
+    ``starts[r]`` are poses (x, y, theta; m, rad).
+    """
+
+    jobs: tuple[tuple[tuple[int, int], ...], ...]
+    machines: tuple[Pose, ...]
+    starts: tuple[Pose, ...]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where things are: ``depots[r]``, ``inner[i]`` and ``outer[i]`` (x, y, theta; m, rad)."""
+
+    depots: tuple[Pose, ...]
+    inner: tuple[Pose, ...]
+    outer: tuple[Pose, ...]
+
+
 def box(length: float, width: float) -> tuple[tuple[float, float], ...]:
     """Return the corners of a ``length`` x ``width`` rectangle around the origin."""
     x, y = length / 2, width / 2

@@ -25,7 +25,7 @@ from up_samp.benchmarks import jobshop
 from up_samp.benchmarks.builder import Encoding, Family
 from up_samp.benchmarks.logistics import DoorState
 from up_samp.benchmarks.maps import job_shop_map, job_shop_size, job_shop_walls
-from up_samp.benchmarks.places import Pose, check_poses
+from up_samp.benchmarks.places import Pose, Shop, check_poses
 from up_samp.benchmarks.routes import at_start, before, scope_of
 from up_samp.model import ProblemError
 
@@ -58,7 +58,7 @@ def instance_name(robots: int, jobs: int, machines: int, door: DoorState) -> str
     return f"transport-d{door[0]}-r{robots}-j{jobs}-m{machines}"
 
 
-def _starts(family: Family, shop: jobshop.Shop) -> list[ConfigurationObject]:
+def _starts(family: Family, shop: Shop) -> list[ConfigurationObject]:
     """Add the robots where they start, and return these places."""
     starts = [family.place(f"start{r}", pose) for r, pose in enumerate(shop.starts)]
     for r, start in enumerate(starts):
@@ -256,7 +256,7 @@ def _legs(
     return loads, unloads
 
 
-def _check(shop: jobshop.Shop, pallets: list[Pose], closed: bool) -> None:
+def _check(shop: Shop, pallets: list[Pose], closed: bool) -> None:
     doors = [jobshop.shop_door(i) for i in range(len(shop.machines))]
     poses = {f"start{r}": pose for r, pose in enumerate(shop.starts)}
     poses |= {f"machine{m}": pose for m, pose in enumerate(shop.machines)}

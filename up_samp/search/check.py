@@ -15,10 +15,8 @@ from up_samp.model.refinement import Refinement, Strength
 from up_samp.motion.crew import can_be_sent
 from up_samp.refinement import rules, timed
 from up_samp.search.cases import MotionCase
-from up_samp.search.cuts.alone import Alone
 from up_samp.search.cuts.exact import rejects
-from up_samp.search.cuts.failure import Failure
-from up_samp.search.cuts.protocol import Cuts
+from up_samp.search.cuts.protocol import Alone, Cuts, Failure
 from up_samp.search.cuts.small import blocked
 from up_samp.search.events import Phase, Telling
 from up_samp.search.facts import Facts

@@ -75,7 +75,7 @@ def large_of(
 
 
 def solve_large(
-    search: Search, large: Large, *, optimal: bool
+    large: Large, search: Search, optimal: bool
 ) -> Generator[Incumbent, None, SearchResult]:
     """Solve a large problem: plans by dealing out jobs, better and better ones if that is asked
     for, then the search as for any other problem, from the best one on.

@@ -16,7 +16,7 @@ from up_samp.search.history import ProgressEvent
 from up_samp.search.stopping import Stop
 
 if TYPE_CHECKING:
-    from up_samp.search.components import Components
+    from up_samp.search.search import Components
     from up_samp.tuning import Tuning
 
 GROUP_PLANNERS = {"default": "ladder", "ladder": "ladder", "st-rrt*": "st-rrt*"}

@@ -14,7 +14,6 @@ from up_samp.model import Body, Configuration, PathReport, Placed
 from up_samp.model.refinement import Refinement
 from up_samp.motion import MotionService
 from up_samp.search.check import CheckAlone, check_duration, check_path
-from up_samp.search.components import Components, Statement
 from up_samp.search.cuts.handovers import handover_cuts
 from up_samp.search.cuts.paper import PaperCuts
 from up_samp.search.cuts.profiles import pair_cuts
@@ -34,7 +33,7 @@ from up_samp.search.resolve import (
     SerializeMotions,
     Slack,
 )
-from up_samp.search.search import Search
+from up_samp.search.search import Components, Search, Statement
 from up_samp.search.statements.copies import used_in_order
 from up_samp.search.statements.durations import fastest_durations, lower_bounds
 from up_samp.search.statements.handovers import guessed_handovers, proven_handovers

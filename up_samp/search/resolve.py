@@ -87,7 +87,6 @@ def until_driven(
     tell: Tell,
     *,
     steps: int,
-    deadline: Deadline,
     learn: bool = False,
 ) -> Incumbent | None:
     """Schedule ``again``, drive, and ``tell`` what did not fit, until all motions fit; None where
@@ -95,7 +94,7 @@ def until_driven(
     """
     drive = search.checker.check if learn else search.checker.drive
     for _ in range(steps):
-        if deadline.expired():
+        if search.budget.deadline.expired():
             return None
         scheduled = again(near)
         if scheduled is None:
@@ -148,9 +147,7 @@ class RepairDurations:
             return True
 
         needs.add(read_itinerary(search.knowledge.relaxation, schedule), check.needed)
-        return until_driven(
-            search, schedule, again, tell, steps=self.tuning.steps, deadline=search.budget.deadline
-        )
+        return until_driven(search, schedule, again, tell, steps=self.tuning.steps)
 
 
 @dataclass
@@ -232,6 +229,8 @@ class SerializeMotions:
         deadline = search.budget.share(self.tuning.share, math.inf)
 
         def again(near: CandidateSchedule) -> CandidateSchedule | None:
+            if deadline.expired():
+                return None
             # made anew: the relaxation holds what was learned by then
             problem = restrict(search.own_relaxation(), search.facts.snapshot, schedule)
             _take_turns(problem, some)
@@ -241,9 +240,7 @@ class SerializeMotions:
         def tell(itinerary: Itinerary, check: Check) -> bool:
             return bool(search.learn(check.refinements))
 
-        return until_driven(
-            search, schedule, again, tell, steps=self.tuning.steps, deadline=deadline, learn=True
-        )
+        return until_driven(search, schedule, again, tell, steps=self.tuning.steps, learn=True)
 
 
 def of_failed_groups(itinerary: Itinerary, check: Check) -> set[str]:
@@ -359,14 +356,7 @@ class PruneMotions:
             problem.add_constraint(manager.Or(small.activities[n].present for n in gone))
             return True
 
-        better = until_driven(
-            search,
-            plan.schedule,
-            again,
-            tell,
-            steps=self.tuning.steps,
-            deadline=search.budget.deadline,
-        )
+        better = until_driven(search, plan.schedule, again, tell, steps=self.tuning.steps)
         return None if better is None or search.judged(better.plan) else better
 
 

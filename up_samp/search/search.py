@@ -1,10 +1,12 @@
-"""One search: its parts, and how they are told of what is found."""
+"""One search: the components that it is made of (a preset is a list of these), its parts, and how
+they are told of what is found.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import Any
 
 from up_samp.model import CandidateSchedule, Refusal, Trajectory
 from up_samp.model.refinement import Refinement, Strength
@@ -12,23 +14,67 @@ from up_samp.scheduling import Scheduler
 from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.search.bounds import Bounds, Incumbent
 from up_samp.search.budget import Budget
-from up_samp.search.check import Checker
-from up_samp.search.components import Components
+from up_samp.search.check import Check, CheckAlone, Checker
+from up_samp.search.cuts.protocol import Cuts
 from up_samp.search.events import Telling
 from up_samp.search.facts import Facts
 from up_samp.search.history import History
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
+from up_samp.search.pace import Pace
 from up_samp.search.proof import Prover
 from up_samp.search.restarts import Restarts
 from up_samp.search.stages import VALIDATING
 from up_samp.search.stopping import Stop
 from up_samp.search.tuning import SearchTuning
 from up_samp.system.workers import Workers
-from up_samp.upio import Relaxation, SampSchedule, write_refinement
+from up_samp.upio import Itinerary, Relaxation, SampSchedule, write_refinement
 
-if TYPE_CHECKING:
-    from up_samp.search.large import Large
+
+@dataclass(frozen=True)
+class Statement:
+    """Something that is told to the scheduler; ``find`` returns it as refinements."""
+
+    name: str
+    find: Callable[[Search], Sequence[Refinement]]
+
+
+Shaper = Callable[["Search", CandidateSchedule], CandidateSchedule]
+"""Makes a candidate schedule easier to drive before its motions are checked."""
+Builder = Callable[["Search", Itinerary], Incumbent | None]
+"""Makes a plan of a candidate without asking whether its motions fit as scheduled, if it can."""
+Repair = Callable[["Search", CandidateSchedule, Check], Incumbent | None]
+"""Makes a plan of a candidate whose motions do not fit, if it can."""
+Improver = Callable[["Search", bool], Iterator[Incumbent]]
+"""Yields plans made of the best one, each better than all before it, for a share of the time. It is
+asked in every round, and told whether the scheduler found nothing better in its time.
+"""
+Finisher = Callable[["Search", Incumbent], Incumbent | None]
+"""Makes the best plan better in what no metric tells, in the end; None leaves it as it is."""
+
+
+@dataclass(frozen=True)
+class Components:
+    """The parts of a search, in the order in which they act.
+
+    ``statements`` come before the first schedule; ``after_failure`` when a candidate failed;
+    ``improvers`` in every round, once there is a plan;
+    ``for_proofs`` are told to our own scheduler alone, when it judges another one's word. Without
+    ``learns`` a search ends with its first candidate.
+    """
+
+    statements: tuple[Statement, ...]
+    layers: tuple[CheckAlone, ...]
+    cuts: Cuts
+    pace: Pace
+    shapers: tuple[Shaper, ...] = ()
+    builders: tuple[Builder, ...] = ()
+    repairs: tuple[Repair, ...] = ()
+    after_failure: tuple[Statement, ...] = ()
+    for_proofs: tuple[Statement, ...] = ()
+    improvers: tuple[Improver, ...] = ()
+    finishers: tuple[Finisher, ...] = ()
+    learns: bool = True
 
 
 @dataclass(frozen=True)
@@ -74,8 +120,8 @@ class Search:
     """Who does parts of it beside this process."""
     start: CandidateSchedule | None = None
     """What to begin from: see :mod:`up_samp.search.resolve`."""
-    large: Large | None = None
-    """The problem as one that is looked at in parts, if it is large."""
+    in_parts: Callable[[Search, bool], Generator[Incumbent, None, Any]] | None = None
+    """How a large problem is solved: not as a whole, but in parts (``optimal`` or not)."""
     remembered: dict[int, object] = field(default_factory=dict)
     """What components keep of this search from one call to the next, by their ``id``."""
     _own: tuple[tuple[int, int], Relaxation] | None = None

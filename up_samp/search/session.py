@@ -116,7 +116,8 @@ def open_search(
         search = assemble(asked, service, params, deadline, workers)
         if wrapped.native and params.incumbents and params.components is None and start is None:
             inner = partial(open_thin, wrapped, params, service, workers)
-            search.large = large_of(problem, snapshot, inner, search.tuning.large)
+            large = large_of(problem, snapshot, inner, search.tuning.large)
+            search.in_parts = None if large is None else partial(solve_large, large)
     search.history.stages = stages
     search.start = None if start is None else start_of(problem, start)
     return search
@@ -281,12 +282,12 @@ def run(search: Search, *, optimal: bool) -> Generator[Incumbent, None, SearchRe
     """
     bounds = search.bounds
     try:
-        if search.large is None:
+        if search.in_parts is None:
             result = yield from solve(search, optimal=optimal)
         else:
-            result = yield from solve_large(search, search.large, optimal=optimal)
+            result = yield from search.in_parts(search, optimal)
         # a large problem has too many motions for what is done about each of them in the end
-        finishers = search.components.finishers if search.large is None else ()
+        finishers = search.components.finishers if search.in_parts is None else ()
         for finish in finishers:
             if bounds.incumbent is not None:
                 bounds.incumbent = finish(search, bounds.incumbent) or bounds.incumbent

@@ -1,7 +1,6 @@
 """Between UP problems and our plain values: reading, relaxing, refining, writing plans."""
 
 from up_samp.upio.candidate import Itinerary, read_itinerary
-from up_samp.upio.choices import Choice
 from up_samp.upio.plan import (
     SampSchedule,
     build_plan,
@@ -10,7 +9,8 @@ from up_samp.upio.plan import (
     trajectory_key,
 )
 from up_samp.upio.read import read_problem
-from up_samp.upio.relaxation import Relaxation, relax
+from up_samp.upio.relaxation import Choice, Relaxation
+from up_samp.upio.relaxing import relax
 from up_samp.upio.write import write_refinement
 
 __all__ = [

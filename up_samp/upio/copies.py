@@ -8,7 +8,7 @@ from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.model.scheduling.chronicle import Chronicle
 
 from up_samp.model import ProblemError, UnsupportedError
-from up_samp.upio.choices import every_effect
+from up_samp.upio.relaxation import every_effect
 from up_samp.upio.rewrite import Rewriter
 from up_samp.upio.spans import with_timings
 

@@ -32,8 +32,8 @@ from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermK
 from up_samp.upio.limits import LIMITS
 from up_samp.upio.read_maps import check_flat, map_driven, read_maps
 from up_samp.upio.read_movable import read_movable
+from up_samp.upio.relaxing import told_by
 from up_samp.upio.rides import Floor, find_rides, laden_bodies
-from up_samp.upio.told import told_by
 
 
 def read_problem(problem: SchedulingMotionProblem, seconds_per_unit: float = 1.0) -> Snapshot:

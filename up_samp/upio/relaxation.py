@@ -1,38 +1,40 @@
-"""The relaxation: the scheduling problem that remains when nothing is known of motions.
+"""The growing relaxation of a problem, and the configurations in it that hang on decisions.
 
-Motion activities become plain ones, configurations plain objects. So that trajectories can be
-continuous (Definition 9.3), each object that changes its configuration has a state: an
-object-valued fluent that its motions need at their start and set in the end. Where one of the
-problem's own fluents does just that already (``robot_at``), it serves, if it is set at the
-motions' ends or a unit *early*. A state of our own is set a unit early, if all that set it last
-that long: an effect at t is seen from t + 1 on, so that motions of one object may touch. Where it
-is set at their ends, motions need it right after their starts, for the same reason; what else the
-problem itself asks of its fluent at their starts stays as it is.
+A waypoint may be a parameter of its activity, a variable, a parameter of another activity, or a
+fluent. The relaxation has one decision variable of the activity's own (or of the problem) for each:
+parameters and variables stand for themselves; what stands elsewhere gets a parameter that equals
+it. So statements about motions need to name variables and values only, and wrapped engines meet
+fluents and other activities' parameters nowhere but in one equation each.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import itertools
+import re
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 from unified_planning.model import Effect, Fluent, FNode, Parameter, Timing
-from unified_planning.model.motion import MotionActivity, SchedulingMotionProblem
+from unified_planning.model.motion import ActivityWaypoints, MotionActivity, SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity, SchedulingProblem
-from unified_planning.model.timing import (
-    DurationInterval,
-    TimePointInterval,
-)
+from unified_planning.model.timing import TimePointInterval
 
-from up_samp.model import check_time
+from up_samp.model import UnsupportedError
 from up_samp.model.refinement import Literal
-from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
-from up_samp.upio.choices import Choice, choose, constraints_on_one, every_effect, told_fluents
-from up_samp.upio.copies import check_fluents, copy_chronicle, copy_state
-from up_samp.upio.lasting import find_lasting
+from up_samp.model.snapshot import Snapshot, Term, TermKind
 from up_samp.upio.rewrite import Rewriter
-from up_samp.upio.spans import closed, inner, whole
-from up_samp.upio.told import hold_told
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The decision variable that a configuration comes from (its full name) and the names that it
+    may be; ``None``: nothing changes it, and it is always the one value.
+    """
+
+    variable: str | None
+    values: tuple[str, ...]
 
 
 @dataclass
@@ -117,232 +119,192 @@ class Relaxation:
         return found
 
 
-_ANYWHERE = "samp_anywhere"
-"""Plain type of all configurations, on whatever map."""
+def choose(
+    relaxation: Relaxation,
+    activity: Activity,
+    term: Term,
+    *,
+    at_end: bool = False,
+    state: FNode | None = None,
+) -> FNode:
+    """Return the expression for a configuration of ``activity``, and note its choice.
 
-
-def relax(
-    problem: SchedulingMotionProblem, snapshot: Snapshot, *, hold_static: bool = True
-) -> Relaxation:
-    """Return the relaxation of ``problem``; neither it nor its parts are shared with it.
-
-    ``hold_static=False`` leaves out that static obstacles stay put (many engines are slow with
-    it); the search then states it where a candidate schedule breaks it.
+    ``at_end``: a fluent is read at the activity's end, not at its start (motion effects). A fluent
+    that is the object's own ``state`` needs no equation: the caller's condition is one.
     """
-    lifts = _lifted(snapshot)
-    types = problem.environment.type_manager
-    rewriter = Rewriter(problem.environment, types.UserType(_ANYWHERE) if lifts else None)
-    plain = SchedulingProblem(problem.name, problem.environment)
-    copy_state(problem, plain, rewriter)
-    copy_chronicle(problem._base, plain._base, rewriter)
-    for activity in problem.activities:
-        copy = Activity(activity.name, 1, activity.optional, _env=problem.environment)
-        copy_chronicle(activity, copy, rewriter)
-        bounds = activity.duration
-        copy._set_duration_constraint(
-            DurationInterval(
-                rewriter(bounds.lower),
-                rewriter(bounds.upper),
-                bounds.is_left_open(),
-                bounds.is_right_open(),
-            )
-        )
-        plain._activities.append(copy)
-    for metric in problem.quality_metrics:
-        plain.add_quality_metric(metric)
-    told = {str(e): rewriter(e) for e in told_fluents(problem)}
-    check_fluents(problem, rewriter)
-    relaxation = Relaxation(plain, snapshot, rewriter, {}, told_fluents=told)
-    lasting = find_lasting(relaxation)
-    for name in sorted(snapshot.moved()):
-        _add_state(relaxation, name, lasting)
-    _agree_at_end(problem, relaxation)
-    drives = _drives_of(snapshot)
-    for task in snapshot.tasks if hold_static else ():
-        _hold_static(relaxation, task, drives)
-    for activity in problem.activities:
-        if isinstance(activity, MotionActivity):
-            hold_told(relaxation, activity)
-    return relaxation
+    problem = relaxation.problem
+    manager = problem.environment.expression_manager
+    if term.kind is TermKind.CONSTANT:
+        return manager.ObjectExp(problem.object(term.name))
+    key = (activity.name, term, at_end)
+    known = relaxation.choices.get(key)
+    if known is None:
+        if term.kind is TermKind.PARAMETER:
+            known = _of_parameter(relaxation, activity, term.name)
+        else:
+            known = _of_fluent(relaxation, activity, term.name, at_end=at_end, state=state)
+        relaxation.choices[key] = known
+    if known.variable is None:
+        return manager.ObjectExp(problem.object(known.values[0]))
+    return manager.ParameterExp(relaxation.variable(known.variable))
 
 
-def _add_state(relaxation: Relaxation, name: str, lasting: frozenset[str]) -> None:
-    """Give object ``name`` a state fluent and tie its motions to it; those in ``lasting`` surely
-    last a unit.
-    """
-    snapshot = relaxation.snapshot
-    # who rides is moved like who drives: it has to be where it is taken from
-    tasks = [t for t in snapshot.tasks if t.object == name] + [
-        MotionTask(r.activity, 0, name, (r.origin, r.goal))
-        for r in snapshot.rides
-        if r.load == name
-    ]
-    changes = [c for c in snapshot.changes if c.object == name]
-    early = int(lasting.issuperset(snapshot.movers[name]))
-    own = _tracking_fluent(relaxation, name, tasks, changes, early)
-    if own is None and early:
-        own = _tracking_fluent(relaxation, name, tasks, changes, 0)
-        early = 1 if own is None else 0
-    state = own if own is not None else _new_state(relaxation, name)
-    relaxation.state[name] = state
-    relaxation.early[name] = early
-    manager = relaxation.problem.environment.expression_manager
-    for task in tasks:
-        activity = relaxation.activities[task.activity]
-        # reading the state also keeps others from moving the object meanwhile
-        start, *via = [choose(relaxation, activity, t, state=state) for t in task.terms]
-        before = not early and (
-            task.activity not in lasting or _read_at_start(activity, state, task)
-        )
-        span = closed(activity) if before else whole(activity, early)
-        activity.add_condition(span, manager.Equals(state, start))
-        if own is None:
-            activity.add_effect(Timing(-early, activity.end), state, via[-1])
-    for change in changes:
-        activity = relaxation.activities[change.activity]
-        goal = choose(relaxation, activity, change.term, at_end=True)
-        if own is None:
-            activity.add_effect(Timing(-early, activity.end), state, goal)
-
-
-def _read_at_start(activity: Activity, state: FNode, task: MotionTask) -> bool:
-    """Return whether the problem itself reads a state at a drive's very start."""
-    if task.terms[0].kind is TermKind.FLUENT:
-        return True
-    return any(
-        span.lower == Timing(0, activity.start)
-        and not span.is_left_open()
-        and any(state in condition.args for condition in conditions)
-        for span, conditions in activity.conditions.items()
+def _of_parameter(relaxation: Relaxation, activity: Activity, name: str) -> Choice:
+    problem = relaxation.problem
+    parameter = relaxation.variable(name)
+    values = _possible(relaxation, parameter)
+    owner = next((a for a in problem.activities if parameter in a.parameters), None)
+    if owner is None or owner is activity:
+        return Choice(name, values)
+    mine = _add_parameter(relaxation, activity, name, parameter.type)
+    manager = problem.environment.expression_manager
+    problem.add_constraint(
+        manager.Equals(mine, parameter), [a.present for a in (activity, owner) if a.optional]
     )
+    if owner.optional:
+        # who is absent decides nothing
+        problem.add_constraint(owner.present, [activity.present] if activity.optional else [])
+    return Choice(mine.name, values)
 
 
-def _agree_at_end(problem: SchedulingMotionProblem, relaxation: Relaxation) -> None:
-    """A fluent that names a drive's goal is read at its start, and again at its end by a motion
-    effect that repeats it: it must say the same.
-    """
-    manager = relaxation.problem.environment.expression_manager
-    driven = {(t.activity, t.object): t.terms[-1] for t in relaxation.snapshot.tasks}
+def _of_fluent(
+    relaxation: Relaxation, activity: Activity, text: str, *, at_end: bool, state: FNode | None
+) -> Choice:
+    problem = relaxation.problem
+    fluent = _fluent(relaxation, activity, text)
+    ground = [f for f in relaxation.given_values if _may_be(fluent, f)]
+    values = tuple(sorted({v for f in ground for v in _reachable(relaxation, f)}))
+    if len(values) == 1:
+        return Choice(None, values)
+    mine = _add_parameter(relaxation, activity, text, fluent.type)
+    manager = problem.environment.expression_manager
+    if fluent != state:
+        point = activity.end if at_end else activity.start
+        activity.add_condition(TimePointInterval(Timing(0, point)), manager.Equals(fluent, mine))
+    return Choice(mine.name, values)
+
+
+def _add_parameter(relaxation: Relaxation, activity: Activity, what: str, tpe: Any) -> Parameter:
+    """Add a parameter named after ``what`` it stands for."""
+    base = "samp_" + "_".join(re.findall(r"\w+", what))
+    names = (base if n == 0 else f"{base}_{n}" for n in itertools.count())
+    taken = {p.name for p in activity.parameters}
+    free = next(n for n in names if f"{activity.name}.{n}" not in taken)
+    mine: Parameter = activity.add_parameter(free, tpe)
+    relaxation.variables[mine.name] = mine
+    return mine
+
+
+def _fluent(relaxation: Relaxation, activity: Activity, text: str) -> FNode:
+    """Return a waypoint's fluent over plain things."""
+    if text in relaxation.ground_fluents:
+        return relaxation.ground_fluents[text]
+    fluent = relaxation.told_fluents[text]
+    for argument in fluent.args:
+        decided = argument.is_parameter_exp()
+        owner = argument.parameter().name.rpartition(".")[0] if decided else ""
+        if not (argument.is_constant() or (decided and owner in ("", activity.name))):
+            raise UnsupportedError(
+                f"activity '{activity.name}': the arguments of the waypoint '{text}' must be "
+                f"constants, variables or parameters of '{activity.name}', not '{argument}'"
+            )
+    return fluent
+
+
+def _may_be(fluent: FNode, ground: FNode) -> bool:
+    """Return whether a fluent, with arguments that are decided, may stand for a ground one."""
+    return fluent.fluent() == ground.fluent() and not _surely_other(fluent, ground)
+
+
+def told_fluents(problem: SchedulingMotionProblem) -> Iterator[FNode]:
+    """Yield the fluents that the motions of a problem name as configurations."""
     for activity in problem.activities:
         if not isinstance(activity, MotionActivity):
             continue
-        mine = relaxation.activities[activity.name]
-        for movable, value in activity.motion_effects.items():
-            term = driven.get((activity.name, movable.object().name))
-            if term is not None and term.kind is TermKind.FLUENT:
-                goal = choose(relaxation, mine, term)
-                at_end = TimePointInterval(Timing(0, mine.end))
-                mine.add_condition(at_end, manager.Equals(relaxation.rewriter(value), goal))
+        places = [value for _, value in activity.motion_effects.items()]
+        for constraint in activity.motion_constraints:
+            if isinstance(constraint, ActivityWaypoints):
+                places += [constraint.starting, *constraint.waypoints]
+        yield from (place for place in places if place.is_fluent_exp())
 
 
-def _drives_of(snapshot: Snapshot) -> dict[str, list[str]]:
-    """Return the activities that drive each object, or take it along."""
-    found: dict[str, list[str]] = {}
-    for task in snapshot.tasks:
-        for name in sorted({task.object, *(ride.load for ride in task.rides)}):
-            found.setdefault(name, []).append(task.activity)
+def _reachable(relaxation: Relaxation, fluent: FNode) -> tuple[str, ...]:
+    """Return what a ground fluent may hold: its initial value and what effects may assign."""
+    if fluent not in relaxation.reachable:
+        relaxation.reachable[fluent] = _reached(relaxation, fluent)
+    return relaxation.reachable[fluent]
+
+
+def _reached(relaxation: Relaxation, fluent: FNode) -> tuple[str, ...]:
+    found = {relaxation.given_values[fluent].object().name}
+    for effect in relaxation.given_effects.get(fluent.fluent(), ()):
+        if _surely_other(effect.fluent, fluent):
+            continue
+        if effect.value.is_object_exp():
+            found.add(effect.value.object().name)
+        elif effect.value.is_parameter_exp():
+            found |= set(_possible(relaxation, effect.value.parameter()))
+        else:
+            found |= set(_configurations(relaxation, fluent.type))
+    return tuple(sorted(found))
+
+
+def every_effect(problem: SchedulingProblem) -> list[Effect]:
+    """Return the effects of a problem, and of all its activities."""
+    mine = [e for _, e in problem.base_effects]
+    return mine + [e for a in problem.activities for es in a.effects.values() for e in es]
+
+
+def _surely_other(one: FNode, two: FNode) -> bool:
+    """Return whether two expressions of one fluent differ in a constant argument."""
+    return any(a != b and a.is_constant() for a, b in zip(one.args, two.args, strict=True))
+
+
+def _configurations(relaxation: Relaxation, tpe: Any) -> Iterable[str]:
+    known = relaxation.snapshot.configurations
+    return (o.name for o in relaxation.problem.objects(tpe) if o.name in known)
+
+
+def _possible(relaxation: Relaxation, parameter: Parameter) -> tuple[str, ...]:
+    """Return the values that no constraint on the parameter alone forbids."""
+    problem = relaxation.problem
+    manager = problem.environment.expression_manager
+    variable = manager.ParameterExp(parameter)
+
+    def allowed(name: str) -> bool:
+        put = {variable: manager.ObjectExp(problem.object(name))}
+        return not any(
+            c.substitute(put).simplify().is_false() for c in relaxation.unary.get(variable, ())
+        )
+
+    return tuple(n for n in _configurations(relaxation, parameter.type) if allowed(n))
+
+
+def constraints_on_one(problem: SchedulingProblem) -> dict[FNode, list[FNode]]:
+    """Return the constraints that speak of one parameter and nothing else, by that parameter.
+
+    They bind whenever the parameter counts: unscoped, or under its own activity's presence.
+    """
+    found: dict[FNode, list[FNode]] = {}
+    for owner in (problem._base, *problem.activities):
+        for constraint, scope in owner.scoped_constraints:
+            leaves = _leaves(constraint)
+            free = [e for e in leaves if not e.is_constant()]
+            if len(free) != 1 or not free[0].is_parameter_exp():
+                continue
+            activity = free[0].parameter().name.rpartition(".")[0]
+            if all(s.is_present_exp() and s.presence().container == activity for s in scope):
+                found.setdefault(free[0], []).append(constraint)
     return found
 
 
-def _hold_static(relaxation: Relaxation, task: MotionTask, drives: Mapping[str, list[str]]) -> None:
-    """Keep a task's static obstacles where they are while it lasts (UP: they "remain static").
-
-    Its ends are left out: a change at the very start or end does no harm. A condition that reads
-    an object's state, whatever it is, keeps the activities apart that would change it; those that
-    drive the object, whose state changes only at their end, are kept apart by constraints.
-    """
-    manager = relaxation.problem.environment.expression_manager
-    activity = relaxation.activities[task.activity]
-    for name in sorted(task.static or ()):
-        if name not in relaxation.state:
-            continue
-        check_time()
-        state = relaxation.state[name]
-        span = inner(activity, relaxation.early[name])
-        activity.add_condition(span, manager.Equals(state, state))
-        for other in drives.get(name, ()):
-            if other != task.activity:
-                rival = relaxation.activities[other]
-                scope = [a.present for a in (activity, rival) if a.optional]
-                apart = manager.Or(
-                    manager.LE(rival.end, activity.start), manager.LE(activity.end, rival.start)
-                )
-                relaxation.problem.add_constraint(apart, scope)
-
-
-def _new_state(relaxation: Relaxation, name: str) -> FNode:
-    problem = relaxation.problem
-    place = problem.object(relaxation.snapshot.initial[name])
-    lifted = name in _lifted(relaxation.snapshot)
-    tpe = relaxation.rewriter.above if lifted else place.type
-    fluent = problem.add_fluent(f"samp_at_{name}", tpe, default_initial_value=place)
-    return fluent()
-
-
-def _lifted(snapshot: Snapshot) -> frozenset[str]:
-    """Return the objects that motion effects may take to another map."""
-    if len(snapshot.maps) < 2:
-        return frozenset()
-    maps: dict[str, set[int | None]] = {}
-    for name, place in snapshot.initial.items():
-        maps[name] = {snapshot.map_of[place]}
-    for task in snapshot.tasks:
-        maps[task.object].add(task.map)
-    put = [(c.object, c.term) for c in snapshot.changes]
-    put += [(r.load, r.goal) for r in snapshot.rides]
-    for name, term in put:
-        known = term.kind is TermKind.CONSTANT
-        maps[name].add(snapshot.map_of[term.name] if known else None)
-    return frozenset(name for name, found in maps.items() if len(found) > 1)
-
-
-def _tracking_fluent(
-    relaxation: Relaxation,
-    name: str,
-    tasks: list[MotionTask],
-    changes: list[ChangeTask],
-    early: int,
-) -> FNode | None:
-    """Return a fluent of the problem that already tells where ``name`` is, if there is one.
-
-    It must start at the object's initial configuration and be assigned by just the activities that
-    move the object, ``early`` units before their ends, to just the values that the motions lead
-    to.
-    """
-    problem = relaxation.problem
-    goals = {t.activity: t.terms[-1] for t in tasks} | {c.activity: c.term for c in changes}
-    initial = problem.object(relaxation.snapshot.initial[name])
-    for expression, value in relaxation.given_values.items():
-        if not (value.is_object_exp() and value.object() == initial):
-            continue
-        if _assigned_by(relaxation, expression, early) == goals:
-            return expression
-    return None
-
-
-def _assigned_by(relaxation: Relaxation, expression: FNode, early: int) -> dict[str, Term] | None:
-    """Return activity -> value for a ground fluent assigned only ``early`` before activities' ends.
-
-    ``None`` where it may be assigned in any other way.
-    """
-    fluent = expression.fluent()
-    if fluent in relaxation.loosely_set:
-        return None
-    found: dict[str, Term] = {}
-    for activity, timing, effect in relaxation.given_assignments.get(expression, ()):
-        term = _term(effect)
-        at_end = timing == Timing(-early, activity.end)
-        if term is None or not at_end or effect.is_conditional():
-            return None
-        found[activity.name] = term
+def _leaves(expression: FNode) -> set[FNode]:
+    found: set[FNode] = set()
+    stack = [expression]
+    while stack:
+        node = stack.pop()
+        if node.args and not node.is_fluent_exp():
+            stack.extend(node.args)
+        else:
+            found.add(node)
     return found
-
-
-def _term(effect: Effect) -> Term | None:
-    if not effect.is_assignment():
-        return None
-    if effect.value.is_object_exp():
-        return Term(TermKind.CONSTANT, effect.value.object().name)
-    if effect.value.is_parameter_exp():
-        return Term(TermKind.PARAMETER, effect.value.parameter().name)
-    return None

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from unified_planning.model.motion import ConfigurationObject, SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import GE, And, Implies
 
 from up_samp.benchmarks.maps import job_shop_map
-from up_samp.benchmarks.places import Door
+from up_samp.benchmarks.places import Door, Shop
 from up_samp.benchmarks.published.form import Form, Manner, Published
-
-if TYPE_CHECKING:
-    from up_samp.benchmarks.jobshop import Shop
 
 
 def published_job_shop(

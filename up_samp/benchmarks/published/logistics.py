@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from unified_planning.model import Fluent
 from unified_planning.model.motion import ConfigurationObject, SchedulingMotionProblem
@@ -11,12 +10,9 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import FALSE, LE, TRUE, And, BoolType, Or
 
 from up_samp.benchmarks.maps import logistics_map
-from up_samp.benchmarks.places import Door
+from up_samp.benchmarks.places import Door, Layout
 from up_samp.benchmarks.published.form import FIGURES, Form, Manner, Published
 from up_samp.benchmarks.published.members import Need, Robot
-
-if TYPE_CHECKING:
-    from up_samp.benchmarks.logistics import Layout
 
 Shelves = list[list[ConfigurationObject]]
 """The poses from which each item can be picked."""

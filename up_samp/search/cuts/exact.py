@@ -5,7 +5,7 @@ from __future__ import annotations
 from up_samp.model.refinement import Refinement
 from up_samp.model.snapshot import Snapshot
 from up_samp.refinement import holds, rules, timed
-from up_samp.search.cuts.failure import Failure
+from up_samp.search.cuts.protocol import Failure
 from up_samp.search.world import places_between
 from up_samp.upio import Itinerary
 

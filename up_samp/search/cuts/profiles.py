@@ -12,7 +12,7 @@ from up_samp.model.refinement import Given, Refinement, Strength
 from up_samp.model.snapshot import MotionTask
 from up_samp.refinement import rules
 from up_samp.search.cases import MotionCase
-from up_samp.search.cuts.failure import Failure
+from up_samp.search.cuts.protocol import Failure
 from up_samp.search.motions import Motions
 from up_samp.search.tuning import CutsTuning
 

@@ -1,21 +1,140 @@
-"""What turns failed motion checks into refinements."""
+"""What failed motion checks tell, and what turns that into refinements."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
-from up_samp.model import ScheduledMotion
-from up_samp.model.refinement import Refinement
+from up_samp.model import (
+    GroupQuery,
+    GroupReport,
+    Outcome,
+    Placed,
+    ScheduledMotion,
+    TimedMotion,
+)
+from up_samp.model.refinement import Refinement, Strength
 from up_samp.search.cases import MotionCase
-from up_samp.search.cuts.alone import Alone
-from up_samp.search.cuts.failure import Failure
 from up_samp.search.facts import Facts
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
+from up_samp.search.world import motion_key
+from up_samp.upio import Itinerary, Relaxation
 
 Alike = Callable[[Facts, ScheduledMotion], list[MotionCase]]
 """Returns the case that a motion is, and all that a cut for it holds for as well."""
+
+
+@dataclass(frozen=True)
+class Alone:
+    """A ``motion`` among ``obstacles``, of which those in ``places`` (by configuration) may be
+    moved; ``cases`` are the motions that are the same and heed what this one met.
+    """
+
+    motion: ScheduledMotion
+    obstacles: tuple[Placed, ...]
+    places: Mapping[str, str]
+    cases: tuple[MotionCase, ...]
+    why: str
+    strength: Strength
+
+
+@dataclass(frozen=True)
+class Failure:
+    """One group of a candidate, what was asked and answered. ``cut_short``: time was up.
+
+    ``alike`` tells for which motions a cut is to be stated.
+    """
+
+    motions: Motions
+    knowledge: Knowledge
+    alike: Alike
+    itinerary: Itinerary
+    group: Sequence[ScheduledMotion]
+    query: GroupQuery
+    report: GroupReport
+    cut_short: bool
+
+    @property
+    def facts(self) -> Facts:
+        """The problem's facts."""
+        return self.motions.facts
+
+    @property
+    def relaxation(self) -> Relaxation:
+        """The relaxation with all that was learned."""
+        return self.knowledge.relaxation
+
+    @property
+    def found(self) -> bool:
+        """Whether there are trajectories at all (then some are late)."""
+        return self.report.outcome is Outcome.FOUND
+
+    @property
+    def strength(self) -> Strength:
+        """What the lateness is worth. A search that was cut short proves nothing; nor does one for
+        several robots unless all ways to coordinate them were tried.
+        """
+        alone = len({m.object for m in self.group}) == 1
+        searched = self.report.complete and not self.cut_short
+        proves = self.found and searched and (alone or self.report.exhaustive)
+        return Strength.RELATIVE if proves else Strength.HEURISTIC
+
+    @cached_property
+    def scheduled(self) -> dict[str, ScheduledMotion]:
+        """The group's motions by the names that reports use."""
+        return {motion_key(m): m for m in self.group}
+
+    @cached_property
+    def timed(self) -> dict[str, TimedMotion]:
+        """What was asked about each motion, by the same names."""
+        return {m.name: m for m in self.query.motions}
+
+    @cached_property
+    def conflict(self) -> list[ScheduledMotion]:
+        """The motions that conflict: as few as the planner could tell, at least the late ones,
+        with what else their objects do meanwhile: an object is in the way until it drives on.
+        """
+        names = {*self.report.conflict, *self.report.late} or set(self.scheduled)
+        core = [m for m in self.group if motion_key(m) in names]
+        objects = {name for m in core for name in m.moved}
+        first, last = min(m.start for m in core), max(m.end for m in core)
+        return [
+            m
+            for m in self.group
+            if motion_key(m) in names or (m.moved & objects and m.start <= last and m.end >= first)
+        ]
+
+    def rivals(self, motions: Sequence[ScheduledMotion]) -> list[str]:
+        """Return the other motion activities of the same objects: they might clear the way."""
+        objects = {name for m in motions for name in m.moved}
+        mine = {m.activity for m in motions}
+        snapshot = self.facts.snapshot
+        drives = {t.activity for t in snapshot.tasks if t.object in objects}
+        rides = {r.activity for r in snapshot.rides if r.load in objects}
+        return sorted((drives | rides) - mine)
+
+    def arrivals(self, motions: Sequence[ScheduledMotion]) -> dict[str, int]:
+        """Return the ends that late ones need, in units after the first start of ``motions``."""
+        first = min(m.start for m in motions)
+        late = self.report.late
+        return {
+            m.activity: self.facts.units(late[motion_key(m)]) - first
+            for m in motions
+            if motion_key(m) in late
+        }
+
+    def blockers(self, motions: Sequence[ScheduledMotion]) -> dict[str, str]:
+        """Return who rests in the way of ``motions`` and might not, with its configuration."""
+        start = min(m.start for m in motions)
+        snapshot = self.facts.snapshot
+        return {
+            name: self.itinerary.place_at(snapshot, name, start)
+            for name in sorted(self.report.blockers)
+            if self.facts.movers.get(name)
+        }
 
 
 class Cuts(Protocol):

@@ -9,7 +9,7 @@ from up_samp.model import Rest, ScheduledMotion, TimedMotion
 from up_samp.model.refinement import Layer, Refinement, Strength
 from up_samp.refinement import rules
 from up_samp.refinement.rules import Reason
-from up_samp.search.cuts.failure import Failure
+from up_samp.search.cuts.protocol import Failure
 from up_samp.search.facts import Facts
 from up_samp.search.motions import Motions
 from up_samp.search.statements.unreachable import opened

@@ -13,10 +13,8 @@ from functools import partial
 from up_samp.model import PathQuery, ScheduledMotion
 from up_samp.model.refinement import Layer, Refinement, Strength
 from up_samp.refinement import rules
-from up_samp.search.cuts.alone import Alone
 from up_samp.search.cuts.exact import or_exact, rejects
-from up_samp.search.cuts.failure import Failure
-from up_samp.search.cuts.protocol import Alike
+from up_samp.search.cuts.protocol import Alike, Alone, Failure
 from up_samp.search.facts import Facts
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions

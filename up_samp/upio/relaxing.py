@@ -1,0 +1,384 @@
+"""The relaxation: the scheduling problem that remains when nothing is known of motions.
+
+Motion activities become plain ones, configurations plain objects. So that trajectories can be
+continuous (Definition 9.3), each object that changes its configuration has a state: an
+object-valued fluent that its motions need at their start and set in the end. Where one of the
+problem's own fluents does just that already (``robot_at``), it serves, if it is set at the
+motions' ends or a unit *early*. A state of our own is set a unit early, if all that set it last
+that long: an effect at t is seen from t + 1 on, so that motions of one object may touch. Where it
+is set at their ends, motions need it right after their starts, for the same reason; what else the
+problem itself asks of its fluent at their starts stays as it is.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from unified_planning.model import Effect, Fluent, FNode, Object, Timing
+from unified_planning.model.motion import MotionActivity, SchedulingMotionProblem
+from unified_planning.model.scheduling import Activity, SchedulingProblem
+from unified_planning.model.timing import (
+    DurationInterval,
+    RightOpenTimeInterval,
+    TimePointInterval,
+)
+
+from up_samp.model import ProblemError, check_time
+from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
+from up_samp.upio.copies import check_fluents, copy_chronicle, copy_state
+from up_samp.upio.relaxation import Relaxation, choose, told_fluents
+from up_samp.upio.rewrite import Rewriter
+from up_samp.upio.spans import closed, inner, whole
+
+_ANYWHERE = "samp_anywhere"
+"""Plain type of all configurations, on whatever map."""
+
+
+def relax(
+    problem: SchedulingMotionProblem, snapshot: Snapshot, *, hold_static: bool = True
+) -> Relaxation:
+    """Return the relaxation of ``problem``; neither it nor its parts are shared with it.
+
+    ``hold_static=False`` leaves out that static obstacles stay put (many engines are slow with
+    it); the search then states it where a candidate schedule breaks it.
+    """
+    lifts = _lifted(snapshot)
+    types = problem.environment.type_manager
+    rewriter = Rewriter(problem.environment, types.UserType(_ANYWHERE) if lifts else None)
+    plain = SchedulingProblem(problem.name, problem.environment)
+    copy_state(problem, plain, rewriter)
+    copy_chronicle(problem._base, plain._base, rewriter)
+    for activity in problem.activities:
+        copy = Activity(activity.name, 1, activity.optional, _env=problem.environment)
+        copy_chronicle(activity, copy, rewriter)
+        bounds = activity.duration
+        copy._set_duration_constraint(
+            DurationInterval(
+                rewriter(bounds.lower),
+                rewriter(bounds.upper),
+                bounds.is_left_open(),
+                bounds.is_right_open(),
+            )
+        )
+        plain._activities.append(copy)
+    for metric in problem.quality_metrics:
+        plain.add_quality_metric(metric)
+    told = {str(e): rewriter(e) for e in told_fluents(problem)}
+    check_fluents(problem, rewriter)
+    relaxation = Relaxation(plain, snapshot, rewriter, {}, told_fluents=told)
+    lasting = find_lasting(relaxation)
+    for name in sorted(snapshot.moved()):
+        _add_state(relaxation, name, lasting)
+    _agree_at_end(problem, relaxation)
+    drives = _drives_of(snapshot)
+    for task in snapshot.tasks if hold_static else ():
+        _hold_static(relaxation, task, drives)
+    for activity in problem.activities:
+        if isinstance(activity, MotionActivity):
+            hold_told(relaxation, activity)
+    return relaxation
+
+
+def _add_state(relaxation: Relaxation, name: str, lasting: frozenset[str]) -> None:
+    """Give object ``name`` a state fluent and tie its motions to it; those in ``lasting`` surely
+    last a unit.
+    """
+    snapshot = relaxation.snapshot
+    # who rides is moved like who drives: it has to be where it is taken from
+    tasks = [t for t in snapshot.tasks if t.object == name] + [
+        MotionTask(r.activity, 0, name, (r.origin, r.goal))
+        for r in snapshot.rides
+        if r.load == name
+    ]
+    changes = [c for c in snapshot.changes if c.object == name]
+    early = int(lasting.issuperset(snapshot.movers[name]))
+    own = _tracking_fluent(relaxation, name, tasks, changes, early)
+    if own is None and early:
+        own = _tracking_fluent(relaxation, name, tasks, changes, 0)
+        early = 1 if own is None else 0
+    state = own if own is not None else _new_state(relaxation, name)
+    relaxation.state[name] = state
+    relaxation.early[name] = early
+    manager = relaxation.problem.environment.expression_manager
+    for task in tasks:
+        activity = relaxation.activities[task.activity]
+        # reading the state also keeps others from moving the object meanwhile
+        start, *via = [choose(relaxation, activity, t, state=state) for t in task.terms]
+        before = not early and (
+            task.activity not in lasting or _read_at_start(activity, state, task)
+        )
+        span = closed(activity) if before else whole(activity, early)
+        activity.add_condition(span, manager.Equals(state, start))
+        if own is None:
+            activity.add_effect(Timing(-early, activity.end), state, via[-1])
+    for change in changes:
+        activity = relaxation.activities[change.activity]
+        goal = choose(relaxation, activity, change.term, at_end=True)
+        if own is None:
+            activity.add_effect(Timing(-early, activity.end), state, goal)
+
+
+def _read_at_start(activity: Activity, state: FNode, task: MotionTask) -> bool:
+    """Return whether the problem itself reads a state at a drive's very start."""
+    if task.terms[0].kind is TermKind.FLUENT:
+        return True
+    return any(
+        span.lower == Timing(0, activity.start)
+        and not span.is_left_open()
+        and any(state in condition.args for condition in conditions)
+        for span, conditions in activity.conditions.items()
+    )
+
+
+def _agree_at_end(problem: SchedulingMotionProblem, relaxation: Relaxation) -> None:
+    """A fluent that names a drive's goal is read at its start, and again at its end by a motion
+    effect that repeats it: it must say the same.
+    """
+    manager = relaxation.problem.environment.expression_manager
+    driven = {(t.activity, t.object): t.terms[-1] for t in relaxation.snapshot.tasks}
+    for activity in problem.activities:
+        if not isinstance(activity, MotionActivity):
+            continue
+        mine = relaxation.activities[activity.name]
+        for movable, value in activity.motion_effects.items():
+            term = driven.get((activity.name, movable.object().name))
+            if term is not None and term.kind is TermKind.FLUENT:
+                goal = choose(relaxation, mine, term)
+                at_end = TimePointInterval(Timing(0, mine.end))
+                mine.add_condition(at_end, manager.Equals(relaxation.rewriter(value), goal))
+
+
+def _drives_of(snapshot: Snapshot) -> dict[str, list[str]]:
+    """Return the activities that drive each object, or take it along."""
+    found: dict[str, list[str]] = {}
+    for task in snapshot.tasks:
+        for name in sorted({task.object, *(ride.load for ride in task.rides)}):
+            found.setdefault(name, []).append(task.activity)
+    return found
+
+
+def _hold_static(relaxation: Relaxation, task: MotionTask, drives: Mapping[str, list[str]]) -> None:
+    """Keep a task's static obstacles where they are while it lasts (UP: they "remain static").
+
+    Its ends are left out: a change at the very start or end does no harm. A condition that reads
+    an object's state, whatever it is, keeps the activities apart that would change it; those that
+    drive the object, whose state changes only at their end, are kept apart by constraints.
+    """
+    manager = relaxation.problem.environment.expression_manager
+    activity = relaxation.activities[task.activity]
+    for name in sorted(task.static or ()):
+        if name not in relaxation.state:
+            continue
+        check_time()
+        state = relaxation.state[name]
+        span = inner(activity, relaxation.early[name])
+        activity.add_condition(span, manager.Equals(state, state))
+        for other in drives.get(name, ()):
+            if other != task.activity:
+                rival = relaxation.activities[other]
+                scope = [a.present for a in (activity, rival) if a.optional]
+                apart = manager.Or(
+                    manager.LE(rival.end, activity.start), manager.LE(activity.end, rival.start)
+                )
+                relaxation.problem.add_constraint(apart, scope)
+
+
+def _new_state(relaxation: Relaxation, name: str) -> FNode:
+    problem = relaxation.problem
+    place = problem.object(relaxation.snapshot.initial[name])
+    lifted = name in _lifted(relaxation.snapshot)
+    tpe = relaxation.rewriter.above if lifted else place.type
+    fluent = problem.add_fluent(f"samp_at_{name}", tpe, default_initial_value=place)
+    return fluent()
+
+
+def _lifted(snapshot: Snapshot) -> frozenset[str]:
+    """Return the objects that motion effects may take to another map."""
+    if len(snapshot.maps) < 2:
+        return frozenset()
+    maps: dict[str, set[int | None]] = {}
+    for name, place in snapshot.initial.items():
+        maps[name] = {snapshot.map_of[place]}
+    for task in snapshot.tasks:
+        maps[task.object].add(task.map)
+    put = [(c.object, c.term) for c in snapshot.changes]
+    put += [(r.load, r.goal) for r in snapshot.rides]
+    for name, term in put:
+        known = term.kind is TermKind.CONSTANT
+        maps[name].add(snapshot.map_of[term.name] if known else None)
+    return frozenset(name for name, found in maps.items() if len(found) > 1)
+
+
+def _tracking_fluent(
+    relaxation: Relaxation,
+    name: str,
+    tasks: list[MotionTask],
+    changes: list[ChangeTask],
+    early: int,
+) -> FNode | None:
+    """Return a fluent of the problem that already tells where ``name`` is, if there is one.
+
+    It must start at the object's initial configuration and be assigned by just the activities that
+    move the object, ``early`` units before their ends, to just the values that the motions lead
+    to.
+    """
+    problem = relaxation.problem
+    goals = {t.activity: t.terms[-1] for t in tasks} | {c.activity: c.term for c in changes}
+    initial = problem.object(relaxation.snapshot.initial[name])
+    for expression, value in relaxation.given_values.items():
+        if not (value.is_object_exp() and value.object() == initial):
+            continue
+        if _assigned_by(relaxation, expression, early) == goals:
+            return expression
+    return None
+
+
+def _assigned_by(relaxation: Relaxation, expression: FNode, early: int) -> dict[str, Term] | None:
+    """Return activity -> value for a ground fluent assigned only ``early`` before activities' ends.
+
+    ``None`` where it may be assigned in any other way.
+    """
+    fluent = expression.fluent()
+    if fluent in relaxation.loosely_set:
+        return None
+    found: dict[str, Term] = {}
+    for activity, timing, effect in relaxation.given_assignments.get(expression, ()):
+        term = _term(effect)
+        at_end = timing == Timing(-early, activity.end)
+        if term is None or not at_end or effect.is_conditional():
+            return None
+        found[activity.name] = term
+    return found
+
+
+def _term(effect: Effect) -> Term | None:
+    if not effect.is_assignment():
+        return None
+    if effect.value.is_object_exp():
+        return Term(TermKind.CONSTANT, effect.value.object().name)
+    if effect.value.is_parameter_exp():
+        return Term(TermKind.PARAMETER, effect.value.parameter().name)
+    return None
+
+
+# ---------------------------------------------------------------- who surely lasts a unit or more
+
+
+def find_lasting(relaxation: Relaxation) -> frozenset[str]:
+    """Return the activities that last a unit or more, of those that move objects: their durations
+    say so, or they drive something to another pose, which takes time. Where only the latter is
+    the case, it is stated, too.
+    """
+    snapshot = relaxation.snapshot
+    movers = {t.activity for t in snapshot.tasks} | {c.activity for c in snapshot.changes}
+    long = {name for name in movers if _lasts(relaxation, name)}
+    drives = {t.activity for t in snapshot.tasks if _leads_away(snapshot, t)} - long
+    manager = relaxation.problem.environment.expression_manager
+    for name in sorted(drives):
+        activity = relaxation.activities[name]
+        activity.add_constraint(manager.LE(manager.Plus(activity.start, 1), activity.end))
+    return frozenset(long | drives)
+
+
+def _lasts(relaxation: Relaxation, name: str) -> bool:
+    duration = relaxation.activities[name].duration
+    return _least(relaxation, duration.lower) + duration.is_left_open() >= 1
+
+
+def _least(relaxation: Relaxation, node: FNode) -> int:
+    """Return a whole number that an expression for a duration is never below (0: not known)."""
+    if node.is_int_constant() or node.is_real_constant():
+        return max(0, math.ceil(node.constant_value()))
+    if node.is_plus():
+        return sum(_least(relaxation, part) for part in node.args)
+    if node.is_parameter_exp():
+        bound = node.parameter().type.lower_bound
+        return 0 if bound is None else max(0, int(bound))
+    if node.is_fluent_exp() and node.fluent() not in relaxation.given_effects:
+        values = [v for f, v in relaxation.given_values.items() if f.fluent() == node.fluent()]
+        return min((_least(relaxation, v) for v in values), default=0)
+    return 0
+
+
+def _leads_away(snapshot: Snapshot, task: MotionTask) -> bool:
+    """Return whether a drive surely comes to another pose than that from which it starts."""
+    return any(
+        a.kind is b.kind is TermKind.CONSTANT
+        and snapshot.configurations[a.name] != snapshot.configurations[b.name]
+        for a, b in itertools.pairwise(task.terms)
+    )
+
+
+# ---------------------------------------------------------------- obstacles given by fluents
+# A static obstacle rests at its fluent's value all through a motion. Where the fluent is the
+# object's state and is set a unit early, the two agree at every instant. Where it is set at the end
+# of what moves the object, they differ for one instant, and the motion must not start just then.
+# Any other fluent is compared with the state at the motion's start, and stays until its end.
+# Dynamic obstacles' fluents ask nothing more (``up_samp.validation.semantics``, rule 19).
+
+
+def hold_told(relaxation: Relaxation, source: MotionActivity) -> None:
+    """State for a motion activity of the problem what its static obstacles' fluents ask."""
+    activity = relaxation.activities[source.name]
+    for constraint in source.motion_constraints:
+        told = constraint.static_obstacles
+        if not isinstance(told, dict):
+            continue
+        for movable, value in told.items():
+            node = told_by(source.name, movable, value)
+            _hold(relaxation, activity, movable.name, relaxation.rewriter(node))
+
+
+def told_by(activity: str, obstacle: Object, value: Any) -> FNode:
+    """Return the expression that tells where an obstacle is: what the problem gives, and a fluent
+    of one parameter that is the obstacle, of that obstacle.
+
+    :raises ProblemError: for a fluent of other parameters.
+    """
+    if not isinstance(value, Fluent):
+        return obstacle.environment.expression_manager.auto_promote(value)[0]
+    types = [p.type for p in value.signature]
+    if not types:
+        return value()
+    if len(types) == 1 and types[0].is_compatible(obstacle.type):
+        return value(obstacle)
+    raise ProblemError(
+        f"activity '{activity}': the fluent '{value.name}' of its obstacle '{obstacle.name}' has "
+        f"{len(types)} parameters; say which, as in {value.name}(...)"
+    )
+
+
+def _hold(relaxation: Relaxation, activity: Activity, name: str, told: FNode) -> None:
+    manager = relaxation.problem.environment.expression_manager
+    state = relaxation.state.get(name)
+    if state is not None and told == state:
+        if not relaxation.early[name]:
+            _not_just_set(relaxation, activity, name)
+        return
+    place: FNode
+    if state is not None:
+        place = state
+    elif name in relaxation.snapshot.initial:
+        place = manager.ObjectExp(relaxation.problem.object(relaxation.snapshot.initial[name]))
+    else:
+        return
+    equal = manager.Equals(told, place)
+    activity.add_condition(TimePointInterval(Timing(0, activity.start)), equal)
+    span = RightOpenTimeInterval(Timing(0, activity.start), Timing(-1, activity.end))
+    activity.add_condition(span, equal)
+
+
+def _not_just_set(relaxation: Relaxation, activity: Activity, name: str) -> None:
+    """Let ``activity`` not start at the very instant at which the object is set elsewhere."""
+    manager = relaxation.problem.environment.expression_manager
+    snapshot = relaxation.snapshot
+    for other in sorted(snapshot.movers[name] - {activity.name}):
+        rival = relaxation.activities[other]
+        apart = manager.Or(
+            manager.LT(rival.end, activity.start), manager.LT(activity.start, rival.end)
+        )
+        scope = [a.present for a in (activity, rival) if a.optional]
+        relaxation.problem.add_constraint(apart, scope)
