@@ -2,13 +2,19 @@
 PYTHON ?= python3
 VENV ?= .venv
 
-.PHONY: demo test clean
+.PHONY: demo test figures figures-short clean
 
 demo: $(VENV)/installed
 	$(VENV)/bin/up-samp demo
 
 test: $(VENV)/installed-with-tests
 	$(VENV)/bin/python scripts/check.py
+
+figures: $(VENV)/installed-with-tests
+	$(VENV)/bin/python scripts/figures.py --keep --docs
+
+figures-short: $(VENV)/installed-with-tests
+	$(VENV)/bin/python scripts/figures.py --short
 
 $(VENV)/installed: pyproject.toml setup.py
 	$(PYTHON) -m venv $(VENV)

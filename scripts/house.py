@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import ast
 import sys
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 BRANCHES = (ast.If, ast.For, ast.While, ast.Try, ast.IfExp, ast.BoolOp, ast.comprehension)
-MOST_LINES, MOST_PARAMETERS, MOST_FILE_LINES = 50, 6, 800
+MOST_LINES, MOST_PARAMETERS, MOST_FILE_LINES, MOST_FILES = 50, 6, 800, 20
 SAME_LINES = 6
 """So many equal lines one after the other, in two places, count as said twice."""
 
@@ -23,7 +24,17 @@ class Figures:
     """What one package looks like."""
 
     files: int = 0
+    all_lines: int = 0
+    """With docstrings, comments and blank lines; ``lines`` are those of code."""
     lines: int = 0
+    classes: dict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
+    """The files that define a class or an alias of that name."""
+    class_count: int = 0
+    tunables: int = 0
+    rooms: Counter[str] = field(default_factory=Counter)
+    """Files by folder."""
+    type_circles: list[list[str]] = field(default_factory=list)
+    """Circles of imports if those for types (``TYPE_CHECKING``) and packages count, too."""
     long_files: int = 0
     functions: int = 0
     long_functions: int = 0
@@ -35,17 +46,39 @@ class Figures:
     said_twice: int = 0
     imports: dict[str, set[str]] = field(default_factory=dict)
 
+    @property
+    def shared_names(self) -> list[str]:
+        """Names of classes that two files or more define."""
+        return sorted(name for name, files in self.classes.items() if len(files) > 1)
+
+    @property
+    def big_rooms(self) -> list[str]:
+        """Folders with more than ``MOST_FILES`` files."""
+        return sorted(room for room, files in self.rooms.items() if files > MOST_FILES)
+
+    def values(self) -> dict[str, float]:
+        """Return the figures that ``scripts/figures.py`` keeps."""
+        return {
+            "lines": self.all_lines,
+            "files": self.files,
+            "classes": self.class_count,
+            "class names in two files or more": len(self.shared_names),
+            "import circles, type imports counted": len(self.type_circles),
+            f"rooms with more than {MOST_FILES} files": len(self.big_rooms),
+            "tunables": self.tunables,
+            "branches per 100 lines of code": round(100 * self.branches / max(1, self.lines), 1),
+        }
+
     def rows(self) -> Iterator[tuple[str, str]]:
         """Yield each figure's name and value."""
-        yield "files", str(self.files)
-        yield "lines", str(self.lines)
+        yield from ((name, f"{value:g}") for name, value in self.values().items())
+        yield "lines of code", str(self.lines)
         yield f"files over {MOST_FILE_LINES} lines", str(self.long_files)
         yield "functions", str(self.functions)
         yield f"functions over {MOST_LINES} lines", str(self.long_functions)
         yield f"functions with over {MOST_PARAMETERS} parameters", str(self.wide_functions)
-        yield "branches per 100 lines of code", f"{100 * self.branches / max(1, self.lines):.0f}"
         yield "numeric module constants", f"{self.constants} in {self.files_with_constants} files"
-        yield "import circles", str(len(self.circles))
+        yield "import circles, without imports for types", str(len(self.circles))
         yield f"places that share {SAME_LINES} lines with another", str(self.said_twice)
 
 
@@ -74,14 +107,28 @@ def code_lines(tree: ast.Module, source: str) -> list[str]:
     return [line for _, line in bare if line and not line.startswith("#")]
 
 
-def measure_file(figures: Figures, tree: ast.Module, source: str) -> list[str]:
+def tunables(node: ast.ClassDef) -> int:
+    """Return how many numbers a class of tunables holds."""
+    if not any("Tunables" in ast.unparse(base) for base in node.bases):
+        return 0
+    parts = (n.value for n in node.body if isinstance(n, ast.AnnAssign) and n.value is not None)
+    return sum("field(" not in ast.unparse(value) for value in parts)
+
+
+def measure_file(figures: Figures, tree: ast.Module, source: str, file: Path) -> list[str]:
     """Add one file to the figures; return its lines of code."""
     code = code_lines(tree, source)
     figures.files += 1
+    figures.all_lines += len(source.splitlines())
+    figures.rooms[str(file.parent)] += 1
     figures.lines += len(code)
     figures.long_files += len(source.splitlines()) > MOST_FILE_LINES
     for node in ast.walk(tree):
         figures.branches += isinstance(node, BRANCHES)
+        if isinstance(node, ast.ClassDef):
+            figures.class_count += 1
+            figures.classes[node.name].add(str(file))
+            figures.tunables += tunables(node)
         if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
             asked = node.args
             names = [*asked.posonlyargs, *asked.args, *asked.kwonlyargs]
@@ -96,18 +143,22 @@ def measure_file(figures: Figures, tree: ast.Module, source: str) -> list[str]:
     return code
 
 
-def imported(tree: ast.Module, known: set[str]) -> set[str]:
-    """Return the modules of the package that a module imports, anywhere in it (but for types)."""
-    typing_only: set[ast.AST] = set()
+def imported(tree: ast.Module, known: set[str], types: bool = False) -> set[str]:
+    """Return the modules among ``known`` that a module imports, anywhere in it; those that it
+    imports for types only if asked for.
+    """
+    left_out: set[ast.AST] = set()
     for node in ast.walk(tree):
-        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
-            typing_only.update(ast.walk(node))
+        if not types and isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
+            left_out.update(ast.walk(node))
     found = set()
     for node in ast.walk(tree):
-        if node in typing_only:
+        if node in left_out:
             continue
         if isinstance(node, ast.ImportFrom) and node.module:
-            found |= {f"{node.module}.{a.name}" for a in node.names} | {node.module}
+            for alias in node.names:
+                whole = f"{node.module}.{alias.name}"
+                found.add(whole if whole in known else node.module)
         elif isinstance(node, ast.Import):
             found |= {a.name for a in node.names}
     return found & known
@@ -165,10 +216,12 @@ def measure(folder: Path) -> Figures:
         name = ".".join(path.relative_to(folder).with_suffix("").parts)
         tree = ast.parse(source)
         trees[name.removesuffix(".__init__")] = tree
-        codes.append(measure_file(figures, tree, source))
+        codes.append(measure_file(figures, tree, source, path.relative_to(folder)))
     plain = {n for n in trees if not (folder / n.replace(".", "/")).is_dir()}
     figures.imports = {n: imported(t, plain) - {n} for n, t in trees.items() if n in plain}
     figures.circles = circles(figures.imports)
+    whole = {n: imported(t, set(trees), types=True) - {n} for n, t in trees.items()}
+    figures.type_circles = circles(whole)
     figures.said_twice = repeated(codes)
     return figures
 

@@ -1,22 +1,16 @@
-"""cpsat beside aries-opt and cpse on classic, flexible and transport problems, in one run.
-
-    python benchmarks/scheduling/compare.py --seconds 30 --out compare.json
+"""cpsat beside aries-opt and cpse on classic, flexible and transport problems.
 
 Each opponent gets a problem as it is, where it can read that (aries-opt knows no optional
-activities, cpse no object fluents), and as this package's compilers rewrite it for that engine.
-All run in this process, each once before the clock starts; a time is the best of three where it is
-below a second, and includes compiling. ``ratio`` is the best opponent's time by that of cpsat.
+activities, cpse no object fluents), and as this package's compilers rewrite it for that engine. All
+run in one process, each once before the clock starts; a time is the best of three where it is below
+a second, and includes compiling. ``python scripts/figures.py --only schedulers`` runs it.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import time
 import warnings
-from functools import partial
-from pathlib import Path
 from typing import Any
 
 import unified_planning as up
@@ -38,16 +32,14 @@ READERS = {"job shop": COLUMNS[:3], "flexible": ("cpsat", "cpse"), "transport": 
 """Who reads a family as it is."""
 
 
-def problems(match: str) -> list[tuple[str, Any, int | None]]:
-    """Return (family, problem, known optimum)."""
-    found: list[tuple[str, Any, int | None]] = [
-        ("job shop", job_shop(name, uses=False), optimum) for name, (_, optimum) in SHOPS.items()
-    ]
-    sizes = [(3, 3, 3), (4, 4, 3), (5, 4, 4), (6, 5, 4), (10, 6, 5)]
-    found += [("flexible", flexible_shop(*size, 0), None) for size in sizes]
-    fleets = [(1, 2), (1, 3), (2, 3), (2, 4), (3, 8)]
-    found += [("transport", transport(*fleet, 0), None) for fleet in fleets]
-    return [f for f in found if match in f[1].name or match == f[0]]
+def problem_of(name: str) -> tuple[str, Any, int | None]:
+    """Return (family, problem, known optimum) of "ft06", "flexible-3x3x3-0", "transport-1-2-0"."""
+    kind, _, size = name.partition("-")
+    if not size:
+        return "job shop", job_shop(name, uses=False), SHOPS[name][1]
+    *numbers, seed = (int(n) for n in size.replace("x", "-").split("-"))
+    build = {"flexible": flexible_shop, "transport": transport}[kind]
+    return kind, build(*numbers, seed), None
 
 
 def direct(planner: Any, problem: Any, seconds: float) -> tuple[str, CandidateSchedule | None]:
@@ -132,32 +124,22 @@ def show(cell: dict[str, Any] | None) -> str:
     return f"{cell['makespan'] or ''} {'' if proven else cell['status']} {time_taken}".strip()
 
 
-def main() -> None:
-    """Run everything; write JSON and print a Markdown table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=30)
-    parser.add_argument("--match", default="", help="a family, or a part of problems' names")
-    parser.add_argument("--out", type=Path, default=None)
-    args = parser.parse_args()
+def row_of(name: str, seconds: float) -> dict[str, Any]:
+    """Return what each engine makes of a problem within so many seconds, for a table."""
     up.shortcuts.get_environment().credits_stream = None
-    for warm in map(partial(solve, problem=job_shop("ft06", uses=False), seconds=5), COLUMNS):
-        assert warm["makespan"]
-    rows = []
-    print("| problem | optimum | " + " | ".join(COLUMNS) + " | ratio |")
-    print("|---|---|" + "---|" * (len(COLUMNS) + 1))
-    for family, problem, optimum in problems(args.match):
-        row: dict[str, Any] = {"problem": problem.name, "optimum": optimum}
-        for column in COLUMNS:
-            able = " " in column or column in READERS[family]
-            row[column] = best_of(column, problem, args.seconds) if able else None
-        row["ratio"] = ratio(row, args.seconds)
-        rows.append(row)
-        cells = [show(row[c]) for c in COLUMNS]
-        known = optimum if optimum is not None else ""
-        print(f"| {problem.name} | {known} | " + " | ".join([*cells, row["ratio"]]) + " |")
-        if args.out is not None:
-            args.out.write_text(json.dumps(rows, indent=1))
-
-
-if __name__ == "__main__":
-    main()
+    family, problem, optimum = problem_of(name)
+    warm = job_shop("ft06", uses=False)
+    for column in COLUMNS:
+        assert solve(column, warm, 5.0)["makespan"], f"{column} finds no plan for ft06"
+    row: dict[str, Any] = {}
+    for column in COLUMNS:
+        able = " " in column or column in READERS[family]
+        row[column] = best_of(column, problem, seconds) if able else None
+    mine = row["cpsat"]
+    return {
+        "optimum": optimum,
+        "cpsat": mine["seconds"],
+        "makespan": mine["makespan"],
+        "engines": {column: show(row[column]) for column in COLUMNS},
+        "ratio": ratio(row, seconds),
+    }

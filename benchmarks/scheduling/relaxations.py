@@ -1,28 +1,16 @@
 """The scheduling problems inside the SAMP families: moves at 2 m/s, doors opened before they are
-passed, no motion planning. The paper's 132 instances, and logistics with 10 robots and 16 items.
-
-    python benchmarks/scheduling/relaxations.py --seconds 60 --out out.jsonl
-    python benchmarks/scheduling/relaxations.py --bounds --encodings fluents --match j3-m6
+passed, no motion planning. The figures ``relaxations`` and ``resolving`` are measured with it.
 """
 
 from __future__ import annotations
 
-import argparse
 import itertools
-import json
 import math
-import statistics
 import time
-from collections.abc import Iterator
-from functools import partial
-from pathlib import Path
 from typing import Any
 
 from unified_planning.model import ClosedTimeInterval, Timing
 
-from up_samp.benchmarks import instances as frozen_instances
-from up_samp.benchmarks.builder import ENCODINGS
-from up_samp.benchmarks.logistics import logistics
 from up_samp.model import Deadline
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
@@ -71,123 +59,64 @@ def _doors(names: list[str], snapshot: Any) -> set[str]:
     return passed & doors
 
 
-def instances(family: str, encoding: str = "lean") -> Iterator[tuple[str, Any]]:
-    """Yield (name, function that builds the SAMP problem) of a family in the paper's sizes."""
-    for entry in frozen_instances(family):
-        yield entry.name, partial(entry.build, encoding, True)
-    if family == "logistics":
-        yield (
-            "logistics-dc-all-r10-i16",
-            partial(logistics, 10, 16, door="closed", sides="all", encoding=encoding),
-        )
-
-
-def solve(name: str, problem: Any, seconds: float, workers: int, seed: int = 0) -> dict[str, Any]:
-    """Schedule one relaxation; return what came of it. Times (s) include building the model."""
+def solve(problem: Any, seconds: float, workers: int = 2) -> dict[str, Any]:
+    """Schedule one relaxation; return what came of it, a valid schedule or none."""
     plain = relaxation(problem)
-    started, cpu = time.monotonic(), time.process_time()
-    first: list[tuple[float, int]] = []
-
-    def note(schedule: Any, bound: Any) -> None:
-        if not first:
-            first.append((time.monotonic() - started, schedule.makespan))
-
-    session = CpsatSession(plain, workers=workers, seed=seed)
-    report = session.solve(Deadline.after(seconds), on_solution=note)
+    report = CpsatSession(plain, workers=workers).solve(Deadline.after(seconds))
     found = report.schedule
-    wrong = found and validate_schedule(plain, build_schedule(plain, found)).violations
-    return {
-        "instance": name,
-        "activities": len(plain.activities),
-        "status": report.status.value,
-        "valid": None if found is None else not wrong,
-        "makespan": found.makespan if found else None,
-        "bound": report.bound,
-        "first_seconds": round(first[0][0], 2) if first else None,
-        "first_makespan": first[0][1] if first else None,
-        "seconds": round(time.monotonic() - started, 2),
-        "cpu_seconds": round(time.process_time() - cpu, 2),
-    }
+    if found is not None:
+        wrong = validate_schedule(plain, build_schedule(plain, found)).violations
+        assert not wrong, wrong[0]
+    makespan = found.makespan if found is not None else None
+    return {"status": report.status.value, "makespan": makespan, "bound": report.bound}
 
 
-def bounds(name: str, problem: Any) -> dict[str, Any]:
-    """Return the lower bound without search, and the makespan of the best quick tour."""
-    plain = relaxation(problem)
-    started = time.process_time()
-    model = ScheduleModel(plain)
-    routes = find_routes(model)
-    built = time.process_time()
-    work = find_work(model, routes)
-    assert work is not None
+def bounds(problem: Any) -> dict[str, Any]:
+    """Return the lower bound without search, and the makespan of the best quick tour (list
+    scheduling and annealing).
+    """
+    model = ScheduleModel(relaxation(problem))
+    work = find_work(model, find_routes(model))
+    assert work is not None, "the problem has no routes"
+    began = time.process_time()
     found = bound_by_work(model, work)
-    bound = found.value
-    bounded = time.process_time()
-    some = found.sequences
+    cpu, some = time.process_time() - began, found.sequences
     start = steps_of(work, some, some.found[0]) if some is not None and some.found else []
-    tour = improve(work, 60 * len(work.tasks), 0, lambda: False, start=start, enough=bound)
+    effort = 60 * len(work.tasks)
+    tour = improve(work, effort, 0, lambda: False, start=start, enough=found.value)
     makespan = tour.schedule.makespan if tour is not None else None
-    return {
-        "instance": name,
-        "bound": bound,
-        "tour": makespan,
-        "share": round(bound / makespan, 3) if makespan else None,
-        "cpu_model": round(built - started, 2),
-        "cpu_bound": round(bounded - built, 2),
-    }
+    return {"bound": found.value, "tour": makespan, "cpu": cpu}
 
 
-def summary(lines: list[dict[str, Any]]) -> str:
-    """Return the figures of a sweep in words, family by family."""
-    text = []
-    for family in sorted({line["instance"].rsplit("-r", 1)[0] for line in lines}):
-        some = [line for line in lines if line["instance"].rsplit("-r", 1)[0] == family]
-        firsts = [line["first_seconds"] for line in some if line["first_seconds"] is not None]
-        proven = sum(line["status"] == "optimal" for line in some)
-        gaps = [1 - (line["bound"] or 0) / line["makespan"] for line in some if line["makespan"]]
-        text.append(
-            f"{family:20} {len(some):3} instances: {proven} proven optimal, "
-            f"{len(firsts)} with a schedule ({sum(f <= 10 for f in firsts)} within 10 s, "
-            f"the last after {max(firsts, default=0):.1f} s), "
-            f"mean gap {100 * statistics.fmean(gaps or [0]):.1f} %, "
-            f"{sum(line['valid'] is False for line in some)} invalid"
-        )
-    return "\n".join(text)
+def tighten(problem: Any, schedule: Any, number: int) -> None:
+    """Do what a motion check does: a move of the schedule takes longer, or may not overlap."""
+    moves = sorted(n for n in schedule.times if n.startswith("move"))
+    name = moves[number % len(moves)]
+    activity = problem.get_activity(name)
+    start, end = schedule.times[name]
+    high = int(activity.duration.upper.constant_value())
+    activity.set_duration_bounds(min(end - start + 2, high), high)
+    em = problem.environment.expression_manager
+    other = problem.get_activity(moves[(number + 1) % len(moves)])
+    if other is not activity:
+        apart = em.Or(em.LT(activity.end, other.start), em.LT(other.end, activity.start))
+        problem.add_constraint(apart, scope=[activity.present, other.present])
 
 
-def main() -> None:
-    """Run the families and write one JSON line per instance; what is there already is kept."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--family", choices=["all", "logistics", "jobshop"], default="all")
-    parser.add_argument("--encodings", dest="encoding", default="lean", choices=ENCODINGS)
-    parser.add_argument("--seconds", type=float, default=60)
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--match", default="", help="only instances with this in their name")
-    parser.add_argument("--out", type=Path, default=None, help="JSON lines; resumed if it exists")
-    parser.add_argument("--bounds", action="store_true", help="only bounds without search")
-    args = parser.parse_args()
-    if args.bounds:
-        for family in ["logistics", "jobshop"] if args.family == "all" else [args.family]:
-            for name, build in instances(family, args.encoding):
-                if args.match in name:
-                    print(json.dumps(bounds(name, build())), flush=True)
-        return
-    lines: list[dict[str, Any]] = []
-    if args.out is not None and args.out.exists():
-        lines = [json.loads(line) for line in args.out.read_text().splitlines()]
-    done = {line["instance"] for line in lines}
-    families = ["logistics", "jobshop"] if args.family == "all" else [args.family]
-    for family in families:
-        for name, build in instances(family, args.encoding):
-            if args.match not in name or name in done:
-                continue
-            lines.append(solve(name, build(), args.seconds, args.workers))
-            line = json.dumps(lines[-1])
-            print(line, flush=True)
-            if args.out is not None:
-                with args.out.open("a") as stream:
-                    stream.write(line + "\n")
-    print(summary(lines))
-
-
-if __name__ == "__main__":
-    main()
+def resolve(problem: Any, rounds: int, seconds: float = 60.0, workers: int = 2) -> dict[str, float]:
+    """Re-solve a relaxation while constraints are added: CPU seconds of one session, and of a new
+    one each round, both to the proven optimum.
+    """
+    plain = relaxation(problem)
+    session = CpsatSession(plain, workers=workers)
+    report, spent = session.solve(Deadline.after(seconds)), {"warm": 0.0, "cold": 0.0}
+    for number in range(rounds):
+        tighten(plain, report.schedule, number)
+        began = time.process_time()
+        report = session.solve(Deadline.after(seconds))
+        spent["warm"] += time.process_time() - began
+        began = time.process_time()
+        fresh = CpsatSession(plain, workers=workers).solve(Deadline.after(seconds))
+        spent["cold"] += time.process_time() - began
+        assert (report.status, report.bound) == (fresh.status, fresh.bound), "not the same answer"
+    return {**spent, "ratio": spent["cold"] / spent["warm"]}

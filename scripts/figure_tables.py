@@ -1,0 +1,301 @@
+"""The tables of the documentation, made from the figures kept (``scripts/figures.py --docs``).
+
+Where a page has a line ``<!-- figures: NAME -->``, what follows up to ``<!-- end -->`` is the table
+of that name. ``tests/docs/test_figures.py`` keeps pages and figures together.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import statistics
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from up_samp.benchmarks.report import PAPER
+
+Row = dict[str, Any]
+Rows = Mapping[str, Row]
+Cells = list[list[str]]
+
+MARK = re.compile(r"(<!-- figures: ([\w-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+
+def say(value: object, form: str = "") -> str:
+    """Return a cell; "-" where there is nothing."""
+    return "-" if value is None else format(value, form)
+
+
+def markdown(head: Sequence[str], cells: Iterable[Sequence[str]]) -> str:
+    """Return a table."""
+    lines = [f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *cells)]
+    return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column: its heading, the row's value or a function of the row, and how that is written."""
+
+    head: str
+    value: str | Callable[[Row], object]
+    form: str = ""
+
+    def cell(self, row: Row) -> str:
+        """Return the cell of a row."""
+        found = self.value(row) if callable(self.value) else row.get(self.value)
+        return say(found, self.form)
+
+
+def plain(first: str, *columns: Column) -> Callable[[Rows], str]:
+    """Return what makes a table with one line for each case."""
+
+    def table(rows: Rows) -> str:
+        empty = [""] * (len(columns) - 1)
+        cells = [
+            [case, f"failed: {row['failed']}", *empty]
+            if "failed" in row
+            else [case, *(column.cell(row) for column in columns)]
+            for case, row in rows.items()
+        ]
+        return markdown([first, *(column.head for column in columns)], cells)
+
+    return table
+
+
+def share(part: str, whole: str) -> Callable[[Row], float | None]:
+    """Return a function of a row: one value over another."""
+
+    def found(row: Row) -> float | None:
+        top, bottom = row.get(part), row.get(whole)
+        return None if top is None or not bottom else top / bottom
+
+    return found
+
+
+def of(part: str, whole: str) -> Callable[[Row], str]:
+    """Return a function of a row: "3 of 4"."""
+    return lambda row: f"{row[part]} of {row[whole]}"
+
+
+# --- tables that are not one line for each case
+
+
+GROUPS = {
+    "OC-DO": "logistics-do-oc", "OC-DC": "logistics-dc-oc", "ALL-DO": "logistics-do-all",
+    "ALL-DC": "logistics-dc-all", "JSP": "jobshop",
+}  # fmt: skip
+
+
+def published(rows: Rows) -> str:
+    """The paper's table: valid first plans by group."""
+    good = {name: row for name, row in rows.items() if row.get("valid")}
+    counts = []
+    for start in GROUPS.values():
+        asked = [name for name in rows if name.startswith(start)]
+        counts.append(f"{sum(name in good for name in asked)} of {len(asked)}")
+    seconds = [row["seconds"] for row in good.values()]
+    mean = say(statistics.mean(seconds), ".2f") if seconds else "-"
+    ours = ["samp-refine[cpsat], 60 s", *counts, f"{len(good)} of {len(rows)}", mean]
+    best = ["paper's best (Aries, fluents, 1800 s)", *(f"{n:g}" for n in PAPER["Aries, fluents"])]
+    return markdown(["", *GROUPS, "total", "mean s"], [best, ours])
+
+
+def instances(rows: Rows) -> str:
+    """Every first plan: makespan, bound, CPU seconds; the sizes of a family stand side by side."""
+    cells = []
+    for name, row in rows.items():
+        told = row.get("failed")
+        cells.append(
+            [name, f"failed: {told}", "", "", ""]
+            if told
+            else [
+                name,
+                say(row["makespan"]) if row["valid"] else "none",
+                say(row["bound"]),
+                say(row["sequential"]),
+                say(row["cpu"], ".1f"),
+            ]
+        )
+    return markdown(["instance", "makespan", "lower bound", "sequential", "CPU s"], cells)
+
+
+def tight_places(rows: Rows) -> str:
+    """One line for each place, one column for each kind of body."""
+    bodies = {"omni": "omnidirectional", "car": "car", "differential": "turns on the spot"}
+    found: dict[str, dict[str, str]] = {}
+    for case, row in rows.items():
+        place, _, body = case.rpartition(", ")
+        told = f"{row['cpu']:.2f} s, {say(row['ratio'], '.2f')}" if row.get("found") else "no way"
+        found.setdefault(place, {})[body] = "failed" if "failed" in row else told
+    cells = [[place, *(each.get(body, "") for body in bodies)] for place, each in found.items()]
+    return markdown(["place", *bodies.values()], cells)
+
+
+def growth(rows: Rows) -> str:
+    """Exponents k of (CPU seconds, MiB) ~ activities ** k over the sizes of ``scale``."""
+    keys = {"all": "cpu", "reading": "cpu_reading", "building the plan": "cpu_building",
+            "validating": "cpu_validating", "peak memory": "peak"}  # fmt: skip
+    good = [row for case, row in rows.items() if "," not in case and "failed" not in row]
+    cells = []
+    for label, key in keys.items():
+        points = [(math.log(r["activities"]), math.log(max(r[key], 1e-3))) for r in good]
+        x, y = [p[0] for p in points], [p[1] for p in points]
+        slope = statistics.linear_regression(x, y).slope if len(points) > 1 else None
+        cells.append([label, say(slope, ".2f")])
+    return markdown(["what grows with the optional activities", "exponent"], cells)
+
+
+def better_plans(rows: Rows) -> str:
+    """The plans of an anytime planner, one after the other."""
+    cells = [
+        [case, f"failed: {row['failed']}", "", ""]
+        if "failed" in row
+        else [
+            case,
+            ", ".join(f"{makespan} ({seconds:.0f} s)" for makespan, seconds in row["plans"]),
+            f"{row['bound']} ({row['absolute']})",
+            f"{row['makespan'] / row['bound'] - 1:.0%}",
+        ]
+        for case, row in rows.items()
+    ]
+    return markdown(["", "makespans (s by the clock)", "bound (absolute)", "gap"], cells)
+
+
+def house(rows: Rows) -> str:
+    """The structure of the package."""
+    told = {k: v for k, v in next(iter(rows.values())).items() if k not in ABOUT}
+    return markdown(["of `up_samp/`", ""], [[key, say(value)] for key, value in told.items()])
+
+
+def cell_of(engine: str) -> Column:
+    """Return a column of an engine's makespan, seconds and what it did not prove."""
+
+    def told(row: Row) -> str:
+        return str(row["engines"].get(engine, "-"))
+
+    return Column(engine, told)
+
+
+ABOUT = ("commit", "machine", "load")
+PERCENT = ".1%"
+TABLES: dict[str, tuple[str, Callable[[Rows], str]]] = {
+    "house": ("house", house),
+    "start-up": ("start-up", plain(
+        "a fresh process that does",
+        Column("CPU s", "cpu", ".2f"), Column("s by the clock", "seconds", ".2f"),
+    )),
+    "memory": ("memory", plain(
+        "a process that solves", Column("peak MiB", "peak", ".0f"),
+        Column("held after 6 solves", "after_6", ".0f"),
+        Column("held after 48", "after_48", ".0f"),
+    )),
+    "published": ("first-plans", published),
+    "instances": ("first-plans", instances),
+    "proofs": ("proofs", plain(
+        "instance", Column("makespan", "makespan"), Column("lower bound", "bound"),
+        Column("proven", lambda r: "yes" if r["proven"] else "no"),
+        Column("CPU s", "cpu", ".1f"), Column("s", "seconds", ".1f"),
+    )),
+    "ten-robots": ("ten-robots", plain(
+        "instance", Column("makespan", "makespan"), Column("lower bound", "bound"),
+        Column("CPU s", "cpu", ".1f"), Column("s", "seconds", ".1f"),
+    )),
+    "scale": ("scale", plain(
+        "robots x orders", Column("optional activities", "activities"),
+        Column("makespan", "makespan"), Column("lower bound", "bound"),
+        Column("CPU s in all", "cpu", ".1f"), Column("reading", "cpu_reading", ".1f"),
+        Column("building the plan", "cpu_building", ".1f"),
+        Column("validating", "cpu_validating", ".1f"), Column("peak MiB", "peak", ".0f"),
+    )),
+    "growth": ("scale", growth),
+    "better-plans": ("better-plans", better_plans),
+    "tight-places": ("tight-places", tight_places),
+    "traffic": ("traffic", plain(
+        "map, body, robots", Column("found", of("found", "asked")),
+        Column("arrivals / alone", "ratio", ".2f"), Column("CPU s", "cpu", ".2f"),
+    )),
+    "drives": ("drives", plain(
+        "planner", Column("found", of("found", "asked")), Column("median ms", "median", ".1f"),
+        Column("max ms", "most", ".0f"), Column("median duration / bound", "ratio", ".3f"),
+        Column("max", "worst", ".3f"),
+    )),
+    "execution": ("execution", plain(
+        "instance, delays",
+        Column("(a) time-stamped: runs with collisions", lambda r: (
+            f"{r['timed']:.3f}: {r['timed_collided']} of {r['draws']}"
+        )),
+        Column("(b) coarse", "coarse", ".3f"), Column("(c) staircase", "staircase", ".3f"),
+        Column("(d) re-ordered", "reorder", ".3f"),
+        Column("(d) to (b)", lambda r: r["reorder"] / r["coarse"] - 1, "+.0%"),
+        Column("waiting (d)", "waiting", PERCENT),
+        Column("unsafe runs of (b), (c), (d)", "unsafe"),
+    )),
+    "clairvoyant": ("clairvoyant", plain(
+        "instance", Column("draws", "draws"), Column("(b) coarse", "coarse", ".3f"),
+        Column("(c) staircase", "staircase", ".3f"), Column("(d) re-ordered", "reorder", ".3f"),
+        Column("(d) at worst", "worst", ".3f"),
+    )),
+    "replan": ("replan", plain(
+        "instance", Column("solved", of("solved", "asked")), Column("median CPU s", "cpu", ".2f"),
+    )),
+    "executor": ("executor", plain(
+        "made-up fleet", Column("`update` ms", "update", ".2f"),
+        Column("`commands` ms", "commands", ".2f"),
+        Column("`predicted_makespan` ms", "forecast", ".1f"),
+    )),
+    "presets": ("presets", plain(
+        "preset", Column("solved", of("solved", "runs")), Column("CPU s in all", "cpu", ".1f"),
+        Column("rounds", "rounds"), Column("refinements", "refinements"),
+        Column("makespans in all", "makespans"),
+    )),
+    "schedulers": ("schedulers", plain(
+        "problem", Column("optimum", "optimum"),
+        *map(cell_of, ("cpsat", "aries-opt", "cpse", "aries-opt compiled", "cpse compiled")),
+        Column("ratio", "ratio"),
+    )),
+    "relaxations": ("relaxations", plain(
+        "instance", Column("bound without search", "quick_bound"), Column("quick tour", "tour"),
+        Column("share", share("quick_bound", "tour"), ".0%"),
+        Column("CPU s of the bound", "cpu_quick", ".1f"),
+        Column("makespan after 60 s", "makespan"), Column("its bound", "bound"),
+    )),
+    "resolving": ("resolving", plain(
+        "problem", Column("one session, CPU s", "warm", ".1f"),
+        Column("a new one each round, CPU s", "cold", ".1f"), Column("ratio", "ratio", ".1f"),
+    )),
+}  # fmt: skip
+"""The figure that each table is made from, and how."""
+
+
+def caption(rows: Rows) -> str:
+    """Say where and when the rows were measured."""
+    commits = ", ".join(f"`{c}`" for c in dict.fromkeys(r["commit"] for r in rows.values()))
+    machines = "; ".join(dict.fromkeys(r["machine"] for r in rows.values()))
+    loads = [r["load"] for r in rows.values()]
+    return f"*Measured at {commits}: {machines}; load {min(loads)} to {max(loads)}.*"
+
+
+def table(name: str, figures: Mapping[str, Rows]) -> str:
+    """Return a table by its name, with where it was measured."""
+    figure, make = TABLES[name]
+    rows = figures.get(figure)
+    if not rows:
+        return f"*Not measured yet: `python scripts/figures.py --keep --docs --only {figure}`.*\n"
+    return f"{make(rows)}\n\n{caption(rows)}\n"
+
+
+def renewed(text: str, figures: Mapping[str, Rows]) -> str:
+    """Return a page with its tables made anew."""
+    return MARK.sub(lambda m: f"{m[1]}\n{table(m[2], figures)}\n{m[3]}", text)
+
+
+def rewrite(folder: Path, figures: Mapping[str, Rows]) -> None:
+    """Write the tables of all pages in a folder anew."""
+    for page in sorted(folder.glob("*.md")):
+        text = page.read_text(encoding="utf-8")
+        after = renewed(text, figures)
+        if after != text:
+            page.write_text(after, encoding="utf-8")
+            print(f"wrote {page.name}")

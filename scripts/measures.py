@@ -1,0 +1,547 @@
+"""How each figure of ``scripts/figures.py`` is measured: one function each, run in a process of its
+own as ``python scripts/measures.py FUNCTION CASE TREE``.
+
+A function gets the name of a case and returns its values by name; they are printed as one line of
+JSON. ``TREE`` is the checkout that is measured: its package is the one that is imported
+(``PYTHONPATH`` says so), which need not be the checkout that this file lies in. So only what has
+long been there is used: engines, ``up_samp.benchmarks``, ``coordinate``, ``MotionService``,
+``up_samp.execution``, the command line. ``cpu`` is s of computing by this process and its
+children, all else in the units that the list in ``figures.py`` gives.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import math
+import os
+import resource
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+ENGINE = "samp-refine[cpsat]"
+SMALLEST = "jobshop-r1-j1-m1"
+SEEDS = 2
+"""Random errands of each number of robots."""
+DRAWS = 6
+"""Draws of delays that each plan is executed with."""
+SEED = 5000
+"""The first of them."""
+TREE = Path(sys.argv[3] if len(sys.argv) > 3 else Path(__file__).parents[1]).resolve()
+Values = dict[str, Any]
+
+
+def spent() -> float:
+    """Return the CPU seconds of this process and of its children that have ended."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+def peak() -> float:
+    """Return the most memory that this process has held (MiB)."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def resident() -> float:
+    """Return the memory that this process holds now (MiB)."""
+    with open("/proc/self/status", encoding="ascii") as lines:
+        return next(int(line.split()[1]) for line in lines if line.startswith("VmRSS")) / 1024
+
+
+def helper(folder: str, module: str) -> Any:
+    """Import a module of the measured checkout that is no part of its package."""
+    sys.path[:0] = [str(TREE / folder), str(TREE)]
+    return importlib.import_module(module)
+
+
+def planner(kind: Any = None, **params: Any) -> Any:
+    """Return the engine (a one-shot planner unless ``kind`` says otherwise)."""
+    from unified_planning.shortcuts import OneshotPlanner, get_environment
+
+    import up_samp  # noqa: F401  (registers the engines)
+
+    get_environment().credits_stream = None
+    return (kind or OneshotPlanner)(name=ENGINE, params=params)
+
+
+def warm_up(case: str) -> Values:
+    """Compile all kernels of this checkout, and keep them on disk."""
+    from up_samp.model import MotionModel
+    from up_samp.motion.compile import precompile
+
+    precompile(MotionModel)
+    tight_place("pocket, omni")
+    return {}
+
+
+# --- plans of the benchmark families
+
+
+def run_of(case: str, **spec: Any) -> Values:
+    """Solve one instance as ``up-samp bench run`` does."""
+    from up_samp.benchmarks.one_run import perform
+    from up_samp.benchmarks.report import proven, solved
+    from up_samp.benchmarks.runs import RunSpec
+
+    record = perform(RunSpec(case, ENGINE, **spec))
+    if "error" in record:
+        raise RuntimeError(record["error"])
+    metrics = record["metrics"]
+    told: Values = {"valid": int(solved(record)), "proven": int(proven(record))}
+    told |= {"makespan": record.get("makespan"), "bound": metrics.get("lower_bound")}
+    told |= {"cpu": record["seconds_cpu"], "seconds": record["seconds"]}
+    told |= {"sequential": record.get("sequential"), "rounds": metrics.get("rounds")}
+    layers = ("geometric", "temporal", "group")
+    told["refinements"] = sum(int(metrics.get(f"refinements_{layer}", 0)) for layer in layers)
+    return told
+
+
+def first_plan(case: str) -> Values:
+    """A first plan of a published instance, with fluents, within 60 s."""
+    return run_of(case, encoding="fluents", optimal=False, timeout=60)
+
+
+def proof(case: str) -> Values:
+    """A plan that is proven optimal, of a published instance with fluents, within 300 s."""
+    return run_of(case, encoding="fluents", optimal=True, timeout=300)
+
+
+PRESET_INSTANCES = (
+    "logistics-do-oc-r2-i3",
+    "logistics-dc-oc-r2-i2",
+    "logistics-do-all-r2-i3",
+    "logistics-dc-all-r2-i3",
+    "jobshop-r2-j2-m1",
+    "jobshop-r2-j2-m2",
+)
+"""Small instances in which robots meet."""
+
+
+def preset(case: str) -> Values:
+    """First plans of six small instances (lean form, 20 s each) by one preset."""
+    runs = [
+        run_of(name, encoding="lean", preset=case, optimal=False, timeout=20)
+        for name in PRESET_INSTANCES
+    ]
+    good = [r for r in runs if r["valid"]]
+    told: Values = {"runs": len(runs), "solved": len(good), "cpu": sum(r["cpu"] for r in runs)}
+    told |= {key: sum(int(r[key] or 0) for r in good) for key in ("rounds", "refinements")}
+    told["makespans"] = sum(r["makespan"] for r in good)
+    return told
+
+
+# --- large warehouses
+
+
+def warehouse_of(case: str) -> Any:
+    """Return the problem of a case such as "20x60" or "10x30, file"."""
+    size, _, form = case.partition(", ")
+    robots, orders = map(int, size.split("x"))
+    if form == "file":
+        return helper("tests", "tests.search.store_fleet").fleet_of(robots, orders).problem
+    from up_samp.benchmarks.warehouse import warehouse
+
+    return warehouse(robots, orders, encoding=form or "compact")
+
+
+def warehouse_plan(case: str) -> Values:
+    """A first plan of a large warehouse, seed 0."""
+    problem, began = warehouse_of(case), spent()
+    with planner() as engine:
+        result = engine.solve(problem, timeout=900)
+    told = result.metrics or {}
+    values: Values = {"activities": len(problem.activities), "cpu": spent() - began}
+    stages = ("reading", "building", "validating")
+    values |= {f"cpu_{stage}": float(told.get(f"cpu_{stage}", 0.0)) for stage in stages}
+    values |= {"bound": int(told["lower_bound"]), "peak": peak()}
+    values["makespan"] = int(told["makespan"]) if result.plan is not None else None
+    values["modules"] = sum(name.startswith("up_samp") for name in sys.modules)
+    return values
+
+
+def better_plans(case: str) -> Values:
+    """The plans of an anytime planner in so many seconds by the clock ("20x60, 300 s")."""
+    from unified_planning.shortcuts import AnytimePlanner
+
+    size, seconds = case.removesuffix(" s").split(", ")
+    problem, began, plans, told = warehouse_of(size), time.monotonic(), [], {}
+    with planner(AnytimePlanner, seed=0) as engine:
+        for result in engine.get_solutions(problem, timeout=float(seconds)):
+            told = result.metrics or {}
+            if result.plan is not None:
+                plans.append([int(told["makespan"]), round(time.monotonic() - began, 1)])
+    first: dict[int, float] = {}
+    for makespan, seconds_then in plans:
+        first.setdefault(makespan, seconds_then)
+    return {
+        "first": plans[0][0],
+        "makespan": min(first),
+        "bound": int(told["lower_bound"]),
+        "absolute": int(told["absolute_bound"]),
+        "plans": [list(pair) for pair in first.items()],
+    }
+
+
+# --- traffic
+
+
+def arrivals(traffic: Any, seconds: float, **how: Any) -> tuple[Any, float, Any]:
+    """Coordinate a group, twice where that is quick (the first call loads kernels); return its
+    report, the CPU seconds, and the sum of arrivals (s; None if not everybody gets through).
+    """
+    from up_samp.model import Deadline, Outcome
+    from up_samp.motion.fleet import coordinate
+    from up_samp.motion.service import MotionService
+
+    for _ in range(2):
+        service, began = MotionService(traffic.grid), spent()
+        report = coordinate(service, traffic.query, Deadline.after(seconds), **how)
+        cpu = spent() - began
+        if cpu > 5.0:
+            break
+    found = report.outcome is Outcome.FOUND
+    return report, cpu, sum(t.end for t in report.trajectories.values()) if found else None
+
+
+def alone(traffic: Any) -> float | None:
+    """Return the sum of arrivals (s) if nobody met anybody, None where one has no way."""
+    from dataclasses import replace
+
+    total = 0.0
+    for motion in traffic.query.motions:
+        single = replace(traffic, query=replace(traffic.query, motions=(motion,)))
+        mine = arrivals(single, 60.0)[2]
+        if mine is None:
+            return None
+        total += mine
+    return total
+
+
+def tight_place(case: str) -> Values:
+    """A tight place of ``up_samp/benchmarks/tight_places.py`` with one kind of body; who gets
+    through is judged by the validator's own checks.
+    """
+    from up_samp.benchmarks import tight_places
+
+    name, _, body = case.rpartition(", ")
+    traffic = tight_places.CASES[name].build(tight_places.BODIES[body]())
+    report, cpu, total = arrivals(traffic, 60.0)
+    told: Values = {"found": int(total is not None), "cpu": cpu, "ratio": None}
+    if total is not None:
+        judge = helper("tests", "tests.spacetime.independent").judge
+        with tempfile.TemporaryDirectory() as folder:
+            judge(traffic, report, Path(folder))
+        least = alone(traffic)
+        told["ratio"] = total / least if least else None
+    return told
+
+
+def errands(case: str) -> Values:
+    """Random errands of so many robots on one map ("pillars, omni, 10", or "..., st-rrt*")."""
+    from up_samp.benchmarks import tight_places
+
+    name, body, robots, *method = case.split(", ")
+    how = {"method": method[0]} if method else {}
+    grid = {"pillars": tight_places.pillars, "aisles": tight_places.aisles}[name]()
+    ratios, cpus, asked = [], [], 0
+    for seed in range(SEEDS):
+        kind = tight_places.BODIES[body]()
+        traffic = tight_places.errands(grid, kind, int(robots), seed)
+        least = alone(traffic)
+        if least is None:  # somebody has no way even alone: no draw
+            continue
+        asked += 1
+        _, cpu, total = arrivals(traffic, 60.0, **how)
+        cpus.append(cpu)
+        if total is not None:
+            ratios.append(total / least)
+    ratio = statistics.mean(ratios) if ratios else None
+    return {"asked": asked, "found": len(ratios), "ratio": ratio, "cpu": sum(cpus)}
+
+
+def drives(case: str) -> Values:
+    """Depot-to-item motions in the logistics hall by one planner ("car", "omnidirectional",
+    "RRTConnect": OMPL's with our compiled checks, shortened and timed by us).
+    """
+    import numpy as np
+
+    from up_samp.geometry import OccupancyGrid
+    from up_samp.model import Body, Deadline, Kinematics, MotionModel, Outcome, PathQuery
+    from up_samp.motion import MotionService
+
+    cells = np.zeros((650, 1000), dtype=bool)
+    cells[:2] = cells[-2:] = cells[:, :2] = cells[:, -2:] = True
+    cells[350:400, 520:] = cells[200:250, 520:] = True
+    kinematics = Kinematics(MotionModel.REEDSSHEPP, turning_radius=1.0, v_max=2.0, a_max=0.5)
+    if case == "omnidirectional":
+        kinematics = Kinematics(MotionModel.SE2, v_max=2.0, a_max=0.5, omega_max=1.0)
+    body = Body(((-1.0, -0.5), (1.0, -0.5), (1.0, 0.5), (-1.0, 0.5)), kinematics)
+    names = {"omnidirectional": "planar"}
+    service = MotionService(OccupancyGrid(cells, 0.1), planner=names.get(case, case))
+    starts = [(x, 59.0, math.pi / 2) for x in (25.0, 15.0, 35.0)]
+    items = [(float(x), float(y), 0.0) for y in (32, 27, 42, 17) for x in (59, 71, 83, 95)]
+    service.plan(PathQuery(body, ((20.0, 59.0, 1.5), (59.0, 33.0, 0.0))), Deadline.after(120))
+    times, ratios = [], []
+    for start in starts:
+        for goal in items:
+            began = time.process_time()
+            report = service.plan(PathQuery(body, (start, goal)), Deadline.after(30))
+            times.append(1e3 * (time.process_time() - began))
+            if report.outcome is Outcome.FOUND:
+                least = service.lower_bound(body, start, goal)
+                ratios.append(report.trajectory.duration / least)
+    told: Values = {"asked": len(times), "found": len(ratios)}
+    told |= {"median": statistics.median(times), "most": max(times)}
+    return told | {"ratio": statistics.median(ratios), "worst": max(ratios)}
+
+
+# --- execution
+
+
+def solved_plan(problem: Any, seconds: float = 120.0, hint: Any = None, **params: Any) -> Any:
+    """Solve a problem; return UP's result, which has a plan."""
+    with planner(**params) as engine:
+        result = engine.solve(problem, timeout=seconds, warm_start_plan=hint)
+    if result.plan is None:
+        raise RuntimeError(f"no plan: {result.status.name}")
+    return result
+
+
+def executable(name: str) -> tuple[Any, dict[str, Any]]:
+    """Return an instance's problem, and its first plan with dependencies."""
+    from up_samp.benchmarks import instance
+    from up_samp.execution import with_dependencies
+    from up_samp.io import result_to_dict
+
+    problem = instance(name).build()
+    return problem, with_dependencies(problem, result_to_dict(problem, solved_plan(problem)))
+
+
+def floor(case: str) -> Values:
+    """A first plan executed with delays ("NAME, 30 %") by each policy; all meet the same draws.
+    Makespans are means of the realised over the planned.
+    """
+    from up_samp.execution import Delays, coarse, dependencies_from_plan, simulate
+
+    name, share = case.removesuffix(" %").split(", ")
+    _, plan = executable(name)
+    fine = dependencies_from_plan(plan)
+    graphs = {"timed": fine, "coarse": coarse(fine), "staircase": fine, "reorder": fine}
+    delays, told, bad = Delays.of_share(float(share) / 100), {}, 0
+    for policy, graph in graphs.items():
+        runs = [
+            simulate(graph, plan, delays, seed, policy=policy) for seed in range(SEED, SEED + DRAWS)
+        ]
+        told[policy] = statistics.mean(r.makespan / r.planned for r in runs)
+        collided = sum(r.collisions > 0 for r in runs)
+        if policy == "timed":
+            told["timed_collided"] = collided
+        else:
+            bad += sum(
+                bool(r.collisions or r.deadlock or r.overruns or not r.finished) for r in runs
+            )
+        if policy == "reorder":
+            told["waiting"] = statistics.mean(r.waiting for r in runs)
+    return {**told, "draws": DRAWS, "unsafe": bad}
+
+
+def clairvoyant(case: str) -> Values:
+    """Makespans over that of a plan made in knowledge of how slow each robot will be."""
+    from up_samp.benchmarks import instance
+    from up_samp.execution import (
+        Delays,
+        coarse,
+        dependencies_from_plan,
+        dependencies_of,
+        simulate,
+    )
+    from up_samp.execution.delays import draw
+    from up_samp.io import result_to_dict
+
+    _, plan = executable(case)
+    fine, delays = dependencies_from_plan(plan), Delays(slow=0.3)
+    graphs = {"coarse": coarse(fine), "staircase": fine, "reorder": fine}
+    robots = [life.object for life in fine.lives.values() if life.drives]
+    over: dict[str, list[float]] = {policy: [] for policy in graphs}
+    for seed in range(SEED, SEED + DRAWS):
+        luck = draw(delays, robots, (), plan["makespan"], seed)
+        problem = instance(case).build()
+        for item in problem.all_objects:
+            if getattr(item, "name", "") in luck.pace:
+                item.motion_parameters["v_max"] *= luck.pace[item.name]
+        result = solved_plan(problem, 60, optimal=True)
+        if result.status.name != "SOLVED_OPTIMALLY":
+            continue
+        known = result_to_dict(problem, result)
+        best = simulate(dependencies_of(problem, known), known, Delays(), 0, judged=False)
+        for policy, graph in graphs.items():
+            run = simulate(graph, plan, delays, seed, policy=policy, judged=False)
+            over[policy].append(run.makespan / best.makespan)
+    means = {policy: statistics.mean(found) for policy, found in over.items()}
+    return {**means, "worst": max(over["reorder"]), "draws": len(over["reorder"])}
+
+
+def replan(case: str) -> Values:
+    """What is left of a plan with delays of 30 %, solved from 20, 40, 60 and 80 % of it on."""
+    from up_samp.execution import Delays, Executor, Surprise, dependencies_of
+    from up_samp.execution.delays import draw
+    from up_samp.execution.simulate import Floor
+
+    problem, plan = executable(case)
+    found = dependencies_of(problem, plan)
+    robots = [life.object for life in found.lives.values() if life.drives]
+    luck = draw(Delays.of_share(0.3), robots, found.graph.tasks, plan["makespan"], SEED)
+    executor = Executor(plan, problem, dependencies=found)
+    driven, times, solved = Floor(executor, found, luck), [], 0
+    for share in (0.2, 0.4, 0.6, 0.8):
+        while driven.now < share * plan["makespan"]:
+            driven.step()
+        began = spent()
+        left = executor.remaining_problem(Surprise(same_choices=True))
+        with planner() as engine:
+            result = engine.solve(left.problem, timeout=60, warm_start_plan=left.hint)
+        times.append(spent() - began)
+        solved += result.plan is not None
+    return {"asked": len(times), "solved": solved, "cpu": statistics.median(times)}
+
+
+def executor_time(case: str) -> Values:
+    """The executor's own time for a made-up plan ("50 robots, 1000 activities"): medians, ms."""
+    from up_samp.execution import Executor
+
+    made_up = helper("benchmarks/execution", "made_up")
+    robots, activities = (int(word) for word in case.split() if word.isdigit())
+    found = made_up.fleet(robots, activities)
+    times = made_up.drive_all(Executor({}, dependencies=found), 60.0)
+    return {what: 1e3 * statistics.median(each) for what, each in times.items()}
+
+
+# --- start-up, memory, house
+
+
+def python(code: str, folder: Path, **environment: str) -> tuple[float, float]:
+    """Run code in a fresh process; return its seconds by the clock, and CPU seconds."""
+    env = {**os.environ, **environment}
+    env.pop("PYTHONDONTWRITEBYTECODE", None)  # an installation keeps its bytecode
+    cpu, began = spent(), time.perf_counter()
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True)
+    if done.returncode != 0:
+        raise RuntimeError(f"{code}: {done.stderr[-2000:]}")
+    return time.perf_counter() - began, spent() - cpu
+
+
+COMMAND = "import sys; from up_samp.cli import main; sys.exit(main({!r}))"
+STARTS = {
+    "import unified_planning": (
+        "import unified_planning.shortcuts as s; s.get_environment().factory"
+    ),
+    "import up_samp": "import up_samp",
+    "up-samp --version": COMMAND.format(["--version"]),
+    f"up-samp solve {SMALLEST}": COMMAND.format(["solve", SMALLEST]),
+    "up-samp demo": COMMAND.format(["demo", "--out", "out", "--no-gif"]),
+}
+
+
+def start_up(case: str) -> Values:
+    """A fresh process that does one thing: the median of five after one that does not count; or
+    ("..., cold") once, of a copy of the package without bytecode and compiled kernels.
+    """
+    import up_samp
+
+    what, _, cold = case.partition(", ")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        if cold:
+            ignored = shutil.ignore_patterns("__pycache__")
+            shutil.copytree(Path(up_samp.__file__).parent, folder / "up_samp", ignore=ignored)
+            seconds, cpu = python(
+                STARTS[what], folder, PYTHONPATH=name, HOME=name, UP_SAMP_CACHE_DIR=f"{name}/cache"
+            )
+        else:
+            python(STARTS[what], folder)
+            runs = [python(STARTS[what], folder) for _ in range(5)]
+            seconds, cpu = (statistics.median(column) for column in zip(*runs, strict=True))
+    return {"cpu": cpu, "seconds": seconds}
+
+
+def memory(case: str) -> Values:
+    """The memory of a process that solves one published instance, or many small ones in turn."""
+    from up_samp.benchmarks import instance
+
+    if case != "48 solves":
+        solved_plan(instance(case).build())
+        return {"peak": peak()}
+    held = []
+    for _ in range(8):
+        for name in PRESET_INSTANCES:
+            solved_plan(instance(name).build("lean"))
+        held.append(resident())
+    return {"peak": peak(), "after_6": held[0], "after_48": held[-1]}
+
+
+def house(case: str) -> Values:
+    """The structure of the package, by ``scripts/house.py`` beside this file."""
+    from house import measure
+
+    assert (TREE / "up_samp").is_dir(), "no package in this checkout"
+    return measure(TREE).values()
+
+
+# --- the scheduler alone
+
+
+def scheduler(case: str) -> Values:
+    """A scheduling problem by cpsat and by other engines, 12 s each."""
+    compare = helper("benchmarks/scheduling", "compare")
+    return compare.row_of(case, 12.0)
+
+
+def relaxation(case: str) -> Values:
+    """The scheduling problem inside a published instance, moves at 2 m/s, 60 s."""
+    from up_samp.benchmarks import instance
+
+    module = helper("benchmarks/scheduling", "relaxations")
+    quick = module.bounds(instance(case).build("fluents", True))
+    told = module.solve(instance(case).build("fluents", True), 60.0)
+    return {**told, "quick_bound": quick["bound"], "tour": quick["tour"], "cpu_quick": quick["cpu"]}
+
+
+def resolving(case: str) -> Values:
+    """Twenty rounds of a growing problem: one session, and a new one each round."""
+    from up_samp.benchmarks import instance
+
+    module = helper("benchmarks/scheduling", "relaxations")
+    return module.resolve(instance(case).build("lean", True), 20)
+
+
+MEASURES: dict[str, Callable[[str], Values]] = {
+    function.__name__: function
+    for function in (
+        *(warm_up, first_plan, proof, preset, warehouse_plan, better_plans),
+        *(tight_place, errands, drives, floor, clairvoyant, replan, executor_time),
+        *(start_up, memory, house, scheduler, relaxation, resolving),
+    )
+}
+
+
+def rounded(value: Any) -> Any:
+    """Return a value as it is kept: three digits after the point."""
+    return round(value, 3) if isinstance(value, float) else value
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Measure one case and print its values."""
+    values = MEASURES[arguments[0]](arguments[1])
+    print(json.dumps({key: rounded(value) for key, value in values.items()}))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
