@@ -95,10 +95,10 @@ def is_number(node: ast.expr | None) -> bool:
     )
 
 
-def code_lines(tree: ast.Module, source: str) -> list[str]:
+def code_lines(nodes: list[ast.AST], source: str) -> list[str]:
     """Return the lines that are code: no blank lines, comments or docstrings."""
     said: set[int] = set()
-    for node in ast.walk(tree):
+    for node in nodes:
         text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
         if text and isinstance(node.value.value, str):
             said.update(range(node.lineno, (node.end_lineno or node.lineno) + 1))
@@ -115,15 +115,17 @@ def tunables(node: ast.ClassDef) -> int:
     return sum("field(" not in ast.unparse(value) for value in parts)
 
 
-def measure_file(figures: Figures, tree: ast.Module, source: str, file: Path) -> list[str]:
-    """Add one file to the figures; return its lines of code."""
-    code = code_lines(tree, source)
+def measure_file(figures: Figures, nodes: list[ast.AST], source: str, file: Path) -> list[str]:
+    """Add one file to the figures; return its lines of code. ``nodes`` are those of its tree, the
+    module first.
+    """
+    code = code_lines(nodes, source)
     figures.files += 1
     figures.all_lines += len(source.splitlines())
     figures.rooms[str(file.parent)] += 1
     figures.lines += len(code)
     figures.long_files += len(source.splitlines()) > MOST_FILE_LINES
-    for node in ast.walk(tree):
+    for node in nodes:
         figures.branches += isinstance(node, BRANCHES)
         if isinstance(node, ast.ClassDef):
             figures.class_count += 1
@@ -136,23 +138,24 @@ def measure_file(figures: Figures, tree: ast.Module, source: str, file: Path) ->
             figures.functions += 1
             figures.wide_functions += count > MOST_PARAMETERS
             figures.long_functions += (node.end_lineno or 0) - node.lineno + 1 > MOST_LINES
-    values = [n.value for n in tree.body if isinstance(n, (ast.Assign, ast.AnnAssign))]
+    body = getattr(nodes[0], "body", [])
+    values = [n.value for n in body if isinstance(n, (ast.Assign, ast.AnnAssign))]
     constants = sum(is_number(v) for v in values)
     figures.constants += constants
     figures.files_with_constants += constants > 0
     return code
 
 
-def imported(tree: ast.Module, known: set[str], types: bool = False) -> set[str]:
+def imported(nodes: list[ast.AST], known: set[str], types: bool = False) -> set[str]:
     """Return the modules among ``known`` that a module imports, anywhere in it; those that it
     imports for types only if asked for.
     """
     left_out: set[ast.AST] = set()
-    for node in ast.walk(tree):
+    for node in nodes:
         if not types and isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
             left_out.update(ast.walk(node))
     found = set()
-    for node in ast.walk(tree):
+    for node in nodes:
         if node in left_out:
             continue
         if isinstance(node, ast.ImportFrom) and node.module:
@@ -214,9 +217,9 @@ def measure(folder: Path) -> Figures:
     for path in sources:
         source = path.read_text(encoding="utf-8")
         name = ".".join(path.relative_to(folder).with_suffix("").parts)
-        tree = ast.parse(source)
-        trees[name.removesuffix(".__init__")] = tree
-        codes.append(measure_file(figures, tree, source, path.relative_to(folder)))
+        nodes = list(ast.walk(ast.parse(source)))
+        trees[name.removesuffix(".__init__")] = nodes
+        codes.append(measure_file(figures, nodes, source, path.relative_to(folder)))
     plain = {n for n in trees if not (folder / n.replace(".", "/")).is_dir()}
     figures.imports = {n: imported(t, plain) - {n} for n, t in trees.items() if n in plain}
     figures.circles = circles(figures.imports)

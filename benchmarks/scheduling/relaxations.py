@@ -20,8 +20,6 @@ from up_samp.scheduling.cpsat.routing.list_scheduling import improve
 from up_samp.scheduling.cpsat.routing.sequels import steps_of
 from up_samp.scheduling.cpsat.routing.workload import bound_by_work
 from up_samp.upio import read_problem, relax
-from up_samp.upio.plan import build_schedule
-from up_samp.validation import validate_schedule
 
 SPEED = 2.0
 """m/s: the speed at which unobstructed moves are driven."""
@@ -57,18 +55,6 @@ def _doors(names: list[str], snapshot: Any) -> set[str]:
     if any(n.endswith("in") and n.startswith("item") for n in names):
         passed |= doors
     return passed & doors
-
-
-def solve(problem: Any, seconds: float, workers: int = 2) -> dict[str, Any]:
-    """Schedule one relaxation; return what came of it, a valid schedule or none."""
-    plain = relaxation(problem)
-    report = CpsatSession(plain, workers=workers).solve(Deadline.after(seconds))
-    found = report.schedule
-    if found is not None:
-        wrong = validate_schedule(plain, build_schedule(plain, found)).violations
-        assert not wrong, wrong[0]
-    makespan = found.makespan if found is not None else None
-    return {"status": report.status.value, "makespan": makespan, "bound": report.bound}
 
 
 def bounds(problem: Any) -> dict[str, Any]:
