@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from figures import ABOUT
+
 from up_samp.benchmarks.report import PAPER
 
 Row = dict[str, Any]
@@ -178,7 +180,6 @@ def cell_of(engine: str) -> Column:
     return Column(engine, told)
 
 
-ABOUT = ("commit", "machine", "load")
 PERCENT = ".1%"
 TABLES: dict[str, tuple[str, Callable[[Rows], str]]] = {
     "house": ("house", house),
@@ -272,7 +273,7 @@ def caption(rows: Rows) -> str:
     commits = ", ".join(f"`{c}`" for c in dict.fromkeys(r["commit"] for r in rows.values()))
     machines = "; ".join(dict.fromkeys(r["machine"] for r in rows.values()))
     loads = [r["load"] for r in rows.values()]
-    return f"*Measured at {commits}: {machines}; load {min(loads)} to {max(loads)}.*"
+    return f"*Measured at {commits}: {machines}; load {min(loads):g} to {max(loads):g}.*"
 
 
 def table(name: str, figures: Mapping[str, Rows]) -> str:

@@ -10,7 +10,7 @@ Each case is measured by a function of ``measures.py``, in a process of its own 
 its own: what fails is a row that says why. Results are written after every case, to
 ``build/figures`` or (``--keep``) to ``benchmarks/figures``, whose last commit is what they are
 compared with. The exit code is 1 if anything failed or is worse than its tolerance allows; times
-and memory of another machine are shown, and not judged.
+and memory of another machine, or of one that was quicker or slower then, are shown, and not judged.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,6 +39,10 @@ Figures = dict[str, dict[str, Row]]
 
 NOISE = {"s": 0.1, "ms": 0.5, "MiB": 10.0}
 """Units that hang on the machine, and the differences in them that nobody looks at."""
+SAME_PACE = 1.25
+"""Times are judged if the machine was as quick both times, up to this factor (``pace``)."""
+ABOUT = ("commit", "machine", "load", "pace")
+"""What each row tells besides its values."""
 
 
 @dataclass(frozen=True)
@@ -249,6 +254,19 @@ def machine() -> str:
     return f"{model}, {usable} cores, Python {platform.python_version()}"
 
 
+def pace() -> float:
+    """Return the CPU milliseconds of a million additions, the median of nine: beside other work the
+    same processor may need three times as long.
+    """
+    times = []
+    for _ in range(9):
+        began, total = time.process_time(), 0
+        for number in range(1_000_000):
+            total += number
+        times.append(1e3 * (time.process_time() - began))
+    return round(statistics.median(times), 1)
+
+
 def once(figure: Figure, case: str, tree: Path) -> Row:
     """Measure a case of a checkout once; whatever goes wrong is a row with ``failed``."""
     script = Path(__file__).with_name("measures.py")
@@ -290,9 +308,9 @@ def merged(figure: Figure, rows: list[Row]) -> Row:
 
 def measured(figure: Figure, case: str, tree: Path = ROOT) -> Row:
     """Measure a case of a checkout as often as its figure says."""
-    load = round(os.getloadavg()[0], 1)
-    row = merged(figure, [once(figure, case, tree) for _ in range(figure.runs)])
-    return {**row, "commit": commit_of(tree), "machine": machine(), "load": load}
+    about = {"commit": commit_of(tree), "machine": machine()}
+    about |= {"load": round(os.getloadavg()[0], 1), "pace": pace()}
+    return {**merged(figure, [once(figure, case, tree) for _ in range(figure.runs)]), **about}
 
 
 def chosen(short: bool, only: Iterable[str]) -> list[tuple[Figure, str]]:
@@ -362,7 +380,8 @@ def compared(figure: Figure, case: str, before: Row, now: Row) -> Iterator[tuple
     if "failed" in now:
         yield f"| {name} | | | FAILED: {now['failed']} | |", True
         return
-    alike = before.get("machine") == now["machine"]
+    paces = [row.get("pace", 1.0) for row in (before, now)]
+    alike = before.get("machine") == now["machine"] and max(paces) < SAME_PACE * min(paces)
     for value in figure.values:
         new, old = now.get(value.name), before.get(value.name)
         ratio, verdict = "", False
@@ -407,7 +426,7 @@ def run(cases: list[tuple[Figure, str]], folder: Path, resume: bool) -> dict[tup
             row = measured(figure, case)
             put(folder, figure, case, row)
         rows[figure.name, case] = row
-        told = {k: v for k, v in row.items() if k not in ("commit", "machine", "load")}
+        told = {k: v for k, v in row.items() if k not in ABOUT}
         print(f"{number}/{len(cases)} {figure.name}/{case}: {told}", flush=True)
     return rows
 

@@ -79,9 +79,13 @@ def one(figures, *values, **more):
     return figures.Figure("f", "house", ("c",), (), 10, values, **more)
 
 
-def lines_of(figures, value, before, now, machines=("m", "m")):
+def lines_of(figures, value, before, now, machines):
+    """``machines``: a letter each, "M" is machine m when it was slow."""
     figure = one(figures, value)
-    rows = [{value.name: x, "machine": m} for x, m in zip((before, now), machines, strict=True)]
+    rows = [
+        {value.name: x, "machine": m.lower(), "pace": 90.0 if m == "M" else 30.0}
+        for x, m in zip((before, now), machines, strict=True)
+    ]
     return list(figures.compared(figure, "c", *rows))
 
 
@@ -97,6 +101,7 @@ def lines_of(figures, value, before, now, machines=("m", "m")):
         (("cpu", "s", "lower", 0.25), 10.0, 12.7, "mm", True),
         (("cpu", "s", "lower", 0.25), 10.0, 12.5, "mm", False),
         (("cpu", "s", "lower", 0.25), 10.0, 99.0, "mn", False),  # another machine
+        (("cpu", "s", "lower", 0.25), 10.0, 29.0, "mM", False),  # busy with something else
         (("makespan", "units", "lower", 0.0), 76, 77, "mn", True),
         (("cpu", "s", "lower", 0.25), 0.05, 0.14, "mm", False),  # noise
         (("seconds", "s", "", 0.0), 1.0, 9.0, "mm", False),  # only told
