@@ -1,7 +1,6 @@
 """Draw the pictures of the documentation anew: ``python scripts/pictures.py [NAME ...]``.
 
-Each example is solved as its docstring says, and its picture goes to ``docs/images``. The figures
-of benchmarks have scripts of their own (docs/benchmarks.md, docs/motion.md).
+Each example is solved as its docstring says, and its picture goes to ``docs/images``.
 """
 
 from __future__ import annotations
