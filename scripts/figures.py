@@ -296,18 +296,21 @@ def once(figure: Figure, case: str, tree: Path) -> Row:
 
 
 def merged(figure: Figure, rows: list[Row]) -> Row:
-    """Return one row for several runs: medians; what has no tolerance has to be the same."""
+    """Return one row for several runs: medians, and under ``varies`` what should have been the same
+    in all of them.
+    """
     failed = [row for row in rows if "failed" in row]
     if failed:
         return failed[0]
-    found = dict(rows[0])
+    found, varies = dict(rows[0]), []
     for value in figure.values:
         seen = [row.get(value.name) for row in rows]
-        if value.unit in NOISE and None not in seen:
-            found[value.name] = round(statistics.median(seen), 3)
-        elif any(other != seen[0] for other in seen) and value.better:
-            return {"failed": f"{value.name} is not the same in all runs: {seen}"}
-    return found
+        if any(other != seen[0] for other in seen):
+            known = [number for number in seen if number is not None]
+            found[value.name] = round(statistics.median(known), 3)
+            if value.better and not value.tolerance:
+                varies.append(value.name)
+    return found | ({"varies": varies} if varies else {})
 
 
 def measured(figure: Figure, case: str, tree: Path = ROOT) -> Row:
@@ -398,6 +401,8 @@ def compared(figure: Figure, case: str, before: Row, now: Row) -> Iterator[tuple
             continue
         mark = "  WORSE" if verdict else ""
         label = f"{value.name} ({value.unit})" if value.unit else value.name
+        if value.name in (*before.get("varies", ()), *now.get("varies", ())):
+            label += ", not the same in all runs"
         yield f"| {name} | {label} | {shown(old)} | {shown(new)} | {ratio}{mark} |", verdict
 
 

@@ -120,12 +120,16 @@ def test_a_failure_is_a_row_that_says_why(figures):
     assert "exit status 1: x" in line
 
 
-def test_runs_make_medians_and_have_to_agree_on_the_rest(figures):
-    figure = one(figures, figures.Value("cpu", "s"), figures.Value("makespan", "units"))
+def test_runs_make_medians_and_tell_what_should_have_been_the_same(figures):
+    cpu = figures.Value("cpu", "s", tolerance=0.25)
+    figure = one(figures, cpu, figures.Value("makespan", "units"))
     rows = [{"cpu": c, "makespan": 7} for c in (3.0, 1.0, 2.0)]
     assert figures.merged(figure, rows) == {"cpu": 2.0, "makespan": 7}
     rows[1]["makespan"] = 8
-    assert "not the same in all runs" in figures.merged(figure, rows)["failed"]
+    found = figures.merged(figure, rows)
+    assert found == {"cpu": 2.0, "makespan": 7, "varies": ["makespan"]}
+    lines = [line for line, _ in figures.compared(figure, "c", {}, {**found, "machine": "m"})]
+    assert ["not the same in all runs" in line for line in lines] == [False, True]
     assert figures.merged(figure, [rows[0], {"failed": "x"}]) == {"failed": "x"}
 
 
