@@ -140,6 +140,16 @@ def test_a_measure_that_fails_or_hangs_is_a_row(figures):
     assert figures.once(slow, "import up_samp", ROOT) == {"failed": "no answer within 0.05 s"}
 
 
+def test_the_checkout_that_is_measured_is_the_one_that_is_named(figures, tmp_path):
+    (tmp_path / "up_samp").mkdir()
+    (tmp_path / "up_samp" / "__init__.py").write_text("raise RuntimeError('the other one')\n")
+    row = figures.once(one(figures), "c", tmp_path)
+    assert (row["lines"], row["files"]) == (1, 1)
+    start = figures.Figure("f", "start_up", ("import up_samp",), (), 60, ())
+    row = figures.once(start, "import up_samp", tmp_path)
+    assert row == {"failed": "exit status 1: RuntimeError: the other one"}
+
+
 def test_rows_are_written_one_by_one_in_the_order_of_the_list(figures, tmp_path):
     figure = figures.Figure("f", "house", ("b", "a"), (), 10, ())
     figures.put(tmp_path, figure, "a", {"x": 1})
