@@ -487,6 +487,7 @@ def main() -> int:
     parser.add_argument("--pair", metavar="COMMIT", help="beside another commit, in turns")
     parser.add_argument("--rounds", type=int, default=3, help="turns of a pair")
     options = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that what was started is ended
     cases = [] if options.none else chosen(options.short or bool(options.pair), options.only)
     worse = 0
     if options.pair:

@@ -166,3 +166,26 @@ def test_a_figure_that_is_not_there_is_refused(figures):
     assert {f.name for f, _ in figures.chosen(False, ["scale", "house"])} == {"scale", "house"}
     assert [(f.name, c) for f, c in figures.chosen(False, ["scale/5x10"])] == [("scale", "5x10")]
     assert len(figures.chosen(True, [])) < len(figures.chosen(False, [])) / 4
+
+
+LONG = (
+    "executor/10 robots, 200 activities",
+    "tight-places/pocket, car",
+    "traffic/aisles, differential, 2",
+    "presets/default",
+    "schedulers/ft06",
+    "relaxations/jobshop-r1-j3-m6",
+    "resolving/jobshop-r2-j2-m2",
+    "clairvoyant/jobshop-r2-j2-m2",
+    "replan/logistics-do-oc-r3-i4",
+)
+"""A case of what the package's inside may break without another test that says so."""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", LONG)
+def test_it_can_be_measured(figures, name):
+    ((figure, case),) = figures.chosen(False, [name])
+    row = figures.once(figure, case, ROOT)
+    assert "failed" not in row, row
+    assert {value.name for value in figure.values} <= set(row)
