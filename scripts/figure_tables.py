@@ -181,6 +181,8 @@ def cell_of(engine: str) -> Column:
 
 
 PERCENT = ".1%"
+BUSY = 2.5
+"""The load from which a caption warns (a measurement makes one of up to 2 by itself)."""
 TABLES: dict[str, tuple[str, Callable[[Rows], str]]] = {
     "house": ("house", house),
     "start-up": ("start-up", plain(
@@ -272,8 +274,10 @@ def caption(rows: Rows) -> str:
     """Say where and when the rows were measured."""
     commits = ", ".join(f"`{c}`" for c in dict.fromkeys(r["commit"] for r in rows.values()))
     machines = "; ".join(dict.fromkeys(r["machine"] for r in rows.values()))
-    loads = [r["load"] for r in rows.values()]
-    return f"*Measured at {commits}: {machines}; load {min(loads):g} to {max(loads):g}.*"
+    loads = sorted({r["load"] for r in rows.values()})
+    told = " to ".join(f"{load:g}" for load in dict.fromkeys((loads[0], loads[-1])))
+    busy = ": beside other work, so seconds say little" if loads[-1] > BUSY else ""
+    return f"*Measured at {commits}: {machines}; load {told}{busy}.*"
 
 
 def table(name: str, figures: Mapping[str, Rows]) -> str:

@@ -69,8 +69,11 @@ def test_a_table_says_what_its_figures_say(tables):
     after = tables.renewed(page, {"scale": rows})
     assert "| 5x10 | 250 | 76 | 57 | 4.1 | 0.3 | 1.3 | 0.1 | 343 |" in after
     assert "no answer within 9 s" in after
-    assert "`abc`: M, 2 cores; load 0.5 to 0.5" in after
+    assert "`abc`: M, 2 cores; load 0.5.*" in after
     assert "old" not in after
+    rows["10x30"]["load"] = 7.0
+    assert "load 0.5 to 7: beside other work" in tables.renewed(page, {"scale": rows})
+    rows["10x30"]["load"] = 0.5
     assert after.endswith("<!-- end -->\nrest\n")
     assert tables.renewed(after, {"scale": rows}) == after
 
