@@ -185,7 +185,7 @@ FIGURES = (
         *(f"{place}, {body}, {robots}" for place in ("pillars", "aisles") for body in ANY
           for robots in (2, 5, 10)),
         "pillars, omni, 20", "pillars, car, 5, st-rrt*",
-    ), ("pillars, omni, 10", "pillars, car, 5", "aisles, differential, 2"), 900, (
+    ), ("pillars, omni, 10", "pillars, car, 5"), 900, (
         FOUND, RATIO, CPU,
     )),
     Figure("drives", "drives", ("car", "omnidirectional", "RRTConnect"), ("car",), 400, (

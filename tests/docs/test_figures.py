@@ -174,7 +174,7 @@ def test_a_figure_that_is_not_there_is_refused(figures):
 LONG = (
     "executor/10 robots, 200 activities",
     "tight-places/pocket, car",
-    "traffic/aisles, differential, 2",
+    "traffic/pillars, car, 5",
     "presets/default",
     "schedulers/ft06",
     "relaxations/jobshop-r1-j3-m6",
