@@ -5,9 +5,9 @@ cannot), trusts what it reads, and does not see that a kernel which another one 
 changed. Here a file is named by a hash of all that goes into it: the sources of the kernel's module
 and of every module that it takes kernels or constants from, the types, the versions and the
 processor. It carries a checksum, is written whole or not at all, and none is ever trusted blindly:
-what is missing, damaged or cannot be loaded is compiled again. A checksum is no help against malice,
-and to read a pickle is to run it: files are taken only if this user (or root) owns them and their
-folder, and nobody else may write to either.
+what is missing, damaged or cannot be loaded is compiled again. A checksum is no help against
+malice, and to read a pickle is to run it: files are taken only if this user (or root) owns them
+and their folder, and nobody else may write to either.
 
 The classes use what numba's dispatcher asks of its cache (``load_overload``, ``save_overload``).
 """
