@@ -29,19 +29,39 @@ def read_problem_file(file: str | File) -> FleetRecords:
     :raises FleetError: that names the file, and line and place of each fault.
     """
     path = File(file)
-    text = _text(path)
+    return read_problem_text(path, _text(path))
+
+
+def read_problem_text(path: File, text: str, map_file: str | None = None) -> FleetRecords:
+    """Read the text of a problem file, which is called ``path`` in messages, and check all names in
+    it. ``map_file``: the map of a problem that must not name one itself.
+
+    :raises FleetError: like :func:`read_problem_file`.
+    """
     root = compose(path, text)
     if not isinstance(root, yaml.MappingNode):
         raise FleetError((), f"{path}: a problem file has keys such as map, robots and orders")
     data = _plain(path, root)
-    lines = _Lines(path, root)
     try:
-        records: FleetRecords = read_record(FleetRecords, data)
-        faults = find_faults(records)
+        return checked_records(data, map_file)
     except FleetError as error:
-        raise lines.error(error.faults) from error
+        raise _Lines(path, root).error(error.faults) from error
+
+
+def checked_records(data: dict[str, Any], map_file: str | None = None) -> FleetRecords:
+    """Return the plain data of a problem file as records (``map_file``: see above).
+
+    :raises FleetError: with a fault for all that is wrong.
+    """
+    if map_file is not None:
+        if "map" in data:
+            text = "the problem must not name a map: it comes beside it"
+            raise FleetError([Fault(("map",), text)])
+        data = {**data, "map": map_file}
+    records: FleetRecords = read_record(FleetRecords, data)
+    faults = find_faults(records)
     if faults:
-        raise lines.error(faults)
+        raise FleetError(faults)
     return records
 
 
