@@ -1,4 +1,4 @@
-"""A server with limits in a process of its own, whose jobs are played: for tests that measure it."""
+"""A server in a process of its own, whose jobs are played: for tests that measure it."""
 
 import socket
 import sys

@@ -1,4 +1,4 @@
-"""Many clients with all kinds of requests: threads, folders, processes and memory stay as they were."""
+"""Many clients, all kinds of requests: threads, folders, processes and memory stay as they were."""
 
 import json
 import os

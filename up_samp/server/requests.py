@@ -8,17 +8,14 @@ import json
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
-from up_samp.fleet.faults import NO_ROBOT, FleetError
-from up_samp.fleet.files import checked_records, read_problem_text
-from up_samp.fleet.limits import LIMITS
-from up_samp.fleet.records import FleetRecords
-from up_samp.model import ProblemError
-from up_samp.model.errors import short
-from up_samp.scheduling.quirks import schedulers
+from up_samp.model.errors import ProblemError, short
+
+if TYPE_CHECKING:  # what reads problems is large, and not for the server's own process
+    from up_samp.fleet.records import FleetRecords
 
 ENDINGS = ((b"\x89PNG\r\n\x1a\n", ".png"), (b"P5", ".pgm"), (b"P2", ".pgm"))
 """How images begin, and what their files' names end in."""
@@ -97,6 +94,8 @@ class PlanRequest(ProblemUpload):
     @field_validator("engine")
     @classmethod
     def _is_there(cls, name: str) -> str:
+        from up_samp.scheduling.quirks import schedulers
+
         if name not in schedulers():
             raise ValueError(f"there is no engine '{name}'; there are {', '.join(schedulers())}")
         return name
@@ -131,7 +130,9 @@ def read_request(kind: str, body: bytes) -> ProblemUpload:
         raise _fault("json_invalid", "it is nested too deeply") from None
     except ValueError as error:  # a number of too many digits, too
         raise _fault("json_invalid", f"it is no JSON: {short(str(error), 200)}") from error
-    if _is_deep(data):
+    from up_samp.fleet.limits import LIMITS
+
+    if _is_deep(data, LIMITS.depth):
         raise _fault("json_invalid", f"it is nested more than {LIMITS.depth} deep")
     try:
         return REQUESTS[kind].model_validate(data)
@@ -155,10 +156,10 @@ def _finite(text: str) -> float:
     return number
 
 
-def _is_deep(data: Any) -> bool:
-    """Return whether data are nested more deeply than problems and plans are."""
+def _is_deep(data: Any, most: int) -> bool:
+    """Return whether data are nested more than ``most`` deep."""
     level = [data]
-    for _ in range(LIMITS.depth):
+    for _ in range(most):
         nested = [v for v in level if isinstance(v, dict | list)]
         level = [i for v in nested for i in (v.values() if isinstance(v, dict) else v)]
         if not level:
@@ -175,6 +176,9 @@ def records_of(request: ProblemUpload) -> FleetRecords:
 
     :raises RequestError: that tells place (and line) of each fault.
     """
+    from up_samp.fleet.faults import NO_ROBOT, FleetError
+    from up_samp.fleet.files import checked_records, read_problem_text
+
     problem = request.problem
     try:
         if isinstance(problem, str):
