@@ -1,11 +1,14 @@
 """Kernels on disk: found again, never trusted blindly, never in the way."""
 
 import ast
+import hashlib
 import importlib
 import logging
 import math
+import os
 import pkgutil
 import subprocess
+import sys
 import time
 import types
 from pathlib import Path
@@ -120,6 +123,67 @@ def test_a_kernel_in_the_place_of_another_is_not_run(ask, tmp_path):
     assert "is damaged and compiled again" in said
 
 
+EVIL = """
+import hashlib, os, pickle, sys
+class Evil:
+    def __reduce__(self):
+        return os.mkdir, (sys.argv[1],)
+data = pickle.dumps(Evil())
+sys.stdout.buffer.write(hashlib.sha256(data).digest() + data)
+"""
+
+
+@pytest.mark.parametrize("harm", ["folder of others", "file of others", "open folder", "open file"])
+def test_what_others_may_have_written_is_not_run(harm, ask, tmp_path):
+    """A kernel's file is a pickle: whoever may write it may run anything in this process."""
+    if harm.endswith("of others") and os.geteuid() != 0:
+        pytest.skip("only root gives files away")
+    assert ask()[:2] == (3.0, 0)
+    folder = tmp_path / "cache" / "kernels"
+    command = [sys.executable, "-c", EVIL, str(tmp_path / "was run")]
+    evil = subprocess.run(command, capture_output=True, check=True).stdout
+    for file in folder.glob("*.kernel"):
+        file.write_bytes(evil)
+        if harm == "file of others":
+            os.chown(file, 12345, 12345)
+        if harm == "open file":
+            file.chmod(0o666)
+    if harm == "folder of others":
+        os.chown(folder, 12345, 12345)
+    if harm == "open folder":
+        folder.chmod(0o777)
+    value, hits, said = ask()
+    assert not (tmp_path / "was run").exists()
+    assert (value, hits) == (3.0, 0)
+    assert "may be written by others" in said or "others may write" in said or "could write" in said
+    again = ask()
+    assert again[:2] == (3.0, 0 if harm == "folder of others" else 1)
+    assert folder.stat().st_mode & 0o022 == 0
+
+
+def test_kernels_are_private_whatever_the_umask(ask, tmp_path):
+    before = os.umask(0o000)
+    try:
+        assert ask()[:2] == (3.0, 0)
+        assert ask()[1] == 1
+    finally:
+        os.umask(before)
+    folder = tmp_path / "cache" / "kernels"
+    assert all(p.stat().st_mode & 0o022 == 0 for p in (folder, *folder.glob("*.kernel")))
+
+
+def test_what_cannot_be_loaded_is_compiled_again(ask, tmp_path):
+    """Whole, ours, and of another version of what it needs."""
+    assert ask()[:2] == (3.0, 0)
+    for file in (tmp_path / "cache" / "kernels").glob("*.kernel"):
+        content = b"cno_such_module\nno_such_name\n."
+        file.write_bytes(hashlib.sha256(content).digest() + content)
+    value, hits, said = ask()
+    assert (value, hits) == (3.0, 0)
+    assert "cannot be loaded (ModuleNotFoundError) and is compiled again" in said
+    assert ask()[:2] == (3.0, 1)
+
+
 def test_nowhere_to_keep_them_is_told_and_does_no_harm(ask, tmp_path):
     (tmp_path / "cache").write_text("no folder")
     value, hits, said = ask()
@@ -191,7 +255,7 @@ def is_plain(value):
 
 
 def test_the_word_about_a_full_disk(tmp_path, monkeypatch, caplog):
-    def full(path):
+    def full(path, mode):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(kernel_cache, "whole", full)

@@ -1,7 +1,6 @@
 """A server on a free port of this machine, and a client that speaks HTTP to it."""
 
 import json
-import socket
 import threading
 import time
 import urllib.error
@@ -11,6 +10,7 @@ from http.client import HTTPConnection
 
 import uvicorn
 
+from tests.server.soak_server import free_port
 from up_samp.server.app import create_app
 
 
@@ -44,7 +44,11 @@ class Client:
         return self._ask("DELETE", path)
 
     def post(self, path, json=None):
-        return self._ask("POST", path, dumped(json), {"Content-Type": "application/json"})
+        return self.send(path, dumped(json))
+
+    def send(self, path, body, **headers):
+        headers = {"Content-Type": "application/json", **headers}
+        return self._ask("POST", path, body, headers)
 
     def announce(self, path, **headers):
         """Send the head of a POST and no body; return the status."""
@@ -63,13 +67,11 @@ def dumped(value):
 
 
 @contextmanager
-def serving(jobs):
+def serving(jobs, hosts=()):
     """Serve jobs for as long as the context lasts."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     server = uvicorn.Server(
-        uvicorn.Config(create_app(jobs), host="127.0.0.1", port=port, log_level="error")
+        uvicorn.Config(create_app(jobs, hosts), host="127.0.0.1", port=port, log_level="error")
     )
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()

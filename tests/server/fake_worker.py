@@ -13,10 +13,12 @@ def tell(**event):
     print(json.dumps(event), flush=True)
 
 
+head = json.loads(sys.stdin.readline())
 request = json.loads(sys.stdin.read())
-for step in request["steps"]:
+for step in request.get("steps", ("progress", "plan", "0.05", "end")):
     if step == "plan":
-        tell(event="plan", plan=PLAN)
+        tell(event="plan", makespan=7, seconds_per_unit=1)
+        tell(**PLAN)
     elif step == "progress":
         tell(event="progress", phase="schedule", message="looking", lower_bound=5, upper_bound=None)
     elif step == "end":

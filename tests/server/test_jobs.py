@@ -1,4 +1,6 @@
+import json
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -15,7 +17,7 @@ def jobs(**limits):
 
 
 def ask(*steps, timeout=30):
-    return {"steps": steps, "timeout": timeout}
+    return "plan", json.dumps({"steps": steps}).encode(), timeout
 
 
 def ending(job):
@@ -24,17 +26,17 @@ def ending(job):
 
 def test_a_job_tells_what_happens_and_ends():
     with jobs() as server:
-        job = server.submit(ask("progress", "plan", "end"))
+        job = server.submit(*ask("progress", "plan", "end"))
         assert ending(job) == ["progress", "plan", "end"]
         status = job.status()
     assert status["state"] == "done"
     assert (status["makespan"], status["lower_bound"]) == (7, 5)
-    assert job.plan["problem"] == "fake"
+    assert json.loads(job.plan)["problem"] == "fake"
 
 
 def test_who_comes_late_hears_everything_and_who_comes_back_the_rest():
     with jobs() as server:
-        job = server.submit(ask("progress", "plan", "end"))
+        job = server.submit(*ask("progress", "plan", "end"))
         ending(job)
         assert ending(job) == ["progress", "plan", "end"]
         assert [i[0] for i in job.follow(2)] == [2]
@@ -42,7 +44,7 @@ def test_who_comes_late_hears_everything_and_who_comes_back_the_rest():
 
 def test_a_crash_is_an_ending_and_the_plan_stays():
     with jobs() as server:
-        job = server.submit(ask("plan", "crash"))
+        job = server.submit(*ask("plan", "crash"))
         ending(job)
         status = job.status()
     assert status["state"] == "done"
@@ -52,14 +54,14 @@ def test_a_crash_is_an_ending_and_the_plan_stays():
 
 def test_a_job_without_a_plan_that_crashes_has_failed():
     with jobs() as server:
-        job = server.submit(ask("crash"))
+        job = server.submit(*ask("crash"))
         ending(job)
         assert job.state is State.FAILED
 
 
 def test_a_job_that_does_not_end_is_ended():
     with jobs(seconds=1.0, grace=0.0) as server:
-        job = server.submit(ask("plan", "60"))
+        job = server.submit(*ask("plan", "60"))
         began = time.monotonic()
         ending(job)
         assert time.monotonic() - began < 20
@@ -69,17 +71,17 @@ def test_a_job_that_does_not_end_is_ended():
 
 def test_more_jobs_than_may_wait_are_turned_away():
     with jobs(running=1, waiting=1) as server:
-        first = server.submit(ask("progress", "60"))
+        first = server.submit(*ask("progress", "60"))
         next(item for item in first.follow() if item is not None)
-        server.submit(ask("end"))
+        server.submit(*ask("end"))
         with pytest.raises(QueueFullError, match="1 jobs are waiting"):
-            server.submit(ask("end"))
+            server.submit(*ask("end"))
 
 
 def test_stopping_ends_the_process_and_all_that_it_started():
     before = {p.pid for p in psutil.process_iter()}
     with jobs() as server:
-        job = server.submit(ask("plan", "child", "60"))
+        job = server.submit(*ask("plan", "child", "60"))
         for item in job.follow():
             if item is not None and item[1].get("phase") == "child":
                 break
@@ -100,9 +102,9 @@ def _is_fake(process):
 
 def test_a_waiting_job_can_be_stopped_and_never_starts():
     with jobs(running=1) as server:
-        first = server.submit(ask("progress", "60"))
+        first = server.submit(*ask("progress", "60"))
         next(item for item in first.follow() if item is not None)
-        second = server.submit(ask("plan", "end"))
+        second = server.submit(*ask("plan", "end"))
         server.stop(second)
         server.stop(first)
         ending(second)
@@ -110,9 +112,62 @@ def test_a_waiting_job_can_be_stopped_and_never_starts():
         assert second.plan is None
 
 
+def test_a_job_that_has_ended_is_never_signalled(monkeypatch):
+    """Its number may be another process's by now, and be the leader of a group."""
+    with jobs() as server:
+        job = server.submit(*ask("plan", "end"))
+        ending(job)
+        wait_until(lambda: job.group.process.returncode is not None)
+        signalled = []
+        monkeypatch.setattr("os.killpg", lambda *group: signalled.append(group))
+        monkeypatch.setattr("os.kill", lambda *process: signalled.append(process))
+        server.stop(job)
+    assert signalled == []
+    assert job.state is State.DONE
+    assert job.plan is not None
+
+
+def test_clients_that_come_and_go_leave_no_threads_and_no_folders(tmp_path, monkeypatch):
+    """Each job that was stopped while it waited had a thread and a folder until its turn came."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with jobs(running=1, waiting=2) as server:
+        first = server.submit(*ask("progress", "60"))
+        next(item for item in first.follow() if item is not None)
+        before = threading.active_count()
+        for _ in range(150):
+            server.stop(server.submit(*ask("60")))
+        assert threading.active_count() <= before
+        assert len(list(tmp_path.iterdir())) == 1
+        waiting = [server.submit(*ask("60")) for _ in range(2)]
+        with pytest.raises(QueueFullError):
+            server.submit(*ask("60"))
+        assert threading.active_count() <= before
+        server.stop(waiting[0])
+        server.submit(*ask("60"))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_kept_is_bounded_in_bytes():
+    with jobs(kept_bytes=3000) as server:
+        found = []
+        for _ in range(5):
+            kind, body, seconds = ask("end")
+            found.append(server.submit(kind, body + b" " * 1000, seconds))
+            ending(found[-1])
+            wait_until(lambda: not server._busy)
+        assert [server.get(job.id) is not None for job in found] == [False] * 3 + [True] * 2
+
+
+def wait_until(good):
+    until = time.monotonic() + 30
+    while not good():
+        assert time.monotonic() < until
+        time.sleep(0.01)
+
+
 def test_too_much_output_ends_the_job():
     with jobs(output=200_000) as server:
-        job = server.submit(ask("flood"))
+        job = server.submit(*ask("flood"))
         for _ in job.follow():
             pass
         assert job.status()["message"] == "too much output"
@@ -123,7 +178,7 @@ def test_old_results_are_forgotten():
     with jobs(kept=2) as server:
         ids = []
         for _ in range(4):
-            job = server.submit(ask("end"))
+            job = server.submit(*ask("end"))
             ending(job)
             ids.append(job.id)
         known = [server.get(i) is not None for i in ids]
@@ -133,8 +188,8 @@ def test_old_results_are_forgotten():
 def test_no_folder_is_left_behind(tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     with jobs() as server:
-        ending(server.submit(ask("end")))
-        ending(server.submit(ask("crash")))
+        ending(server.submit(*ask("end")))
+        ending(server.submit(*ask("crash")))
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,6 +1,5 @@
 """The service's page, driven in headless Chromium."""
 
-import json
 import os
 import shutil
 import time
@@ -49,7 +48,7 @@ def test_a_person_uploads_a_map_and_sees_a_plan(browser, tmp_path):
         find(By.ID, "picture").send_keys(str(image))
         until(lambda: find(By.ID, "map").is_displayed(), "the map is shown at once")
         put(browser, "resolution", "0.1")
-        put(browser, "problem", json.dumps(problem))
+        put(browser, "problem", yaml.safe_dump(problem))
         put(browser, "goal", "1")
         find(By.ID, "send").click()
         until(lambda: "solved" in find(By.ID, "state").text, "a plan", 120)
@@ -74,7 +73,7 @@ def test_what_is_wrong_is_said_on_the_page(browser, tmp_path):
         put(browser, "problem", "{no json")
         browser.find_element(By.ID, "send").click()
         message = browser.find_element(By.ID, "message")
-        until(lambda: "no JSON" in message.text, "a word about JSON")
+        until(lambda: "problem.yaml:1: not readable" in message.text, "a word about YAML")
         put(browser, "problem", '{"map": "x.yaml"}')
         browser.find_element(By.ID, "send").click()
         until(lambda: "must not name a map" in message.text, "the server's word")

@@ -19,6 +19,13 @@ def add_serve(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--memory", type=float, default=6.0, metavar="GIB", help="address space of a job"
     )
+    parser.add_argument(
+        "--allow-host",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="answer requests to this name, too (else: localhost, and what --host names)",
+    )
     parser.set_defaults(run=_serve)
 
 
@@ -41,5 +48,11 @@ def _serve(args: argparse.Namespace) -> int:
     )
     with JobQueue(limits) as jobs:
         print(f"up-samp serves at http://{args.host}:{args.port}/", flush=True)
-        uvicorn.run(create_app(jobs), host=args.host, port=args.port, log_level="warning")
+        uvicorn.run(
+            create_app(jobs, {args.host, *args.allow_host}),
+            host=args.host,
+            port=args.port,
+            log_level="warning",
+            limit_concurrency=limits.connections,
+        )
     return 0

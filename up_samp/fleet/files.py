@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Iterable
 from pathlib import Path as File
 from typing import Any
 
@@ -28,17 +29,39 @@ def read_problem_file(file: str | File) -> FleetRecords:
     :raises FleetError: that names the file, and line and place of each fault.
     """
     path = File(file)
-    text = _text(path)
-    root = _compose(path, text)
+    return read_problem_text(path, _text(path))
+
+
+def read_problem_text(path: File, text: str, map_file: str | None = None) -> FleetRecords:
+    """Read the text of a problem file, which is called ``path`` in messages, and check all names in
+    it. ``map_file``: the map of a problem that must not name one itself.
+
+    :raises FleetError: like :func:`read_problem_file`.
+    """
+    root = compose(path, text)
+    if not isinstance(root, yaml.MappingNode):
+        raise FleetError((), f"{path}: a problem file has keys such as map, robots and orders")
     data = _plain(path, root)
-    lines = _Lines(path, root)
     try:
-        records: FleetRecords = read_record(FleetRecords, data)
-        faults = find_faults(records)
+        return checked_records(data, map_file)
     except FleetError as error:
-        raise lines.error(error.faults) from error
+        raise _Lines(path, root).error(error.faults) from error
+
+
+def checked_records(data: dict[str, Any], map_file: str | None = None) -> FleetRecords:
+    """Return the plain data of a problem file as records (``map_file``: see above).
+
+    :raises FleetError: with a fault for all that is wrong.
+    """
+    if map_file is not None:
+        if "map" in data:
+            text = "the problem must not name a map: it comes beside it"
+            raise FleetError([Fault(("map",), text)])
+        data = {**data, "map": map_file}
+    records: FleetRecords = read_record(FleetRecords, data)
+    faults = find_faults(records)
     if faults:
-        raise lines.error(faults)
+        raise FleetError(faults)
     return records
 
 
@@ -91,23 +114,41 @@ def _text(path: File) -> str:
         raise FleetError((), f"{path}: is not UTF-8 text") from error
 
 
-def _compose(path: File, text: str) -> yaml.Node:
-    """Return the tree of nodes with their lines (JSON is YAML, too)."""
+def compose(path: File, text: str) -> yaml.Node | None:
+    """Return the tree of nodes with their lines (JSON is YAML, too); None where nothing is written.
+
+    :raises FleetError: that names file and line, where it is no YAML, or an unreasonable one.
+    """
     try:
-        aliases = sum(isinstance(t, yaml.AliasToken) for t in yaml.scan(text, yaml.SafeLoader))
-        if aliases > LIMITS.aliases:
-            raise FleetError((), f"{path}: more than {LIMITS.aliases} aliases")
-        root = yaml.compose(text, yaml.SafeLoader)
+        _check_tokens(path, yaml.scan(text, yaml.SafeLoader))
+        return yaml.compose(text, yaml.SafeLoader)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f":{mark.line + 1}" if mark is not None else ""
         what = getattr(error, "problem", None) or str(error)
         raise FleetError((), f"{path}{line}: not readable as YAML or JSON: {what}") from error
-    except RecursionError as error:
-        raise FleetError((), f"{path}: nested too deeply") from error
-    if not isinstance(root, yaml.MappingNode):
-        raise FleetError((), f"{path}: a problem file has keys such as map, robots and orders")
-    return root
+
+
+def _check_tokens(path: File, tokens: Iterable[yaml.Token]) -> None:
+    """Look at tokens as they come: to scan further is dear where they are nested deeply."""
+    aliases = depth = 0
+    for token in tokens:
+        aliases += isinstance(token, yaml.AliasToken)
+        depth += isinstance(token, _OPENING) - isinstance(token, _CLOSING)
+        if aliases > LIMITS.aliases:
+            raise FleetError((), f"{path}: more than {LIMITS.aliases} aliases")
+        if depth > LIMITS.depth:
+            line = token.start_mark.line + 1
+            raise FleetError((), f"{path}:{line}: nested too deeply ({LIMITS.depth} at most)")
+
+
+_OPENING = (
+    yaml.FlowSequenceStartToken,
+    yaml.FlowMappingStartToken,
+    yaml.BlockSequenceStartToken,
+    yaml.BlockMappingStartToken,
+)
+_CLOSING = (yaml.FlowSequenceEndToken, yaml.FlowMappingEndToken, yaml.BlockEndToken)
 
 
 def _plain(path: File, root: yaml.Node) -> Any:
@@ -137,7 +178,9 @@ def _plain(path: File, root: yaml.Node) -> Any:
 
     try:
         return visit(root, 0)
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError) as error:
+        if isinstance(error, FleetError):
+            raise
         raise FleetError((), f"{path}: {error}") from error
     finally:
         loader.dispose()

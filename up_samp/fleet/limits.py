@@ -17,6 +17,8 @@ class FileLimits:
     """Tables in tables."""
     cells: int = 40_000_000
     """Cells of a map that is drawn from outlines."""
+    pieces: int = 200_000
+    """Elements and points of a drawing, each copy counted: a few lines may stand for millions."""
 
 
 LIMITS = FileLimits()

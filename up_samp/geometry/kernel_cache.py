@@ -5,7 +5,9 @@ cannot), trusts what it reads, and does not see that a kernel which another one 
 changed. Here a file is named by a hash of all that goes into it: the sources of the kernel's module
 and of every module that it takes kernels or constants from, the types, the versions and the
 processor. It carries a checksum, is written whole or not at all, and none is ever trusted blindly:
-what is missing or damaged is compiled again.
+what is missing, damaged or cannot be loaded is compiled again. A checksum is no help against
+malice, and to read a pickle is to run it: files are taken only if this user (or root) owns them
+and their folder, and nobody else may write to either.
 
 The classes use what numba's dispatcher asks of its cache (``load_overload``, ``save_overload``).
 """
@@ -19,6 +21,7 @@ import logging
 import os
 import pickle
 import re
+import stat
 import sys
 import time
 from collections.abc import Callable
@@ -33,7 +36,14 @@ from numba.core.serialize import dumps
 
 from up_samp.model.deadline import clock, do_not_count
 from up_samp.system.files import whole
-from up_samp.system.folders import cache_folder, is_writable, say_uncached
+from up_samp.system.folders import (
+    cache_folder,
+    is_private,
+    is_writable,
+    make_private,
+    only_owner_writes,
+    say_uncached,
+)
 from up_samp.system.imports import load_numba_arrays
 
 try:
@@ -56,9 +66,12 @@ used: dict[str, int] = {}
 
 
 def folder() -> Path | None:
-    """Return where kernels are kept, whether or not it can be written; ``None``: nowhere."""
+    """Return where kernels are kept, whether or not it can be written; ``None``: nowhere (there is
+    no cache folder, or others may write to it, which is said).
+    """
     base = cache_folder()
-    return None if base is None else base / "kernels"
+    place = None if base is None else base / "kernels"
+    return place if place is not None and is_private(place, SUFFIX) else None
 
 
 def can_write() -> bool:
@@ -66,7 +79,10 @@ def can_write() -> bool:
     place = folder()
     if place is not None and is_writable(place):
         return True
-    say_uncached(place, "it cannot be written" if place else "no home and no cache folder")
+    if place is not None:
+        say_uncached(place, "it cannot be written")
+    elif cache_folder() is None:
+        say_uncached(None, "no home and no cache folder")
     return False
 
 
@@ -196,14 +212,19 @@ class KernelCache:
 
     def _read(self, path: Path, context: Any, types: Any) -> Any:
         try:
-            data = path.read_bytes()
+            with open(path, "rb") as stream:
+                owned = only_owner_writes(os.fstat(stream.fileno()))
+                data = stream.read() if owned else b""
         except OSError:
             return None
-        found = None
-        if is_whole(data):
-            found = CompileResult._rebuild(context, *pickle.loads(data[_CHECKSUM:]))
+        found, why = None, "is damaged and" if owned else "may be written by others and is"
+        if owned and is_whole(data):
+            try:
+                found = CompileResult._rebuild(context, *pickle.loads(data[_CHECKSUM:]))
+            except Exception as error:  # whatever a file of another time or place may raise
+                why = f"cannot be loaded ({type(error).__name__}) and is"
         if found is None or not self._is_ours(found, types):
-            log.warning("a compiled kernel is damaged and compiled again: %s", path)
+            log.warning("a compiled kernel %s compiled again: %s", why, path)
             with contextlib.suppress(OSError):
                 path.unlink()
             return None
@@ -259,8 +280,8 @@ def _write(path: Path, content: bytes) -> None:
     """
     data = hashlib.sha256(content).digest() + content
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with whole(path) as stream:
+        make_private(path.parent)
+        with whole(path, stat.S_IRUSR | stat.S_IWUSR | stat.S_IRGRP | stat.S_IROTH) as stream:
             stream.write(data)
     except OSError as error:
         say_uncached(path.parent, error.strerror or type(error).__name__)

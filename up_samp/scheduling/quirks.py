@@ -92,6 +92,11 @@ def known_engines() -> list[tuple[str, str, str]]:
     return [k for k in _KNOWN if importlib.util.find_spec(k[1]) is not None]
 
 
+def schedulers() -> tuple[str, ...]:
+    """Return the names of the installed engines that ``samp-refine[...]`` is known to wrap."""
+    return ("cpsat", *(name for name, _, _ in known_engines()))
+
+
 def quirks_of(engine: Any) -> Quirks:
     """Return the table's entry for an engine class, else what its ``supported_kind`` says."""
     for cls in engine.__mro__:

@@ -5,128 +5,285 @@ is at ``/openapi.json``, its page at ``/``.
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 import json
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Collection, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from importlib import resources
 from typing import Any
 
+import anyio
 from fastapi import FastAPI, HTTPException, Request, Response
-from fastapi.responses import HTMLResponse, JSONResponse, StreamingResponse
+from fastapi.openapi.utils import get_openapi
+from fastapi.responses import HTMLResponse, StreamingResponse
 
-from up_samp.server.jobs import Job, JobQueue, QueueFullError
-from up_samp.server.requests import PlanRequest, ValidateRequest
+from up_samp.model.errors import short
+from up_samp.server.desk import Desk, DeskError
+from up_samp.server.guard import LOCAL, Guard
+from up_samp.server.jobs import ENDED, Job, JobQueue, QueueFullError
+from up_samp.server.requests import REQUESTS
+
+AGAIN = {"Retry-After": "10"}
+"""What clients are told that come when there is no room."""
+LOOK = 0.1
+"""How often a stream looks for news, s."""
 
 
-def create_app(jobs: JobQueue) -> FastAPI:
-    """Return the application that serves ``jobs``. Whoever made ``jobs`` closes it."""
+def create_app(jobs: JobQueue, hosts: Collection[str] = ()) -> FastAPI:
+    """Return the application that serves ``jobs``. Whoever made ``jobs`` closes it. It answers
+    requests to this machine's own names, and to ``hosts``.
+    """
     from up_samp import __version__
 
-    app = FastAPI(title="up_samp", version=__version__, docs_url=None, redoc_url=None)
-    _limit_requests(app, jobs.limits.request)
+    doors = Doors(jobs)
 
-    def find(name: str) -> Job:
-        job = jobs.get(name)
-        if job is None:
-            raise HTTPException(404, f"there is no plan '{name}'")
-        return job
+    @asynccontextmanager
+    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        with doors.desk:
+            yield
+
+    app = FastAPI(
+        title="up_samp", version=__version__, docs_url=None, redoc_url=None, lifespan=lifespan
+    )
+    app.add_middleware(Guard, hosts=LOCAL | {h.lower() for h in hosts}, most=jobs.limits.request)
 
     @app.get("/", response_class=HTMLResponse, include_in_schema=False)
     def page() -> str:
         """Return the page that shows maps, progress and plans."""
         return resources.files("up_samp.server").joinpath("page.html").read_text("utf-8")
 
-    @app.post("/v1/plans", status_code=202)
-    def submit(request: PlanRequest) -> dict[str, Any]:
+    _add_jobs(app, doors)
+    _add_results(app, doors)
+    _describe(app, jobs)
+    return app
+
+
+class Doors:
+    """What the doors of a server share: its jobs, its desk, and the room for what arrives."""
+
+    def __init__(self, jobs: JobQueue) -> None:
+        self.jobs = jobs
+        self.desk = Desk(jobs.limits)
+        self._turn = anyio.CapacityLimiter(1)
+        self._arriving = 0
+
+    def find(self, name: str) -> Job:
+        """Return a job by its id; else the client is told that there is none."""
+        job = self.jobs.get(name)
+        if job is None:
+            raise HTTPException(404, f"there is no plan '{short(name)}'")
+        return job
+
+    async def ask(self, kind: str, *parts: bytes) -> tuple[dict[str, Any], bytes]:
+        """Ask at the desk, when it is our turn."""
+        try:
+            return await anyio.to_thread.run_sync(self.desk.ask, kind, *parts, limiter=self._turn)
+        except DeskError as error:
+            raise HTTPException(422, f"the request could not be read: {error}") from error
+
+    async def submitted(self, kind: str, request: Request) -> Job:
+        """Return a job for what a client sends, once nothing is wrong with it."""
+        with _room(self.jobs.check_room), self._reserved(int(request.headers["content-length"])):
+            body = await self._body(request)
+            answer, _ = await self.ask(kind, body)
+            if answer["faults"]:
+                raise HTTPException(422, answer["faults"])
+            seconds = answer["timeout"] or self.jobs.limits.grace
+            with _room():
+                return self.jobs.submit(kind, body, seconds)
+
+    @contextmanager
+    def _reserved(self, size: int) -> Iterator[None]:
+        """Keep room for a body while it arrives and is looked at."""
+        if self._arriving + size > self.jobs.limits.arriving:
+            raise HTTPException(503, "too many requests arrive at once", headers=AGAIN)
+        self._arriving += size
+        try:
+            yield
+        finally:
+            self._arriving -= size
+
+    async def _body(self, request: Request) -> bytes:
+        seconds = self.jobs.limits.body_seconds
+        try:
+            return await asyncio.wait_for(request.body(), seconds)
+        except TimeoutError as error:
+            raise HTTPException(408, f"the request did not arrive in {seconds:g} s") from error
+
+
+@contextmanager
+def _room(check: Callable[[], None] = lambda: None) -> Iterator[None]:
+    """Tell a client to come back where the queue is full."""
+    try:
+        check()
+        yield
+    except QueueFullError as error:
+        raise HTTPException(503, str(error), headers=AGAIN) from error
+
+
+def _with_plan(job: Job) -> Response:
+    """Return a job's state and its best plan, which is JSON already."""
+    state = json.dumps(job.status())[:-1].encode()
+    plan = job.plan or b"null"
+    return Response(b"".join((state, b', "plan": ', plan, b"}")), media_type="application/json")
+
+
+def _add_jobs(app: FastAPI, doors: Doors) -> None:
+    find, jobs = doors.find, doors.jobs
+
+    @app.post("/v1/plans", status_code=202, **_documented(408, 411, 413, 415, 422, 503))
+    async def submit(request: Request) -> dict[str, Any]:
         """Queue a problem; the answer holds its ``id``."""
-        return _submitted(jobs, request.model_dump(mode="json")).status()
+        return (await doors.submitted("plan", request)).status()
 
-    @app.get("/v1/plans/{name}")
-    def status(name: str) -> dict[str, Any]:
+    @app.get("/v1/plans")
+    async def all_jobs() -> list[dict[str, Any]]:
+        """Return all jobs that are known, the oldest first, without their plans."""
+        return [job.status() for job in jobs.all("plan")]
+
+    @app.get("/v1/plans/{name}", **_documented(404))
+    async def status(name: str) -> Response:
         """Return where a job is, its bounds, and the best plan so far (null: none yet)."""
-        job = find(name)
-        return {**job.status(), "plan": job.plan}
+        return _with_plan(find(name))
 
-    @app.get("/v1/plans/{name}/events")
-    def events(name: str, request: Request, begin: int = 0) -> StreamingResponse:
+    @app.delete("/v1/plans/{name}", **_documented(404))
+    def stop(name: str) -> Response:
+        """End a job and return the best plan that it had; one that has ended stays as it is."""
+        job = find(name)
+        jobs.stop(job)
+        return _with_plan(job)
+
+
+def _add_results(app: FastAPI, doors: Doors) -> None:
+    find, jobs = doors.find, doors.jobs
+
+    @app.get("/v1/plans/{name}/events", **_documented(404, 422))
+    async def events(name: str, request: Request, begin: int = 0) -> StreamingResponse:
         """Stream what happens as server-sent events; ``begin`` (or the header Last-Event-ID, which
         browsers send when they come back) tells from which event on.
         """
         job = find(name)
         seen = request.headers.get("last-event-id", "")
-        first = int(seen) + 1 if seen.isdecimal() else max(0, begin)
+        first = int(seen) + 1 if seen.isdecimal() and len(seen) < 10 else max(0, begin)
         return StreamingResponse(_stream(job, first), media_type="text/event-stream")
 
-    @app.delete("/v1/plans/{name}")
-    def stop(name: str) -> dict[str, Any]:
-        """End a job and return the best plan that it had."""
-        job = find(name)
-        jobs.stop(job)
-        return {**job.status(), "plan": job.plan}
-
-    _add_animation(app, find)
-    _add_validation(app, jobs)
-    return app
-
-
-def _add_animation(app: FastAPI, find: Callable[[str], Job]) -> None:
-    @app.get("/v1/plans/{name}/animation.html", response_class=HTMLResponse)
-    def animation(name: str) -> str:
+    @app.get("/v1/plans/{name}/animation.html", response_class=HTMLResponse, **_documented(404))
+    async def animation(name: str) -> HTMLResponse:
         """Return a page that plays the best plan so far."""
-        from up_samp.server.drawing import animation_of
-
         job = find(name)
         if job.plan is None:
-            raise HTTPException(404, f"there is no plan of '{name}' yet")
-        return animation_of(job.plan, job.request["map"])
+            raise HTTPException(404, f"there is no plan of '{short(name)}' yet")
+        answer, drawn = await doors.ask("draw", job.body, job.plan)
+        if answer.get("faults"):
+            raise HTTPException(500, answer["faults"][0]["msg"])
+        return HTMLResponse(drawn)
 
-
-def _add_validation(app: FastAPI, jobs: JobQueue) -> None:
-    @app.post("/v1/validate")
-    def validate(request: ValidateRequest) -> dict[str, Any]:
+    @app.post("/v1/validate", **_documented(408, 411, 413, 415, 422, 503))
+    async def validate(request: Request) -> dict[str, Any]:
         """Judge a plan; the answer holds ``valid`` and the ``violations``."""
-        asked = {**request.model_dump(mode="json"), "timeout": jobs.limits.grace}
-        job = _submitted(jobs, asked)
-        for _ in job.follow():
-            pass
+        job = await doors.submitted("validate", request)
+        try:
+            while job.state not in ENDED:
+                if await request.is_disconnected():
+                    raise HTTPException(499, "the client has gone")
+                await asyncio.sleep(LOOK)
+        finally:
+            await anyio.to_thread.run_sync(jobs.forget, job)
         end = job.end or {}
         if end.get("status") != "JUDGED":
             raise HTTPException(422, end.get("message", "the plan could not be judged"))
         return {"valid": end["valid"], "violations": end["violations"]}
 
 
-def _submitted(jobs: JobQueue, request: dict[str, Any]) -> Job:
-    """Queue a job; where there is no room the client is told to come back."""
-    try:
-        return jobs.submit(request)
-    except QueueFullError as error:
-        raise HTTPException(503, str(error), headers={"Retry-After": "10"}) from error
-
-
-def _limit_requests(app: FastAPI, most: int) -> None:
-    """Turn away requests that are larger than ``most`` bytes, before they are read."""
-
-    @app.middleware("http")
-    async def limit(request: Request, call_next: Any) -> Response:
-        length = request.headers.get("content-length")
-        if request.method in ("POST", "PUT", "PATCH"):
-            if length is None or not length.isdecimal():
-                return JSONResponse({"detail": "the header Content-Length is needed"}, 411)
-            if int(length) > most:
-                return JSONResponse({"detail": f"requests may hold {most} bytes at most"}, 413)
-        answer: Response = await call_next(request)
-        return answer
-
-
 async def _stream(job: Job, begin: int) -> AsyncIterator[str]:
     """Yield a job's events as server-sent events, and comments while nothing happens."""
-    source = job.follow(begin)
+    number, quiet = begin, 0.0
     while True:
-        item = await asyncio.to_thread(next, source, StopIteration)
-        if item is StopIteration:
+        new, over = job.since(number)
+        for event in new:
+            yield f"id: {number}\nevent: {event['event']}\ndata: {json.dumps(event)}\n\n"
+            number += 1
+        if over:
             yield f"event: state\ndata: {json.dumps(job.status())}\n\n"
             return
-        if item is None:
+        quiet = 0.0 if new else quiet + LOOK
+        if quiet >= 1.0:
             yield ": waiting\n\n"
-            continue
-        number, event = item  # type: ignore[misc]
-        yield f"id: {number}\nevent: {event['event']}\ndata: {json.dumps(event)}\n\n"
+            quiet = 0.0
+        await asyncio.sleep(LOOK)
+
+
+# ---------------------------------------------------------------------- what OpenAPI says
+ANSWERS = {
+    403: "A page of another host asks.",
+    404: "There is no such plan.",
+    408: "The request did not arrive in time.",
+    411: "The header Content-Length is needed.",
+    413: "The request is larger than it may be.",
+    415: "The request is no JSON by its header Content-Type.",
+    421: "The request is meant for another host.",
+    422: "Something is wrong in the request; 'detail' tells each fault with its place.",
+    503: "There is no room; 'Retry-After' tells when to come back.",
+}
+"""What the server answers where it does not do what it is asked for."""
+
+
+def _documented(*codes: int) -> dict[str, Any]:
+    """Return the answers of a path other than its own, for OpenAPI."""
+    schema = {"$ref": f"{_SCHEMAS}Refusal"}
+    content = {"application/json": {"schema": schema}}
+    told = {c: {"description": ANSWERS[c], "content": content} for c in sorted({*codes, 403, 421})}
+    return {"responses": told}
+
+
+_SCHEMAS = "#/components/schemas/"
+_REFUSAL = {
+    "type": "object",
+    "required": ["detail"],
+    "properties": {
+        "detail": {
+            "anyOf": [
+                {"type": "string"},
+                {
+                    "type": "array",
+                    "items": {
+                        "type": "object",
+                        "required": ["loc", "msg", "type"],
+                        "properties": {
+                            "loc": {
+                                "type": "array",
+                                "items": {"anyOf": [{"type": "string"}, {"type": "integer"}]},
+                            },
+                            "msg": {"type": "string"},
+                            "type": {"type": "string"},
+                        },
+                    },
+                },
+            ]
+        }
+    },
+}
+
+
+def _describe(app: FastAPI, jobs: JobQueue) -> None:
+    """Add to the OpenAPI document what requests hold (they are read elsewhere) and the limits."""
+
+    def document() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            found = get_openapi(title=app.title, version=app.version, routes=app.routes)
+            found["info"]["x-limits"] = dataclasses.asdict(jobs.limits)
+            schemas = found.setdefault("components", {}).setdefault("schemas", {})
+            schemas["Refusal"] = _REFUSAL
+            for kind, path in (("plan", "/v1/plans"), ("validate", "/v1/validate")):
+                model = REQUESTS[kind].model_json_schema(
+                    ref_template="#/components/schemas/{model}"
+                )
+                schemas.update(model.pop("$defs", {}))
+                schemas[REQUESTS[kind].__name__] = model
+                schema = {"$ref": f"#/components/schemas/{REQUESTS[kind].__name__}"}
+                asked = {"required": True, "content": {"application/json": {"schema": schema}}}
+                found["paths"][path]["post"]["requestBody"] = asked
+            app.openapi_schema = found
+        return app.openapi_schema
+
+    app.openapi = document  # type: ignore[method-assign]

@@ -1,10 +1,13 @@
 """Jobs: each in a process of its own, with limits; what they tell is kept until they are forgotten.
 
-A job's process writes one JSON object a line: ``{"event": "progress" | "plan" | "end", ...}``.
+A job's process gets a line of JSON about the job and the request as the client sent it, and writes
+one JSON object a line: ``{"event": "progress" | "plan" | "end", ...}``; a plan is the line after
+its event. Requests and plans are kept as bytes: what JSON stands for may be far larger.
 """
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import json
 import os
@@ -16,11 +19,13 @@ import tempfile
 import threading
 import time
 import uuid
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+from up_samp.system.child import Group
 
 Event = dict[str, Any]
 
@@ -35,6 +40,8 @@ class Limits:
     """Jobs that may wait; more are turned away."""
     kept: int = 64
     """Ended jobs whose results are kept."""
+    kept_bytes: int = 256 * 2**20
+    """What requests and results of ended jobs may take; the oldest are forgotten first."""
     seconds: float = 600.0
     """Longest search."""
     grace: float = 60.0
@@ -43,12 +50,22 @@ class Limits:
     """Address space of a job; above this it fails, not the machine."""
     request: int = 8 * 2**20
     """Largest request."""
+    arriving: int = 64 * 2**20
+    """What all requests that arrive, and are looked at, may take; more are told to come back."""
+    body_seconds: float = 30.0
+    """Time that a request's body has to arrive."""
+    look_seconds: float = 20.0
+    """Time to look at a request before it is queued, and to draw a plan."""
+    look_memory: int = 3 * 2**30
+    """Address space of the process that does that."""
+    connections: int = 512
+    """Clients at the same time."""
     output: int = 64 * 2**20
     """Most that a job may print."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            least = 0 if name in ("waiting", "kept", "grace") else 1
+            least = 0 if name in ("waiting", "kept", "kept_bytes", "grace") else 1
             if not value >= least:
                 raise ValueError(f"limit '{name}' must be at least {least}")
 
@@ -70,18 +87,30 @@ class QueueFullError(Exception):
     """There is no room for another job."""
 
 
-@dataclass
+@dataclass(eq=False)
 class Job:
-    """One request and what came of it. ``changed`` guards all fields and tells of each event."""
+    """One request (``body``, as it was sent; ``seconds`` for its search) and what came of it.
+    ``changed`` guards all fields and tells of each event.
+    """
 
-    request: dict[str, Any]
+    kind: str
+    body: bytes
+    seconds: float
     id: str = field(default_factory=lambda: uuid.uuid4().hex)
     state: State = State.WAITING
     events: list[Event] = field(default_factory=list)
-    plan: dict[str, Any] | None = None
+    plan: bytes | None = None
+    """The best plan, JSON."""
+    told: Event = field(default_factory=dict)
+    """What the best plan's event said."""
     end: Event | None = None
-    process: subprocess.Popen[bytes] | None = None
+    group: Group | None = None
     changed: threading.Condition = field(default_factory=threading.Condition)
+
+    @property
+    def size(self) -> int:
+        """Bytes that are kept for it."""
+        return len(self.body) + len(self.plan or b"")
 
     def status(self) -> dict[str, Any]:
         """Return where the job is, its bounds and its ending, as JSON would hold it."""
@@ -94,9 +123,14 @@ class Job:
                 "status": end.get("status"),
                 "message": end.get("message", last.get("message", "")),
                 "lower_bound": end.get("lower_bound", last.get("lower_bound")),
-                "makespan": None if self.plan is None else self.plan["makespan"],
-                "seconds_per_unit": None if self.plan is None else self.plan["seconds_per_unit"],
+                "makespan": self.told.get("makespan"),
+                "seconds_per_unit": self.told.get("seconds_per_unit"),
             }
+
+    def since(self, number: int) -> tuple[list[Event], bool]:
+        """Return the events from ``number`` on, and whether the job has ended."""
+        with self.changed:
+            return self.events[number:], self.state in ENDED
 
     def follow(self, begin: int = 0) -> Iterator[tuple[int, Event] | None]:
         """Yield numbered events from ``begin`` on as they come, None every second without one;
@@ -117,12 +151,11 @@ class Job:
             if over and number >= len(self.events):
                 return
 
-    def add(self, event: Event) -> None:
+    def add(self, event: Event, plan: bytes | None = None) -> None:
         """Take in what the job's process told."""
         with self.changed:
-            if event["event"] == "plan":
-                self.plan = event.pop("plan")
-                event["makespan"] = self.plan["makespan"]
+            if plan is not None:
+                self.plan, self.told = plan, event
             if event["event"] == "end":
                 self.end = event
             self.events.append(event)
@@ -137,15 +170,21 @@ class Job:
 
 
 class JobQueue:
-    """All jobs of a server. Use it as a context: leaving it ends them all."""
+    """All jobs of a server. Use it as a context: leaving it ends them all.
+
+    ``Limits.running`` threads take the jobs that wait, one each at a time: however many clients
+    come and go, there are no more threads, processes or folders than that.
+    """
 
     def __init__(self, limits: Limits | None = None, command: tuple[str, ...] = ()) -> None:
         self.limits = limits or Limits()
-        self._command = command or (sys.executable, "-m", "up_samp.server.worker")
+        self._command = command or WORKER
         self._jobs: OrderedDict[str, Job] = OrderedDict()
         self._lock = threading.Lock()
-        self._slots = threading.Semaphore(self.limits.running)
-        self._threads: set[threading.Thread] = set()
+        self._waiting: deque[Job] = deque()
+        self._more = threading.Condition(self._lock)
+        self._busy = 0
+        self._threads: list[threading.Thread] = []
         self._closed = False
 
     def __enter__(self) -> JobQueue:
@@ -154,130 +193,182 @@ class JobQueue:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def submit(self, request: dict[str, Any]) -> Job:
-        """Queue a job and return it; raise :class:`QueueFullError` where too many wait."""
+    def check_room(self) -> None:
+        """Raise :class:`QueueFullError` where too many jobs wait."""
         with self._lock:
-            waiting = sum(j.state is State.WAITING for j in self._jobs.values())
-            running = sum(j.state is State.RUNNING for j in self._jobs.values())
-            room = self.limits.waiting + max(0, self.limits.running - running)
-            if self._closed or waiting >= room:
-                raise QueueFullError(f"{waiting} jobs are waiting already")
-            job = Job(request)
+            self._check_room()
+
+    def _check_room(self) -> None:
+        waiting = len(self._waiting)
+        if self._closed or waiting >= self.limits.waiting + self.limits.running - self._busy:
+            raise QueueFullError(f"{waiting} jobs are waiting already")
+
+    def submit(self, kind: str, body: bytes, seconds: float) -> Job:
+        """Queue a job (``kind``: plan, validate) and return it; raise :class:`QueueFullError` where
+        too many wait.
+        """
+        job = Job(kind, body, min(seconds, self.limits.seconds))
+        with self._lock:
+            self._check_room()
             self._jobs[job.id] = job
             self._forget()
-            thread = threading.Thread(target=self._run, args=(job,), daemon=True)
-            self._threads.add(thread)
-        thread.start()
+            if len(self._threads) < self.limits.running:
+                thread = threading.Thread(target=self._serve, daemon=True)
+                self._threads.append(thread)
+                thread.start()
+            self._waiting.append(job)
+            self._more.notify()
         return job
 
     def _forget(self) -> None:
-        ended = [j.id for j in self._jobs.values() if j.state in ENDED]
-        for name in ended[: max(0, len(ended) - self.limits.kept)]:
-            del self._jobs[name]
+        """Let go of the oldest ended jobs, beyond the number and the bytes that are kept."""
+        ended = [j for j in self._jobs.values() if j.state in ENDED]
+        size = sum(j.size for j in ended)
+        for i, job in enumerate(ended):
+            if len(ended) - i <= self.limits.kept and size <= self.limits.kept_bytes:
+                return
+            size -= job.size
+            del self._jobs[job.id]
+
+    def forget(self, job: Job) -> None:
+        """End a job and keep nothing of it."""
+        self.stop(job)
+        with self._lock:
+            self._jobs.pop(job.id, None)
 
     def get(self, name: str) -> Job | None:
         """Return a job by its id."""
         with self._lock:
             return self._jobs.get(name)
 
+    def all(self, kind: str) -> list[Job]:
+        """Return all jobs of a kind that are known, the oldest first."""
+        with self._lock:
+            return [j for j in self._jobs.values() if j.kind == kind]
+
     def stop(self, job: Job) -> None:
-        """End a job; the best plan it had stays."""
-        job.ended(State.STOPPED)
-        _end(job.process)
+        """End a job; the best plan it had stays. To one that has ended, nothing is done."""
+        with self._lock:
+            if job in self._waiting:
+                self._waiting.remove(job)
+        with job.changed:
+            group = None if job.state in ENDED else job.group
+            job.ended(State.STOPPED)
+        if group is not None:
+            group.end()
 
     def close(self) -> None:
         """End all jobs and wait for their processes."""
         with self._lock:
             self._closed = True
             jobs, threads = list(self._jobs.values()), list(self._threads)
+            self._more.notify_all()
         for job in jobs:
-            if job.state not in ENDED:
-                self.stop(job)
+            self.stop(job)
         for thread in threads:
             thread.join(timeout=10.0)
 
     # ------------------------------------------------------------------ one job
+    def _serve(self) -> None:
+        """Do the jobs that wait, one after another."""
+        while True:
+            with self._lock:
+                self._more.wait_for(lambda: self._waiting or self._closed)
+                if self._closed:
+                    return
+                job = self._waiting.popleft()
+                self._busy += 1
+            try:
+                self._run(job)
+            except Exception as error:  # whatever happens, the job ends and says so
+                job.add({"event": "end", "status": "ERROR", "message": str(error)})
+                job.ended(State.FAILED)
+            finally:
+                with self._lock:
+                    self._busy -= 1
+                    self._forget()
+
     def _run(self, job: Job) -> None:
         folder = Path(tempfile.mkdtemp(prefix="up-samp-job-"))
         try:
-            with self._slots:
-                with job.changed:
-                    if job.state is not State.WAITING:
-                        return
-                    job.state = State.RUNNING
-                self._follow(job, folder)
-        except Exception as error:  # whatever happens, the job ends and says so
-            job.add({"event": "end", "status": "ERROR", "message": str(error)})
-            job.ended(State.FAILED)
+            with job.changed:
+                if job.state is not State.WAITING:
+                    return
+                job.state = State.RUNNING
+                group = job.group = started(self._command, str(self.limits.memory), folder)
+            self._follow(job, group)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
-            with self._lock:
-                self._threads.discard(threading.current_thread())
 
-    def _follow(self, job: Job, folder: Path) -> None:
-        """Run the job's process to its end and take in what it tells."""
+    def _follow(self, job: Job, group: Group) -> None:
+        """Follow the job's process to its end and take in what it tells."""
         limits = self.limits
-        seconds = min(float(job.request["timeout"]), limits.seconds)
-        process = subprocess.Popen(
-            [*self._command, str(limits.memory)],
-            cwd=folder,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-            env={**os.environ, "PYTHONSAFEPATH": "1", "TMPDIR": str(folder)},
-        )
-        job.process = process
-        overdue = threading.Timer(seconds + limits.grace, _end, (process,))
+        overdue = threading.Timer(job.seconds + limits.grace, group.end)
         overdue.daemon = True
         overdue.start()
         try:
-            if job.state is State.STOPPED:  # stopped before its process was there
-                _end(process)
-            self._converse(job, process, seconds)
-            process.wait(timeout=limits.grace)
-        except subprocess.TimeoutExpired:
-            pass  # it has closed its output and does not end: it is ended
+            self._converse(job, group)
+            group.settle(limits.grace)
         finally:
             overdue.cancel()
-            _end(process)
-            for pipe in (process.stdin, process.stdout):
-                if pipe is not None:
-                    pipe.close()
+            code = group.end()
+            close_pipes(group.process)
         if job.end is None and job.state is not State.STOPPED:
-            job.add({"event": "end", "status": "ERROR", "message": _why(process.returncode)})
+            job.add({"event": "end", "status": "ERROR", "message": _why(code)})
         failed = (job.end or {}).get("status") == "ERROR" and job.plan is None
         job.ended(State.FAILED if failed else State.DONE)
 
-    def _converse(self, job: Job, process: subprocess.Popen[bytes], seconds: float) -> None:
+    def _converse(self, job: Job, group: Group) -> None:
+        process = group.process
         assert process.stdin is not None
         assert process.stdout is not None
+        head = {"kind": job.kind, "timeout": job.seconds}
         try:
-            process.stdin.write(json.dumps({**job.request, "timeout": seconds}).encode())
+            process.stdin.write(json.dumps(head).encode() + b"\n" + job.body)
             process.stdin.close()
         except BrokenPipeError:
             return
         left = self.limits.output
-        for line in process.stdout:
+
+        def next_line() -> bytes:
+            """Return a whole line, else nothing."""
+            nonlocal left
+            line = process.stdout.readline(left + 1)  # type: ignore[union-attr]
             left -= len(line)
-            if left < 0:
-                job.add({"event": "end", "status": "ERROR", "message": "too much output"})
-                _end(process)
-                return
+            return line if line.endswith(b"\n") and left >= 0 else b""
+
+        while line := next_line():
             event = json.loads(line)
-            event["at"] = round(time.time(), 3)
-            job.add(event)
+            plan = next_line().rstrip() if event["event"] == "plan" else None
+            if plan != b"":
+                job.add({**event, "at": round(time.time(), 3)}, plan)
+        if left < 0:
+            job.add({"event": "end", "status": "ERROR", "message": "too much output"})
+            group.end()
 
 
-def _end(process: subprocess.Popen[bytes] | None) -> None:
-    """End a process with all that it started."""
-    if process is None:
-        return
-    try:
-        os.killpg(process.pid, signal.SIGKILL)
-    except (ProcessLookupError, PermissionError):
-        process.kill()
-    process.wait()
+WORKER = (sys.executable, "-m", "up_samp.server.worker")
+"""The process of a job; what it may take of memory is its argument."""
+
+
+def started(command: tuple[str, ...], argument: str, folder: Path) -> Group:
+    """Start a process that works in ``folder`` alone."""
+    return Group(
+        [*command, argument],
+        cwd=folder,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        env={**os.environ, "PYTHONSAFEPATH": "1", "TMPDIR": str(folder)},
+    )
+
+
+def close_pipes(process: subprocess.Popen[bytes]) -> None:
+    """Close this end of the pipes to a process that has been ended."""
+    for pipe in (process.stdin, process.stdout):
+        with contextlib.suppress(OSError):  # what could not be written any more
+            if pipe is not None:
+                pipe.close()
 
 
 def _why(code: int | None) -> str:

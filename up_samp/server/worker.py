@@ -1,18 +1,32 @@
 """The process of one job: reads a request from standard input, tells what happens line by line.
 
-``python -m up_samp.server.worker BYTES``: ``BYTES`` limits its address space.
+``python -m up_samp.server.worker [desk] BYTES``: ``BYTES`` limits its address space; with ``desk``
+it answers short questions until nobody asks any more.
 """
 
 from __future__ import annotations
 
+import gc
 import json
 import os
+import re
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TextIO
 
-from up_samp.server.requests import MAP_NAME, MapUpload
+from up_samp.fleet.limits import FIGURES
+from up_samp.server.requests import (
+    MAP_NAME,
+    PlanRequest,
+    ProblemUpload,
+    RequestError,
+    ValidateRequest,
+    check_request,
+    read_request,
+    records_of,
+)
 
 QUIET_SECONDS = 0.2
 """Progress is told so often at most, unless a bound moves."""
@@ -22,14 +36,22 @@ class Teller:
     """Writes events to the server, one JSON object a line."""
 
     def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
+        self.stream = stream
+        # where the server keeps files is nobody's business
+        self._here = re.compile(re.escape(json.dumps(str(Path.cwd()))[1:-1]) + r"[/\\]*")
         self._bounds: tuple[int | None, int | None] | None = None
         self._last = float("-inf")
 
     def tell(self, **event: Any) -> None:
         """Write one event."""
-        self._stream.write(json.dumps(event, allow_nan=False) + "\n")
-        self._stream.flush()
+        self.stream.write(self._here.sub("", json.dumps(event, allow_nan=False)) + "\n")
+        self.stream.flush()
+
+    def tell_plan(self, plan: dict[str, Any]) -> None:
+        """Write a plan: its event, and itself on the next line."""
+        about = {key: plan[key] for key in ("makespan", "seconds_per_unit")}
+        self.tell(event="plan", **about)
+        self.tell(**plan)
 
     def progress(self, event: Any) -> None:
         """Tell a step of the search (:class:`up_samp.search.history.ProgressEvent`)."""
@@ -48,42 +70,36 @@ class Teller:
         )
 
 
-def read_problem(
-    problem: dict[str, Any], map_upload: dict[str, Any]
-) -> tuple[Any, dict[str, float]]:
-    """Return the UP problem of a request and its settings; its files are written into the current
-    folder.
+def read_problem(request: ProblemUpload) -> tuple[Any, dict[str, float]]:
+    """Return the UP problem of a request and its settings; its map's files are written into the
+    current folder.
     """
     from up_samp.fleet.build import build_problem
-    from up_samp.fleet.files import read_problem_file
 
-    folder = Path.cwd()
-    MapUpload(**map_upload).write(folder, MAP_NAME)
-    file = folder / "problem.json"
-    file.write_text(json.dumps({**problem, "map": MAP_NAME}), encoding="utf-8")
-    records = read_problem_file(file)
-    return build_problem(records, folder), records.settings
+    records = records_of(request)
+    request.map.write(Path(), MAP_NAME)
+    return build_problem(records, Path.cwd()), records.settings
 
 
-def solve(request: dict[str, Any], teller: Teller) -> None:
+def solve(request: PlanRequest, timeout: float, teller: Teller) -> None:
     """Solve the request's problem and tell each better plan, and the end."""
     from unified_planning.shortcuts import AnytimePlanner, get_environment
 
     import up_samp  # noqa: F401  (registers the engines)
 
     get_environment().credits_stream = None
-    problem, settings = read_problem(request["problem"], request["map"])
+    problem, settings = read_problem(request)
     teller.tell(event="progress", phase="read", message=f"{len(problem.activities)} activities")
     params = {
-        "seed": request["seed"],
+        "seed": request.seed,
         **settings,
         "progress": teller.progress,
-        "optimal": not request["first_plan"],
+        "optimal": not request.first_plan,
     }
-    name = f"samp-refine[{request['engine']}]"
+    name = f"samp-refine[{request.engine}]"
     with AnytimePlanner(name=name, params=params) as planner:
-        for result in planner.get_solutions(problem, timeout=request["timeout"]):
-            enough = request["first_plan"] and result.plan is not None
+        for result in planner.get_solutions(problem, timeout=timeout):
+            enough = request.first_plan and result.plan is not None
             tell_result(problem, result, teller, last=enough)
             if enough:
                 break
@@ -97,7 +113,7 @@ def tell_result(problem: Any, result: Any, teller: Teller, *, last: bool) -> Non
     if result.plan is not None:
         plan = with_dependencies(problem, result_to_dict(problem, result))
         plan["map"] = {"yaml": None}  # the server's own files are nobody's business
-        teller.tell(event="plan", plan=plan)
+        teller.tell_plan(plan)
     metrics = result.metrics or {}
     between = result.status.name == "INTERMEDIATE"
     teller.tell(
@@ -108,16 +124,16 @@ def tell_result(problem: Any, result: Any, teller: Teller, *, last: bool) -> Non
     )
 
 
-def judge(request: dict[str, Any], teller: Teller) -> None:
+def judge(request: ValidateRequest, teller: Teller) -> None:
     """Judge the request's plan and tell the verdict."""
     from up_samp.io import plan_from_dict
     from up_samp.io.files import check_plan
     from up_samp.model import ProblemError
     from up_samp.validation import validate_plan
 
-    problem, settings = read_problem(request["problem"], request["map"])
+    problem, settings = read_problem(request)
     unit = settings["seconds_per_unit"]
-    plan = {**request["plan"], "map": {"yaml": str(Path.cwd() / MAP_NAME)}}
+    plan = {**request.plan, "map": {"yaml": str(Path.cwd() / MAP_NAME)}}
     check_plan(plan, "the plan")
     if plan["seconds_per_unit"] != unit:
         raise ProblemError(f"the plan's unit is {plan['seconds_per_unit']} s, the problem's {unit}")
@@ -135,27 +151,98 @@ def limit_memory(size: int) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (size, size))
 
 
-def main() -> int:
+def do_job(teller: Teller) -> int:
     """Do one job; an error is the job's ending, told in one line."""
-    limit_memory(int(sys.argv[1]))
-    # whatever libraries print must not get between the lines of the protocol
-    channel = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)
-    teller = Teller(channel)
-    request = json.loads(sys.stdin.buffer.read())
     try:
-        if "plan" in request:
+        head = json.loads(sys.stdin.buffer.readline())
+        request = read_request(head["kind"], sys.stdin.buffer.read())
+        if isinstance(request, PlanRequest):
+            solve(request, head["timeout"], teller)
+        elif isinstance(request, ValidateRequest):
             judge(request, teller)
-        else:
-            solve(request, teller)
     except Exception as error:
         from up_samp.model import SampError
 
-        known = isinstance(error, SampError | ValueError)
+        known = isinstance(error, SampError | ValueError | RequestError)
         what = str(error) if known else f"internal error, {type(error).__name__}: {error}"
         teller.tell(event="end", status="ERROR", message=" ".join(what.split())[:2000])
         return 1
     return 0
+
+
+def look(kind: str, body: bytes) -> tuple[dict[str, Any], bytes]:
+    """Say what is wrong with a request, and how long its search may take."""
+    from up_samp.geometry.maps import load_map
+
+    try:
+        request = check_request(kind, body, load_map)
+    except RequestError as error:
+        return {"faults": error.faults[: FIGURES.shown]}, b""
+    return {"faults": [], "timeout": getattr(request, "timeout", None)}, b""
+
+
+def draw(body: bytes, plan: bytes) -> tuple[dict[str, Any], bytes]:
+    """Return the page that plays a plan, on the map of its request."""
+    from up_samp.plotting.animation import animation_html
+
+    read_request("plan", body).map.write(Path(), MAP_NAME)
+    shown = {**json.loads(plan), "map": {"yaml": str(Path.cwd() / MAP_NAME)}}
+    return {}, animation_html(shown).encode()
+
+
+DESK: dict[str, Callable[..., tuple[dict[str, Any], bytes]]] = {
+    "plan": lambda body: look("plan", body),
+    "validate": lambda body: look("validate", body),
+    "draw": draw,
+}
+"""What is answered at the desk (:class:`up_samp.server.desk.Desk`)."""
+
+
+def answer_all(teller: Teller) -> int:
+    """Answer questions until nobody asks any more, or this process has grown large."""
+    source = sys.stdin.buffer
+    gc.disable()  # what is read holds no circles, and to look for some is nine tenths of the time
+    while line := source.readline():
+        head = json.loads(line)
+        parts = [source.read(size) for size in head["sizes"]]
+        try:
+            said, body = DESK[head["kind"]](*parts)
+        except MemoryError:
+            return 1
+        except Exception as error:
+            text = f"internal error, {type(error).__name__}: {error}"[:500]
+            said, body = {"faults": [{"loc": ["body"], "msg": text, "type": "internal"}]}, b""
+        teller.tell(**said, size=len(body))
+        teller.stream.buffer.write(body)
+        teller.stream.buffer.flush()
+        if peak_memory() > _LARGE:
+            return 0
+    return 0
+
+
+_LARGE = 512 * 2**20
+"""A process at the desk that has needed so many bytes is followed by a new one."""
+
+
+def peak_memory() -> int:
+    """Return the most bytes of memory that this process has had; 0 where that is not known."""
+    try:
+        import resource
+    except ImportError:  # not a POSIX system
+        return 0
+    unit = 1 if sys.platform == "darwin" else 1024
+    return unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def main() -> int:
+    """Do one job, or serve at the desk."""
+    *desk, most = sys.argv[1:]
+    limit_memory(int(most))
+    # whatever libraries print must not get between the lines of the protocol
+    channel = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    teller = Teller(channel)
+    return answer_all(teller) if desk else do_job(teller)
 
 
 if __name__ == "__main__":

@@ -9,10 +9,13 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import subprocess
 import sys
 import threading
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 _PATH = """
 import sys
@@ -102,3 +105,39 @@ def die_with(descriptor: int) -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
+
+
+class Group:
+    """A process in a process group of its own, which is ended with all that it started.
+
+    It is signalled only while its end has not been taken in (until then no other process can have
+    its number): nothing else may wait for it or poll it.
+    """
+
+    def __init__(self, command: Sequence[str], **given: Any) -> None:
+        self.process = subprocess.Popen(command, start_new_session=True, **given)
+        self._lock = threading.Lock()
+
+    def settle(self, seconds: float) -> None:
+        """Wait until the process ends by itself, so long at most (where the system can tell)."""
+        until = time.monotonic() + seconds
+        while hasattr(os, "waitid") and time.monotonic() < until:
+            with self._lock:
+                if self.process.returncode is not None:
+                    return
+                options = os.WEXITED | os.WNOWAIT | os.WNOHANG
+                if os.waitid(os.P_PID, self.process.pid, options) is not None:
+                    return
+            time.sleep(0.01)
+
+    def end(self) -> int:
+        """End the process and its group, if that has not been done; return its exit code."""
+        with self._lock:
+            if self.process.returncode is None:
+                with contextlib.suppress(OSError):
+                    if hasattr(os, "killpg"):
+                        os.killpg(self.process.pid, signal.SIGKILL)
+                    else:  # not a POSIX system
+                        self.process.kill()
+                self.process.wait()
+            return self.process.returncode

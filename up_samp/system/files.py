@@ -15,8 +15,9 @@ from up_samp.model.errors import ProblemError
 
 
 @contextlib.contextmanager
-def whole(path: Path) -> Iterator[IO[bytes]]:
-    """Give a stream of bytes; the file appears when all is written, or not at all.
+def whole(path: Path, mode: int = 0o666) -> Iterator[IO[bytes]]:
+    """Give a stream of bytes; the file appears when all is written, or not at all; with ``mode``,
+    less what the umask takes.
 
     Whatever goes wrong (a full disk, Ctrl-C), an older file stays as it was.
     """
@@ -24,7 +25,7 @@ def whole(path: Path) -> Iterator[IO[bytes]]:
     try:
         with open(handle, "wb") as stream:
             yield stream
-        os.chmod(name, 0o666 & ~_umask())  # mkstemp's files are private, a plan need not be
+        os.chmod(name, mode & ~_umask())  # mkstemp's files are private, a plan need not be
         os.replace(name, path)
     except BaseException:
         with contextlib.suppress(OSError):

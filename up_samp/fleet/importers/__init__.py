@@ -9,12 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from up_samp.fleet.importers.common import Imported, Options
+from shapely.errors import ShapelyError
+
+from up_samp.fleet.importers.common import Imported, Options, wrong
 from up_samp.fleet.importers.grids import import_league, import_movingai
 from up_samp.fleet.importers.layouts import import_lif, import_rmf
 from up_samp.fleet.importers.outlines import import_dxf, import_svg, map_from_polygons
 from up_samp.fleet.importers.shops import import_fjs, import_jsplib
-from up_samp.model import UnsupportedError
+from up_samp.model import ProblemError, UnsupportedError
+from up_samp.model.errors import short
 
 IMPORTERS: Mapping[str, Callable[[Path, Path, Options], Imported]] = {
     "movingai": import_movingai,
@@ -27,6 +30,18 @@ IMPORTERS: Mapping[str, Callable[[Path, Path, Options], Imported]] = {
     "svg": import_svg,
 }
 """Importers by the name of what they read."""
+
+TITLES = {
+    "movingai": "a Moving AI map or scenario",
+    "league": "a problem of the League",
+    "lif": "a LIF layout",
+    "rmf": "an RMF building map",
+    "jsplib": "a job shop",
+    "fjs": "a flexible job shop",
+    "dxf": "DXF",
+    "svg": "SVG",
+}
+"""What their files are called in messages."""
 
 ENDINGS = (
     (".map", "movingai"),
@@ -47,6 +62,7 @@ def import_file(
     """Import ``source`` into ``folder``; ``kind`` is found by the file's ending if it is None.
 
     :raises UnsupportedError: where the kind is not known.
+    :raises ProblemError: that names the file, where it is not of that kind, or wrong.
     """
     if kind is None:
         name = source.name.lower()
@@ -54,7 +70,30 @@ def import_file(
     if kind is None or kind not in IMPORTERS:
         known = ", ".join(IMPORTERS)
         raise UnsupportedError(f"'{source}': say what it is (--kind): {known}")
-    return IMPORTERS[kind](source, folder, options or Options())
+    try:
+        return IMPORTERS[kind](source, folder, options or Options())
+    except UnsupportedError:
+        raise
+    except ProblemError as error:
+        if str(source) in str(error):
+            raise
+        raise ProblemError(f"{source}: {error}") from error  # found in what was made of it
+    except _OTHER_SHAPE as error:
+        said = f"{error} is not there" if isinstance(error, KeyError) else str(error)
+        text = short(" ".join(said.split()) or type(error).__name__, 200)
+        raise wrong(source, None, f"not readable as {TITLES[kind]}: {text}") from error
+
+
+_OTHER_SHAPE = (
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    RecursionError,
+    TypeError,
+    ValueError,
+    ShapelyError,
+)
+"""What Python raises where data have another shape than their format says."""
 
 
 __all__ = ["IMPORTERS", "Imported", "Options", "import_file", "map_from_polygons"]

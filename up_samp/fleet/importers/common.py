@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 import re
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -10,9 +12,12 @@ from typing import Any
 
 from up_samp.fleet.faults import FleetError, find_faults
 from up_samp.fleet.files import write_problem_file
+from up_samp.fleet.limits import LIMITS
 from up_samp.fleet.reading import read_record
 from up_samp.fleet.records import FleetRecords
 from up_samp.model import ProblemError
+from up_samp.model.errors import short
+from up_samp.upio.limits import LIMITS as WORLD
 
 
 @dataclass(frozen=True)
@@ -25,6 +30,13 @@ class Options:
     map: Path | None = None
     robots: int = 2
     jobs: int = 4
+
+    def __post_init__(self) -> None:
+        if not 0 < self.cell <= WORLD.farthest:
+            raise ProblemError(f"a cell must have a length in m, not {self.cell!r}")
+        for name in ("robots", "jobs"):
+            if getattr(self, name) < 0:
+                raise ProblemError(f"{name} to take: {getattr(self, name)} is less than none")
 
 
 @dataclass(frozen=True)
@@ -61,15 +73,54 @@ def name_of(text: object, taken: Collection[str] = (), prefix: str = "p") -> str
     return unique
 
 
+def check_size(source: Path) -> Path:
+    """Return ``source`` if it is a file that may be read whole.
+
+    :raises ProblemError: where there is none, or a larger one than any that is meant.
+    """
+    if not source.is_file():
+        raise ProblemError(f"there is no file '{source}'")
+    if source.stat().st_size > LIMITS.file_bytes:
+        raise wrong(source, None, f"larger than {LIMITS.file_bytes // 1_000_000} MB")
+    return source
+
+
 def text_of(source: Path) -> str:
     """Return a file's text.
 
     :raises ProblemError: where there is none.
     """
     try:
-        return source.read_text(encoding="utf-8-sig")
+        return check_size(source).read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise ProblemError(f"'{source}' cannot be read: {error}") from error
+
+
+def json_of(source: Path) -> Any:
+    """Return what a file of JSON holds.
+
+    :raises ProblemError: where it is none, or nested more deeply than any that is meant.
+    """
+    try:
+        return json.loads(text_of(source), parse_constant=number_of)
+    except json.JSONDecodeError as error:
+        raise wrong(source, error.lineno, f"not readable as JSON: {error.msg}") from error
+    except RecursionError as error:
+        raise wrong(source, None, "nested too deeply") from error
+
+
+def number_of(value: object) -> float:
+    """Return a coordinate (m), an angle (rad) or a duration of a file as a number.
+
+    :raises ValueError: where it is none, or one that nothing real has.
+    """
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except OverflowError:
+        number = math.inf
+    if not abs(number) <= WORLD.farthest:  # NaN, too
+        raise ValueError(f"{short(value)} is no number up to {WORLD.farthest:g}")
+    return number
 
 
 def wrong(source: Path, line: int | None, what: str) -> ProblemError:

@@ -11,7 +11,7 @@ from shapely.geometry import LineString, Point
 from shapely.geometry.base import BaseGeometry
 
 from up_samp.fleet.importers.assumptions import ASSUMED
-from up_samp.fleet.importers.common import name_of
+from up_samp.fleet.importers.common import name_of, number_of
 
 XY = tuple[float, float]
 
@@ -79,7 +79,7 @@ def _opened(doorway: Doorway) -> tuple[float, float, float]:
     if doorway.trait("type", "hinged") == "hinged":
         at_end = doorway.trait("motion_axis", "start") == "end"
         hinge = doorway.ends[1] if at_end else doorway.ends[0]
-        turn = sign * math.radians(float(doorway.trait("motion_degrees", 90.0)))
+        turn = sign * math.radians(number_of(doorway.trait("motion_degrees", 90.0)))
         heading = doorway.heading + turn
         reach = -length / 2 if at_end else length / 2
         return (

@@ -7,7 +7,6 @@ direction, freely, not from cell to cell.
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.fleet.importers.assumptions import ASSUMED
-from up_samp.fleet.importers.common import Imported, Options, finish, text_of, wrong
+from up_samp.fleet.importers.common import Imported, Options, finish, json_of, text_of, wrong
+from up_samp.fleet.limits import LIMITS
 from up_samp.geometry.maps import write_map
 from up_samp.model import UnsupportedError
+from up_samp.model.errors import short
 
 Cells = npt.NDArray[np.bool_]
 FREE, BLOCKED = ".GSE", "@OTW"
@@ -55,9 +56,7 @@ def import_movingai(source: Path, folder: Path, options: Options) -> Imported:
         raise wrong(source, 1, "no Moving AI scenario: it begins with 'version 1'")
     if any(len(e) != 9 for e in entries):
         raise wrong(source, None, "each line has a bucket, a map, its size, start, goal and length")
-    map_file = source.parent / entries[0][1]
-    if not map_file.is_file():
-        map_file = source.parent / Path(entries[0][1]).name
+    map_file = _beside(source, entries[0][1])
     data = _grid(map_file, folder, options)
     height = read_movingai_map(map_file).shape[0]
     for i, entry in enumerate(entries[: options.robots]):
@@ -73,11 +72,8 @@ def import_league(source: Path, folder: Path, options: Options) -> Imported:
 
     A task of two locations is an order from one to the other, one of a single location a task.
     """
-    try:
-        problem = json.loads(text_of(source))
-        names = {key: problem[key] for key in ("mapFile", "agentFile", "taskFile")}
-    except (ValueError, KeyError, TypeError) as error:
-        raise wrong(source, None, f"no problem of the League: {error}") from error
+    problem = json_of(source)
+    names = {key: problem[key] for key in ("mapFile", "agentFile", "taskFile")}
     files = {key: _beside(source, name) for key, name in names.items()}
     data = _grid(files["mapFile"], folder, options)
     shape = read_movingai_map(files["mapFile"]).shape
@@ -115,16 +111,21 @@ def _rows(source: Path) -> list[list[int]]:
         raise wrong(source, None, str(error)) from error
 
 
-def _beside(source: Path, name: str) -> Path:
-    """Return a file that a problem names; flat folders are taken, too."""
-    path = source.parent / name
-    return path if path.is_file() else source.parent / Path(name).name
+def _beside(source: Path, name: object) -> Path:
+    """Return a file that another one names; flat folders are taken, too."""
+    if isinstance(name, str) and "\0" not in name and len(name) < 256:
+        for path in (source.parent / name, source.parent / Path(name).name):
+            if path.is_file():
+                return path
+    raise wrong(source, None, f"it names {short(name)}, and no such file is beside it")
 
 
 def _grid(source: Path, folder: Path, options: Options) -> dict[str, Any]:
     """Write the map and return the data of a problem file without robots and jobs."""
     blocked = read_movingai_map(source)
     cells = max(1, round(options.cell / 0.25))
+    if blocked.size * cells**2 > LIMITS.cells:
+        raise wrong(source, None, f"{blocked.size} cells of {options.cell:g} m are too many")
     fine = np.kron(blocked[::-1], np.ones((cells, cells), dtype=np.bool_))
     write_map(folder, "map", fine, options.cell / cells)
     size = round(ASSUMED.cell_share * options.cell, 6)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,10 +11,21 @@ import yaml
 from shapely.geometry import LineString, MultiPoint, Polygon
 from shapely.ops import unary_union
 
+from up_samp.fleet.files import compose
 from up_samp.fleet.importers.assumptions import ASSUMED
-from up_samp.fleet.importers.common import Imported, Options, finish, name_of, text_of, wrong
+from up_samp.fleet.importers.common import (
+    Imported,
+    Options,
+    finish,
+    json_of,
+    name_of,
+    number_of,
+    text_of,
+    wrong,
+)
 from up_samp.fleet.importers.doors import doors_of
 from up_samp.fleet.importers.outlines import map_from_polygons
+from up_samp.geometry.maps import load_map, write_map
 
 AGV = {"footprint": [1.0, 0.7], "model": "omni", "v_max": 1.0, "a_max": 0.5, "omega_max": 1.0}
 
@@ -26,13 +35,10 @@ def import_lif(source: Path, folder: Path, options: Options) -> Imported:
 
     LIF has no walls: give a map, or the floor is what lies around the nodes.
     """
-    try:
-        layout = json.loads(text_of(source))["layouts"][0]
-        nodes = {n["nodeId"]: n for n in layout["nodes"]}
-        stations = layout.get("stations", [])
-        points = {key: _xy(n["nodePosition"]) for key, n in nodes.items()}
-    except (ValueError, KeyError, IndexError, TypeError) as error:
-        raise wrong(source, None, f"no LIF layout: {error!r}") from error
+    layout = json_of(source)["layouts"][0]
+    nodes = {n["nodeId"]: n for n in layout["nodes"]}
+    stations = layout.get("stations", [])
+    points = {key: _xy(n["nodePosition"]) for key, n in nodes.items()}
     if not points:
         raise wrong(source, None, "the layout has no nodes")
     places: dict[str, Any] = {}
@@ -63,23 +69,19 @@ def import_lif(source: Path, folder: Path, options: Options) -> Imported:
 
 
 def _xy(position: Mapping[str, Any]) -> tuple[float, float]:
-    return float(position["x"]), float(position["y"])
+    return number_of(position["x"]), number_of(position["y"])
 
 
 def _theta(node: Mapping[str, Any]) -> float:
     """Return the first heading that a vehicle type has at a node, rad."""
     kinds = node.get("vehicleTypeNodeProperties", ())
-    return next((float(k["theta"]) for k in kinds if k.get("theta") is not None), 0.0)
+    return next((number_of(k["theta"]) for k in kinds if k.get("theta") is not None), 0.0)
 
 
 def _copied(map_file: Path, folder: Path) -> str:
-    """Copy a ROS map into the folder; return its name."""
-    folder.mkdir(parents=True, exist_ok=True)
-    image = yaml.safe_load(text_of(map_file))["image"]
-    shutil.copy(map_file, folder / "map.yaml")
-    (folder / image).parent.mkdir(parents=True, exist_ok=True)
-    shutil.copy(map_file.parent / image, folder / image)
-    return "map.yaml"
+    """Write the cells of a ROS map into the folder; return its name."""
+    grid = load_map(map_file)
+    return write_map(folder, "map", grid.occupied, grid.resolution, grid.origin, grid.unknown).name
 
 
 def import_rmf(source: Path, folder: Path, options: Options) -> Imported:
@@ -88,14 +90,14 @@ def import_rmf(source: Path, folder: Path, options: Options) -> Imported:
     Pixels become m by the level's measurements; y points up. Chargers and parking spots are places
     to park, holding points are places, too. Doors are opened where lanes lead through them.
     """
-    try:
-        levels = yaml.safe_load(text_of(source))["levels"]
-        name, level = next(iter(levels.items()))
-        vertices = level["vertices"]
-    except (yaml.YAMLError, KeyError, StopIteration, TypeError, AttributeError) as error:
-        raise wrong(source, None, f"no RMF building map: {error!r}") from error
+    root = compose(source, text_of(source))
+    levels = yaml.SafeLoader("").construct_document(root)["levels"]
+    if not levels:
+        raise wrong(source, None, "it has no level")
+    name, level = next(iter(levels.items()))
+    vertices = level["vertices"]
     scale = _scale(source, level)
-    points = [(scale * v[0], -scale * v[1]) for v in vertices]
+    points = [(number_of(scale * v[0]), number_of(-scale * v[1])) for v in vertices]
     floors = [Polygon([points[i] for i in f["vertices"]]) for f in level.get("floors", [])]
     if not floors:
         raise wrong(source, None, f"level '{name}' has no floor")
@@ -140,7 +142,7 @@ def _scale(source: Path, level: Mapping[str, Any]) -> float:
     found = []
     for a, b, traits in level.get("measurements", []):
         pixels = math.dist(vertices[a][:2], vertices[b][:2])
-        found.append(float(traits["distance"][1]) / pixels)
+        found.append(number_of(traits["distance"][1]) / pixels)
     if not found:
         raise wrong(source, None, "no measurement says how long a pixel is")
     return sum(found) / len(found)

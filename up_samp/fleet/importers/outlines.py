@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import shapely
@@ -14,7 +17,7 @@ from shapely.geometry.base import BaseGeometry
 from shapely.ops import unary_union
 
 from up_samp.fleet.importers.assumptions import ASSUMED
-from up_samp.fleet.importers.common import Imported, Options, finish, wrong
+from up_samp.fleet.importers.common import Imported, Options, check_size, finish, number_of, wrong
 from up_samp.fleet.limits import LIMITS
 from up_samp.geometry.maps import write_map
 from up_samp.model import ProblemError, UnsupportedError
@@ -57,7 +60,7 @@ def import_dxf(source: Path, folder: Path, options: Options) -> Imported:
     except ImportError as error:
         raise UnsupportedError("DXF needs the extra [drawings]: pip install ezdxf") from error
     try:
-        drawing = ezdxf.readfile(source)
+        drawing = ezdxf.readfile(check_size(source))
     except (OSError, ezdxf.DXFError) as error:
         raise wrong(source, None, f"not readable as DXF: {error}") from error
     scale, notes = 1.0, []
@@ -67,9 +70,15 @@ def import_dxf(source: Path, folder: Path, options: Options) -> Imported:
         notes.append("the drawing has no unit: taken as m")
     rings: list[list[tuple[float, float]]] = []
     lines: list[list[tuple[float, float]]] = []
+    made = 0
     for entity in drawing.modelspace().query("LWPOLYLINE POLYLINE LINE CIRCLE ARC SPLINE ELLIPSE"):
         path = make_path(entity)
+        for v in (path.start, *path.control_vertices()):
+            number_of(scale * v.x), number_of(scale * v.y)  # before many points are made of them
         points = [(scale * v.x, scale * v.y) for v in path.flattening(0.01 / scale)]
+        made += len(points)
+        if made > LIMITS.pieces:
+            raise wrong(source, None, f"its lines have more than {LIMITS.pieces} points")
         (rings if path.is_closed else lines).append(points)
     return _finish(source, folder, rings, lines, notes)
 
@@ -81,8 +90,9 @@ def import_svg(source: Path, folder: Path, options: Options) -> Imported:
     except ImportError as error:
         raise UnsupportedError("SVG needs the extra [drawings]: pip install svgelements") from error
     try:
+        _check_pieces(source, ElementTree.parse(check_size(source)).getroot())
         drawing = svgelements.SVG.parse(str(source), ppi=96)
-    except (OSError, ValueError, SyntaxError) as error:
+    except (OSError, SyntaxError) as error:
         raise wrong(source, None, f"not readable as SVG: {error}") from error
     rings: list[list[tuple[float, float]]] = []
     lines: list[list[tuple[float, float]]] = []
@@ -93,6 +103,40 @@ def import_svg(source: Path, folder: Path, options: Options) -> Imported:
             closed = len(points) > 3 and math.dist(points[0], points[-1]) < 1e-6
             (rings if closed else lines).append(points)
     return _finish(source, folder, rings, lines, [f"a unit of the drawing is {options.cell:g} m"])
+
+
+def _check_pieces(source: Path, root: ElementTree.Element) -> None:
+    """Refuse a drawing that is too large, or nested too deeply, once each ``<use>`` stands for what
+    it copies: its reader unfolds it without a limit.
+    """
+    named = {e.get("id"): e for e in root.iter() if e.get("id") is not None}
+    known: dict[ElementTree.Element, tuple[int, int]] = {}
+
+    def measured(element: ElementTree.Element, depth: int) -> tuple[int, int]:
+        """Return how many pieces an element stands for, and how deeply they are nested."""
+        if element not in known and depth <= LIMITS.depth:
+            parts = list(element)
+            if element.tag.rpartition("}")[2] == "use":
+                href = (element.get("href") or element.get(_XLINK) or "")[1:]
+                parts += [named[href]] if href in named else []
+            inner = [measured(part, depth + 1) for part in parts]
+            outline = (element.get("d") or "") + (element.get("points") or "")
+            figures = islice(_FIGURE.finditer(outline), 2 * LIMITS.pieces + 2)
+            own = 1 + sum(1 for _ in figures) // 2
+            height = 1 + max((h for _, h in inner), default=0)
+            known[element] = own + sum(n for n, _ in inner), height
+        if depth + known.get(element, (0, 1))[1] > LIMITS.depth + 1:
+            text = f"nested more than {LIMITS.depth} deep, or <use> copies what it is part of"
+            raise wrong(source, None, text)
+        return known[element]
+
+    if measured(root, 0)[0] > LIMITS.pieces:
+        text = f"more than {LIMITS.pieces} elements and points, with what <use> copies"
+        raise wrong(source, None, text)
+
+
+_XLINK = "{http://www.w3.org/1999/xlink}href"
+_FIGURE = re.compile(r"[0-9.]+")
 
 
 def _flat(path: Any, unit: float) -> list[tuple[float, float]]:
@@ -106,7 +150,7 @@ def _flat(path: Any, unit: float) -> list[tuple[float, float]]:
         straight = isinstance(segment, svgelements.Line | svgelements.Close | svgelements.Move)
         for i in range(2 if straight else 17):
             p = segment.point(i if straight else i / 16)
-            point = (unit * float(p.x), -unit * float(p.y))
+            point = (number_of(unit * p.x), number_of(-unit * p.y))
             if not points or math.dist(points[-1], point) > 1e-9:
                 points.append(point)
     return points

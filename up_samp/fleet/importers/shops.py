@@ -13,8 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from up_samp.fleet.importers.common import Imported, Options, finish, text_of, wrong
+from up_samp.fleet.importers.common import Imported, Options, finish, number_of, text_of, wrong
+from up_samp.fleet.limits import LIMITS
 from up_samp.geometry.maps import write_map
+from up_samp.model import ProblemError
 
 Ways = list[tuple[int, int]]
 """(machine, duration) of each machine that an operation may be done on."""
@@ -30,7 +32,7 @@ def _numbers(source: Path) -> list[tuple[int, list[int]]]:
         text = line.split("#")[0].strip()
         if text:
             try:
-                rows.append((number, [int(float(v)) for v in text.split()]))
+                rows.append((number, [int(number_of(v)) for v in text.split()]))
             except ValueError as error:
                 raise wrong(source, number, f"numbers are needed: {error}") from error
     if not rows or len(rows[0][1]) < 2:
@@ -150,6 +152,8 @@ def _work(ways: Ways) -> dict[str, Any]:
 def _hall(folder: Path, machines: int) -> float:
     """Write the hall's map; return its width, m."""
     width = 10.0 + APART * max(2, math.ceil(machines / 2))
+    if width * DEEP > LIMITS.cells * CELL**2:
+        raise ProblemError(f"{machines} machines are too many for one hall")
     occupied = np.zeros((round(DEEP / CELL), round(width / CELL)), dtype=np.bool_)
     occupied[:2], occupied[-2:], occupied[:, :2], occupied[:, -2:] = True, True, True, True
     write_map(folder, "hall", occupied, CELL)

@@ -1,0 +1,93 @@
+"""The desk: a process beside the server that looks at what clients send, and draws plans.
+
+What JSON, YAML and images stand for may be large, and reading them may take long: none of it is
+unfolded in the server itself. The process has limits; when it meets one it is ended, the client is
+told, and the next question starts another.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import shutil
+import tempfile
+import threading
+from pathlib import Path
+from typing import Any
+
+from up_samp.server.jobs import WORKER, Limits, close_pipes, started
+from up_samp.system.child import Group
+
+
+class DeskError(Exception):
+    """A question took more time or memory than it may."""
+
+
+class Desk:
+    """Answers one question at a time. Use it as a context: leaving it ends its process."""
+
+    def __init__(self, limits: Limits) -> None:
+        self.limits = limits
+        self._lock = threading.Lock()
+        self._group: Group | None = None
+        self._folder: Path | None = None
+        self._closed = False
+
+    def __enter__(self) -> Desk:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._closed = True
+        if (group := self._group) is not None:
+            group.end()
+        with self._lock:
+            self._leave()
+
+    def ask(self, kind: str, *parts: bytes) -> tuple[dict[str, Any], bytes]:
+        """Ask for what ``kind`` says of ``parts`` (see ``worker.DESK``); return the answer and the
+        bytes that come with it.
+
+        :raises DeskError: where there is no answer within the limits.
+        """
+        head = json.dumps({"kind": kind, "sizes": [len(p) for p in parts]}).encode() + b"\n"
+        with self._lock:
+            group = self._come()
+            overdue = threading.Timer(self.limits.look_seconds, group.end)
+            overdue.daemon = True
+            overdue.start()
+            try:
+                assert group.process.stdin is not None
+                assert group.process.stdout is not None
+                group.process.stdin.write(b"".join((head, *parts)))
+                group.process.stdin.flush()
+                line = group.process.stdout.readline()
+                answer: dict[str, Any] = json.loads(line) if line.endswith(b"\n") else {}
+                body = group.process.stdout.read(answer.get("size", 0))
+                if not answer or len(body) < answer.get("size", 0):
+                    raise EOFError
+                return answer, body
+            except (OSError, EOFError) as error:
+                self._leave()
+                seconds = self.limits.look_seconds
+                raise DeskError(f"it takes more than {seconds:g} s, or too much memory") from error
+            finally:
+                overdue.cancel()
+
+    def _come(self) -> Group:
+        if self._closed:
+            raise DeskError("the service ends")
+        if self._group is None or self._group.process.returncode is not None:
+            self._leave()
+            self._folder = Path(tempfile.mkdtemp(prefix="up-samp-desk-"))
+            self._group = started((*WORKER, "desk"), str(self.limits.look_memory), self._folder)
+        return self._group
+
+    def _leave(self) -> None:
+        if self._group is not None:
+            self._group.end()
+            close_pipes(self._group.process)
+            self._group = None
+        if self._folder is not None:
+            with contextlib.suppress(OSError):
+                shutil.rmtree(self._folder)
+            self._folder = None
