@@ -10,6 +10,7 @@ from up_samp.model import Deadline
 from up_samp.search.better_rounds import BetterRounds
 from up_samp.search.first_tours import plan_tours
 from up_samp.search.large_tuning import RoundsTuning
+from up_samp.search.tours import Priorities
 from up_samp.validation import validate_plan
 
 STEEP = 6
@@ -42,8 +43,10 @@ def test_rounds_get_better_and_each_is_a_plan():
         whole = build(plan.schedule, plan.trajectories())
         assert validate_plan(problem, whole).violations == ()
     # what a round leaves behind does not change the next one
-    tours = found.tours
-    assert (tours.ahead, tours.looking, tours.latest) == ({}, {}, float("inf"))
+    found.tours.reset()
+    again = Priorities(ahead=rounds.ahead)
+    assert found.tours.decide_in_turns(again, Deadline.never()) is None
+    assert found.tours.decided().ends() == rounds.best.ends()
 
 
 @pytest.mark.long
@@ -62,14 +65,12 @@ def test_a_round_is_given_up_once_somebody_is_too_late():
     _, found, _ = first_rounds((3, 6))
     tours, makespan = found.tours, found.decided.lean().makespan
     tours.reset()
-    tours.latest = makespan // 2
-    late = tours.decide_in_turns((), Deadline.never())
+    late = tours.decide_in_turns(Priorities(latest=makespan // 2), Deadline.never())
     assert late in tours.robots
     # others had not been decided by then
     assert tours._waiting
-    tours.latest = float("inf")
     tours.reset()
-    assert tours.decide_in_turns((), Deadline.never()) is None
+    assert tours.decide_in_turns(Priorities(), Deadline.never()) is None
 
 
 def test_what_takes_longer_than_alone_is_told_with_by_how_much():

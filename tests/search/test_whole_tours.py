@@ -22,6 +22,7 @@ from up_samp.search.jobs import find_jobs
 from up_samp.search.large import homes_of
 from up_samp.search.loop import get_schedule, state_what_is_known
 from up_samp.search.params import Parameters
+from up_samp.search.tours import Priorities
 from up_samp.upio import read_itinerary, read_problem
 from up_samp.upio.thin import thinned
 from up_samp.validation import validate_plan
@@ -137,24 +138,23 @@ def test_what_is_late_goes_first_and_who_is_not_in_its_way_keeps_its_tour():
     problem = warehouse(4, 6, encoding="compact")
     search, itinerary, _ = opened(problem, 0)
     tours = undecided_tours(search, itinerary, frozenset())
-    assert tours.decide((), Deadline.after(60)) is None
+    assert tours.decide(Priorities(), Deadline.after(60)) is None
     done = tours.decided()
     last = max(done.ends(), key=done.ends().get)
-    tours.begin_anew([last], Deadline.after(60))
-    assert tours.decide([last], Deadline.after(60)) is None
+    tours.begin_anew(Priorities((last,)), Deadline.after(60))
+    assert tours.decide(Priorities((last,)), Deadline.after(60)) is None
     again = tours.decided()
     assert again.ends()[last] <= done.ends()[last]
     # the same tours as a start, and one of them anew with nobody else moved
     assert tours.adopt(again, [last])
-    assert tours.decide((), Deadline.after(60)) is None
+    assert tours.decide(Priorities(), Deadline.after(60)) is None
     kept = tours.decided()
     others = [name for name, run in again.runs.items() if run.object != last]
     assert others
     assert all(kept.runs[n].timing is again.runs[n].timing for n in others)
     # nobody ends later than the limit
-    tours.limit = 5
     assert tours.adopt(again, [last])
-    assert tours.decide((), Deadline.after(60)) == last
+    assert tours.decide(Priorities(limit=5), Deadline.after(60)) == last
 
 
 def test_needless_ways_home_are_left_out_of_plans():

@@ -18,8 +18,7 @@ from dataclasses import dataclass
 from up_samp.model import Deadline
 from up_samp.search.decided import Decided
 from up_samp.search.large_tuning import RoundsTuning
-from up_samp.search.tours import Past
-from up_samp.search.tours_in_turns import ToursInTurns
+from up_samp.search.tours import Priorities, TourPlanner
 
 
 @dataclass
@@ -30,7 +29,7 @@ class BetterRounds:
     :param steep: to which power a tour's end counts.
     """
 
-    tours: ToursInTurns
+    tours: TourPlanner
     best: Decided
     ahead: Mapping[str, float]
     tuning: RoundsTuning
@@ -60,17 +59,11 @@ class BetterRounds:
         self, ahead: Mapping[str, float], looking: Mapping[str, int], deadline: Deadline
     ) -> Decided | None:
         """Return the tours of a round; None where somebody was stuck or ends too late."""
-        tours = self.tours
-        looks, past = tours.looks, tours.past
-        tours.ahead, tours.looks, tours.past = ahead, 0, Past.NONE
-        tours.looking, tours.latest = looking, self.best.lean().makespan
-        tours.reset()
-        try:
-            stuck = tours.decide_in_turns((), deadline)
-            return tours.decided() if stuck is None else None
-        finally:
-            tours.ahead, tours.looks, tours.past = {}, looks, past
-            tours.looking, tours.latest = {}, float("inf")
+        latest = self.best.lean().makespan
+        given = Priorities(ahead=ahead, looking=looking, latest=latest)
+        self.tours.reset()
+        stuck = self.tours.decide_in_turns(given, deadline)
+        return self.tours.decided() if stuck is None else None
 
     def _other_turns(self) -> dict[str, float]:
         """Return turns of which some come sooner or later."""

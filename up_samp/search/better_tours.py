@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from up_samp.model import Deadline
 from up_samp.search.better_rounds import BetterRounds
@@ -21,9 +21,9 @@ from up_samp.search.deals import Deal
 from up_samp.search.decided import Decided
 from up_samp.search.large_tuning import LargeTuning, RoundsTuning
 from up_samp.search.rehearsal import Step
-from up_samp.search.tours_in_turns import ToursInTurns
+from up_samp.search.tours import Priorities, TourPlanner
 
-OpenTours = Callable[[Deal, Deadline], ToursInTurns | None]
+OpenTours = Callable[[Deal, Deadline], TourPlanner | None]
 """Opens tours of what was dealt out, with nothing decided; None where they cannot be."""
 
 
@@ -32,7 +32,7 @@ class Better:
     """The best tours so far of a fleet, and the search for better ones."""
 
     dealt: Deal
-    tours: ToursInTurns
+    tours: TourPlanner
     best: Decided
     open_tours: OpenTours
     tuning: LargeTuning
@@ -132,15 +132,18 @@ class Better:
             self.dealt, self.tours = dealt, tours
         return found
 
-    def _anew(self, tours: ToursInTurns, some: list[str], deadline: Deadline) -> Decided | None:
+    def _anew(self, tours: TourPlanner, some: list[str], deadline: Deadline) -> Decided | None:
         """Return what comes of deciding some tours anew, in that order or in the order of time."""
-        tours.limit = self.best.lean().makespan
         # other ways are looked for now and then: that takes far longer than to wait on known ones
-        tours.looks = self.tuning.looks if self.rng.random() < self.tuning.looking else 0
+        looks = self.tuning.looks if self.rng.random() < self.tuning.looking else 0
         in_turns = self.rng.random() < self.tuning.in_turns
         if not tours.adopt(self.best, some):
             return None
-        stuck = tours.decide_in_turns((), deadline) if in_turns else tours.decide(some, deadline)
+        given = Priorities(looks=looks, limit=self.best.lean().makespan)
+        if in_turns:
+            stuck = tours.decide_in_turns(given, deadline)
+        else:
+            stuck = tours.decide(replace(given, first=tuple(some)), deadline)
         return None if stuck is not None else tours.decided()
 
     def _exchanges(self) -> list[tuple[float, tuple[object, ...], dict[str, list[Step]]]]:

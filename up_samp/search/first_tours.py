@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from up_samp.model import Deadline
 from up_samp.search.decided import Decided
@@ -19,8 +19,7 @@ from up_samp.search.decisions import alone, can_decide, times_of
 from up_samp.search.events import Phase
 from up_samp.search.large_tuning import ToursTuning
 from up_samp.search.search import Search
-from up_samp.search.tours import Past
-from up_samp.search.tours_in_turns import ToursInTurns
+from up_samp.search.tours import Past, Priorities, TourPlanner
 from up_samp.upio import Itinerary
 
 
@@ -30,7 +29,7 @@ class FirstTours:
     had their turns than they would, None if they had none.
     """
 
-    tours: ToursInTurns
+    tours: TourPlanner
     decided: Decided
     ahead: Mapping[str, float] | None
 
@@ -57,27 +56,27 @@ def plan_tours(
         best = rounds.best(deadline)
         if best is not None:
             return FirstTours(tours, best, rounds.good)
-        whole = _whole(tours, tuning.orders, deadline)
+        whole = _whole(tours, tuning, deadline)
     return FirstTours(tours, tours.decided(), None) if whole else None
 
 
 def undecided_tours(
     search: Search, itinerary: Itinerary, homes: frozenset[str]
-) -> ToursInTurns | None:
+) -> TourPlanner | None:
     """Return the tours of a candidate, none of them decided; None where it is none that motions
     are decided one by one for.
     """
     if not can_decide(search, itinerary):
         return None
     times = times_of(search, itinerary, alone(search, itinerary))
-    return None if times is None else ToursInTurns(search, itinerary, times, homes)
+    return None if times is None else TourPlanner(search, itinerary, times, homes)
 
 
 @dataclass
 class Rounds:
     """All tours decided in the order of time, again and again."""
 
-    tours: ToursInTurns
+    tours: TourPlanner
     tuning: ToursTuning
     rng: random.Random
     first: list[str] = field(default_factory=list)
@@ -91,30 +90,37 @@ class Rounds:
 
     def best(self, deadline: Deadline) -> Decided | None:
         """Return the tours of the best round, if any round brought some."""
-        tours, tuning, best = self.tours, self.tuning, None
-        usual = tours.looks
+        tuning, best = self.tuning, None
         for number in range(tuning.rounds):
             if deadline.expired():
                 break
             looking, more = divmod(number, tuning.each)
             looks = looking if not more else 0
-            tours.looks, tours.past = looks, Past.QUICK if looks else Past.NONE
-            found = self._round(deadline)
+            given = Priorities(
+                tuple(self.first),
+                self._turns(),
+                looks,
+                past=Past.QUICK if looks else Past.NONE,
+            )
+            found = self._round(given, deadline)
             if found is None and best is None and number + 1 >= tuning.hopeless:
                 break
             if found is not None and (best is None or found.cost(1) < best.cost(1)):
-                best, self.good = found, dict(tours.ahead)
+                best, self.good = found, dict(given.ahead)
             if found is not None:
                 self._hear(found.ends())
-        tours.looks, tours.past, tours.ahead = usual, Past.NONE, {}
         return best
 
-    def _round(self, deadline: Deadline) -> Decided | None:
+    def _turns(self) -> dict[str, float]:
+        """Return how much sooner (s) robots have their turns in the next round."""
+        noise = self.tuning.noise if self.ahead else 0.0
+        return {r: self.ahead.get(r, 0.0) + self.rng.uniform(0, noise) for r in self.tours.robots}
+
+    def _round(self, given: Priorities, deadline: Deadline) -> Decided | None:
         """Return the tours of one round; None where somebody was stuck: who goes first then."""
-        tours, noise = self.tours, self.tuning.noise if self.ahead else 0.0
-        tours.ahead = {r: self.ahead.get(r, 0.0) + self.rng.uniform(0, noise) for r in tours.robots}
+        tours = self.tours
         tours.reset()
-        stuck = tours.decide_in_turns(self.first, deadline)
+        stuck = tours.decide_in_turns(given, deadline)
         if stuck is None:
             return tours.decided()
         if self.good is None and stuck in self.late:
@@ -134,18 +140,19 @@ class Rounds:
         }
 
 
-def _whole(tours: ToursInTurns, orders: int, deadline: Deadline) -> bool:
+def _whole(tours: TourPlanner, tuning: ToursTuning, deadline: Deadline) -> bool:
     """Decide whole tours, one after the other; return whether that was possible."""
     first: list[str] = []
     tours.reset()
-    for _ in range(orders):
-        stuck = tours.decide(first, deadline)
+    for _ in range(tuning.orders):
+        given = Priorities(tuple(first), looks=tuning.looks)
+        stuck = tours.decide(given, deadline)
         if stuck is None:
             return True
         if deadline.expired() or first[:1] == [stuck]:
             return False
         first = _sooner(stuck, first)
-        tours.begin_anew(first, deadline)
+        tours.begin_anew(replace(given, first=tuple(first)), deadline)
     return False
 
 

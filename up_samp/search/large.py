@@ -37,7 +37,7 @@ from up_samp.search.loop import get_schedule, solve, state_what_is_known
 from up_samp.search.rehearsal import Rehearsal
 from up_samp.search.search import Search
 from up_samp.search.stages import BUILDING, STATING
-from up_samp.search.tours_in_turns import ToursInTurns
+from up_samp.search.tours import TourPlanner
 from up_samp.upio import Itinerary, read_itinerary
 from up_samp.upio.thin import thinned
 
@@ -216,7 +216,7 @@ def candidate_of(large: Large, dealt: Deal, deadline: Deadline) -> tuple[Search,
     return inner, read_itinerary(inner.knowledge.relaxation, report.schedule)
 
 
-def open_tours(large: Large, dealt: Deal, deadline: Deadline) -> ToursInTurns | None:
+def open_tours(large: Large, dealt: Deal, deadline: Deadline) -> TourPlanner | None:
     """Return the tours of what was dealt out, none of them decided."""
     opened = candidate_of(large, dealt, deadline)
     tours = None if opened is None else undecided_tours(*opened, homes_of(large.jobs))

@@ -20,7 +20,7 @@ import enum
 import math
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 from up_samp.model import Deadline, TimedMotion
 from up_samp.motion.fleet.committed import Committed
@@ -29,6 +29,7 @@ from up_samp.scheduling.partial_order import Earliest
 from up_samp.search.decided import Decided
 from up_samp.search.decisions import QUICK, Decisions, sooner
 from up_samp.search.search import Search
+from up_samp.search.visits import contested
 from up_samp.search.world import motion_key
 from up_samp.upio import Itinerary
 
@@ -50,8 +51,38 @@ class Past(enum.IntEnum):
     ANY = 2
 
 
-class Tours(Decisions):
-    """Tours that wait to be decided, and those that are."""
+@dataclass(frozen=True)
+class Priorities:
+    """Who goes before whom when tours are decided, and how hard ways are looked for."""
+
+    first: tuple[str, ...] = ()
+    """Robots whose whole tours are decided before all others, in this order."""
+    ahead: Mapping[str, float] = field(default_factory=dict)
+    """By how much (s) a robot's turn comes sooner than it does to the next place."""
+    looks: int = 0
+    """How often other ways from pose to pose are looked for, if one is known."""
+    looking: Mapping[str, int] = field(default_factory=dict)
+    """The same for some motions, by activity."""
+    past: Past = Past.NONE
+    """Which ways past others are looked for at first, in turns: they are about to go on. More are
+    looked for where nobody finds any, or somebody is late.
+    """
+    limit: float = math.inf
+    """When all tours have to be over (units): who would be later looks for another way."""
+    latest: float = math.inf
+    """Everything is given up once somebody cannot be done by then (units), in turns."""
+
+
+class TourPlanner(Decisions):
+    """Tours that wait to be decided, and those that are: whole ones, robot by robot, or piece by
+    piece in the order of time.
+
+    Whole tours are not fair: who is decided last finds gaps only, and waits. In turns, whoever
+    comes first to the next place that others need is decided next, until it stands where nobody
+    else has to be. That is token passing (Ma, Li, Kumar and Koenig, "Lifelong multi-agent path
+    finding for online pickup and delivery tasks", AAMAS 2017), with places of one's own as the
+    endpoints where agents wait for the token.
+    """
 
     def __init__(
         self, search: Search, itinerary: Itinerary, times: Earliest, homes: frozenset[str]
@@ -65,13 +96,10 @@ class Tours(Decisions):
         self._dead: set[tuple[str, float]] = set()
         """Stays (motion, until) of the present tour from which there is no way on."""
         self._tries = 0
-        self.looks = self._tours.looks
-        """How often other ways from pose to pose are looked for, if one is known."""
-        self.looking: Mapping[str, int] = {}
-        """The same for some motions, by activity."""
+        self._contested = contested(search.facts, search.motions.service, itinerary)
+        self._given = Priorities()
         self._past = Past.ANY
-        self.limit = math.inf
-        """When all tours have to be over (units)."""
+        """Which ways past others are looked for now."""
 
     @property
     def robots(self) -> list[str]:
@@ -134,10 +162,11 @@ class Tours(Decisions):
             if not self._take(name, replace(run, until=math.inf)):
                 return
 
-    def begin_anew(self, first: Sequence[str], deadline: Deadline) -> None:
-        """Decide the tours of ``first`` before all others, of which those stay decided that are in
-        nobody's way then.
+    def begin_anew(self, priorities: Priorities, deadline: Deadline) -> None:
+        """Decide the tours of those that go first before all others, of which those stay decided
+        that are in nobody's way then.
         """
+        self._given, self._past, first = priorities, Past.ANY, priorities.first
         runs = self._floor.trajectories()
         pins = {name: (self._start(name), self._end(name)) for name in runs}
         order = list(dict.fromkeys(run.object for run in runs.values()))
@@ -196,11 +225,10 @@ class Tours(Decisions):
                 found.add(name)
         return frozenset(found)
 
-    def decide(self, first: Sequence[str], deadline: Deadline) -> str | None:
-        """Decide all tours, those of ``first`` before the others; return None, or the robot that
-        should have gone sooner.
-        """
-        order, self._past = self._ranked(first), Past.ANY
+    def decide(self, priorities: Priorities, deadline: Deadline) -> str | None:
+        """Decide all tours whole; return None, or the robot that should have gone sooner."""
+        self._given, self._past = priorities, Past.ANY
+        order = self._ranked(priorities.first)
         while self._waiting:
             stuck: list[str] = []
             done = len(self._waiting)
@@ -216,6 +244,50 @@ class Tours(Decisions):
             if len(self._waiting) == done:
                 return stuck[0] if stuck else next(r for r in order if self._left(r))
         return None
+
+    def decide_in_turns(self, priorities: Priorities, deadline: Deadline) -> str | None:
+        """Decide all tours that are not decided piece by piece in the order of time, those of
+        ``priorities.first`` whole before; return None, or the robot that should have gone sooner.
+        """
+        self._given, self._past = priorities, Past.ANY
+        for robot in priorities.first:
+            if self._decide(self._stretch(robot), deadline) is End.LATE or deadline.expired():
+                return robot
+        asleep = set[str]()  # they found no way among what is decided
+        self._past = priorities.past
+        while self._waiting:
+            pieces = {r: self._piece(r) for r in self.robots if r not in asleep}
+            ready = [(self._rank(r, piece), r) for r, piece in pieces.items() if piece]
+            turn = min(ready)[1] if ready else None
+            end = End.STUCK if turn is None else self._decide(pieces[turn], deadline)
+            if end is End.DECIDED:
+                if turn is not None and self._done(self._chains[turn]) > priorities.latest:
+                    return turn
+                self._past = priorities.past
+                asleep.clear()
+            elif self._past is not Past.ANY and (turn is None or end is End.LATE):
+                self._past = Past(self._past + 1)
+                asleep.clear()
+            elif turn is None or end is End.LATE:
+                return turn or next(r for r in self.robots if self._left(r))
+            else:
+                asleep.add(turn)
+            if deadline.expired():
+                return turn or self.robots[0]
+        self._past = Past.ANY
+        return None
+
+    def _rank(self, robot: str, piece: Sequence[str]) -> float:
+        """Return when a robot's turn comes (s): when it comes to the next place, or sooner."""
+        return self._facts.seconds(self._end(piece[0])) - self._given.ahead.get(robot, 0.0)
+
+    def _piece(self, robot: str) -> list[str]:
+        """Return the next motions of a robot, up to the first that ends where no other one has to
+        be: there it may stay until its turn comes again.
+        """
+        stretch = self._stretch(robot)
+        own = [n for n, name in enumerate(stretch) if name not in self._contested]
+        return stretch[: own[0] + 1] if own else stretch
 
     def _ranked(self, first: Sequence[str]) -> list[str]:
         """Return all robots: ``first``, then those that may well be late, then the others; those
@@ -284,7 +356,7 @@ class Tours(Decisions):
         if not self._take(name, run):
             return End.LATE
         end = End.STUCK
-        if self._done(stretch) > self.limit:
+        if self._done(stretch) > self._given.limit:
             end = End.LATE
         elif not rest or self._facts.seconds(self._start(rest[0])) <= until:
             end = self._drive(rest, deadline)
@@ -308,7 +380,7 @@ class Tours(Decisions):
             quick = self._past is Past.QUICK
             best = self._floor.past_all_ends(asked, deadline, quick=quick)
         hard = best is None and until == math.inf and self._past is Past.ANY
-        most = self.looking.get(name, self.looks) + hard
+        most = self._given.looking.get(name, self._given.looks) + hard
         if ways.looks < most and (best is None or best.arrival > due):
             ways.looks += 1
             best = sooner(best, self._look(asked, deadline))
