@@ -119,6 +119,18 @@ def test_a_dying_engine_is_an_error_and_the_next_call_starts_afresh():
             assert "out of luck" in report.message
 
 
+def test_nobody_is_signalled_by_the_number_of_a_worker_that_has_ended(monkeypatch):
+    """By then another process may have it."""
+    worker = WorkerProcess()
+    os.kill(worker._process.pid, signal.SIGKILL)
+    worker._process.wait()
+    signalled = []
+    monkeypatch.setattr(os, "killpg", lambda group, how: signalled.append(group))
+    assert not worker.alive
+    worker.close()
+    assert signalled == []
+
+
 @pytest.mark.parametrize(
     ("engine", "text"),
     [

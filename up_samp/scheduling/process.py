@@ -127,10 +127,12 @@ def _wait(descriptor: int, event: int, deadline: Deadline) -> None:
 
 
 def _end(process: subprocess.Popen[bytes], folder: str, errors: IO[bytes]) -> None:
-    # the worker leads its group, so its id stays reserved until the last member is gone
-    with contextlib.suppress(ProcessLookupError, PermissionError):
-        os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
+    # once its end was taken in, another process may lead a group of that number: what the worker
+    # left behind is found by its folder then
+    if process.returncode is None:
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
     child.end_all_with("TMPDIR", folder)  # servers in sessions of their own
     for stream in (process.stdin, process.stdout, errors):
         if stream is not None:
