@@ -1,4 +1,4 @@
-"""Who needs which robot, and where robots are told to be, in whatever style a problem is written."""
+"""Who needs which robot, and where robots are told to be, however a problem is written."""
 
 import dataclasses
 

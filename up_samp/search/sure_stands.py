@@ -1,7 +1,7 @@
 """Where robots surely are when activities start: for proofs.
 
-:mod:`up_samp.search.stands` takes each fluent that tells where a robot is. Here it is made sure that
-no drive fails to set it, at its very end, and that it is right from the beginning.
+:mod:`up_samp.search.stands` takes each fluent that tells where a robot is. Here it is made sure
+that no drive fails to set it, at its very end, and that it is right from the beginning.
 """
 
 from __future__ import annotations
