@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
+from collections.abc import Iterator
 from pathlib import Path as File
 from typing import Any
 
@@ -13,6 +15,8 @@ from up_samp.fleet.faults import Fault, FleetError, Path, find_faults, told
 from up_samp.fleet.limits import LIMITS
 from up_samp.fleet.reading import read_record
 from up_samp.fleet.records import FleetRecords
+from up_samp.geometry import load_map
+from up_samp.model import ProblemError
 
 ENDINGS = (".yaml", ".yml", ".json")
 
@@ -37,9 +41,18 @@ def read_problem_file(file: str | File) -> FleetRecords:
         faults = find_faults(records)
     except FleetError as error:
         raise lines.error(error.faults) from error
+    faults = [*faults, *_map_faults(records, path.parent)]
     if faults:
         raise lines.error(faults)
     return records
+
+
+def _map_faults(records: FleetRecords, folder: File) -> Iterator[Fault]:
+    """A map that cannot be read is told where it is named."""
+    try:
+        load_map(folder / records.map)
+    except ProblemError as error:
+        yield Fault(("map",), str(error))
 
 
 def write_problem_file(file: str | File, records: FleetRecords) -> File:
@@ -94,9 +107,7 @@ def _text(path: File) -> str:
 def _compose(path: File, text: str) -> yaml.Node:
     """Return the tree of nodes with their lines (JSON is YAML, too)."""
     try:
-        aliases = sum(isinstance(t, yaml.AliasToken) for t in yaml.scan(text, yaml.SafeLoader))
-        if aliases > LIMITS.aliases:
-            raise FleetError((), f"{path}: more than {LIMITS.aliases} aliases")
+        _look_over(path, text)
         root = yaml.compose(text, yaml.SafeLoader)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
@@ -108,6 +119,44 @@ def _compose(path: File, text: str) -> yaml.Node:
     if not isinstance(root, yaml.MappingNode):
         raise FleetError((), f"{path}: a problem file has keys such as map, robots and orders")
     return root
+
+
+def _look_over(path: File, text: str) -> None:
+    """Raise where tables are nested too deeply, or many things stand for others: before a tree is
+    made of them.
+    """
+    aliases = depth = 0
+    for token in yaml.scan(text, yaml.SafeLoader):
+        aliases += isinstance(token, yaml.AliasToken)
+        depth += isinstance(token, _OPENING) - isinstance(token, _CLOSING)
+        line = token.start_mark.line + 1
+        if aliases > LIMITS.aliases:
+            raise FleetError((), f"{path}:{line}: more than {LIMITS.aliases} aliases")
+        if depth > LIMITS.depth:
+            raise FleetError((), f"{path}:{line}: nested more than {LIMITS.depth} deep")
+
+
+_OPENING = (
+    yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken,
+    yaml.BlockSequenceStartToken, yaml.BlockMappingStartToken,
+)  # fmt: skip
+_CLOSING = (yaml.FlowSequenceEndToken, yaml.FlowMappingEndToken, yaml.BlockEndToken)
+
+_BASED = re.compile(r"[-+]?(0[0-9_]+|[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?)")
+"""What YAML 1.1 reads as a number in base 8 or 60."""
+
+
+def _scalar(path: File, loader: yaml.SafeLoader, node: yaml.Node) -> Any:
+    """Return what a scalar stands for; numbers that mean something else to readers are refused."""
+    if node.tag.endswith((":int", ":float")) and _BASED.fullmatch(str(node.value)):
+        base = 60 if ":" in node.value else 8
+        value = loader.construct_object(node)
+        raise FleetError(
+            (),
+            f"{path}:{node.start_mark.line + 1}: '{node.value}' is no number: YAML would read it "
+            f"in base {base}, as {value:g}; write a plain number (times in s)",
+        )
+    return loader.construct_object(node)
 
 
 def _plain(path: File, root: yaml.Node) -> Any:
@@ -126,14 +175,15 @@ def _plain(path: File, root: yaml.Node) -> Any:
                 name = visit(key, depth + 1)
                 line = key.start_mark.line + 1
                 if not isinstance(name, str):
-                    raise FleetError((), f"{path}:{line}: the key {name!r} must be text: quote it")
+                    what = f"the key {key.value or name} must be text: quote it"
+                    raise FleetError((), f"{path}:{line}: {what}")
                 if name in found:
                     raise FleetError((), f"{path}:{line}: the key '{name}' is there twice")
                 found[name] = visit(value, depth + 1)
             return found
         if isinstance(node, yaml.SequenceNode):
             return [visit(item, depth + 1) for item in node.value]
-        return loader.construct_object(node)
+        return _scalar(path, loader, node)
 
     try:
         return visit(root, 0)

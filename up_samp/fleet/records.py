@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import Ge, Gt, Le, MinLen
@@ -56,6 +57,15 @@ Outline = Annotated[
     BeforeValidator(_outline, json_schema_input_type=tuple[Length, Length] | Polygon),
 ]
 """``(length, width)`` of a rectangle around the reference point, or the corners of a polygon."""
+
+
+def corners_of(outline: Outline) -> list[tuple[float, float]]:
+    """Return the corners of a footprint, m."""
+    if len(outline) == 2 and not isinstance(outline[0], tuple):
+        length, width = outline
+        x, y = float(length) / 2, float(width) / 2  # type: ignore[arg-type]
+        return [(-x, -y), (x, -y), (x, y), (-x, y)]
+    return [(float(x), float(y)) for x, y in outline]  # type: ignore[misc]
 
 
 def _names(value: Any) -> Any:
@@ -319,3 +329,31 @@ class FleetRecords:
     def jobs(self) -> tuple[Order | Task, ...]:
         """All orders and tasks."""
         return (*self.orders, *self.tasks)
+
+    @cached_property
+    def order_of(self) -> Mapping[str, Order]:
+        """Orders by their ids."""
+        return {order.id: order for order in self.orders}
+
+    @cached_property
+    def task_of(self) -> Mapping[str, Task]:
+        """Tasks by their ids."""
+        return {task.id: task for task in self.tasks}
+
+    @cached_property
+    def bringers(self) -> Mapping[str, tuple[Order, ...]]:
+        """By task, the orders that bring parts to its machine."""
+        found: dict[str, tuple[Order, ...]] = {}
+        for order in self.orders:
+            if order.delivery.task is not None:
+                found[order.delivery.task] = (*found.get(order.delivery.task, ()), order)
+        return found
+
+    @cached_property
+    def takers(self) -> Mapping[str, tuple[Order, ...]]:
+        """By order, those that take its load on."""
+        found: dict[str, tuple[Order, ...]] = {}
+        for order in self.orders:
+            if isinstance(order.attached, str):
+                found[order.attached] = (*found.get(order.attached, ()), order)
+        return found
