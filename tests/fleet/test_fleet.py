@@ -80,7 +80,7 @@ def test_errors_of_methods_name_the_thing_and_what_to_do():
         fleet.add_order("o1", "shelfA", "dock", skills="lift")
     with pytest.raises(FleetError, match=r"orders\[0\].colour: there is no such key"):
         fleet.add_order("o1", "shelfA", "dock", colour="red")
-    with pytest.raises(FleetError, match=r"robot_types.b.battery: should be a dictionary"):
+    with pytest.raises(FleetError, match=r"robot_types.b.battery: should be a table"):
         fleet.add_robot_type("b", (1, 1), battery=100)
     with pytest.raises(FleetError, match=r"orders\[0\].attached: should be a dictionary"):
         fleet.add_order("o1", "shelfA", "dock", attached=(1, 1))

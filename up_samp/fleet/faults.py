@@ -76,7 +76,7 @@ def find_faults(records: FleetRecords) -> list[Fault]:
     return [fault for check in CHECKS for fault in check(records)]
 
 
-def _same_names(records: FleetRecords) -> Iterator[Fault]:
+def same_names(records: FleetRecords) -> Iterator[Fault]:
     """Everything with a name has one of its own: they share the namespace of the UP problem."""
     kinds: list[tuple[str, Mapping[str, Any]]] = [
         ("robot_types", records.robot_types),
@@ -354,7 +354,7 @@ def _shape_fault(outline: Outline) -> str | None:
 
 
 CHECKS: tuple[Callable[[FleetRecords], Iterator[Fault]], ...] = (
-    _same_names,
+    same_names,
     _robots,
     _batteries,
     _chargers,

@@ -18,6 +18,9 @@ from up_samp.fleet.records import FleetRecords
 from up_samp.geometry import load_map
 from up_samp.model import ProblemError
 
+LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+"""Reads ten times as fast where libyaml is there."""
+
 ENDINGS = (".yaml", ".yml", ".json")
 
 
@@ -108,7 +111,7 @@ def _compose(path: File, text: str) -> yaml.Node:
     """Return the tree of nodes with their lines (JSON is YAML, too)."""
     try:
         _look_over(path, text)
-        root = yaml.compose(text, yaml.SafeLoader)
+        root = yaml.compose(text, LOADER)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f":{mark.line + 1}" if mark is not None else ""
@@ -126,7 +129,7 @@ def _look_over(path: File, text: str) -> None:
     made of them.
     """
     aliases = depth = 0
-    for token in yaml.scan(text, yaml.SafeLoader):
+    for token in yaml.scan(text, LOADER):
         aliases += isinstance(token, yaml.AliasToken)
         depth += isinstance(token, _OPENING) - isinstance(token, _CLOSING)
         line = token.start_mark.line + 1

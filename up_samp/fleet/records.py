@@ -26,16 +26,26 @@ STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_.-]*$", max_length=80)]
 
 
-Count = Annotated[int, Gt(0), Le(int(FIGURES.largest))]
-Visits = Annotated[int, Gt(0), Le(FIGURES.visits)]
-Positive = Annotated[float, Ge(FIGURES.least), Le(FIGURES.largest)]
-Length = Annotated[float, Ge(FIGURES.least), Le(LIMITS.footprint)]
-Clearance = Annotated[float, Ge(0), Le(LIMITS.footprint)]
+def _number(value: Any) -> Any:
+    """Let no yes or no through as 1 or 0."""
+    if isinstance(value, bool):
+        word = "yes, on or true" if value else "no, off or false"
+        raise ValueError(f"should be a number, and is {word}")
+    return value
+
+
+Whole = Annotated[int, BeforeValidator(_number, json_schema_input_type=int)]
+Real = Annotated[float, BeforeValidator(_number, json_schema_input_type=float)]
+Count = Annotated[Whole, Gt(0), Le(int(FIGURES.largest))]
+Visits = Annotated[Whole, Gt(0), Le(FIGURES.visits)]
+Positive = Annotated[Real, Ge(FIGURES.least), Le(FIGURES.largest)]
+Length = Annotated[Real, Ge(FIGURES.least), Le(LIMITS.footprint)]
+Clearance = Annotated[Real, Ge(0), Le(LIMITS.footprint)]
 Seconds = Positive
-Moment = Annotated[float, Ge(0), Le(FIGURES.largest)]
-Rate = Annotated[float, Ge(0), Le(FIGURES.largest)]
-Coordinate = Annotated[float, Ge(-LIMITS.farthest), Le(LIMITS.farthest)]
-Heading = Annotated[float, Ge(-LIMITS.turned), Le(LIMITS.turned)]
+Moment = Annotated[Real, Ge(0), Le(FIGURES.largest)]
+Rate = Annotated[Real, Ge(0), Le(FIGURES.largest)]
+Coordinate = Annotated[Real, Ge(-LIMITS.farthest), Le(LIMITS.farthest)]
+Heading = Annotated[Real, Ge(-LIMITS.turned), Le(LIMITS.turned)]
 Pose = tuple[Coordinate, Coordinate, Heading]
 Point = tuple[Coordinate, Coordinate]
 Window = tuple[Moment, Moment]
@@ -45,7 +55,9 @@ Polygon = Annotated[tuple[Point, ...], MinLen(3)]
 def _outline(value: Any) -> Any:
     """Let only one of the two forms through, so that errors are about that one."""
     if isinstance(value, list | tuple):
-        numbers = all(isinstance(v, int | float) and v > 0 for v in value)
+        numbers = all(
+            isinstance(v, int | float) and not isinstance(v, bool) and v > 0 for v in value
+        )
         corners = all(isinstance(v, list | tuple) and len(v) == 2 for v in value)
         if (numbers and len(value) == 2) or (corners and len(value) >= 3):
             return value
@@ -147,7 +159,7 @@ class Place:
 
     __pydantic_config__ = STRICT
     pose: Pose
-    park: Annotated[int, Ge(0), Le(FIGURES.visits)] = 0
+    park: Annotated[Whole, Ge(0), Le(FIGURES.visits)] = 0
     charger: Charger | None = None
 
 
@@ -255,7 +267,7 @@ class Order:
     skills: Names = ()
     robots: Names = ()
     after: Names = ()
-    priority: int = 0
+    priority: Whole = 0
     optional: bool = False
     penalty: Positive | None = None
 
@@ -292,7 +304,7 @@ class Task:
     after: Names = ()
     resources: Names = ()
     window: Window | None = None
-    priority: int = 0
+    priority: Whole = 0
     optional: bool = False
     penalty: Positive | None = None
 
