@@ -121,6 +121,7 @@ class _Checker:
 
     def poses(self) -> Iterator[Finding]:
         """Where robots would stand in walls, doors or zones."""
+        found: dict[str, dict[str, list[str]]] = {}
         for kind, places in sorted(self.used.items()):
             for name in sorted(places):
                 pose = self.places[name]
@@ -131,18 +132,31 @@ class _Checker:
                 wall, hit = self.service.pose_blockers(
                     self.bodies[kind], pose, (*self.doors(), *self.zones(kind))
                 )
-                # elsewhere others may go instead; who cannot be done without is told by ways()
-                level = Level.ERROR if name in self.bound.get(kind, ()) else Level.WARNING
+                blocked = found.setdefault(name, {}).setdefault(kind, [])
                 if wall:
-                    text = f"{at} would stand in a wall, in unknown cells or outside the map"
-                    yield Finding(level, name, text, kind)
+                    blocked.append(
+                        f"{at} would stand in a wall, in unknown cells or outside the map"
+                    )
                 for other in sorted(hit):
                     if other in self.records.zones:
                         text = f"{at} would be in the zone '{other}', which it must keep out of"
-                        yield Finding(level, name, text, kind)
+                        blocked.append(text)
                     else:
                         text = f"{at} would stand in the closed door '{other}'"
                         yield Finding(Level.WARNING, name, text, kind)
+        for name, kinds in found.items():
+            nobody = name in self.wanted and all(kinds.values())
+            for kind, texts in kinds.items():
+                needed = nobody or name in self.bound[kind]
+                for text in texts:
+                    yield Finding(Level.ERROR if needed else Level.WARNING, name, text, kind)
+
+    @cached_property
+    def wanted(self) -> set[str]:
+        """Places at which something has to be done, and nowhere else."""
+        jobs = [job for job in self.records.jobs if not job.optional]
+        halts = [halt for job in jobs for halt in self._stops(job)]
+        return {halt.places[0] for halt in halts if len(halt.places) == 1}
 
     def pairs(self) -> Iterator[Finding]:
         """Which places hold one robot between them."""

@@ -34,18 +34,17 @@ def _number(value: Any) -> Any:
     return value
 
 
-Whole = Annotated[int, BeforeValidator(_number, json_schema_input_type=int)]
-Real = Annotated[float, BeforeValidator(_number, json_schema_input_type=float)]
-Count = Annotated[Whole, Gt(0), Le(int(FIGURES.largest))]
-Visits = Annotated[Whole, Gt(0), Le(FIGURES.visits)]
-Positive = Annotated[Real, Ge(FIGURES.least), Le(FIGURES.largest)]
-Length = Annotated[Real, Ge(FIGURES.least), Le(LIMITS.footprint)]
-Clearance = Annotated[Real, Ge(0), Le(LIMITS.footprint)]
+NUMBER = BeforeValidator(_number)
+Count = Annotated[int, Gt(0), Le(int(FIGURES.largest)), NUMBER]
+Visits = Annotated[int, Gt(0), Le(FIGURES.visits), NUMBER]
+Positive = Annotated[float, Ge(FIGURES.least), Le(FIGURES.largest), NUMBER]
+Length = Annotated[float, Ge(FIGURES.least), Le(LIMITS.footprint), NUMBER]
+Clearance = Annotated[float, Ge(0), Le(LIMITS.footprint), NUMBER]
 Seconds = Positive
-Moment = Annotated[Real, Ge(0), Le(FIGURES.largest)]
-Rate = Annotated[Real, Ge(0), Le(FIGURES.largest)]
-Coordinate = Annotated[Real, Ge(-LIMITS.farthest), Le(LIMITS.farthest)]
-Heading = Annotated[Real, Ge(-LIMITS.turned), Le(LIMITS.turned)]
+Moment = Annotated[float, Ge(0), Le(FIGURES.largest), NUMBER]
+Rate = Annotated[float, Ge(0), Le(FIGURES.largest), NUMBER]
+Coordinate = Annotated[float, Ge(-LIMITS.farthest), Le(LIMITS.farthest), NUMBER]
+Heading = Annotated[float, Ge(-LIMITS.turned), Le(LIMITS.turned), NUMBER]
 Pose = tuple[Coordinate, Coordinate, Heading]
 Point = tuple[Coordinate, Coordinate]
 Window = tuple[Moment, Moment]
@@ -159,7 +158,7 @@ class Place:
 
     __pydantic_config__ = STRICT
     pose: Pose
-    park: Annotated[Whole, Ge(0), Le(FIGURES.visits)] = 0
+    park: Annotated[int, Ge(0), Le(FIGURES.visits), NUMBER] = 0
     charger: Charger | None = None
 
 
@@ -267,7 +266,7 @@ class Order:
     skills: Names = ()
     robots: Names = ()
     after: Names = ()
-    priority: Whole = 0
+    priority: Annotated[int, NUMBER] = 0
     optional: bool = False
     penalty: Positive | None = None
 
@@ -304,7 +303,7 @@ class Task:
     after: Names = ()
     resources: Names = ()
     window: Window | None = None
-    priority: Whole = 0
+    priority: Annotated[int, NUMBER] = 0
     optional: bool = False
     penalty: Positive | None = None
 
