@@ -2,13 +2,17 @@
 
 import pytest
 from unified_planning.model.motion import ConfigurationObject
-from unified_planning.shortcuts import OneshotPlanner, get_environment
+from unified_planning.shortcuts import IntType, OneshotPlanner, get_environment
 
 import up_samp  # noqa: F401
+from tests.execution.floors import hall
+from tests.metamorphic.motions import ALIKE, OTHERS, MotionStyle, MotionWriter
+from tests.metamorphic.sites import store
 from up_samp.benchmarks import instance
-from up_samp.execution import Delays, Executor, Surprise, dependencies_of
+from up_samp.execution import Delays, Executor, Surprise, dependencies_of, solve_remaining
 from up_samp.execution.delays import draw
 from up_samp.execution.simulate import Floor
+from up_samp.fleet import Fleet
 from up_samp.io import result_to_dict
 from up_samp.model import ProblemError
 from up_samp.validation import validate_plan
@@ -84,6 +88,72 @@ def test_a_broken_robot_stands_in_the_way_and_does_nothing(floor):
     assert isinstance(initial["r1"], ConfigurationObject)
     assert initial["r1"].name.startswith("now_r1")
     assert any("broken robot" in note for note in left.notes)
+
+
+def broken(style, tmp_path):
+    """Each robot of a small site in turn is out of order, a little off its place."""
+    writer = MotionWriter(store(0, robots=2, items=1), style, tmp_path)
+    plan = solved(writer.problem)
+    executor = Executor(plan, writer.problem)
+    executor.commands(0.0)
+    places = {m.object().name: c.object() for m, c in writer.problem.initial_configuration}
+    for body in writer.bodies:
+        x, y, theta = (float(v) for v in places[body.name].configuration)
+        left = executor.remaining_problem(Surprise(broken={body.name: (x, y, theta + 0.05)}))
+        rest = solve_remaining(left, seconds=120)
+        truth = {a.name: writer.bodies[r].name for r, a in writer._doings()}
+        assert {truth[a["name"]] for a in rest["activities"]} == {
+            b.name for b in writer.bodies if b is not body
+        }
+        assert Executor(rest).commands(0.0)
+
+
+def test_others_do_the_work_of_a_broken_robot(tmp_path):
+    broken(MotionStyle(shuffled=3, alone="level", fluents="parameter"), tmp_path)
+    broken(MotionStyle(fluents="precedences", obstacles="lists", hands="pairs"), tmp_path)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("style", [s for s in [*ALIKE, *OTHERS] if s.obstacles != "none"], ids=str)
+def test_others_do_the_work_of_a_broken_robot_in_every_style(style, tmp_path):
+    broken(style, tmp_path)
+
+
+def test_a_broken_robot_of_a_fleet_need_not_come_to_its_end(tmp_path):
+    fleet = Fleet(hall(tmp_path))
+    fleet.add_robot_type("agv", (0.8, 0.5), model="diff")
+    for k in range(2):
+        fleet.add_place(f"home{k}", 2, 3 + 3 * k)
+        fleet.add_robot(f"r{k}", "agv", f"home{k}", end=f"home{k}")
+    fleet.add_place("dock", 9, 3)
+    fleet.add_task("look", "dock", duration=2)
+    executor = Executor(fleet.solve(60).data, fleet.problem)
+    executor.commands(0.0)
+    left = executor.remaining_problem(Surprise(broken={"r1": (2.0, 8.0, 0.0)}))
+    assert left.notes == ("about a broken robot, dropped: (r1_at == home1)",)
+    assert {m["object"] for m in solve_remaining(left, seconds=60)["motions"]} == {"r0"}
+
+
+def test_values_that_a_fluent_cannot_have_are_told(made):
+    problem, plan = made
+    changed = problem.clone()
+    room = changed.add_fluent("room", IntType(0, 1), default_initial_value=0)
+    first = next(a for a in plan["activities"] if a["start"] == 0)["name"]
+    activity = changed.get_activity(first)
+    activity.add_decrease_effect(activity.start, room, 1)
+    executor = Executor(plan, problem)
+    executor.commands(0.0)
+    executor.problem = changed
+    with pytest.raises(ProblemError, match=f"'room' is -1 now, and may be 0 to 1.*'{first}'"):
+        executor.remaining_problem()
+
+
+def test_a_plan_of_another_encoding_is_told(made):
+    _, plan = made
+    for encoding in ("fluents", "lean-no-fluents"):
+        problem = instance("jobshop-r2-j1-m1").build(encoding, True)
+        with pytest.raises(ProblemError, match="is of another problem, or of another encoding"):
+            Executor(plan, problem)
 
 
 def test_what_only_a_broken_robot_could_do_is_named(made):

@@ -5,7 +5,16 @@ from unified_planning.shortcuts import OneshotPlanner, get_environment
 
 import up_samp  # noqa: F401
 from up_samp.benchmarks import instance
-from up_samp.execution import Delays, Incident, Surprise, simulate_replanned
+from up_samp.execution import (
+    Delays,
+    Executor,
+    Incident,
+    Surprise,
+    dependencies_of,
+    simulate_replanned,
+    solve_remaining,
+)
+from up_samp.execution.delays import draw
 from up_samp.io import plan_from_dict, result_to_dict
 from up_samp.validation import validate_plan
 
@@ -50,8 +59,6 @@ def test_late_by_more_than_a_threshold(open_hall):
 
     def solve(left):
         assert left.hint is not None
-        from up_samp.execution import solve_remaining
-
         plans.append((left.problem, solve_remaining(left, seconds=120)))
         return plans[-1][1]
 
@@ -95,6 +102,34 @@ def test_a_task_is_cancelled(open_hall):
     check(journey)
     assert not done(journey) & set(gone)
     assert [n for n in done(journey) if n.startswith("pick_") and "_i0" in n]
+
+
+def test_the_rest_waits_for_a_robot_that_is_held_up_for_long(open_hall):
+    problem, plan = open_hall
+    delays = Delays(long_stop=100)
+    graph = dependencies_of(problem, plan)
+    robot, since, seconds = draw(delays, ["r0", "r1"], graph.graph.tasks, plan["makespan"], 2).halt
+    told = Incident(since + 1.0, Surprise(same_choices=True))
+    journey = simulate_replanned(problem, plan, delays, 2, incidents=[told])
+    check(journey)
+    assert journey.since[1] > since + seconds, robot
+    assert 0.0 < journey.whole.waiting < 1.0
+
+
+def test_a_leg_in_which_nothing_ends_waits_by_a_share_of_its_time(open_hall):
+    problem, plan = open_hall
+    told = Incident(0.5, Surprise(same_choices=True))
+    journey = simulate_replanned(problem, plan, DELAYS, 1, incidents=[told])
+    assert journey.legs[0].makespan == 0.0
+    assert all(0.0 <= leg.waiting <= 1.0 for leg in (*journey.legs, journey.whole))
+
+
+def test_what_is_solved_anew_can_be_followed_by_itself(open_hall):
+    problem, plan = open_hall
+    executor = Executor(plan, problem)
+    executor.commands(0.0)
+    rest = solve_remaining(executor.remaining_problem(Surprise(same_choices=True)))
+    assert Executor(rest).commands(0.0)
 
 
 @pytest.mark.long

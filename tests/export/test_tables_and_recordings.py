@@ -142,3 +142,10 @@ def test_the_command(tmp_path, capsys):
     written = capsys.readouterr().out.split()
     assert len(written) == 3
     assert set(FORMATS) >= {"csv", "mcap"}
+
+
+def test_a_folder_may_be_named_by_text(tmp_path):
+    files = export_plan(door_plan(), "csv", str(tmp_path / "here"))
+    assert all(file.is_file() for file in files)
+    with pytest.raises(ProblemError, match="is a file; name a folder"):
+        export_plan(door_plan(), "csv", str(files[0]))

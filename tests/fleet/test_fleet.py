@@ -80,9 +80,9 @@ def test_errors_of_methods_name_the_thing_and_what_to_do():
         fleet.add_order("o1", "shelfA", "dock", skills="lift")
     with pytest.raises(FleetError, match=r"orders\[0\].colour: there is no such key"):
         fleet.add_order("o1", "shelfA", "dock", colour="red")
-    with pytest.raises(FleetError, match=r"robot_types.b.battery: should be a dictionary"):
+    with pytest.raises(FleetError, match=r"robot_types.b.battery: should be a table"):
         fleet.add_robot_type("b", (1, 1), battery=100)
-    with pytest.raises(FleetError, match=r"orders\[0\].attached: should be a dictionary"):
+    with pytest.raises(FleetError, match=r"orders\[0\].attached: should be a table"):
         fleet.add_order("o1", "shelfA", "dock", attached=(1, 1))
     with pytest.raises(FleetError, match="is there already"):
         fleet.add_place("home", 1, 1)
@@ -187,7 +187,7 @@ def test_the_schema_is_that_of_the_reader(tmp_path):
     assert json.loads(shipped.read_text()) == json_schema(), "run scripts/schema.py"
     validator = jsonschema.Draft202012Validator(json_schema())
     jsonschema.Draft202012Validator.check_schema(json_schema())
-    good = yaml.safe_load(PROBLEM)
+    good = yaml.safe_load(PROBLEM) | {"map": str(MAPS / "two_rooms.yaml")}
     assert not list(validator.iter_errors(good))
     assert read_problem_file(_written(tmp_path, good))
     for change in (

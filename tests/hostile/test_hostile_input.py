@@ -5,6 +5,7 @@ import math
 import struct
 import time
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -43,6 +44,8 @@ BOMB = "\n".join(
         for p, c in zip("abcdefgh", "bcdefghi", strict=False)
     ]
 )
+
+MAPS = Path(__file__).parents[2] / "examples" / "maps"
 
 
 def write(folder, text="", image=True, **keys):
@@ -297,7 +300,7 @@ def test_figures_of_problem_files_that_nothing_real_has_are_refused_by_name(plac
     spec = {
         "format": "up-samp-problem",
         "version": 1,
-        "map": "m.yaml",
+        "map": str(MAPS / "two_rooms.yaml"),
         "seconds_per_unit": 1.0,
         "robot_types": {
             "agv": {"footprint": [1.0, 0.6], "capacity": {"item": 1}, "battery": battery}

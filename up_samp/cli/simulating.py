@@ -5,25 +5,31 @@ from __future__ import annotations
 import argparse
 import csv
 import statistics
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
+from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
+
+from unified_planning.exceptions import UPException
 
 from up_samp.benchmarks.builder import ENCODINGS
 from up_samp.cli.problems import problem_of_plan
 from up_samp.cli.table import table
 from up_samp.io import PlanDict, read_plan, write_plan
-from up_samp.model import ProblemError
+from up_samp.model import ProblemError, SampError
 from up_samp.tuning import tuning_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from unified_planning.model.scheduling import SchedulingProblem
 
-    from up_samp.execution import Delays, Dependencies, Simulation
+    from up_samp.execution import Delays, Dependencies, ExecutionTuning, Simulation
 
 
 POLICIES = ("timed", "coarse", "staircase", "reorder", "replan")
+
+REST_SECONDS = 60.0
+"""Time for a plan of what is left, s."""
 
 
 def add_simulate(parser: argparse.ArgumentParser) -> None:
@@ -41,7 +47,7 @@ def add_simulate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--policy",
         action="append",
-        choices=POLICIES,
+        choices=(*POLICIES, "all"),
         help="how to follow the plan; may be given again (default: timed, staircase, reorder); "
         "'replan' plans the rest anew where it gets late, and needs --problem",
     )
@@ -76,41 +82,61 @@ def _simulate(args: argparse.Namespace) -> int:
         raise ProblemError(f"--runs must be at least 1, not {args.runs}")
     plan = read_plan(args.plan)
     delays = Delays.parse(args.delays)
-    policies = args.policy or ("timed", "staircase", "reorder")
+    policies = tuple(dict.fromkeys(args.policy or ("timed", "staircase", "reorder")))
+    policies = POLICIES if "all" in policies else policies
     if "replan" in policies and args.problem is None:
         raise ProblemError("--policy replan plans anew: name the plan's problem with --problem")
     named = args.problem is not None
     problem = problem_of_plan(args.problem, args.encoding, plan) if named else None
-    runs = [run for policy in policies for run in _runs(args, plan, problem, delays, policy)]
-    print(_table(runs))
+    tuning = tuning_of(args.tuning).execution
+    found = _dependencies(plan, problem)
+    runs: list[Simulation] = []
+    failed: list[Failure] = []
+    for policy in policies:
+        run = _executions(policy, found, plan, problem, delays, args.late, tuning)
+        for seed in range(args.seed, args.seed + args.runs):
+            try:
+                runs.append(run(seed))
+            except (SampError, UPException) as error:
+                failed.append(Failure(policy, seed, " ".join(str(error).split())))
+    print(_table(policies, runs, failed))
     if args.out is not None:
-        files = write_runs(plan, runs, args.out)
+        files = write_runs(plan, runs, args.out, failed)
         print("\n".join(str(f) for f in files))
     bad = any(r.contacts or not r.finished for r in runs if r.policy != "timed")
-    return 1 if bad else 0
+    return 1 if bad or failed else 0
 
 
-def _runs(
-    args: argparse.Namespace,
+class Failure(NamedTuple):
+    """A run that could not be carried out, and why."""
+
+    policy: str
+    seed: int
+    why: str
+
+
+def _executions(
+    policy: str,
+    found: Dependencies,
     plan: PlanDict,
     problem: SchedulingProblem | None,
     delays: Delays,
-    policy: str,
-) -> Iterator[Simulation]:
-    from up_samp.execution import coarse, simulate, simulate_replanned
+    late: float,
+    tuning: ExecutionTuning,
+) -> Callable[[int], Simulation]:
+    """Return what executes the plan by a policy with the delays of a seed."""
+    from up_samp.execution import coarse, simulate, simulate_replanned, solve_remaining
 
-    tuning = tuning_of(args.tuning).execution
-    seeds = range(args.seed, args.seed + args.runs)
     if policy == "replan":
         assert problem is not None
-        for seed in seeds:
-            journey = simulate_replanned(problem, plan, delays, seed, late=args.late, tuning=tuning)
-            yield journey.whole
-        return
-    found = _dependencies(plan, problem)
-    graph = coarse(found) if policy == "coarse" else found
-    for seed in seeds:
-        yield simulate(graph, plan, delays, seed, policy=policy, tuning=tuning)  # type: ignore[arg-type]
+        solve = partial(solve_remaining, seconds=REST_SECONDS)
+        return lambda seed: (
+            simulate_replanned(
+                problem, plan, delays, seed, late=late, solve=solve, tuning=tuning
+            ).whole
+        )
+    graph = cache(lambda: coarse(found) if policy == "coarse" else found)
+    return lambda seed: simulate(graph(), plan, delays, seed, policy=policy, tuning=tuning)  # type: ignore[arg-type]
 
 
 def _dependencies(plan: PlanDict, problem: SchedulingProblem | None) -> Dependencies:
@@ -123,18 +149,23 @@ def _policies(runs: Sequence[Simulation]) -> list[str]:
     return list(dict.fromkeys(r.policy for r in runs))
 
 
-def _table(runs: Sequence[Simulation]) -> str:
-    rows = []
-    for policy in _policies(runs):
+def _table(
+    policies: Sequence[str], runs: Sequence[Simulation], failed: Sequence[Failure] = ()
+) -> str:
+    """Return a row for each policy, and a line for each reason for which runs failed."""
+    rows, reasons = [], []
+    for policy in policies:
         mine = [r for r in runs if r.policy == policy]
-        ratios = sorted(r.ratio for r in mine)
+        ratios = sorted(r.ratio for r in mine if r.finished)
+        lost = [f for f in failed if f.policy == policy]
         rows.append(
             [
                 policy,
-                str(len(mine)),
-                f"{statistics.median(ratios):.3f}",
-                f"{ratios[-1]:.3f}",
-                f"{100 * statistics.mean(r.waiting for r in mine):.1f} %",
+                str(len(mine) + len(lost)),
+                str(len(lost) + sum(not r.finished for r in mine)),
+                f"{statistics.median(ratios):.3f}" if ratios else "-",
+                f"{ratios[-1]:.3f}" if ratios else "-",
+                f"{100 * statistics.mean(r.waiting for r in mine):.1f} %" if mine else "-",
                 str(sum(r.collisions for r in mine)),
                 f"{sum(bool(r.contacts) for r in mine)}",
                 str(sum(r.deadlock for r in mine)),
@@ -142,15 +173,21 @@ def _table(runs: Sequence[Simulation]) -> str:
                 str(sum(r.replans for r in mine)),
             ]
         )
+        for why in dict.fromkeys(f.why for f in lost):
+            seeds = ", ".join(str(f.seed) for f in lost if f.why == why)
+            reasons.append(f"{policy} failed (seed {seeds}): {why}")
     header = (
-        "policy", "runs", "median", "worst", "waiting", "collisions", "unsafe", "deadlocks",
-        "reorders", "replans",
+        "policy", "runs", "unfinished", "median", "worst", "waiting", "collisions", "unsafe",
+        "deadlocks", "reorders", "replans",
     )  # fmt: skip
-    note = "median and worst: realised over planned makespan; unsafe: runs with a collision"
-    return f"{table(header, rows, range(1, 10))}\n{note}"
+    note = "median and worst: realised over planned makespan of the runs that were finished; "
+    note += "unsafe: runs with a collision"
+    return "\n".join([table(header, rows, range(1, 11)), note, *reasons])
 
 
-def write_runs(plan: PlanDict, runs: Sequence[Simulation], folder: Path) -> list[Path]:
+def write_runs(
+    plan: PlanDict, runs: Sequence[Simulation], folder: Path, failed: Sequence[Failure] = ()
+) -> list[Path]:
     """Write ``runs.csv``, the median run's record and pictures; return the files."""
     from up_samp.plotting import plot_executed, plot_makespans
 
@@ -160,13 +197,18 @@ def write_runs(plan: PlanDict, runs: Sequence[Simulation], folder: Path) -> list
         writer = csv.writer(stream)
         writer.writerow(
             ["policy", "seed", "planned_s", "makespan_s", "ratio", "waiting", "collisions",
-             "deadlock", "finished", "reorders", "replans"]
+             "deadlock", "finished", "reorders", "replans", "failed"]
         )  # fmt: skip
         for r in runs:
             writer.writerow(
                 [r.policy, r.seed, f"{r.planned:g}", f"{r.makespan:.3f}", f"{r.ratio:.4f}",
-                 f"{r.waiting:.4f}", r.collisions, r.deadlock, r.finished, r.reorders, r.replans]
+                 f"{r.waiting:.4f}", r.collisions, r.deadlock, r.finished, r.reorders, r.replans,
+                 ""]
             )  # fmt: skip
+        for f in failed:
+            writer.writerow([f.policy, f.seed, *[""] * 9, f.why])
+    if not runs:
+        return files
     for policy in _policies(runs):
         mine = sorted((r for r in runs if r.policy == policy), key=lambda r: r.makespan)
         middle = mine[len(mine) // 2]

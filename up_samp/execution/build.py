@@ -18,6 +18,7 @@ from up_samp.execution.staircase import Step, steps_of, switched
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import Travel, travels_of
 from up_samp.io.plan_dict import PlanDict, snapshot_of
+from up_samp.model import ProblemError
 from up_samp.model.snapshot import Snapshot
 from up_samp.scheduling.compilers.read import read_problem as read_plain
 from up_samp.scheduling.partial_order.differences import Planned
@@ -58,6 +59,7 @@ def dependencies_of(
         margin = float(plan.get("margin", TOLERANCES.margin))
     problem = named_as_planned(problem, plan)
     snapshot = snapshot_of(problem, unit)
+    check_same(problem, snapshot, plan)
     plan = with_avoid(plan, snapshot)
     planned = planned_of(problem, plan)
     lives = lives_of(plan)
@@ -69,6 +71,25 @@ def dependencies_of(
     for meeting in meetings:
         draft.add_meeting(meeting)
     return Dependencies(draft.graph(margin), lives, tuple(meetings), choices)
+
+
+def check_same(problem: SchedulingProblem, snapshot: Snapshot, plan: PlanDict) -> None:
+    """Raise :class:`ProblemError` where a plan is one of another problem, or encoding."""
+    named = problem.name or "the problem"
+    here = {a.name for a in problem.activities}
+    there = {a["name"] for a in plan["activities"]}
+    drives = {(t.activity, t.object) for t in snapshot.tasks if t.activity in there}
+    driven = {(m["activity"], m["object"]) for m in plan["motions"]}
+    lacks = [f"'{named}' has no activity '{name}'" for name in sorted(there - here)]
+    lacks += [f"'{named}' has no motion of '{o}' in '{a}'" for a, o in sorted(driven - drives)]
+    lacks += [f"the plan has no motion of '{o}' in '{a}'" for a, o in sorted(drives - driven)]
+    musts = {a.name for a in problem.activities if not a.optional}
+    lacks += [f"the plan lacks '{name}', which is not optional" for name in sorted(musts - there)]
+    if lacks:
+        raise ProblemError(
+            f"the plan of '{plan.get('problem', '')}' is of another problem, or of another "
+            f"encoding of it: {lacks[0]}"
+        )
 
 
 def planned_of(problem: SchedulingProblem, plan: PlanDict) -> Planned:

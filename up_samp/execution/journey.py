@@ -16,15 +16,15 @@ def joined(legs: Sequence[Simulation], since: Sequence[float]) -> Simulation:
     """
     first, last = legs[0], legs[-1]
     makespan = since[-1] + last.makespan
-    ends = [*since[1:], makespan]
-    lengths = [end - begin for begin, end in zip(since, ends, strict=True)]
-    waited = sum(leg.waiting * length for leg, length in zip(legs, lengths, strict=True))
+    lasted = sum(leg.lasted for leg in legs)
+    waited = sum(leg.waiting * leg.lasted for leg in legs)
     return replace(
         last,
         seed=first.seed,
         planned=first.planned,
         makespan=makespan,
-        waiting=waited / max(1e-9, makespan),
+        waiting=waited / lasted if lasted else 0.0,
+        lasted=lasted,
         overruns=sum(leg.overruns for leg in legs),
         reorders=sum(leg.reorders for leg in legs),
         contacts=tuple(

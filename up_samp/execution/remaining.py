@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
+from functools import partial
 from typing import Any
 
 from unified_planning.model import FNode, TimepointKind
@@ -18,7 +19,7 @@ from unified_planning.model.motion import (
 from up_samp.execution.begun import begun
 from up_samp.execution.build import planned_of
 from up_samp.execution.graph import At, Event
-from up_samp.execution.involved import involves, moves
+from up_samp.execution.involved import Involved
 from up_samp.execution.lives import Drive
 from up_samp.execution.places import Places
 from up_samp.execution.state import Phase, State
@@ -29,6 +30,7 @@ from up_samp.execution.values import ValuesNow
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import Configuration, ProblemError, UnsupportedError
 from up_samp.upio.movers import named_as_planned
+from up_samp.upio.whereabouts import whereabouts
 
 
 def remaining_problem(
@@ -46,8 +48,11 @@ def remaining_problem(
     says which one moves. Raises :class:`ProblemError` where something that
     has to be done cannot be any more.
     """
+    if not isinstance(problem, SchedulingMotionProblem):
+        raise UnsupportedError("remaining problems are made of problems with motions only")
     named = named_as_planned(problem, plan)
-    return _Builder(named, plan, state, drives, surprise or Surprise()).build()
+    involved = Involved(named, whereabouts(problem))
+    return _Builder(named, plan, state, drives, surprise or Surprise(), involved).build()
 
 
 class _Builder:
@@ -58,9 +63,9 @@ class _Builder:
         state: State,
         drives: Mapping[tuple[str, str], Drive],
         surprise: Surprise,
+        involved: Involved,
     ):
-        if not isinstance(problem, SchedulingMotionProblem):
-            raise UnsupportedError("remaining problems are made of problems with motions only")
+        self.involved = involved
         self.source, self.plan, self.state, self.drives = problem, plan, state, drives
         self.surprise = surprise
         self.places = Places(problem, plan, state, drives)
@@ -72,6 +77,7 @@ class _Builder:
         self.stops = self._stops()
         self.since = math.ceil(max([state.now, *(t for _, t in self.stops.values())]) / self.unit)
         self.gone = self._gone()
+        self.surely = {a.name for a in problem.activities if not a.optional}
         self.past = self._past()
         self.values = ValuesNow(self.planned, state, self.unit, self.since, self.gone)
 
@@ -102,10 +108,18 @@ class _Builder:
                 continue
             if self.surprise.same_choices and activity.name not in self.state.phase:
                 found.add(activity.name)
-            if any(involves(activity, robot) for robot in self.surprise.broken):
-                found.add(activity.name)
-            if phase is Phase.WAITING and any(moves(activity, d) for d in self.surprise.shut):
-                found.add(activity.name)
+            name = activity.name
+            chosen = {
+                v
+                for k, v in self.planned.values.items()
+                if phase is Phase.RUNNING and k.startswith(f"{name}.")
+            }
+            if any(self.involved.needs(name, r) or r in chosen for r in self.surprise.broken):
+                found.add(name)
+            if phase is Phase.WAITING and any(
+                self.involved.moves(name, d) for d in self.surprise.shut
+            ):
+                found.add(name)
         return frozenset(found)
 
     def _past(self) -> dict[str, tuple[int, int | None]]:
@@ -168,6 +182,7 @@ class _Builder:
         for name in sorted(running):
             activity = next(a for a in target._activities if a.name == name)
             target.add_constraint(self.m.LE(activity.start, self.m.Int(0)))
+        self._choose(target, running)
         places = self._set_places(target)
         self._initial(target)
         for add in self.surprise.new:
@@ -182,6 +197,19 @@ class _Builder:
             tuple(self.notes),
             {k: float(self.plan[k]) for k in ("seconds_per_unit", "margin") if k in self.plan},
         )
+
+    def _choose(self, target: SchedulingMotionProblem, running: Set[str]) -> None:
+        """What has begun keeps what was chosen for it; nothing else chooses a broken robot."""
+        for activity in target._activities:
+            for parameter in activity.parameters:
+                equal = partial(self.m.Equals, self.m.ParameterExp(parameter))
+                if activity.name in running and parameter.name in self.planned.values:
+                    value = self._constant(self.planned.values[parameter.name])
+                    activity.add_constraint(equal(value))
+                for name in self.surprise.broken if activity.name not in running else ():
+                    robot = self.source.object(name)
+                    if parameter.type.is_compatible(robot.type):
+                        activity.add_constraint(self.m.Not(equal(self.m.ObjectExp(robot))))
 
     def _known_values(self) -> dict[str, FNode]:
         """Return the parameters of what is over or has begun, and of the plan's variables."""
@@ -202,7 +230,7 @@ class _Builder:
     def _constraints(
         self, fix: Substitution, chronicle: Any, owner: str | None
     ) -> list[tuple[FNode, list[FNode]]]:
-        found = []
+        found: list[tuple[FNode, list[FNode]]] = []
         for constraint, scope in chronicle._constraints:
             scopes = [fix(s, False) for s in scope]
             if any(s.is_false() for s in scopes):
@@ -210,11 +238,20 @@ class _Builder:
             fixed = fix(constraint)
             if fixed.is_true():
                 continue
+            open_scopes = [s for s in scopes if not s.is_true() and not self._mandatory(s)]
+            if fixed.is_false() and open_scopes:
+                # whoever it is about may still be left out
+                found.append((self.m.Not(self.m.And(open_scopes)), []))
+                continue
             if fixed.is_false():
                 self._fallen(constraint)
                 continue
-            found.append((fixed, [s for s in scopes if not s.is_true()]))
+            found.append((fixed, open_scopes))
         return found
+
+    def _mandatory(self, scope: FNode) -> bool:
+        name = scope.presence().container if scope.is_present_exp() else None
+        return name in self.surely
 
     def _fallen(self, constraint: FNode) -> None:
         """A constraint that cannot hold any more: fine if it was about cancelled tasks alone."""
@@ -223,7 +260,7 @@ class _Builder:
         names = names_in(constraint)
         cancelled = set(self.surprise.cancelled)
         own = any(
-            all(involves(a, robot) for a in self.source.activities if a.name in names)
+            all(self.involved.needs(name, robot) for name in names)
             for robot in self.surprise.broken
         )
         if not names & self.gone:
@@ -249,23 +286,24 @@ class _Builder:
         base._effects = effects
         conditions: dict[Any, Any] = {}
         for span, items in base.conditions.items():
-            kept = [i for i in items if not self._of_broken(i)]
+            kept = [part for i in items for part in self._kept(i)]
             if kept and span.lower.timepoint.kind == TimepointKind.GLOBAL_START:
                 raise UnsupportedError(f"the problem's own condition over {span}, from now on")
             if kept:
                 conditions[span] = kept
         base._conditions = conditions
 
-    def _of_broken(self, node: FNode) -> bool:
-        """Return whether a condition speaks of a robot that is out of order."""
-        stack = [node]
-        while stack:
-            item = stack.pop()
-            stack += item.args
-            if item.is_object_exp() and item.object().name in self.surprise.broken:
-                self.notes.append(f"about a broken robot, dropped: {node}")
-                return True
-        return False
+    def _kept(self, node: FNode) -> list[FNode]:
+        """Return what is left of a condition of the problem's own: not what speaks of robots that
+        are out of order alone.
+        """
+        if node.is_and():
+            return [part for a in node.args for part in self._kept(a)]
+        about = self.involved.about(node)
+        if about and about <= set(self.surprise.broken):
+            self.notes.append(f"about a broken robot, dropped: {node}")
+            return []
+        return [node]
 
     # ------------------------------------------------------------------ where everybody is
 
@@ -331,8 +369,16 @@ class _Builder:
     # ------------------------------------------------------------------ fluents
 
     def _initial(self, target: SchedulingMotionProblem) -> None:
-        """Put the effects that have happened into the initial state."""
+        """Put the effects that have happened into the initial state, and where broken robots are.
+
+        :raises ProblemError: where what has happened breaks the bounds of a fluent.
+        """
+        self.values.check_bounds()
         for key, value in self.values.changed.items():
             arguments = [self._constant(e[1]) for e in key[2:]]
             fluent = target.fluent(key[1])
             target.set_initial_value(fluent(*arguments), self._constant(value))
+        standing = {m.object().name: place for m, place in target.initial_configuration}
+        for told, name in self.involved.told.items():
+            if name in self.surprise.broken and told.type.is_compatible(standing[name].type):
+                target.set_initial_value(told, standing[name])

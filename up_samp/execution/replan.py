@@ -10,6 +10,7 @@ from unified_planning.shortcuts import OneshotPlanner
 
 from up_samp.execution.delays import Delays, draw
 from up_samp.execution.executor import Executor
+from up_samp.execution.files import with_dependencies
 from up_samp.execution.journey import joined
 from up_samp.execution.simulate import Floor, Simulation, simulation_of
 from up_samp.execution.surprise import Remaining, Surprise
@@ -20,20 +21,20 @@ from up_samp.model.execution_tuning import ExecutionTuning
 ENGINE = "samp-refine[cpsat]"
 
 LAST_METRES = 30.0
-"""Seconds that robots may be late in coming to a stand."""
+"""Seconds that robots may be late in coming to a stand, beside those in which they are held up."""
 
 
 def solve_remaining(
     left: Remaining, *, engine: str = ENGINE, seconds: float | None = None
 ) -> PlanDict:
-    """Return a plan of what is left, sought from the rest of the old plan (``left.hint``) on,
-    in its units and with its clearance (``left.params``).
+    """Return a plan of what is left with its dependencies, sought from the rest of the old plan
+    (``left.hint``) on, in its units and with its clearance (``left.params``).
 
     Raises :class:`ProblemError` where the engine finds none within ``seconds``.
     """
     with OneshotPlanner(name=engine, params=dict(left.params)) as planner:
         result = planner.solve(left.problem, timeout=seconds, warm_start_plan=left.hint)
-    return result_to_dict(left.problem, result)
+    return with_dependencies(left.problem, result_to_dict(left.problem, result))
 
 
 @dataclass(frozen=True)
@@ -168,15 +169,19 @@ def _come_to_a_stand(floor: Floor, stops: Mapping[str, float], until: float) -> 
     """Let robots under way drive on to where they stop; nothing new begins. Return when (s) all
     stand: at ``until``, or later where one is held up on these last metres.
     """
-    latest = until + LAST_METRES
-    while floor.now < latest:
+    late = 0.0
+    while True:
         left = [
             r for r in floor.robots.values() if r.motion is not None and r.s < stops.get(r.name, 0)
         ]
         if not left and floor.now >= until - 1e-9:
             return floor.now
+        held = any(floor.now < r.held_until for r in left)
+        late += floor.tick if floor.now >= until and not held else 0.0
+        if late > LAST_METRES:
+            names = ", ".join(f"'{r.name}'" for r in left)
+            raise ProblemError(f"the rest cannot be planned: {names} did not come to a stand")
         for robot in left:
             robot.until = stops[robot.name]
             robot.step(floor.now, floor.tick)
         floor.now = round(floor.now + floor.tick, 9)
-    raise ProblemError(f"robots {sorted(r.name for r in left)} do not come to a stand")

@@ -23,9 +23,8 @@ Policy = Literal["timed", "coarse", "staircase", "reorder"]
 
 @dataclass(frozen=True)
 class Simulation:
-    """One execution. Times in s; ``waiting`` is the share of all robots' time until the end of
-    their last activity that they stood because of others; ``waits`` are (robot, from, until, for
-    whom).
+    """One execution. Times in s; ``waiting`` is the share of all robots' time until the run's end
+    that they stood because of others (0 to 1); ``waits`` are (robot, from, until, for whom).
     """
 
     policy: str
@@ -41,6 +40,8 @@ class Simulation:
     record: PlanDict
     waits: tuple[tuple[str, float, float, str], ...] = ()
     replans: int = 0
+    lasted: float = 0.0
+    """How long the run was watched (s)."""
 
     @property
     def ratio(self) -> float:
@@ -226,12 +227,13 @@ def simulation_of(
     waits = tuple((str(w[0]), w[1], w[2], str(w[3])) for w in floor.waits)
     record = record_of(plan, floor.dependencies.lives, spans, floor.drivings, waits, floor.now)
     finished = floor.executive.finished
+    time = len(floor.robots) * floor.now
     return Simulation(
         policy=policy,
         seed=seed,
         planned=planned,
         makespan=makespan,
-        waiting=sum(floor.waiting.values()) / max(1e-9, len(floor.robots) * makespan),
+        waiting=min(1.0, sum(floor.waiting.values()) / time) if time else 0.0,
         finished=finished,
         deadlock=not finished and floor.stuck,
         overruns=sum(r.overruns for r in floor.robots.values()),
@@ -239,4 +241,5 @@ def simulation_of(
         contacts=tuple(contacts_of(record)) if judged else (),
         record=record,
         waits=waits,
+        lasted=floor.now,
     )

@@ -11,7 +11,7 @@ from unified_planning.model import FNode
 
 from up_samp.execution.graph import At, Event
 from up_samp.execution.state import State
-from up_samp.model import UnsupportedError
+from up_samp.model import ProblemError, UnsupportedError
 from up_samp.scheduling.compilers.expressions import Expr, show
 from up_samp.scheduling.partial_order.differences import Planned
 
@@ -63,9 +63,8 @@ class ValuesNow:
     @cached_property
     def changed(self) -> dict[Expr, Any]:
         """The values of fluents that effects have changed."""
-        happened = sorted(self._happened(), key=lambda e: e[0])
         values: dict[Expr, Any] = {}
-        for _, key, kind, amount in happened:
+        for _, _, key, kind, amount in self._happened:
             old = values.get(key)
             if old is None and kind != "assign":
                 old = self.planned.value(self.planned.problem.initial_value(key))
@@ -75,7 +74,26 @@ class ValuesNow:
                 values[key] = old + (amount if kind == "increase" else -amount)
         return values
 
-    def _happened(self) -> Iterator[tuple[float, Expr, str, Any]]:
+    def check_bounds(self) -> None:
+        """Raise :class:`ProblemError` where a fluent has a value that its type does not have."""
+        for key, value in self.changed.items():
+            kind, *bounds = self.planned.problem.fluents[key[1]].type
+            if kind != "int" or isinstance(value, bool):
+                continue
+            least, most = bounds
+            if (least is not None and value < least) or (most is not None and value > most):
+                by = [f"'{owner}'" for _, owner, other, *_ in self._happened if other == key]
+                raise ProblemError(
+                    f"what has happened is against the problem: '{show(key)}' is {value} now, and "
+                    f"may be {least} to {most}; it was changed by {', '.join(by)}"
+                )
+
+    @cached_property
+    def _happened(self) -> list[tuple[float, str, Expr, str, Any]]:
+        """Effects that have happened, in their order: when (s), whose, on what, how."""
+        return sorted(self._effects(), key=lambda e: e[0])
+
+    def _effects(self) -> Iterator[tuple[float, str, Expr, str, Any]]:
         for effect in self.planned.problem.effects:
             time = self._when(effect)
             if time is None:
@@ -85,7 +103,7 @@ class ValuesNow:
                 raise UnsupportedError(f"conditional effect on {show(effect.fluent)}, from now on")
             amount = self.planned.value(effect.value)
             if key is not None:
-                yield time, key, effect.kind, amount
+                yield time, effect.owner or "the problem", key, effect.kind, amount
 
     def _when(self, effect: Any) -> float | None:
         """Return when an effect happened (s), ``None`` if it has not."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
+from os import PathLike
 from pathlib import Path
 
 from up_samp.io import PlanDict
@@ -23,7 +24,7 @@ FORMATS = {
 """Formats and the modules whose ``export(plan, folder)`` writes them."""
 
 
-def export_plan(plan: PlanDict, to: str, folder: Path) -> list[Path]:
+def export_plan(plan: PlanDict, to: str, folder: str | PathLike[str]) -> list[Path]:
     """Write a plan in the format ``to`` (one of :data:`FORMATS`) into a folder; return the files.
 
     Tables are in the world frame, the others in that of the map's file.
@@ -42,8 +43,11 @@ def export_plan(plan: PlanDict, to: str, folder: Path) -> list[Path]:
         # others take a map as its file has it
         own = moved(plan, [maps[0].frame.inverse])
         plan = {**own, "map": {"yaml": maps[0].file}}
-    folder.mkdir(parents=True, exist_ok=True)
-    return export(plan, folder)
+    home = Path(folder)
+    if home.exists() and not home.is_dir():
+        raise ProblemError(f"'{home}' is a file; name a folder to write into")
+    home.mkdir(parents=True, exist_ok=True)
+    return export(plan, home)
 
 
 __all__ = ["FORMATS", "export_plan"]

@@ -5,19 +5,24 @@ from __future__ import annotations
 import enum
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
+
+from shapely import STRtree, box
+from shapely.geometry import Polygon
 
 from up_samp.fleet.abilities import able, carries, needs_robot
 from up_samp.fleet.faults import NO_ROBOT
 from up_samp.fleet.loads import ends_of, load_of, load_pose, loads_of, place_of, with_load
-from up_samp.fleet.outlines import body_of, still
+from up_samp.fleet.outlines import body_of, placed, still
 from up_samp.fleet.records import Attached, FleetRecords, Order, Pose, Task
 from up_samp.fleet.visits import Role, visits_of
 from up_samp.geometry import load_map
 from up_samp.model import (
+    Body,
     Deadline,
     Outcome,
     PathQuery,
@@ -37,11 +42,14 @@ class Level(enum.Enum):
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that was found about ``subject`` (a place, a robot, an order)."""
+    """Something that was found about ``subject`` (a place, a robot, an order); at a place perhaps
+    about robots of a ``type`` alone.
+    """
 
     level: Level
     subject: str
     what: str
+    type: str | None = None
 
     def __str__(self) -> str:
         return f"{self.level.value}: {self.subject}: {self.what}"
@@ -58,9 +66,26 @@ def check_fleet(
     if not records.robots:
         return [Finding(Level.ERROR, "robots", NO_ROBOT.what)]
     checker = _Checker(records, folder, seconds_per_drive)
-    stages = (checker.poses(), checker.pairs(), checker.loads(), checker.ways())
+    stages = (
+        checker.poses(), checker.pairs(), checker.left_behind(), checker.loads(), checker.ways(),
+        checker.windows(),
+    )  # fmt: skip
     findings = list(itertools.chain(*stages))
     return sorted(findings, key=lambda f: list(Level).index(f.level))
+
+
+ENDS = ("pickup", "delivery")
+
+
+class _Halt(NamedTuple):
+    """A part of a job: what it is called, where it is done, how long (s), and within what window
+    (s).
+    """
+
+    what: str
+    places: tuple[str, ...]
+    lasts: float
+    window: tuple[float, float] | None
 
 
 class _Checker:
@@ -71,11 +96,16 @@ class _Checker:
         self.bodies = {name: body_of(kind) for name, kind in records.robot_types.items()}
         precompile({body.kinematics.model for body in self.bodies.values()})
         self.places = {name: p.pose for name, p in records.places.items()}
+        self.visits = {robot: visits_of(records, robot) for robot in records.robots}
         self.used: dict[str, set[str]] = {}
-        for robot in records.robots:
-            kind = records.robots[robot].type
-            for visit in visits_of(records, robot):
-                self.used.setdefault(kind, set()).update(map(place_of, visit.places))
+        self.least: dict[tuple[str, str, str], float] = {}
+        self.bound: dict[str, set[str]] = {}
+        """By type, the places where robots of it surely are: at first, and in the end."""
+        for robot, mine in records.robots.items():
+            for visit in self.visits[robot]:
+                self.used.setdefault(mine.type, set()).update(map(place_of, visit.places))
+            ends = {mine.start, mine.end} - {None}
+            self.bound.setdefault(mine.type, set()).update(p for p in ends if p is not None)
 
     def doors(self) -> tuple[Placed, ...]:
         return tuple(
@@ -91,6 +121,7 @@ class _Checker:
 
     def poses(self) -> Iterator[Finding]:
         """Where robots would stand in walls, doors or zones."""
+        found: dict[str, dict[str, list[str]]] = {}
         for kind, places in sorted(self.used.items()):
             for name in sorted(places):
                 pose = self.places[name]
@@ -101,31 +132,44 @@ class _Checker:
                 wall, hit = self.service.pose_blockers(
                     self.bodies[kind], pose, (*self.doors(), *self.zones(kind))
                 )
+                blocked = found.setdefault(name, {}).setdefault(kind, [])
                 if wall:
-                    text = f"{at} would stand in a wall, in unknown cells or outside the map"
-                    yield Finding(Level.ERROR, name, text)
+                    blocked.append(
+                        f"{at} would stand in a wall, in unknown cells or outside the map"
+                    )
                 for other in sorted(hit):
                     if other in self.records.zones:
                         text = f"{at} would be in the zone '{other}', which it must keep out of"
-                        yield Finding(Level.ERROR, name, text)
+                        blocked.append(text)
                     else:
                         text = f"{at} would stand in the closed door '{other}'"
-                        yield Finding(Level.WARNING, name, text)
+                        yield Finding(Level.WARNING, name, text, kind)
+        for name, kinds in found.items():
+            nobody = name in self.wanted and all(kinds.values())
+            for kind, texts in kinds.items():
+                needed = nobody or name in self.bound[kind]
+                for text in texts:
+                    yield Finding(Level.ERROR if needed else Level.WARNING, name, text, kind)
+
+    @cached_property
+    def wanted(self) -> set[str]:
+        """Places at which something has to be done, and nowhere else."""
+        jobs = [job for job in self.records.jobs if not job.optional]
+        halts = [halt for job in jobs for halt in self._stops(job)]
+        return {halt.places[0] for halt in halts if len(halt.places) == 1}
 
     def pairs(self) -> Iterator[Finding]:
         """Which places hold one robot between them."""
         uses = [(k, p) for k, places in sorted(self.used.items()) for p in sorted(places)]
+        bodies = [(self.bodies[k], self.places[p]) for k, p in uses]
         starts = {r.start for r in self.records.robots.values()}
         ends = {r.end for r in self.records.robots.values()} - {None}
         yield from self._same_ends()
         seen: set[frozenset[str]] = set()
-        for (kind_a, a), (kind_b, b) in itertools.combinations(uses, 2):
+        for one, other in self._meeting(bodies):
+            a, b = uses[one][1], uses[other][1]
             both = frozenset((a, b))
             if a == b or both in seen:
-                continue
-            if not self.service.overlap(
-                self.bodies[kind_a], self.places[a], self.bodies[kind_b], self.places[b]
-            ):
                 continue
             seen.add(both)
             if both <= starts:
@@ -149,6 +193,92 @@ class _Checker:
                 text = f"robots {' and '.join(robots)} have to end here; give each its own end"
                 yield Finding(Level.ERROR, place, text)
 
+    def _meeting(self, bodies: Sequence[tuple[Body, Pose]]) -> Iterator[tuple[int, int]]:
+        """Yield the pairs of bodies that overlap, by their numbers; far ones cost nothing."""
+        shapes = [Polygon(placed(tuple(body.footprint), pose)) for body, pose in bodies]
+        boxes = [box(*s.bounds).buffer(0.01) for s in shapes]
+        near = STRtree(boxes).query(boxes, predicate="intersects").T
+        for one, other in sorted((int(a), int(b)) for a, b in near if a < b):
+            if self.service.overlap(*bodies[one], *bodies[other]):
+                yield one, other
+
+    def left_behind(self) -> Iterator[Finding]:
+        """Robots without an end that stand where others have to end."""
+        ending = [(n, r.end, r.type) for n, r in self.records.robots.items() if r.end is not None]
+        staying = [(n, r) for n, r in self.records.robots.items() if r.end is None]
+        bodies = [(self.bodies[kind], self.places[end]) for _, end, kind in ending]
+        bodies += [(self.bodies[r.type], self.places[r.start]) for _, r in staying]
+        for one, other in self._meeting(bodies) if staying else ():
+            if one >= len(ending) or other < len(ending):
+                continue
+            name, end, _ = ending[one]
+            stays, mine = staying[other - len(ending)]
+            away = any(
+                not self.service.overlap(*bodies[one], self.bodies[mine.type], self.places[place])
+                for place in {place_of(p) for v in self.visits[stays] for p in v.places}
+            )
+            text = f"robot '{name}' ends here, where '{stays}' stands at first, which has no end: "
+            text += f"give '{stays}' an end, or add a place to be out of the way (park: 1)"
+            yield Finding(Level.WARNING if away else Level.ERROR, end, text)
+
+    def windows(self) -> Iterator[Finding]:
+        """Windows that close before anybody can have done what they are for."""
+        for job in self.records.jobs:
+            stops = self._stops(job)
+            if all(window is None for *_, window in stops):
+                continue
+            courses = [self._earliest(robot, stops) for robot in self._fit(job)]
+            for number, (what, *_, window) in enumerate(stops):
+                ready = min((course[number] for course in courses), default=0.0)
+                if window is None or ready <= window[1] + 1e-6:
+                    continue
+                text = f"the window of its {what} closes at {window[1]:g} s; by the shortest "
+                text += f"drives it ends at {ready:.1f} s or later"
+                yield Finding(Level.NOTE if job.optional else Level.ERROR, job.id, text)
+                break
+
+    def _fit(self, job: Order | Task) -> list[str]:
+        """Return the robots that may do a job, and can carry what it is about."""
+        return [
+            r
+            for r in able(self.records, job)
+            if not isinstance(job, Order)
+            or carries(self.records.robot_types[self.records.robots[r].type], job)
+        ]
+
+    def _stops(self, job: Order | Task) -> list[_Halt]:
+        """Return what a robot does for a job, one after the other."""
+        if isinstance(job, Task):
+            modes = [m.duration for m in job.modes.values()]
+            lasts = job.duration if job.duration is not None else min(modes, default=0.0)
+            return [_Halt("place", job.at, lasts, job.window)] if needs_robot(job) else []
+        ends = zip(ENDS, ends_of(self.records, job), (job.pickup, job.delivery), strict=True)
+        return [
+            _Halt(what, tuple(map(place_of, places)), stop.service, stop.window)
+            for what, places, stop in ends
+        ]
+
+    def _earliest(self, robot: str, stops: Sequence[_Halt]) -> list[float]:
+        """Return when a robot may have done what a job is made of, at the earliest (s): it drives
+        straight there, through all doors, and nobody is in its way.
+        """
+        at, done = [(0.0, self.records.robots[robot].start)], []
+        for _, places, lasts, window in stops:
+            came = [(min(t + self._least(robot, p, to) for t, p in at), to) for to in places]
+            opens = 0.0 if window is None else window[0]
+            at = [(max(t, opens) + lasts, to) for t, to in came]
+            done.append(min(t for t, _ in at))
+        return done
+
+    def _least(self, robot: str, origin: str, to: str) -> float:
+        """Return how long a robot drives from one place to another at least (s)."""
+        key = self.records.robots[robot].type, origin, to
+        if key not in self.least:
+            body = self.bodies[key[0]]
+            ends = self.places[origin], self.places[to]
+            self.least[key] = 0.0 if origin == to else self.service.lower_bound(body, *ends)
+        return self.least[key]
+
     @cached_property
     def shut(self) -> frozenset[str]:
         """The doors that provably nobody can ever open.
@@ -166,7 +296,7 @@ class _Checker:
                     and visit.what == name
                     and any(self._reaches(robot, place_of(p), shut) for p in visit.places)
                     for robot in self.records.robots
-                    for visit in visits_of(self.records, robot)
+                    for visit in self.visits[robot]
                 )
             }
             if not opened:
@@ -178,8 +308,8 @@ class _Checker:
         """Return whether no proof says that the robot cannot get there past doors that are shut."""
         mine = self.records.robots[robot]
         ends = self.places[mine.start], self.places[place]
-        placed = (*self.zones(mine.type), *(d for d in self.doors() if d.name in shut))
-        return self.service.certificate(self.bodies[mine.type], ends, placed) is None
+        around = (*self.zones(mine.type), *(d for d in self.doors() if d.name in shut))
+        return self.service.certificate(self.bodies[mine.type], ends, around) is None
 
     def ways(self) -> Iterator[Finding]:
         """What robots can reach, and who can do what."""
@@ -195,7 +325,7 @@ class _Checker:
         body, start = self.bodies[mine.type], self.places[mine.start]
         zones = self.zones(mine.type)
         used: dict[str, set[Role]] = {}
-        for visit in visits_of(self.records, robot):
+        for visit in self.visits[robot]:
             for place in map(place_of, visit.places):
                 used.setdefault(place, set()).add(visit.role)
         for place, roles in used.items():
@@ -221,8 +351,8 @@ class _Checker:
         """Which doors have to be open for a drive."""
         kind = self.records.robots[robot].type
         for door in self.doors():
-            placed = (*self.zones(kind), door)
-            proof = self.service.certificate(self.bodies[kind], (start, goal), placed)
+            around = (*self.zones(kind), door)
+            proof = self.service.certificate(self.bodies[kind], (start, goal), around)
             if proof is None:
                 continue
             text = f"robot '{robot}' gets there only once door '{door.name}' is open"
@@ -231,16 +361,8 @@ class _Checker:
     def _job(self, job: Order | Task, reach: dict[str, set[str]]) -> Iterator[Finding]:
         if not needs_robot(job):
             return
-        stops = [("place", set(job.at))] if isinstance(job, Task) else []
-        if isinstance(job, Order):
-            ends = ({place_of(p) for p in end} for end in ends_of(self.records, job))
-            stops = list(zip(("pickup", "delivery"), ends, strict=True))
-        fit = [
-            r
-            for r in able(self.records, job)
-            if not isinstance(job, Order)
-            or carries(self.records.robot_types[self.records.robots[r].type], job)
-        ]
+        stops = [(halt.what, set(halt.places)) for halt in self._stops(job)]
+        fit = self._fit(job)
         able_to = [r for r in fit if all(reach[r] & at for _, at in stops)]
         if able_to:
             load = load_of(self.records, job) if isinstance(job, Order) else None
@@ -273,21 +395,22 @@ class _Checker:
         kind = self.records.robots[robot].type
         body = with_load(self.records.robot_types[kind], load)
         ends = self.places[origin], self.places[to]
-        placed = (*self.zones(kind), *(d for d in self.doors() if d.name in self.shut))
-        return self.service.certificate(body, ends, placed) is not None
+        around = (*self.zones(kind), *(d for d in self.doors() if d.name in self.shut))
+        return self.service.certificate(body, ends, around) is not None
 
     def loads(self) -> Iterator[Finding]:
         """Loads that stand in each other or on robots."""
-        bodies = []
-        for order, load in loads_of(self.records):
+        bodies, loads = [], loads_of(self.records)
+        for order, load in loads:
             pose = load_pose(load, self.places[order.pickup.at[0]])
             name = f"the load of '{order.id}'"
             bodies.append((name, order.id, still(load.footprint), pose))
         for name, robot in self.records.robots.items():
             pose = self.places[robot.start]
             bodies.append((f"robot '{name}'", "", self.bodies[robot.type], pose))
-        for (one, subject, a, p), (other, _, b, q) in itertools.combinations(bodies, 2):
-            if subject and self.service.overlap(a, p, b, q):
+        for i, j in self._meeting([(body, pose) for *_, body, pose in bodies]) if loads else ():
+            (one, subject, *_), (other, *_) = bodies[i], bodies[j]
+            if subject:
                 yield Finding(Level.ERROR, subject, f"{one} and {other} would overlap at first")
 
 

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from graphlib import CycleError, TopologicalSorter
 from typing import Any
+
+from shapely.geometry import Polygon
+from shapely.validation import explain_validity
 
 from up_samp.fleet.abilities import able, carries, needs_robot, with_skills
 from up_samp.fleet.limits import FIGURES
-from up_samp.fleet.records import FleetRecords, Order, Stop, Task
+from up_samp.fleet.records import Attached, FleetRecords, Order, Outline, Stop, Task, corners_of
 from up_samp.fleet.sequence import earlier_than
 from up_samp.model import ProblemError
 
@@ -70,7 +76,7 @@ def find_faults(records: FleetRecords) -> list[Fault]:
     return [fault for check in CHECKS for fault in check(records)]
 
 
-def _same_names(records: FleetRecords) -> Iterator[Fault]:
+def same_names(records: FleetRecords) -> Iterator[Fault]:
     """Everything with a name has one of its own: they share the namespace of the UP problem."""
     kinds: list[tuple[str, Mapping[str, Any]]] = [
         ("robot_types", records.robot_types),
@@ -178,9 +184,9 @@ def _orders(records: FleetRecords) -> Iterator[Fault]:
 
 def _machine(records: FleetRecords, order: Order, task: str, path: Path) -> Iterator[Fault]:
     """A stop at the machine of a task: each mode of that has a place."""
-    found = next((t for t in records.tasks if t.id == task), None)
+    found = records.task_of.get(task)
     if found is None:
-        yield Fault(path, missing("task", task, [t.id for t in records.tasks]))
+        yield Fault(path, missing("task", task, records.task_of))
         return
     if not found.modes:
         yield Fault(path, f"task '{task}' has no modes; say where with at: a place, or several")
@@ -209,14 +215,14 @@ def _attached(records: FleetRecords, order: Order, path: Path) -> Iterator[Fault
 def _taken_on(records: FleetRecords, order: Order, name: str, path: Path) -> Iterator[Fault]:
     """Who takes a load on takes it where another order has put it."""
     key = (*path, "attached")
-    before = next((o for o in records.orders if o.id == name), None)
+    before = records.order_of.get(name)
     if before is None or before is order:
         known = [o.id for o in records.orders if o is not order]
         yield Fault(key, missing("other order", name, known))
         return
     if before.attached is None:
         yield Fault(key, f"order '{name}' has no load with a footprint (attached)")
-    others = [o.id for o in records.orders if o.attached == name and o is not order]
+    others = [o.id for o in records.takers[name] if o is not order]
     if others:
         yield Fault(key, f"order '{others[0]}' takes the load of '{name}', too; only one can")
     odd = [p for p in order.pickup.at if p not in before.delivery.at]
@@ -268,8 +274,10 @@ def _window(window: tuple[float, float] | None, length: float, path: Path) -> It
 
 def _job(records: FleetRecords, job: Order | Task, path: Path) -> Iterator[Fault]:
     """What orders and tasks have in common."""
-    jobs = {j.id for j in records.jobs}
-    yield from _known(jobs, "order or task", job.after, (*path, "after"))
+    names = [n for n in job.after if n not in records.order_of and n not in records.task_of]
+    for name in names:
+        known = [*records.order_of, *records.task_of]
+        yield Fault((*path, "after"), missing("order or task", name, known))
     if job.id in job.after:
         yield Fault((*path, "after"), f"'{job.id}' cannot come after itself")
     yield from _known(records.robots, "robot", job.robots, (*path, "robots"))
@@ -305,35 +313,54 @@ def _and(names: Iterable[str]) -> str:
 
 def _circles(records: FleetRecords) -> Iterator[Fault]:
     """``after`` leads nowhere back."""
-    after = {j.id: earlier_than(records, j) for j in records.jobs}
-    done: set[str] = set()
+    after = {j.id: [n for n in earlier_than(records, j) if n != j.id] for j in records.jobs}
+    try:
+        TopologicalSorter(after).prepare()
+    except CycleError as error:
+        circle = error.args[1]
+        yield Fault((), f"'after' goes round in a circle: {' after '.join(reversed(circle))}")
 
-    def visit(name: str, trail: tuple[str, ...]) -> list[str]:
-        if name in trail:
-            return [*trail[trail.index(name) :], name]
-        if name in done:
-            return []
-        for earlier in after.get(name, ()):
-            found = visit(earlier, (*trail, name))
-            if found:
-                return found
-        done.add(name)
-        return []
 
-    for name in after:
-        circle = visit(name, ())
-        if len(circle) > 2:
-            yield Fault((), f"'after' goes round in a circle: {' after '.join(circle)}")
-            return
+def _outlines(records: FleetRecords) -> Iterator[Fault]:
+    """Outlines are simple polygons of some area, with no more corners than can be looked at."""
+    shapes: list[tuple[Path, Any]] = []
+    for name, kind in records.robot_types.items():
+        shapes.append((("robot_types", name, "footprint"), kind.footprint))
+    shapes += [(("doors", name, "leaf"), door.leaf) for name, door in records.doors.items()]
+    shapes += [(("zones", name, "polygon"), zone.polygon) for name, zone in records.zones.items()]
+    for i, order in enumerate(records.orders):
+        if isinstance(order.attached, Attached):
+            path: Path = ("orders", i, "attached", "footprint")
+            shapes.append((path, order.attached.footprint))
+    for path, outline in shapes:
+        what = _shape_fault(outline)
+        if what:
+            yield Fault(path, what)
+
+
+@cache
+def _shape_fault(outline: Outline) -> str | None:
+    corners = corners_of(outline)
+    if len(corners) > FIGURES.corners:
+        return f"has {len(corners)} corners; the limit is {FIGURES.corners}: leave out small ones"
+    why = explain_validity(Polygon(corners))
+    if why == "Valid Geometry" and Polygon(corners).area > 0.0:
+        return None
+    at = re.search(r"\[(\S+) (\S+)\]", why)
+    if at is None:
+        return "has no area; give three or more corners that are not on one line"
+    point = ", ".join(f"{float(v):g}" for v in at.groups())
+    return f"touches or crosses itself at ({point}); list its corners in order, once around"
 
 
 CHECKS: tuple[Callable[[FleetRecords], Iterator[Fault]], ...] = (
-    _same_names,
+    same_names,
     _robots,
     _batteries,
     _chargers,
     _doors,
     _zones,
+    _outlines,
     _orders,
     _tasks,
     _circles,

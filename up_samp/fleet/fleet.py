@@ -15,7 +15,7 @@ from unified_planning.model.motion import SchedulingMotionProblem
 from up_samp.fleet.batteries import tell_levels
 from up_samp.fleet.build import write_problem
 from up_samp.fleet.checks import Finding, check_fleet
-from up_samp.fleet.faults import NO_ROBOT, Fault, FleetError, find_faults
+from up_samp.fleet.faults import NO_ROBOT, Fault, FleetError, find_faults, same_names
 from up_samp.fleet.files import read_problem_file, write_problem_file
 from up_samp.fleet.meanings import Written
 from up_samp.fleet.picture import draw_fleet
@@ -231,7 +231,9 @@ class Fleet:
     def _take(self, kind: str, value: Any, path: tuple[str | int, ...]) -> None:
         """Keep what was added, unless something in it is wrong."""
         changed = dataclasses.replace(self._records, **{kind: value})
+        clashes = [f for f in same_names(changed) if f not in [*same_names(self._records)]]
         faults = [f for f in find_faults(changed) if f.path[: len(path)] == path]
+        faults += [f for f in clashes if f not in faults]
         if faults:
             raise FleetError(faults)
         self._records, self._written = changed, None

@@ -37,6 +37,8 @@ class FigureLimits:
     visits: int = 200
     """How often a robot may come to a charger, a door, or a place to park: each visit is an
     activity of its own."""
+    corners: int = 1_000
+    """Of a footprint, a door's leaf, or a zone: every pose that is looked at takes them all."""
     shown: int = 20
     """So many faults are told at a time."""
 

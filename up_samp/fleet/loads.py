@@ -26,15 +26,14 @@ MARK = "@"
 
 def load_name(records: FleetRecords, order: Order) -> str:
     """Return the id of the order that is the first to carry the load of ``order``."""
-    known = {o.id: o for o in records.orders}
     while isinstance(order.attached, str):
-        order = known[order.attached]
+        order = records.order_of[order.attached]
     return order.id
 
 
 def load_of(records: FleetRecords, order: Order) -> Attached | None:
     """Return the load of an order that travels with its robot, if it has one."""
-    first = next(o for o in records.orders if o.id == load_name(records, order))
+    first = records.order_of[load_name(records, order)]
     return None if isinstance(first.attached, str) else first.attached
 
 
@@ -62,7 +61,7 @@ def options_of(records: FleetRecords, order: Order) -> tuple[list[Option], list[
 
 def _options(records: FleetRecords, order: Order, stop: Stop, into: bool) -> list[Option]:
     if stop.task is not None:
-        modes = next(t.modes for t in records.tasks if t.id == stop.task)
+        modes = records.task_of[stop.task].modes
         return [
             Option(name, mode.input if into else mode.output or mode.input)
             for name, mode in modes.items()
@@ -71,7 +70,7 @@ def _options(records: FleetRecords, order: Order, stop: Stop, into: bool) -> lis
         return [Option("", stop.at)]
     load = load_name(records, order)
     stands = tuple(f"{p}{MARK}{load}" for p in stop.at)
-    taken_on = any(o.attached == order.id for o in records.orders)
+    taken_on = order.id in records.takers
     chosen = taken_on if into else isinstance(order.attached, str)
     if chosen:
         return [Option(place_of(p), (p,)) for p in stands]

@@ -10,7 +10,7 @@ from unified_planning.model import Type
 from unified_planning.model.motion import MotionModels, MovableObject
 from unified_planning.shortcuts import MovableType
 
-from up_samp.fleet.records import Outline, Pose, RobotType
+from up_samp.fleet.records import Outline, Pose, RobotType, corners_of
 from up_samp.model import Body, Kinematics, MotionModel
 from up_samp.upio.read_movable import read_movable
 
@@ -21,20 +21,11 @@ MODELS = {
 }
 
 
-def corners(outline: Outline) -> list[tuple[float, float]]:
-    """Return the corners of a footprint, m."""
-    if len(outline) == 2 and not isinstance(outline[0], tuple):
-        length, width = outline
-        x, y = float(length) / 2, float(width) / 2  # type: ignore[arg-type]
-        return [(-x, -y), (x, -y), (x, y), (-x, y)]
-    return [(float(x), float(y)) for x, y in outline]  # type: ignore[misc]
-
-
 def placed(outline: Outline, pose: Pose) -> npt.NDArray[np.float64]:
     """Return an outline's corners at a pose, shape (n, 2)."""
     x, y, theta = pose
     c, s = math.cos(theta), math.sin(theta)
-    return np.asarray([(x + c * u - s * v, y + s * u + c * v) for u, v in corners(outline)])
+    return np.asarray([(x + c * u - s * v, y + s * u + c * v) for u, v in corners_of(outline)])
 
 
 def body_of(kind: RobotType) -> Body:
@@ -47,7 +38,7 @@ def movable(name: str, movable_type: Type, kind: RobotType) -> MovableObject:
     return MovableObject(
         name,
         movable_type,
-        footprint=corners(kind.footprint),
+        footprint=corners_of(kind.footprint),
         motion_model=MODELS[kind.model],
         motion_parameters=_limits(kind),
     )
@@ -64,4 +55,4 @@ def _limits(kind: RobotType) -> dict[str, float]:
 
 def still(outline: Outline) -> Body:
     """Return the body of something that does not drive."""
-    return Body(tuple(corners(outline)), Kinematics(MotionModel.SE2))
+    return Body(tuple(corners_of(outline)), Kinematics(MotionModel.SE2))

@@ -36,11 +36,15 @@ def draw_fleet(
     ax.imshow(ground.pixels, extent=ground.extent, interpolation="nearest", zorder=0)
     ax.set(xlim=(left, right), ylim=(bottom, top), xlabel="x [m]", ylabel="y [m]")
     ax.set_aspect("equal")
-    bad = {f.subject for f in findings if f.level is not Level.NOTE}
+    told = [f for f in findings if f.level is not Level.NOTE]
+    bad = {f.subject for f in told}
     labels = [*_draw_fixtures(ax, records), *_draw_places(ax, records, bad)]
+    for kind, place in dict.fromkeys((f.type, f.subject) for f in told if f.type is not None):
+        shape = placed(records.robot_types[kind].footprint, records.places[place].pose)
+        ax.add_patch(Polygon(shape, fc="none", ec=WRONG, lw=1.6, ls="--", zorder=5))
     ax.set_title(f"{records.name}: {len(records.robots)} robots, {len(records.orders)} orders, "
                  f"{len(records.tasks)} tasks", loc="left", fontsize=11, color=INK)  # fmt: skip
-    _draw_legend(ax, records, bad)
+    _draw_legend(ax, records, bad, any(f.type is not None for f in told))
     place_labels(ax, labels, avoid=[])
     return ax
 
@@ -91,7 +95,7 @@ def _draw_places(ax: Axes, records: FleetRecords, bad: set[str]) -> list[Label]:
     return labels
 
 
-def _draw_legend(ax: Axes, records: FleetRecords, bad: set[str]) -> None:
+def _draw_legend(ax: Axes, records: FleetRecords, bad: set[str], tight: bool) -> None:
     keys = [
         Patch(fc=mixed(INK, 0.85), ec=INK, label="place"),
         Patch(fc=FIXTURE, label="door, closed"),
@@ -100,6 +104,8 @@ def _draw_legend(ax: Axes, records: FleetRecords, bad: set[str]) -> None:
         keys.append(Patch(fc=mixed(FIXTURE, 0.6), ec=FIXTURE, label="load"))
     if bad:
         keys.append(Patch(fc=WRONG, label="wrong: see the list"))
+    if tight:
+        keys.append(Patch(fc="none", ec=WRONG, ls="--", label="robot that does not fit there"))
     ax.legend(handles=keys, loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=4.5,
               frameon=False, ncols=3, fontsize=8)  # fmt: skip
 

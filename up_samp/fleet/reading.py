@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
@@ -61,17 +62,74 @@ def _faults(error: ValidationError, data: Any, path: Path) -> list[Fault]:
     for item in error.errors(include_url=False):
         inner = _inside(data, item["loc"])
         where = (*path, *inner)
-        text = item["msg"].replace("Input should be", "should be")
-        if item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-            text = NOT_YET.get(str(item["loc"][-1]), no_such_key(str(item["loc"][-1])))
-        elif item["type"] == "value_error":
-            text = str(item["ctx"]["error"])
-        elif item["type"] == "missing":
-            text = "is missing"
-        elif item["type"] == "string_pattern_mismatch":
-            text = "a name has letters, digits, '_', '-' and '.', and begins with a letter"
+        text = _in_words(item)
         found.setdefault(where, Fault(where, text))
     return list(found.values())
+
+
+def _in_words(item: Any) -> str:
+    """Return what is wrong in the words of problem files, not in those of Python."""
+    kind, given, limits = item["type"], item["input"], item.get("ctx", {})
+    if kind in ("extra_forbidden", "unexpected_keyword_argument"):
+        key = str(item["loc"][-1])
+        return NOT_YET.get(key, no_such_key(key))
+    if kind == "value_error":
+        return str(limits["error"])
+    if isinstance(given, bool) and kind in _WANTED:
+        word = "yes, on or true" if given else "no, off or false"
+        hint = "; quote a name that reads so" if kind == "string_type" else ""
+        return f"should be {_WANTED[kind]}, and is {word}{hint}"
+    if kind in _WANTED:
+        return f"should be {_WANTED[kind]}, not {_shown(given)}"
+    if kind in ("too_short", "too_long"):
+        most = limits.get("min_length", limits.get("max_length"))
+        return f"needs {most} {'or more' if kind == 'too_short' else 'at most'}, not {len(given)}"
+    if kind in _LIMITS:
+        sign, bound = _LIMITS[kind]
+        return f"should be {sign.format(limits[bound])}, not {_shown(given)}"
+    if kind == "string_pattern_mismatch":
+        what = "a name has letters, digits, '_', '-' and '.', and begins with a letter"
+        near = re.sub(r"[^A-Za-z0-9_.-]", "_", str(given))
+        return f"{what}: '{near}'?" if re.match("[A-Za-z_]", near) else what
+    if kind == "missing":
+        return "is missing"
+    return str(item["msg"]).replace("Input should be", "should be")
+
+
+_WANTED = {
+    **dict.fromkeys(("tuple_type", "list_type", "iterable_type"), "a list"),
+    **dict.fromkeys(
+        ("mapping_type", "dict_type", "dataclass_type", "dataclass_exact_type", "model_type"),
+        "a table of keys and values",
+    ),
+    **dict.fromkeys(("float_type", "float_parsing", "finite_number"), "a number"),
+    **dict.fromkeys(
+        ("int_type", "int_parsing", "int_from_float", "int_parsing_size"), "a whole number"
+    ),
+    **dict.fromkeys(("bool_type", "bool_parsing"), "true or false"),
+    "string_type": "a name, or text",
+}
+"""What a value should be, by the kind of pydantic's error."""
+
+_LIMITS = {
+    "greater_than": ("more than {:g}", "gt"),
+    "greater_than_equal": ("{:g} or more", "ge"),
+    "less_than": ("less than {:g}", "lt"),
+    "less_than_equal": ("{:g} at most", "le"),
+    "string_too_long": ("text of {} letters at most", "max_length"),
+}
+
+
+def _shown(value: Any) -> str:
+    """Return a value as a file would have it, cut short."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, Mapping):
+        return "a table"
+    if isinstance(value, list | tuple):
+        return f"a list of {len(value)}"
+    text = f"'{value}'" if isinstance(value, str) else f"{value}"
+    return text if len(text) <= 40 else f"{text[:37]}..."
 
 
 def no_such_key(name: str) -> str:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import Ge, Gt, Le, MinLen
@@ -25,16 +26,25 @@ STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_.-]*$", max_length=80)]
 
 
-Count = Annotated[int, Gt(0), Le(int(FIGURES.largest))]
-Visits = Annotated[int, Gt(0), Le(FIGURES.visits)]
-Positive = Annotated[float, Ge(FIGURES.least), Le(FIGURES.largest)]
-Length = Annotated[float, Ge(FIGURES.least), Le(LIMITS.footprint)]
-Clearance = Annotated[float, Ge(0), Le(LIMITS.footprint)]
+def _number(value: Any) -> Any:
+    """Let no yes or no through as 1 or 0."""
+    if isinstance(value, bool):
+        word = "yes, on or true" if value else "no, off or false"
+        raise ValueError(f"should be a number, and is {word}")
+    return value
+
+
+NUMBER = BeforeValidator(_number)
+Count = Annotated[int, Gt(0), Le(int(FIGURES.largest)), NUMBER]
+Visits = Annotated[int, Gt(0), Le(FIGURES.visits), NUMBER]
+Positive = Annotated[float, Ge(FIGURES.least), Le(FIGURES.largest), NUMBER]
+Length = Annotated[float, Ge(FIGURES.least), Le(LIMITS.footprint), NUMBER]
+Clearance = Annotated[float, Ge(0), Le(LIMITS.footprint), NUMBER]
 Seconds = Positive
-Moment = Annotated[float, Ge(0), Le(FIGURES.largest)]
-Rate = Annotated[float, Ge(0), Le(FIGURES.largest)]
-Coordinate = Annotated[float, Ge(-LIMITS.farthest), Le(LIMITS.farthest)]
-Heading = Annotated[float, Ge(-LIMITS.turned), Le(LIMITS.turned)]
+Moment = Annotated[float, Ge(0), Le(FIGURES.largest), NUMBER]
+Rate = Annotated[float, Ge(0), Le(FIGURES.largest), NUMBER]
+Coordinate = Annotated[float, Ge(-LIMITS.farthest), Le(LIMITS.farthest), NUMBER]
+Heading = Annotated[float, Ge(-LIMITS.turned), Le(LIMITS.turned), NUMBER]
 Pose = tuple[Coordinate, Coordinate, Heading]
 Point = tuple[Coordinate, Coordinate]
 Window = tuple[Moment, Moment]
@@ -44,7 +54,9 @@ Polygon = Annotated[tuple[Point, ...], MinLen(3)]
 def _outline(value: Any) -> Any:
     """Let only one of the two forms through, so that errors are about that one."""
     if isinstance(value, list | tuple):
-        numbers = all(isinstance(v, int | float) and v > 0 for v in value)
+        numbers = all(
+            isinstance(v, int | float) and not isinstance(v, bool) and v > 0 for v in value
+        )
         corners = all(isinstance(v, list | tuple) and len(v) == 2 for v in value)
         if (numbers and len(value) == 2) or (corners and len(value) >= 3):
             return value
@@ -56,6 +68,15 @@ Outline = Annotated[
     BeforeValidator(_outline, json_schema_input_type=tuple[Length, Length] | Polygon),
 ]
 """``(length, width)`` of a rectangle around the reference point, or the corners of a polygon."""
+
+
+def corners_of(outline: Outline) -> list[tuple[float, float]]:
+    """Return the corners of a footprint, m."""
+    if len(outline) == 2 and not isinstance(outline[0], tuple):
+        length, width = outline
+        x, y = float(length) / 2, float(width) / 2  # type: ignore[arg-type]
+        return [(-x, -y), (x, -y), (x, y), (-x, y)]
+    return [(float(x), float(y)) for x, y in outline]  # type: ignore[misc]
 
 
 def _names(value: Any) -> Any:
@@ -137,7 +158,7 @@ class Place:
 
     __pydantic_config__ = STRICT
     pose: Pose
-    park: Annotated[int, Ge(0), Le(FIGURES.visits)] = 0
+    park: Annotated[int, Ge(0), Le(FIGURES.visits), NUMBER] = 0
     charger: Charger | None = None
 
 
@@ -245,7 +266,7 @@ class Order:
     skills: Names = ()
     robots: Names = ()
     after: Names = ()
-    priority: int = 0
+    priority: Annotated[int, NUMBER] = 0
     optional: bool = False
     penalty: Positive | None = None
 
@@ -282,7 +303,7 @@ class Task:
     after: Names = ()
     resources: Names = ()
     window: Window | None = None
-    priority: int = 0
+    priority: Annotated[int, NUMBER] = 0
     optional: bool = False
     penalty: Positive | None = None
 
@@ -319,3 +340,31 @@ class FleetRecords:
     def jobs(self) -> tuple[Order | Task, ...]:
         """All orders and tasks."""
         return (*self.orders, *self.tasks)
+
+    @cached_property
+    def order_of(self) -> Mapping[str, Order]:
+        """Orders by their ids."""
+        return {order.id: order for order in self.orders}
+
+    @cached_property
+    def task_of(self) -> Mapping[str, Task]:
+        """Tasks by their ids."""
+        return {task.id: task for task in self.tasks}
+
+    @cached_property
+    def bringers(self) -> Mapping[str, tuple[Order, ...]]:
+        """By task, the orders that bring parts to its machine."""
+        found: dict[str, tuple[Order, ...]] = {}
+        for order in self.orders:
+            if order.delivery.task is not None:
+                found[order.delivery.task] = (*found.get(order.delivery.task, ()), order)
+        return found
+
+    @cached_property
+    def takers(self) -> Mapping[str, tuple[Order, ...]]:
+        """By order, those that take its load on."""
+        found: dict[str, tuple[Order, ...]] = {}
+        for order in self.orders:
+            if isinstance(order.attached, str):
+                found[order.attached] = (*found.get(order.attached, ()), order)
+        return found

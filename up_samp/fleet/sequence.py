@@ -16,5 +16,5 @@ def earlier_than(records: FleetRecords, job: Order | Task) -> tuple[str, ...]:
         if job.pickup.task is not None:
             found.append(job.pickup.task)
     else:
-        found += [o.id for o in records.orders if o.delivery.task == job.id]
+        found += [o.id for o in records.bringers.get(job.id, ())]
     return tuple(dict.fromkeys(found))

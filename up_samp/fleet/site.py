@@ -22,8 +22,8 @@ from up_samp.fleet.crowds import Crowd
 from up_samp.fleet.faults import Fault, FleetError
 from up_samp.fleet.loads import MARK, ends_of, load_name, load_pose, loads_of, place_of, poses_of
 from up_samp.fleet.meanings import Meaning
-from up_samp.fleet.outlines import corners, movable
-from up_samp.fleet.records import FleetRecords, Outline, Pose, RobotType
+from up_samp.fleet.outlines import movable
+from up_samp.fleet.records import FleetRecords, Outline, Pose, RobotType, corners_of
 
 
 class Site:
@@ -130,7 +130,7 @@ class Site:
         self, name: str, outline: Outline, pose: ConfigurationObject, kind: str = "fixture"
     ) -> MovableObject:
         fixture = MovableObject(
-            name, MovableType(kind), footprint=corners(outline), motion_model=MotionModels.SE2
+            name, MovableType(kind), footprint=corners_of(outline), motion_model=MotionModels.SE2
         )
         self.problem.add_object(fixture)
         self.problem.set_initial_configuration(fixture, pose)

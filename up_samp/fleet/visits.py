@@ -110,7 +110,7 @@ class Successions:
 
     def __init__(self, records: FleetRecords, kind: RobotType) -> None:
         self._records = records
-        self._orders: Mapping[str, Order] = {o.id: o for o in records.orders}
+        self._orders = records.order_of
         self._after = {j.id: set(earlier_than(records, j)) for j in records.jobs}
         self._capacity = kind.capacity
 

@@ -157,10 +157,10 @@ class Work:
         if visit.role is Role.OPEN:
             return self._records.doors[visit.what].seconds, None, ()
         if visit.role is Role.TASK:
-            task = next(t for t in self._records.tasks if t.id == visit.what)
+            task = self._records.task_of[visit.what]
             assert task.duration is not None
             return task.duration, task.window, task.resources
-        order = next(o for o in self._records.orders if o.id == visit.what)
+        order = self._records.order_of[visit.what]
         stop: Stop = order.pickup if visit.role is Role.PICKUP else order.delivery
         return stop.service, stop.window, stop.resources
 

@@ -1,7 +1,7 @@
 """Where robots surely are when activities start: for proofs.
 
-:mod:`up_samp.search.stands` guesses, from a fluent that drives set to where they end. Here it is
-made sure that nothing else sets it, and that no drive fails to.
+:mod:`up_samp.search.stands` takes each fluent that tells where a robot is. Here it is made sure
+that no drive fails to set it, at its very end, and that it is right from the beginning.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from unified_planning.model.timing import Timing
 
 from up_samp.model.snapshot import Snapshot, TermKind
 from up_samp.search.stands import stand_told
+from up_samp.upio.whereabouts import whereabouts
 
 
 @dataclass(frozen=True)
@@ -74,12 +75,12 @@ def _surely_told(problem: SchedulingMotionProblem, snapshot: Snapshot) -> Mappin
                 else:
                     wild.add(effect.fluent.fluent().name)
     found: dict[FNode, str] = {}
-    for fluent, setters in setting.items():
-        for robot, ways in drives.items():
-            start = problem.initial_value(fluent)
-            here = start.is_object_exp() and start.object().name == snapshot.initial[robot]
-            if here and setters == ways and fluent.fluent().name not in wild:
-                found[fluent] = robot
+    for fluent, robot in whereabouts(problem).items():
+        start = problem.initial_value(fluent)
+        here = start.is_object_exp() and start.object().name == snapshot.initial[robot]
+        always = robot in drives and setting[fluent] == drives[robot]
+        if here and always and fluent.fluent().name not in wild:
+            found[fluent] = robot
     return found
 
 

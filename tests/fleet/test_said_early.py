@@ -1,0 +1,146 @@
+"""What is wrong with a problem file is told where it is written, in its words, before solving."""
+
+import copy
+
+import pytest
+import yaml
+
+from up_samp.fleet import Fleet, FleetError, read_problem_file
+from up_samp.fleet.checks import Level, check_fleet
+from up_samp.fleet.limits import FIGURES
+from up_samp.fleet.picture import draw_fleet
+from up_samp.fleet.starter import write_starter
+
+
+@pytest.fixture
+def site(tmp_path):
+    return write_starter(tmp_path)[0]
+
+
+def changed(site, old, new):
+    text = site.read_text()
+    assert old in text
+    site.write_text(text.replace(old, new))
+    return site
+
+
+WRONG = [
+    ("  home1: [", "  r1: [1, 1, 0]\n  home1: [", r"places\.r1: the name is taken by robots\.r1"),
+    ("[1.2, 0.8] ", "[[0, 0], [2, 2], [2, 0], [0, 2]] ", r"crosses itself at \(1, 1\)"),
+    ("[1.2, 0.8] ", "[[0, 0], [1, 0], [2, 0]] ", r"agv\.footprint: (has no area|touches)"),
+    ("leaf: [0.6, 3.8]", "leaf: [[0, 0], [2, 2], [2, 0], [0, 2]]", r"gate\.leaf: touches or cros"),
+    ("dockB: [", "dock B: [", r"places\.dock B: a name has letters.*'dock_B'\?"),
+    ("map: warehouse", "map: nowhere", r"problem\.yaml:\d+: map: .*'.*nowhere\.yaml' does not"),
+    ("shelf1: [25,", "shelf1: [yes,", r"shelf1\[0\]: should be a number, and is yes, on or true"),
+    ("shelf1: [25,", "shelf1: [25:30,", r"'25:30' is no number: .* base 60, as 1530"),
+    ("shelf1: [25,", "shelf1: [025,", r"'025' is no number: .* base 8, as 21"),
+    ("seconds: 2", "seconds: off", r"gate\.seconds: should be a number, and is no, off or false"),
+    ("start: home1", "start: no", r"should be a name, or text, and is no, .*quote a name"),
+    ("orders:\n", "zones:\n  z: {polygon: [[1, 1]], max_robots: 1}\norders:\n", "needs 3 or more"),
+    ("orders:\n", "orders: " + "[" * 40_000 + "\n", "nested more than 40 deep"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "said"), WRONG, ids=range(len(WRONG)))
+def test_wrong_files_are_told_by_line(site, old, new, said):
+    with pytest.raises(FleetError, match=said) as error:
+        read_problem_file(changed(site, old, new))
+    assert f"{site}:" in str(error.value)
+
+
+BAD = (True, None, -1, 1e12, 1.5, "x y", "25x", [], [1, 2], [[1, 2]], {}, {"a": 1}, 10**400)
+PYTHON = ("valid", "validation", "instance", "dictionary", "tuple", "Tuple", "parse", "Input")
+
+
+def test_messages_are_in_the_words_of_files(site):
+    """Every value of a file in turn is something else."""
+    good = yaml.safe_load(site.read_text())
+    good["zones"] = {"z": {"polygon": [[1, 1], [5, 1], [5, 5]], "max_robots": 2}}
+    good["tasks"] = [{"id": "t", "at": ["dockA"], "duration": 2}]
+    count = 0
+    for path in places(good):
+        for bad in BAD:
+            data = copy.deepcopy(good)
+            part = data
+            for key in path[:-1]:
+                part = part[key]
+            part[path[-1]] = bad
+            site.write_text(yaml.safe_dump(data))
+            try:
+                read_problem_file(site)
+            except FleetError as error:
+                count += 1
+                for fault in error.faults:
+                    assert not set(fault.what.split()) & set(PYTHON), (path, bad, fault.what)
+    assert count > 200
+
+
+def places(value, path=()):
+    if path and path[0] in ("zones", "tasks", "doors", "robot_types"):
+        yield path
+    for key, inner in value.items() if isinstance(value, dict) else enumerate(value):
+        if isinstance(inner, dict | list):
+            yield from places(inner, (*path, key))
+
+
+def told(site, level):
+    findings = check_fleet(read_problem_file(site), site.parent)
+    return [f for f in findings if f.level is level]
+
+
+def test_a_window_that_closes_before_the_shortest_drive(site):
+    (found,) = told(changed(site, "window: [0, 300]", "window: [0, 9]"), Level.ERROR)
+    assert found.subject == "o3"
+    assert "its delivery closes at 9 s; by the shortest drives" in found.what
+
+
+def test_an_end_where_somebody_stays(site):
+    changed(site, "start: home1, end: home1}", "start: home1}")
+    (found,) = told(changed(site, "start: home2, end: home2}", "start: home2, end: home1}"),
+                    Level.WARNING)  # fmt: skip
+    assert "'r1' stands at first, which has no end" in found.what
+    changed(site, "robots:\n", "robots:\n  r3: {type: agv, start: home3, end: home3}\n")
+    changed(site, "home2: [", "home3: [3, 8, 0]\n  home2: [")
+    only = site.read_text().replace("delivery: ", "robots: [r3], delivery: ")
+    site.write_text(only.replace("opened_from: button", "opened_from: home1"))
+    assert "'r1' stands at first" in told(site, Level.ERROR)[0].what
+
+
+def test_a_place_for_one_type_alone_is_a_warning_and_drawn(site):
+    changed(site, "robots:\n", "  big: {footprint: [3.5, 3.5]}\n\nrobots:\n")
+    changed(site, "r2: {type: agv", "r2: {type: big")
+    changed(site, "shelf1: [25, 4, 0]", "shelf1: [28.5, 4, 0]")
+    assert told(site, Level.ERROR) == []
+    findings = check_fleet(read_problem_file(site), site.parent)
+    assert ("shelf1", "big") in [(f.subject, f.type) for f in findings]
+    ax = draw_fleet(read_problem_file(site), site.parent, findings)
+    shapes = [p.get_path().get_extents() for p in ax.patches]
+    assert any((s.width, s.height) == pytest.approx((3.5, 3.5)) and s.x1 > 30 for s in shapes)
+    changed(site, "type: agv, start", "type: big, start")
+    assert "shelf1" in {f.subject for f in told(site, Level.ERROR)}
+
+
+def test_many_corners_are_refused_by_their_limit(site):
+    fleet = Fleet.from_file(site)
+    with pytest.raises(FleetError, match=f"the limit is {FIGURES.corners}: leave out"):
+        fleet.add_robot_type("round", [(k, k * k) for k in range(FIGURES.corners + 1)])
+
+
+def test_names_are_compared_across_kinds_as_they_are_added(site):
+    fleet = Fleet.from_file(site)
+    with pytest.raises(FleetError, match="the name is taken by robots"):
+        fleet.add_robot("dockA", "agv", "dockA")
+    assert "dockA" not in fleet.records.robots
+
+
+def test_long_chains_and_circles(site):
+    text = site.read_text()
+    head = text[: text.index("orders:")]
+    order = "  - {{id: o{0}, pickup: shelf1, delivery: dockA, after: [{1}]}}\n"
+    chain = [order.format(k, f"o{k + 1}") for k in range(1500)]
+    last = order.format(1500, "")
+    site.write_text(f"{head}orders:\n{''.join(chain)}{last}")
+    assert len(read_problem_file(site).orders) == 1501
+    site.write_text(f"{head}orders:\n{''.join(chain)}{last.replace('[]', '[o1499]')}")
+    with pytest.raises(FleetError, match=r"goes round in a circle: o1(499|500) after o1"):
+        read_problem_file(site)
