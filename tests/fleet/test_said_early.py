@@ -37,7 +37,7 @@ WRONG = [
     ("seconds: 2", "seconds: off", r"gate\.seconds: should be a number, and is no, off or false"),
     ("start: home1", "start: no", r"should be a name, or text, and is no, .*quote a name"),
     ("orders:\n", "zones:\n  z: {polygon: [[1, 1]], max_robots: 1}\norders:\n", "needs 3 or more"),
-    ("orders:\n", "orders: " + "[" * 40_000 + "\n", "nested more than 40 deep"),
+    ("orders:\n", "orders: " + "[" * 40_000 + "\n", "nested too deeply"),
 ]
 
 
