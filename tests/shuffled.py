@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import random
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
@@ -105,7 +105,7 @@ class Shuffled:
         return f"{name}#{place}" if place else name
 
 
-def shuffled(problem: SchedulingProblem, seed: int, *, rename: bool = True) -> Shuffled:
+def shuffled(problem: SchedulingProblem, seed: Hashable, *, rename: bool = True) -> Shuffled:
     """Return ``problem`` in the listing of a seed; names stay where not ``rename``."""
     return _Shuffler(problem, seed, rename).result()
 
@@ -113,7 +113,7 @@ def shuffled(problem: SchedulingProblem, seed: int, *, rename: bool = True) -> S
 class _Listing:
     """An order and names, by seed."""
 
-    def __init__(self, seed: int, rename: bool) -> None:
+    def __init__(self, seed: Hashable, rename: bool) -> None:
         self.rng = random.Random(f"listing {seed}")
         self.rename = rename
         self.told: Names = {}
@@ -140,7 +140,7 @@ class _Listing:
 class _Shuffler(_Listing):
     """Writes one problem again."""
 
-    def __init__(self, problem: SchedulingProblem, seed: int, rename: bool) -> None:
+    def __init__(self, problem: SchedulingProblem, seed: Hashable, rename: bool) -> None:
         super().__init__(seed, rename)
         self.old, self.env = problem, problem.environment
         self.made: dict[Any, Any] = {}
@@ -392,7 +392,7 @@ class ShuffledFleet:
     names: Names = field(default_factory=dict)
 
 
-def shuffled_fleet(records: FleetRecords, seed: int, *, rename: bool = True) -> ShuffledFleet:
+def shuffled_fleet(records: FleetRecords, seed: Hashable, *, rename: bool = True) -> ShuffledFleet:
     """Return a fleet's records in the listing of a seed; names stay where not ``rename``."""
     listing = _Listing(seed, rename)
     told = _record(listing, records)
