@@ -117,15 +117,7 @@ def wrong(seeds, of):
 
 @pytest.mark.parametrize("sort", SCHEDULES)
 def test_listings_of_schedules_agree(sort):
-    assert wrong(range(3), functools.partial(of_schedules, sort)) == {}
-
-
-def test_tasks_for_one_of_several_robots_are_not_for_each():
-    """However the activities that do a task are listed where one of them is asked for."""
-    for seed in (0, 1):
-        problem = write_schedule(dispatch(seed), TIGHT[0])
-        asked = [shuffled(problem, k) for k in range(4)]
-        assert in_one_meaning([schedule_answer(a, str(k)) for k, a in enumerate(asked)]) == []
+    assert wrong(range(2), functools.partial(of_schedules, sort)) == {}
 
 
 @pytest.mark.parametrize("name", INSTANCES[2:3])
@@ -133,24 +125,19 @@ def test_listings_of_an_instance_agree(name):
     assert of_motions(instance(name).build(), name, timeout=20.0) == []
 
 
-def test_listings_of_a_fleet_agree(tmp_path):
-    assert of_fleets(3, tmp_path, timeout=20.0) == []
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("block", range(5))
 @pytest.mark.parametrize("sort", SCHEDULES)
 def test_listings_of_many_schedules_agree(sort, block):
-    """2,600 listings."""
-    seeds = range(1000 + 65 * block, 1065 + 65 * block)
+    """2,680 listings; with those of the tests below 3,060."""
+    seeds = range(1000 + 67 * block, 1067 + 67 * block)
     assert wrong(seeds, functools.partial(of_schedules, sort)) == {}
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("encoding", ["lean", "fluents", "no-fluents"])
 @pytest.mark.parametrize("name", INSTANCES)
-def test_listings_of_instances_agree(name, encoding):
-    assert of_motions(instance(name).build(encoding), name, timeout=20.0, listings=2) == []
+def test_listings_of_instances_agree(name):
+    assert of_motions(instance(name).build(), name, timeout=20.0, listings=2) == []
 
 
 @pytest.mark.long

@@ -128,8 +128,13 @@ class Told:
         }
 
 
-def problems(folder):
-    yield from (random_problem(seed) for seed in range(15))
+@pytest.fixture(scope="module")
+def problems(tmp_path_factory):
+    return list(some_problems(tmp_path_factory.mktemp("maps")))
+
+
+def some_problems(folder):
+    yield from (random_problem(seed) for seed in range(12))
     yield from (random_routes(seed) for seed in range(4))
     yield from (build(wide_case(seed), folder) for seed in range(8))
     yield write(store(0, 1, 1), MotionStyle(at="parameter", moves="go"), folder)
@@ -153,8 +158,8 @@ def in_formation(problem):
     return problem
 
 
-def test_it_says_the_same(tmp_path):
-    for seed, problem in enumerate(problems(tmp_path)):
+def test_it_says_the_same(problems):
+    for seed, problem in enumerate(problems):
         other = shuffled(problem, seed)
         assert Told(other.problem, other.names).all() == Told(problem).all(), problem.name
         same = shuffled(problem, seed, rename=False)
@@ -203,10 +208,9 @@ def operands(problem):
             yield node.node_type, tuple(map(str, node.args))
 
 
-def test_it_lists_everything_in_another_order(tmp_path):
+def test_it_lists_everything_in_another_order(problems):
     changed, kinds = set(), set()
-    some = list(problems(tmp_path))
-    for seed, problem in enumerate([*some, *some[-1:] * 4]):
+    for seed, problem in enumerate([*problems, *problems[-1:] * 4]):
         other = shuffled(problem, seed, rename=False).problem
         after = dict(lists_of(other))
         changed |= {s.split()[0] for s, some in lists_of(problem) if after.get(s, some) != some}
@@ -220,8 +224,8 @@ def test_it_lists_everything_in_another_order(tmp_path):
     assert kinds == COMMUTATIVE - {Op.TIMES}
 
 
-def test_nothing_keeps_its_name(tmp_path):
-    for seed, problem in enumerate(problems(tmp_path)):
+def test_nothing_keeps_its_name(problems):
+    for seed, problem in enumerate(problems):
         other = shuffled(problem, seed)
         assert all(new != old for (_, new), old in other.names.items())
         names = [new for sort, new in other.names if sort != "parameter"]
@@ -231,13 +235,13 @@ def test_nothing_keeps_its_name(tmp_path):
 
 
 def test_it_has_the_same_optimum_by_brute_force():
-    for seed in range(100, 112):
+    for seed in range(100, 106):
         problem = random_problem(seed)
         best, other = (brute_force(p, HORIZON) for p in (problem, shuffled(problem, seed).problem))
         assert (best and best.value) == (other and other.value), seed
 
 
-@pytest.mark.parametrize("seed", [1, 12])
+@pytest.mark.parametrize("seed", [12])
 def test_plans_come_back(tmp_path, seed):
     problem = build(wide_case(seed), tmp_path)
     other = shuffled(problem, seed)
@@ -264,7 +268,7 @@ def fleet_names(data, sort, found):
 
 def test_fleets_say_the_same(tmp_path):
     changed, sorts = set(), set()
-    for seed in (3, 4, 8, 22, 30):
+    for seed in (3, 4, 8, 22):
         spec = fleet_of(seed, tmp_path).spec
         records = read_record(FleetRecords, {k: v for k, v in spec.items() if k != "walls"})
         other = shuffled_fleet(records, seed)
