@@ -128,7 +128,9 @@ class _Listing:
         """Return the other name of a thing."""
         if (sort, name) not in self.told:
             head = "".join(self.rng.choices("abmnxyzABMXYZ", k=self.rng.randint(1, 3)))
-            self.told[sort, name] = f"{head}{len(self.told)}" if self.rename else name
+            other = f"{head}{len(self.told)}"
+            other += "x" * (other == name)
+            self.told[sort, name] = other if self.rename else name
         return self.told[sort, name]
 
     def corners(self, outline: Any) -> Any:
