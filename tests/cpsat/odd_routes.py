@@ -22,6 +22,7 @@ from unified_planning.shortcuts import (
 )
 
 from cpsat.random_routes import RandomRoutes, begin, finish, present, whole
+from tests.shuffled import shuffled
 
 
 class OddRoutes(RandomRoutes):
@@ -170,4 +171,4 @@ class OddRoutes(RandomRoutes):
 
 def odd_routes(seed):
     """Return the problem of a seed."""
-    return OddRoutes(seed).p
+    return shuffled(OddRoutes(seed).p, seed).problem

@@ -25,6 +25,8 @@ from unified_planning.model.metrics import (
 from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.shortcuts import get_environment
 
+from tests.shuffled import shuffled
+
 HORIZON = 5
 _INTERVALS = [ClosedTimeInterval, OpenTimeInterval, LeftOpenTimeInterval, RightOpenTimeInterval]
 
@@ -336,4 +338,4 @@ class Maker:
 
 def random_problem(seed: int) -> SchedulingProblem:
     """Return the problem of a seed; all activities end by ``HORIZON``."""
-    return Maker(seed).make()
+    return shuffled(Maker(seed).make(), seed).problem

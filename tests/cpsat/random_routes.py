@@ -36,6 +36,8 @@ from unified_planning.shortcuts import (
     UserType,
 )
 
+from tests.shuffled import shuffled
+
 
 def whole(a):
     return ClosedTimeInterval(Timing(0, a.start), Timing(0, a.end))
@@ -373,7 +375,7 @@ def random_routes(
     drawn = RandomRoutes(seed, touching=touching)
     for t in drawn.travellers if batteries else ():
         add_battery(drawn, t, random.Random(seed + (3 + t) * 10**6))
-    return drawn.p
+    return shuffled(drawn.p, seed).problem
 
 
 def add_battery(drawn: RandomRoutes, t: int, r: random.Random) -> None:

@@ -108,3 +108,13 @@ def small(seed: int) -> Site:
     visits = {r: rng.choice(places) for r in range(len(starts)) if rng.random() < 0.4}
     helped = [replace(task, helped=rng.random() < 0.2) for task in tasks]
     return Site(starts, roads, tuple(helped), doors, home, visits=visits)
+
+
+def dispatch(seed: int) -> Site:
+    """Return tasks apart from each other, each for one of several robots that all might do it."""
+    rng = random.Random(f"dispatch {seed}")
+    robots, tasks = rng.choice([2, 2, 3]), rng.choice([2, 2, 3])
+    spots = [(rng.randint(0, 20), rng.randint(0, 20)) for _ in range(robots + tasks)]
+    roads = {pair: _length(spots, *pair) for pair in itertools.permutations(range(len(spots)), 2)}
+    visited = tuple(Task((robots + t,), rng.randint(1, 3)) for t in range(tasks))
+    return Site(tuple(range(robots)), roads, visited, home=rng.random() < 0.5)

@@ -59,7 +59,7 @@ class Still(Writer):
         }
 
     def _road(self, r, a, b, length):
-        m = self.problem.add_activity(self.name(f"move{a}to{b}by", r), length, optional=True)
+        m = self.problem.add_activity(f"move{a}to{b}by{r}", length, optional=True)
         if self.style.lasts == "bounds":
             m.set_duration_bounds(length, length + 7)
         for door in self.open.values():
@@ -73,7 +73,7 @@ class Still(Writer):
         return m
 
     def _opening(self, r, p):
-        a = self.problem.add_activity(self.name(f"open{p}by", r), 1, optional=True)
+        a = self.problem.add_activity(f"open{p}by{r}", 1, optional=True)
         delay = 0 if self.style.arrive == "end" else -1
         a.add_effect(Timing(delay, a.end), self.open[p](), self.ajar)
         return a

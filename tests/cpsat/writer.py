@@ -31,11 +31,17 @@ from unified_planning.shortcuts import (
 from cpsat.one_at_a_time import OneAtATime
 from cpsat.sites import Site
 from cpsat.styles import Style
+from tests.shuffled import shuffled
 
 
 def write(site: Site, style: Style) -> SchedulingProblem:
     """Return a site written in a style."""
-    return Writer(site, style).problem
+    return listed(Writer(site, style).problem, style)
+
+
+def listed(problem: SchedulingProblem, style: Style) -> SchedulingProblem:
+    """Return a problem in the listing that its style says."""
+    return shuffled(problem, style.shuffled).problem if style.shuffled else problem
 
 
 class Writer(OneAtATime):
@@ -43,7 +49,6 @@ class Writer(OneAtATime):
 
     def __init__(self, site: Site, style: Style) -> None:
         self.site, self.style = site, style
-        self.rng = random.Random(style.shuffled)
         self.luck = random.Random(style.spoiled)
         self.robots = range(len(site.starts))
         self.problem = self._begin()
@@ -52,8 +57,9 @@ class Writer(OneAtATime):
         self.holds = 0
         self.moves, self.works, self.openings = [], [], []
         self.ends = {}
-        for make in self.shuffle([self._all_moves, self._all_tasks, self._all_openings]):
-            make()
+        self._all_moves()
+        self._all_tasks()
+        self._all_openings()
         self._where()
         for r in self.robots:
             self._alone([a for q, a, *_ in self._doings() if q == r], style.alone)
@@ -75,9 +81,8 @@ class Writer(OneAtATime):
         """Return the problem with its places (``spots``) and robots (``bodies``)."""
         problem = SchedulingProblem(f"site in style: {self.style}")
         self.spot, self.robot = UserType("spot"), UserType("robot")
-        places = self.shuffle(self.site.places)
-        self.spots = {p: problem.add_object(self.name("p", p), self.spot) for p in places}
-        self.bodies = [problem.add_object(self.name("r", r), self.robot) for r in self.robots]
+        self.spots = {p: problem.add_object(f"p{p}", self.spot) for p in self.site.places}
+        self.bodies = [problem.add_object(f"r{r}", self.robot) for r in self.robots]
         if self.style.way == "road":
             self.roads = [problem.add_object(f"road{r}", self.spot) for r in self.robots]
         return problem
@@ -91,7 +96,7 @@ class Writer(OneAtATime):
 
     def _road(self, r, a, b, length):
         """Return the move of a robot along a road."""
-        m = self.problem.add_activity(self.name(f"move{a}to{b}by", r), length, optional=True)
+        m = self.problem.add_activity(f"move{a}to{b}by{r}", length, optional=True)
         if self.style.lasts == "bounds":
             m.set_duration_bounds(length, length + 7)
         if b in self.open:
@@ -102,7 +107,7 @@ class Writer(OneAtATime):
 
     def _opening(self, r, p):
         """Return how a robot opens a door."""
-        a = self.problem.add_activity(self.name(f"open{p}by", r), 1, optional=True)
+        a = self.problem.add_activity(f"open{p}by{r}", 1, optional=True)
         delay = 0 if self.style.arrive == "end" else -1
         a.add_effect(Timing(delay, a.end), self.open[p](), True)
         return a
@@ -114,27 +119,13 @@ class Writer(OneAtATime):
     def _finish(self):
         """State what else is asked for."""
 
-    def name(self, kind, number):
-        """Return the name of a thing; shuffled styles have other ones, in another order."""
-        return (
-            f"{kind}{number}"
-            if not self.style.shuffled
-            else f"{'zyxwvut'[number % 7]}{kind}{number}"
-        )
-
     def kept(self):
         """Return whether a part of a pattern is written (it always is in a style not spoiled)."""
         return not self.style.spoiled or self.luck.random() < 0.9
 
-    def shuffle(self, things):
-        things = list(things)
-        if self.style.shuffled:
-            self.rng.shuffle(things)
-        return things
-
     def _doings(self):
         moves = [(r, a) for r, a, *_ in self.moves]
-        return self.shuffle([*moves, *((r, a) for r, a, _ in [*self.works, *self.openings])])
+        return [*moves, *((r, a) for r, a, _ in [*self.works, *self.openings])]
 
     def _same_task(self):
         return {a.name: t for _, a, t in self.works}
@@ -155,8 +146,8 @@ class Writer(OneAtATime):
         return []
 
     def _all_moves(self):
-        for r in self.shuffle(self.robots):
-            roads = dict(self.shuffle(self.site.ways(r)))
+        for r in self.robots:
+            roads = dict(self.site.ways(r))
             if self.style.moves == "each":
                 for (a, b), length in roads.items():
                     self.moves.append((r, self._road(r, a, b, length), a, b))
@@ -171,7 +162,7 @@ class Writer(OneAtATime):
         some = []
         for copy in range(len(roads)):
             m = self._guide(r, origin, roads, copy)
-            m.add_constraint(Or([self._takes(m, a, b) for a, b in self.shuffle(roads)]))
+            m.add_constraint(Or([self._takes(m, a, b) for a, b in roads]))
             for other in some:
                 same = [And(self._takes(m, *w), self._takes(other, *w)) for w in roads]
                 both = [m.present, other.present]
@@ -183,7 +174,7 @@ class Writer(OneAtATime):
     def _guide(self, r, origin, roads, copy):
         """Return a move of a robot along one of some roads."""
         name = "go" if origin is None else f"leave{origin}"
-        m = self.problem.add_activity(self.name(f"{name}copy{copy}by", r), 1, optional=True)
+        m = self.problem.add_activity(f"{name}copy{copy}by{r}", 1, optional=True)
         more = 7 if self.style.lasts == "bounds" else 0
         m.set_duration_bounds(min(roads.values()), max(roads.values()) + more)
         self._decide(m, origin)
@@ -222,16 +213,14 @@ class Writer(OneAtATime):
         return found
 
     def _all_tasks(self):
-        for t, task in self.shuffle(enumerate(self.site.tasks)):
-            for r in self.shuffle(self._able(t)):
-                a = self.problem.add_activity(
-                    self.name(f"task{t}by", r), task.length, optional=True
-                )
+        for t, task in enumerate(self.site.tasks):
+            for r in self._able(t):
+                a = self.problem.add_activity(f"task{t}by{r}", task.length, optional=True)
                 self.works.append((r, a, t))
 
     def _all_openings(self):
-        for p in self.shuffle(self.site.doors):
-            for r in self.shuffle(self.robots):
+        for p in self.site.doors:
+            for r in self.robots:
                 self.openings.append((r, self._opening(r, p), p))
 
     # -- where robots are ------------------------------------------------------------------------
@@ -259,7 +248,7 @@ class Writer(OneAtATime):
             if self.style.way == "road" and int(m.duration.lower.constant_value()) > 1:
                 m.add_effect(m.start, self.at[r], self.roads[r])
         for r, a, places in self._needs():
-            options = [Equals(self.at[r], self.spots[p]) for p in self.shuffle(places)]
+            options = [Equals(self.at[r], self.spots[p]) for p in places]
             moves = any(a is m for _, m, *_ in self.moves)
             a.add_condition(self._span(a, moves), options[0] if len(options) == 1 else Or(options))
         if self.site.home:
@@ -293,7 +282,7 @@ class Writer(OneAtATime):
     def _helped(self, r, a, places):
         """Return that some move to one of ``places`` was the last one before ``a``."""
         options = []
-        for q, h, _, b in self.shuffle(self.moves):
+        for q, h, _, b in self.moves:
             if q == r and b in places and h is not a:
                 undone = [
                     Implies(m.present, Or(LE(m.end, h.start), GE(m.start, a.end)))
@@ -330,7 +319,7 @@ class Writer(OneAtATime):
     def _exactly_one(self, t):
         if self.site.tasks[t].helped:
             length = self.site.tasks[t].length
-            helper = self.problem.add_activity(self.name("help", t), length, optional=True)
+            helper = self.problem.add_activity(f"help{t}", length, optional=True)
             self.works.append((len(self.robots), helper, t))
         ways, how = self._ways(t), self.style.one_of
         if how == "variables":

@@ -12,6 +12,7 @@ from shapely.geometry import Polygon
 
 from tests.fleet.physics import Physics
 from tests.fleet.witness import NoWitnessError, fleet_of
+from tests.shuffled import shuffled_fleet
 from up_samp.fleet.batteries import tell_levels
 from up_samp.fleet.build import write_problem
 from up_samp.fleet.reading import read_record
@@ -27,6 +28,7 @@ def told(seed, folder, timeout=20.0):
     except NoWitnessError:
         return None
     records = read_record(FleetRecords, {k: v for k, v in made.spec.items() if k != "walls"})
+    records = shuffled_fleet(records, seed, rename=False).records
     written, unit = write_problem(records, folder), records.seconds_per_unit
     params = {"seconds_per_unit": unit, "optimal": seed % 3 == 0}
     result = solve_problem(

@@ -18,6 +18,7 @@ from unified_planning.shortcuts import GE, LE, And, Equals, Implies, Not, Or, Pl
 
 from tests.fuzz.cases import Case, Load, Robot, limited, random_case
 from tests.fuzz.scene import Scene
+from tests.shuffled import shuffled
 
 SECONDS = 2.0
 """Seconds per unit."""
@@ -197,8 +198,9 @@ class Writer(Scene):
 
 
 def build(case: Case, folder):
-    """Return the UP problem of a case; its map is written into ``folder``."""
-    return Writer(case, case.floor.write(folder)).write()
+    """Return the UP problem of a case, in a listing of its own; its map goes into ``folder``."""
+    problem = Writer(case, case.floor.write(folder)).write()
+    return shuffled(problem, (case.seed, case.limit)).problem
 
 
 __all__ = ["SECONDS", "Case", "build", "limited", "random_case"]

@@ -1,10 +1,11 @@
-"""Solve one site in several styles, and tell where the answers contradict each other."""
+"""Solve what is said in several ways, and tell where the answers contradict each other."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from unified_planning.engines import PlanGenerationResultStatus as Status
@@ -12,6 +13,7 @@ from unified_planning.shortcuts import OneshotPlanner
 
 from tests.metamorphic.motions import MotionStyle, write
 from tests.metamorphic.sites import MotionSite
+from tests.shuffled import Shuffled
 from up_samp.validation import validate_plan
 
 
@@ -23,7 +25,7 @@ class Answer:
     threads, which other work on the machine hardly changes.
     """
 
-    style: MotionStyle
+    style: MotionStyle | str
     status: Status
     makespan: int | None
     bound: int
@@ -38,6 +40,21 @@ def answer(
 ) -> Answer:
     """Solve a site in a style, to optimality where time allows."""
     problem = write(site, style, folder)
+    return answer_to(problem, style, partial(validate_plan, problem), timeout=timeout, **params)
+
+
+def answer_in(told: Shuffled, listing: str, *, timeout: float, **params) -> Answer:
+    """Solve a problem in another listing; its plan is judged by the original."""
+    unit = params.get("seconds_per_unit", 1.0)
+
+    def judge(plan):
+        return validate_plan(told.original, told.back(plan), seconds_per_unit=unit)
+
+    return answer_to(told.problem, listing, judge, timeout=timeout, **params)
+
+
+def answer_to(problem, style: MotionStyle | str, judge, *, timeout: float, **params) -> Answer:
+    """Solve a problem, whose plans the validator judges by ``judge``."""
     began, first = time.process_time(), []
 
     def watch(event) -> None:
@@ -51,7 +68,7 @@ def answer(
     metrics = result.metrics or {}
     refused = ""
     if result.plan is not None:
-        verdict = validate_plan(problem, result.plan)
+        verdict = judge(result.plan)
         refused = "" if verdict.valid else str(verdict)
     return Answer(
         style,
@@ -71,24 +88,22 @@ def contradictions(answers: Iterable[Answer]) -> list[str]:
     Styles of equal ``units`` mean the same: no lower bound of one may be above a plan's makespan of
     another, and what is unsolvable in one has no plan in another.
     """
-    found, by_meaning = [], {}
+    by_meaning = {}
     for a in answers:
         by_meaning.setdefault(a.style.units, []).append(a)
-        if a.refused:
-            found.append(f"{a.style}: {a.refused}")
-        if a.status in (Status.INTERNAL_ERROR, Status.UNSUPPORTED_PROBLEM):
-            found.append(f"{a.style}: {a.status.name}: {a.why}")
-    for some in by_meaning.values():
-        found += _in_one_meaning(some)
-    return found
+    return [text for some in by_meaning.values() for text in in_one_meaning(some)]
 
 
-def _in_one_meaning(answers: Sequence[Answer]) -> list[str]:
+def in_one_meaning(answers: Sequence[Answer]) -> list[str]:
+    """Return what cannot be true of answers to one problem, as texts."""
+    found = [f"{a.style}: {a.refused}" for a in answers if a.refused]
+    failed = (Status.INTERNAL_ERROR, Status.UNSUPPORTED_PROBLEM)
+    found += [f"{a.style}: {a.status.name}: {a.why}" for a in answers if a.status in failed]
     plans = [a for a in answers if a.makespan is not None]
     if not plans:
-        return []
+        return found
     best = min(plans, key=lambda a: a.makespan)
-    found = [
+    found += [
         f"{a.style}: {a.bound} is the least, but in style {best.style} there is {best.makespan}"
         for a in answers
         if a.bound > best.makespan

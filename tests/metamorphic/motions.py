@@ -31,8 +31,8 @@ from unified_planning.shortcuts import (
     Plus,
 )
 
-from tests.cpsat.styles import Style
-from tests.cpsat.writer import Writer
+from tests.cpsat.styles import Style, numbered
+from tests.cpsat.writer import Writer, listed
 from tests.metamorphic.sites import GAP, PREPARE, ROBOT, MotionSite
 
 LEAF = GAP / 2 + 0.1
@@ -76,7 +76,7 @@ class MotionStyle(Style):
 
 
 M = MotionStyle
-ALIKE = [
+ALIKE = numbered([
     M(),
     M(origin="until end"),
     M(lasts="bounds", obstacles="lists"),
@@ -92,32 +92,34 @@ ALIKE = [
         fluents="precedences", alone="uses", one_of="nested", order="inside", machine="uses",
         obstacles="lists", team="presences", hands="pairs",
     ),
-    M(shuffled=1),
-    M(fluents="precedences", shuffled=2, lasts="bounds", obstacles="lists", hands="pairs"),
-    M(fluents="parameter", shuffled=3, obstacles="mixed", alone="level", one_of="inside"),
+    M(),
+    M(fluents="precedences", lasts="bounds", obstacles="lists", hands="pairs"),
+    M(fluents="parameter", obstacles="mixed", alone="level", one_of="inside"),
     M(fluents="precedences", rivals="leaving", obstacles="lists", hands="pairs"),
     M(moves="leave"),
-    M(moves="leave", alone="uses", obstacles="lists", shuffled=6),
-]  # fmt: skip
+    M(moves="leave", alone="uses", obstacles="lists"),
+])  # fmt: skip
 """Styles that mean the same, unit by unit."""
-OTHERS = [
-    M(arrive="end", alone="strictly", machine="strictly", origin="whole"),
-    M(arrive="end", alone="strictly", machine="busy", fluents="parameter", shuffled=4),
-    M(arrive="end", alone="strictly", machine="strictly", obstacles="lists", origin="whole"),
-    M(arrive="end", alone="busy", machine="held", obstacles="mixed"),
-    M(alone="busy", machine="busy", order="inside", one_of="nested"),
-    M(alone="held", machine="held", fluents="parameter", obstacles="lists"),
-    M(alone="busy", machine="held", fluents="precedences", obstacles="lists", hands="pairs"),
-    M(obstacles="none"),
-    M(obstacles="moving", alone="uses", one_of="nested", shuffled=5),
-    M(obstacles="none", fluents="precedences", hands="pairs"),
-    M(obstacles="asymmetric"),
-    M(obstacles="asymmetric", alone="implies", one_of="nested", shuffled=7),
-    M(obstacles="asymmetric", fluents="precedences", hands="pairs"),
-    M(lasts="long"),
-    M(lasts="long", arrive="start + d", alone="uses"),
-    M(lasts="long", way="road", obstacles="lists"),
-]
+OTHERS = numbered(
+    [
+        M(arrive="end", alone="strictly", machine="strictly", origin="whole"),
+        M(arrive="end", alone="strictly", machine="busy", fluents="parameter"),
+        M(arrive="end", alone="strictly", machine="strictly", obstacles="lists", origin="whole"),
+        M(arrive="end", alone="busy", machine="held", obstacles="mixed"),
+        M(alone="busy", machine="busy", order="inside", one_of="nested"),
+        M(alone="held", machine="held", fluents="parameter", obstacles="lists"),
+        M(alone="busy", machine="held", fluents="precedences", obstacles="lists", hands="pairs"),
+        M(obstacles="none"),
+        M(obstacles="moving", alone="uses", one_of="nested"),
+        M(obstacles="none", fluents="precedences", hands="pairs"),
+        M(obstacles="asymmetric"),
+        M(obstacles="asymmetric", alone="implies", one_of="nested"),
+        M(obstacles="asymmetric", fluents="precedences", hands="pairs"),
+        M(lasts="long"),
+        M(lasts="long", arrive="start + d", alone="uses"),
+        M(lasts="long", way="road", obstacles="lists"),
+    ]
+)
 """Styles with meanings of their own: those of equal ``units`` mean the same."""
 
 
@@ -126,7 +128,7 @@ LASTS = {"fixed": (1, LONGEST), "bounds": (2, 99), "long": (LONG, LONG)}
 
 def write(site: MotionSite, style: MotionStyle, folder) -> SchedulingMotionProblem:
     """Return a site written in a style; its map goes into ``folder``."""
-    return MotionWriter(site, style, folder).problem
+    return listed(MotionWriter(site, style, folder).problem, style)
 
 
 class MotionWriter(Writer):
@@ -152,11 +154,11 @@ class MotionWriter(Writer):
             problem.add_object(found)
             return found
 
-        for p in self.shuffle(self.site.places):
-            self.spots[p] = place(self.name("p", p), self.site.floor.poses[p])
+        for p in self.site.places:
+            self.spots[p] = place(f"p{p}", self.site.floor.poses[p])
         for r in self.robots:
             body = MovableObject(
-                self.name("r", r),
+                f"r{r}",
                 self.robot,
                 footprint=list(ROBOT),
                 motion_model=MotionModels.SE2,
@@ -171,7 +173,7 @@ class MotionWriter(Writer):
         self.doors = {}
         for p, (shut, away) in self.site.floor.leaves.items():
             leaf = MovableObject(
-                self.name("d", abs(p)),
+                f"d{abs(p)}",
                 self.leaf,
                 footprint=[(-LEAF, -0.1), (LEAF, -0.1), (LEAF, 0.1), (-LEAF, 0.1)],
                 motion_model=MotionModels.SE2,
@@ -200,7 +202,7 @@ class MotionWriter(Writer):
 
     # -- motions ---------------------------------------------------------------------------------
     def _road(self, r, a, b, length):
-        m = self.problem.add_motion_activity(self.name(f"move{a}to{b}by", r), 1, optional=True)
+        m = self.problem.add_motion_activity(f"move{a}to{b}by{r}", 1, optional=True)
         m.set_duration_bounds(*LASTS[self.style.lasts])
         static, dynamic = self._obstacles(r)
         m.add_motion_constraint(
@@ -211,7 +213,7 @@ class MotionWriter(Writer):
 
     def _guide(self, r, origin, roads, copy):
         name = "go" if origin is None else f"leave{origin}"
-        m = self.problem.add_motion_activity(self.name(f"{name}copy{copy}by", r), 1, optional=True)
+        m = self.problem.add_motion_activity(f"{name}copy{copy}by{r}", 1, optional=True)
         m.set_duration_bounds(*LASTS[self.style.lasts])
         self._decide(m, origin)
         source, to = self.ends[m.name]
@@ -225,7 +227,7 @@ class MotionWriter(Writer):
         """Return the static and the dynamic obstacles of a robot's moves."""
         how = self.style.obstacles
         leaves = {p: leaf for p, (leaf, _, _) in self.doors.items()}
-        others = [q for q in self.shuffle(self.robots) if q != r]
+        others = [q for q in self.robots if q != r]
         if how == "none":
             return None, None
         if how == "moving":
@@ -240,7 +242,7 @@ class MotionWriter(Writer):
         return static, {self.bodies[q]: self.at[q] for q in others}
 
     def _opening(self, r, p):
-        a = self.problem.add_motion_activity(self.name(f"open{abs(p)}by", r), 1, optional=True)
+        a = self.problem.add_motion_activity(f"open{abs(p)}by{r}", 1, optional=True)
         leaf, _, away = self.doors[p]
         a.add_motion_effect(leaf, away)
         if p in self.open:

@@ -37,7 +37,7 @@ def structures(site: MotionSite, style: MotionStyle, folder) -> Structures:
         write(site, style, folder),
         wrapped,
         Parameters(),
-        Deadline.after(60.0),
+        Deadline.after(600.0),
         check_plan=lambda *_: [],
     )
     state_what_is_known(search)

@@ -28,6 +28,7 @@ from unified_planning.model.motion import (
 from unified_planning.model.timing import TimePointInterval
 from unified_planning.shortcuts import Equals, Implies, Object, Or
 
+from tests.shuffled import shuffled
 from tests.soundness.worlds import BOX, DOOR, LEFT, PLACES, RIGHT
 
 NAMED = "name_of_{}"
@@ -252,7 +253,7 @@ class _Builder:
             if release:
                 activity.add_release_date(release)
         problem.add_quality_metric(MinimizeMakespan())
-        return problem
+        return shuffled(problem, world.seed, rename=False).problem
 
     def _add(self, name, place, shape, **keywords) -> None:
         types = self.problem.environment.type_manager

@@ -29,6 +29,8 @@ from unified_planning.model.motion import (
 )
 from unified_planning.shortcuts import LT, Or
 
+from tests.shuffled import shuffled
+
 SECONDS = 5.0
 """Seconds per unit."""
 RESOLUTION = 0.1
@@ -286,7 +288,7 @@ def build(world, map_file, *, pack=PACK):
     for x, y in world.either:
         problem.add_constraint(Or(built[x].present, built[y].present))
     problem.add_quality_metric(MinimizeMakespan())
-    return problem
+    return shuffled(problem, world.seed, rename=False).problem
 
 
 def _add_pack(problem, world, kind, movable, places, outline):
