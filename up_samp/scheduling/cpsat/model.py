@@ -14,7 +14,7 @@ from up_samp.scheduling.cpsat.draft import ModelDraft
 from up_samp.scheduling.cpsat.encode.alternatives import find_groups, merge_forms
 from up_samp.scheduling.cpsat.encode.domains import domains
 from up_samp.scheduling.cpsat.encode.durations import constant_bounds
-from up_samp.scheduling.cpsat.encode.forms import TRUE, Form, Lin, constant, disjunction
+from up_samp.scheduling.cpsat.encode.forms import TRUE, Form, Lin, Literal, constant, disjunction
 from up_samp.scheduling.cpsat.encode.histories import find_histories
 from up_samp.scheduling.cpsat.encode.horizon import Horizon
 from up_samp.scheduling.cpsat.encode.limits import LIMITS
@@ -90,8 +90,7 @@ class ScheduleModel:
         self.horizon.timepoint(self.world.makespan)
         self.states = States(self.world, problem, constant(0))
         groups = find_groups(form.parts, form.presences)
-        leaders = {name: g.names[0] for g in groups for name in g.names}
-        self.variables = Variables(self.world, self.states, self.horizon, form.presences, leaders)
+        self.variables = Variables(self.world, self.states, self.horizon, form.presences, groups)
         for activity in self._in_time(form.parts.activities):
             self.variables.add_activity(activity)
         self.exact = self.disjunctions.take_alternatives(groups, self.world.activities, self.store)
@@ -99,6 +98,18 @@ class ScheduleModel:
         draft = ModelDraft(form)
         for _, state in FAMILIES:
             state(self, draft)
+
+    def surely(self, presences: Iterable[Literal]) -> bool:
+        """Return whether one of some activities is there in every schedule: this is where to ask.
+
+        They are all that may be there of an exact group, or one of them always is; to be a member
+        of such a group alone says nothing.
+        """
+        some = set(presences)
+        return TRUE in some or any(
+            all(p in some or self.store.never(p) for p in self.exact[mine])
+            for mine in some & self.exact.keys()
+        )
 
     @property
     def parameters(self) -> dict[str, tuple[int, Any, str | None]]:
