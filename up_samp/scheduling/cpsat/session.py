@@ -36,6 +36,7 @@ class CpsatSession:
     :param effort: limit of one :meth:`solve` in CP-SAT's deterministic time (0.1 may take a
         second): unlike a deadline, it ends the same way on every machine (``None``: no limit).
     :param tuning: sizes, efforts and shares of its stages (``None``: the defaults).
+    :param plain: recognise nothing in the problem. It takes longer, and rests on less.
     """
 
     def __init__(
@@ -46,8 +47,10 @@ class CpsatSession:
         workers: int | None = None,
         effort: float | None = None,
         tuning: CpsatTuning | None = None,
+        plain: bool = False,
     ) -> None:
         self.problem = problem
+        self.plain = plain
         self.settings = SolverRun(seed, workers or os.cpu_count() or 1)
         self.effort = effort
         self.tuning = tuning or CpsatTuning()
@@ -139,7 +142,7 @@ class CpsatSession:
             return grown
         self.rebuilds += 1
         self._model = None
-        self._model = ScheduleModel(self.problem, deadline=deadline)
+        self._model = ScheduleModel(self.problem, deadline=deadline, plain=self.plain)
         return self._model
 
     def _report(self, search: Attempts, seconds: float) -> ScheduleReport:
