@@ -192,7 +192,9 @@ class FleetWriter(OneAtATime):
     def _exactly_one(self, some):
         how, said = self.fleet.one_of, [a.present for a in some]
         if how == "variables":
-            said = [self.problem.add_variable(f"{self.names.pop()}_chosen", BoolType()) for _ in some]
+            said = [
+                self.problem.add_variable(f"{self.names.pop()}_chosen", BoolType()) for _ in some
+            ]
             pairs = self.listed(zip(said, some, strict=True))
             for variable, a in pairs:
                 self.problem.add_constraint(Iff(*self.listed([variable, a.present])))

@@ -45,6 +45,7 @@ def schedule_plainly(
         seed=engine.params.seed,
         check=_check,
         environment=problem.environment,
+        doubts=True,
     )
     try:
         hint = None if start is None else start_of(plain, start)
@@ -86,4 +87,7 @@ def _to_result(engine: Any, problem: Any, report: ScheduleReport) -> PlanGenerat
         metrics["makespan"] = str(report.schedule.makespan)
     level = LogLevel.ERROR if report.status is ScheduleStatus.ERROR else LogLevel.INFO
     messages = [LogMessage(level, message)] if message else []
+    if report.refuted:
+        metrics["refuted"] = report.refuted
+        messages.append(LogMessage(LogLevel.ERROR, report.refuted))
     return PlanGenerationResult(status, plan, engine.name, metrics, messages)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import threading
 from dataclasses import replace
@@ -11,6 +12,7 @@ from unified_planning.model.scheduling import SchedulingProblem
 from up_samp.model import CandidateSchedule, Deadline, ScheduleReport, ScheduleStatus
 from up_samp.model.deadline import in_force
 from up_samp.model.errors import OutOfTimeError
+from up_samp.scheduling.cpsat.doubt import refuted_by, sooner
 from up_samp.scheduling.cpsat.explain import Explanation, explain
 from up_samp.scheduling.cpsat.growth import can_grow, only_tightened
 from up_samp.scheduling.cpsat.model import ScheduleModel
@@ -20,6 +22,8 @@ from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders, Progress
 from up_samp.scheduling.cpsat.solve.runner import SolverRun
 from up_samp.scheduling.cpsat.solve.strategy import Solve, solve
 from up_samp.scheduling.cpsat.tuning import CpsatTuning
+
+log = logging.getLogger(__name__)
 
 
 class CpsatSession:
@@ -37,6 +41,8 @@ class CpsatSession:
         second): unlike a deadline, it ends the same way on every machine (``None``: no limit).
     :param tuning: sizes, efforts and shares of its stages (``None``: the defaults).
     :param plain: recognise nothing in the problem. It takes longer, and rests on less.
+    :param doubts: doubt what rests on what was recognised before it is told; what is refuted is
+        told as an error of ours, and the answer is one with nothing recognised.
     """
 
     def __init__(
@@ -48,9 +54,11 @@ class CpsatSession:
         effort: float | None = None,
         tuning: CpsatTuning | None = None,
         plain: bool = False,
+        doubts: bool = False,
     ) -> None:
         self.problem = problem
         self.plain = plain
+        self.doubts = doubts
         self.settings = SolverRun(seed, workers or os.cpu_count() or 1)
         self.effort = effort
         self.tuning = tuning or CpsatTuning()
@@ -121,8 +129,35 @@ class CpsatSession:
         if search.routes is not None:
             self.explanation = explain(model, search.routes)
         report = self._report(whole, deadline.elapsed() - started)
+        refuted = self._refuted(report, deadline) if self.doubts and not self.plain else ""
+        if refuted:
+            log.error("%s", refuted)
+            self.recognise_nothing()
+            again = self.solve(deadline, optimal=optimal, hint=hint, on_solution=on_solution)
+            return replace(again, refuted=refuted)
         told = self.explanation
         return replace(report, recognised=told.recognised, left_over=told.left_over)
+
+    def recognise_nothing(self) -> None:
+        """Go on with the plain model, and forget what was proven otherwise."""
+        self.plain, self._model, self.bound, self.explanation = True, None, 0, Explanation((), ())
+
+    def _refuted(self, report: ScheduleReport, deadline: Deadline) -> str:
+        """Return what is wrong with a claim ("": nothing that is known)."""
+        none = report.status is ScheduleStatus.INFEASIBLE
+        if not none and not report.bound:
+            return ""
+        best = report.schedule
+        if best is None or report.bound is None or report.bound <= best.makespan:
+            soon = deadline.within(self.tuning.stages.doubt_share * deadline.remaining())
+            best = sooner(
+                self.problem,
+                None if none else report.bound,
+                soon,
+                seed=self.settings.seed,
+                tuning=self.tuning.stages,
+            )
+        return "" if best is None else refuted_by(None if none else report.bound, best)
 
     def interrupt(self) -> None:
         """Stop a :meth:`solve` that runs in another thread."""
