@@ -4,18 +4,21 @@ model, told as an error, and what is returned rests on nothing that was recognis
 
 import logging
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
+from cpsat import fleets
+from cpsat.fleets import optimum, write_fleet
 from unified_planning.engines import LogLevel
 from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.shortcuts import OneshotPlanner
 
-from cpsat.fleets import Fleet, optimum, write_fleet
-from tests.search.test_end_to_end import solve
-from tests.upio.hall import Hall
+from up_samp.fleet import Fleet
 from up_samp.scheduling.cpsat.solve import strategy
+from up_samp.validation import validate_plan
 
-PAIR = Fleet((0, 30), (6, 21), (2, 2), ((0, 1), (0, 1)), home=True)
+MAPS = Path(__file__).parents[2] / "examples" / "maps"
+PAIR = fleets.Fleet((0, 30), (6, 21), (2, 2), ((0, 1), (0, 1)), home=True)
 
 
 @pytest.fixture(params=[7, 100_000], ids=["too great", "beyond all"])
@@ -48,10 +51,20 @@ def test_a_schedule_rests_on_nothing_that_was_refuted(name, wrong):
     assert int(result.metrics["makespan"]) == int(result.metrics["lower_bound"]) == optimum(PAIR)
 
 
-def round_trip(folder):
-    """Return a hall whose robot drives to one of two places and comes back."""
-    hall = Hall(folder)
-    return hall
+@pytest.mark.parametrize("optimal", [True, False])
+def test_a_plan_rests_on_nothing_that_was_refuted(optimal, wrong):
+    fleet = Fleet(MAPS / "two_rooms.yaml")
+    fleet.add_robot_type("agv", (1.2, 0.8), turning_radius=0.8, v_max=2.0, a_max=0.5)
+    for place, x in (("home", 3), ("near", 8)):
+        fleet.add_place(place, x, 3)
+    fleet.add_robot("r1", "agv", "home", end="home")
+    fleet.add_task("look", "near", duration=3)
+    result = fleet.solve(optimal=optimal)
+    assert result.outcome.metrics["refuted"]
+    assert validate_plan(fleet.problem, result.plan).valid
+    bound = int(result.outcome.metrics["lower_bound"])
+    assert bound <= result.makespan
+    assert not optimal or (result.status, bound) == ("SOLVED_OPTIMALLY", result.makespan)
 
 
 @pytest.mark.parametrize("name", ["cpsat", "samp-refine[cpsat]"])
