@@ -85,13 +85,13 @@ class StagesTuning(Tunables):
         0.35, "of the time that is left, for each attempt at the routing relaxation"
     )
     doubted: int = tunable(
-        1_000,
+        250,
         "constraints",
         "of the problem as it is written, up to which claims that rest on what was recognised are "
         "doubted: the plain model is asked for a schedule that cannot be",
         least=0,
     )
-    doubt: float = effort_of(0.02, "for one such doubt")
+    doubt: float = effort_of(0.005, "for one such doubt")
     doubt_share: float = share_of(0.1, "of the time that is left, for one such doubt")
 
 
