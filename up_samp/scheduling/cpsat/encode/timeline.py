@@ -223,7 +223,10 @@ class Timeline:
         return arcs <= LIMITS.circuit_arcs
 
     def _circuit(self) -> None:
-        """State the order of the writes as a circuit through a node for the initial value."""
+        """State the order of the writes as a circuit through a node for the initial value.
+
+        Assumes: each effect but few belongs to an activity that needs a value of the state itself.
+        """
         store = self.store
         writes = self.state.writes
         n = len(writes)

@@ -22,7 +22,11 @@ if TYPE_CHECKING:
 
 
 def find_routes(model: ScheduleModel) -> list[Route]:
-    """Return the routes of a model that can be collapsed together."""
+    """Return the routes of a model that can be collapsed together.
+
+    Assumes: a traveller's moves and stops are done one at a time, and no stop is a move of another
+    route.
+    """
     cliques = model.disjunctions.sets()
     places = [
         place

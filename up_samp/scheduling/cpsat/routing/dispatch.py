@@ -43,7 +43,10 @@ class Work:
 
 
 def find_work(model: ScheduleModel, routes: list[Route]) -> Work | None:
-    """Return the tasks of ``routes``; ``None`` if something else must be done, too."""
+    """Return the tasks of ``routes``; ``None`` if something else must be done, too.
+
+    Assumes: what must be there in every schedule is done on the routes.
+    """
     names = {n for r in routes for n, _ in r.stops}
     others = [
         a
@@ -57,7 +60,11 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> Work | None:
 
 
 def find_tasks(model: ScheduleModel, routes: list[Route]) -> list[RoutedTask]:
-    """Return what may be done on ``routes``."""
+    """Return what may be done on ``routes``.
+
+    Assumes: what has one start is done once at most; it is wanted only where
+    :meth:`ScheduleModel.surely` says so.
+    """
     numbers: dict[int, int] = {}
     tasks: list[RoutedTask] = []
     owners: dict[int, int] = {}
