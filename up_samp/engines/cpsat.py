@@ -229,9 +229,9 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
         from up_samp.tuning import tuning_of
 
         tuning = tuning_of(self.tuning).cpsat
-        return CpsatSession(
-            problem, seed=self.seed, workers=self.workers, tuning=tuning, doubts=True
-        )
+        session = CpsatSession(problem, seed=self.seed, workers=self.workers, tuning=tuning)
+        session.doubts = True
+        return session
 
     def _unsupported(self, error: UnsupportedError) -> PlanGenerationResult:
         messages = [LogMessage(LogLevel.ERROR, str(error))]

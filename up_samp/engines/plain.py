@@ -23,6 +23,7 @@ from up_samp.model import (
     in_force,
 )
 from up_samp.scheduling import open_scheduler
+from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.search.resolve import start_of
 from up_samp.upio import build_schedule, read_problem, relax
 from up_samp.validation import validate_schedule
@@ -45,8 +46,9 @@ def schedule_plainly(
         seed=engine.params.seed,
         check=_check,
         environment=problem.environment,
-        doubts=True,
     )
+    if isinstance(scheduler, CpsatSession):
+        scheduler.doubts = True
     try:
         hint = None if start is None else start_of(plain, start)
         wanted = optimal or bool(problem.quality_metrics)

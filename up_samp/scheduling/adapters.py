@@ -45,21 +45,20 @@ def open_scheduler(
     seed: int = 0,
     check: Check | None = None,
     environment: Any = None,
-    doubts: bool = False,
 ) -> Scheduler:
     """Return a scheduler for ``problem`` that runs ``engine`` (a UP engine class, or the name of
     one that is registered in ``environment``, by default the problem's).
 
     ``check`` judges every schedule against the problem as given and returns violations; a
     schedule that fails is reported as an error, never returned. ``params`` go to the engine.
-    ``seed`` is for engines that take one. ``doubts``: our own engine doubts what it claims.
+    ``seed`` is for engines that take one.
 
     Raises:
         ProblemError: no such engine.
         UnsupportedError: the engine cannot schedule, or not be started in another process.
     """
     if engine == "cpsat" or getattr(engine, "has_sessions", False):
-        return _open_cpsat(problem, {**(params or {}), "doubts": doubts}, seed)
+        return _open_cpsat(problem, params or {}, seed)
     cls = _engine_class(engine, environment or problem.environment)
     return EngineScheduler(cls, problem, params or {}, check)
 

@@ -41,8 +41,9 @@ class CpsatSession:
         second): unlike a deadline, it ends the same way on every machine (``None``: no limit).
     :param tuning: sizes, efforts and shares of its stages (``None``: the defaults).
     :param plain: recognise nothing in the problem. It takes longer, and rests on less.
-    :param doubts: doubt what rests on what was recognised before it is told; what is refuted is
-        told as an error of ours, and the answer is one with nothing recognised.
+
+    ``doubts``: what rests on what was recognised is doubted before it is told; what is refuted is
+    told as an error of ours, and the answer is one with nothing recognised.
     """
 
     def __init__(
@@ -54,11 +55,10 @@ class CpsatSession:
         effort: float | None = None,
         tuning: CpsatTuning | None = None,
         plain: bool = False,
-        doubts: bool = False,
     ) -> None:
         self.problem = problem
         self.plain = plain
-        self.doubts = doubts
+        self.doubts = False
         self.settings = SolverRun(seed, workers or os.cpu_count() or 1)
         self.effort = effort
         self.tuning = tuning or CpsatTuning()
@@ -99,6 +99,27 @@ class CpsatSession:
         :param lower_bound: a proven lower bound on the makespan.
         :param on_solution: told of each better schedule.
         """
+        report = self._answer(deadline, optimal, hint, lower_bound, on_solution)
+        refuted = self._refuted(report, deadline) if self.doubts and not self.plain else ""
+        if not refuted:
+            return report
+        log.error("%s", refuted)
+        self.recognise_nothing()
+        return replace(self._answer(deadline, optimal, hint, None, on_solution), refuted=refuted)
+
+    def interrupt(self) -> None:
+        """Stop a :meth:`solve` that runs in another thread."""
+        self._interrupted.set()
+
+    def _answer(
+        self,
+        deadline: Deadline,
+        optimal: bool,
+        hint: CandidateSchedule | None,
+        lower_bound: int | None,
+        on_solution: Progress | None,
+    ) -> ScheduleReport:
+        """Return what is found, be it right or not."""
         started = deadline.elapsed()
         try:
             model = self._update(deadline)
@@ -129,12 +150,6 @@ class CpsatSession:
         if search.routes is not None:
             self.explanation = explain(model, search.routes)
         report = self._report(whole, deadline.elapsed() - started)
-        refuted = self._refuted(report, deadline) if self.doubts and not self.plain else ""
-        if refuted:
-            log.error("%s", refuted)
-            self.recognise_nothing()
-            again = self.solve(deadline, optimal=optimal, hint=hint, on_solution=on_solution)
-            return replace(again, refuted=refuted)
         told = self.explanation
         return replace(report, recognised=told.recognised, left_over=told.left_over)
 
@@ -158,10 +173,6 @@ class CpsatSession:
                 tuning=self.tuning.stages,
             )
         return "" if best is None else refuted_by(None if none else report.bound, best)
-
-    def interrupt(self) -> None:
-        """Stop a :meth:`solve` that runs in another thread."""
-        self._interrupted.set()
 
     # -- stages --------------------------------------------------------------------------------
     def _update(self, deadline: Deadline) -> ScheduleModel:
