@@ -37,13 +37,13 @@ def test_who_makes_a_visit_is_listed_in_any_order(fleet, listing):
 
 
 def test_bounds_hold_in_any_listing():
-    found = {seed: wrong_bounds(seed, robots=2, visits=2, listings=2) for seed in range(150)}
-    found |= {seed: wrong_bounds(seed, robots=3, visits=3) for seed in range(150, 180)}
+    found = {seed: wrong_bounds(seed, robots=2, visits=2, listings=2) for seed in range(80)}
+    found |= {seed: wrong_bounds(seed, robots=3, visits=3) for seed in range(150, 165)}
     assert not {seed: wrong for seed, wrong in found.items() if wrong}
 
 
 def test_answers_hold_in_any_listing():
-    found = {seed: wrong_answer(seed, robots=2, visits=3) for seed in range(1000, 1012)}
+    found = {seed: wrong_answer(seed, robots=2, visits=3) for seed in range(1000, 1008)}
     assert not {seed: wrong for seed, wrong in found.items() if wrong}
 
 

@@ -85,7 +85,7 @@ class StagesTuning(Tunables):
         0.35, "of the time that is left, for each attempt at the routing relaxation"
     )
     doubted: int = tunable(
-        250,
+        150,
         "constraints",
         "of the problem as it is written, up to which claims that rest on what was recognised are "
         "doubted: the plain model is asked for a schedule that cannot be",
