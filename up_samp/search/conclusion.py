@@ -150,7 +150,7 @@ def stands(search: Search, *, nothing: Sequence[Refinement] | None = None) -> bo
             if nothing is None
             else search.prover.problem_with(nothing),
             claim,
-            search.budget.share(tuning.doubt_share, tuning.doubt_seconds),
+            search.budget.share(tuning.explain_share, tuning.doubt_seconds),
             seed=search.seed,
             tuning=search.cpsat.stages,
         )

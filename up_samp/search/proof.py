@@ -58,7 +58,7 @@ class Prover:
         """
         tuning = self.tuning
         longest = (
-            (tuning.doubt_share, tuning.doubt_seconds) if soon else (tuning.share, tuning.seconds)
+            (tuning.explain_share, tuning.doubt_seconds) if soon else (tuning.share, tuning.seconds)
         )
         report = self._schedule(facts, (), self.budget.share(*longest))
         if report is None or (report.schedule is None and not _none_left(report)):
@@ -70,7 +70,7 @@ class Prover:
         play, in little time: an engine that says there is none was told another problem, or is
         wrong.
         """
-        deadline = self.budget.share(self.tuning.doubt_share, self.tuning.doubt_seconds)
+        deadline = self.budget.share(self.tuning.explain_share, self.tuning.doubt_seconds)
         report = self._schedule(facts, (), deadline, before=makespan)
         return report is not None and report.schedule is not None
 

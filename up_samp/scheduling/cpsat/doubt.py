@@ -34,7 +34,7 @@ def sooner(
     except (OutOfTimeError, UnsupportedError):
         return None
     orders = Orders(SolverRun(seed, 1), False, tuning, threading.Event())
-    attempts = Attempts(model, orders, deadline, 0, left=tuning.doubt)
+    attempts = Attempts(model, orders, deadline, 0, left=tuning.without_presolve)
     attempts.below(model.limit if before is None else before - 1)
     return attempts.best
 

@@ -164,11 +164,10 @@ class CpsatSession:
             return ""
         best = report.schedule
         if best is None or report.bound is None or report.bound <= best.makespan:
-            soon = deadline.within(self.tuning.stages.doubt_share * deadline.remaining())
             best = sooner(
                 self.problem,
                 None if none else report.bound,
-                soon,
+                deadline,
                 seed=self.settings.seed,
                 tuning=self.tuning.stages,
             )

@@ -91,8 +91,6 @@ class StagesTuning(Tunables):
         "doubted: the plain model is asked for a schedule that cannot be",
         least=0,
     )
-    doubt: float = effort_of(0.005, "for one such doubt")
-    doubt_share: float = share_of(0.1, "of the time that is left, for one such doubt")
 
 
 @dataclass(frozen=True)
