@@ -12,3 +12,11 @@ def pytest_collection_modifyitems(config, items):
     for item in items:
         if "long" in item.keywords:
             item.add_marker(skip)
+
+
+@pytest.fixture(autouse=True)
+def nothing_is_refuted(caplog):
+    """Fail where a claim of the package was refuted by the package (it logs that as an error)."""
+    yield
+    told = [r.getMessage() for r in caplog.get_records("call")]
+    assert not [message for message in told if message.startswith("refuted:")]

@@ -20,7 +20,7 @@ from unified_planning.shortcuts import (
 from cpsat.odd_routes import odd_routes
 from cpsat.sites import small
 from cpsat.styles import Style
-from cpsat.truth import answer, bound_without_search, collapsed_optimum, nothing_recognised
+from cpsat.truth import answer, bound_without_search, collapsed_optimum
 from cpsat.writer import write
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
@@ -38,8 +38,7 @@ def disagreement(seed):
 
 
 def disagreement_of(problem):
-    with nothing_recognised():
-        truth = answer(problem)
+    truth = answer(problem, plain=True)
     found = answer(problem)
     if truth is None or found is None:
         return None

@@ -11,7 +11,7 @@ from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.shortcuts import Not
 
 from cpsat.random_routes import random_routes
-from cpsat.truth import answer, bound_without_search, collapsed_optimum, nothing_recognised
+from cpsat.truth import answer, bound_without_search, collapsed_optimum
 
 FEW = 30
 MANY = 1500
@@ -30,8 +30,7 @@ def disagreement(seed, *, absent=False, **drawn):
     problem = random_routes(seed, **drawn)
     if absent:
         state_some_absent(problem, seed)
-    with nothing_recognised():
-        truth = answer(problem)
+    truth = answer(problem, plain=True)
     found = answer(problem)
     if truth is None or found is None:
         return None, False

@@ -4,7 +4,7 @@ import pytest
 
 from cpsat.sites import Site, shop, small, store
 from cpsat.styles import LOOSE, SPOILED, TIGHT, Style
-from cpsat.truth import answer, bound_without_search, collapsed_optimum, nothing_recognised
+from cpsat.truth import answer, bound_without_search, collapsed_optimum
 from cpsat.writer import write
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
@@ -20,8 +20,7 @@ def disagreements(seed, styles):
     site, found, wrong = small(seed), {}, {}
     for style in styles:
         problem = write(site, style)
-        with nothing_recognised():
-            truth = answer(problem)
+        truth = answer(problem, plain=True)
         mine = answer(problem)
         if truth is None or mine is None:
             continue

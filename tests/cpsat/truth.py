@@ -1,24 +1,18 @@
 """Answers of cpsat with and without what it recognises, and the optimum of a collapsed problem."""
 
-import contextlib
 import threading
-from unittest import mock
 
 from ortools.sat.python import cp_model
 
 from up_samp.model import Deadline, ScheduleStatus
-from up_samp.scheduling.cpsat import CpsatSession, model
-from up_samp.scheduling.cpsat.encode import pairs, timeline
+from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.normal.form import NormalForm
-from up_samp.scheduling.cpsat.normal.presences import Presences
 from up_samp.scheduling.cpsat.problem import Watcher
 from up_samp.scheduling.cpsat.routing.assignment import bound_by_assignment
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
 from up_samp.scheduling.cpsat.routing.relaxation import RoutingRelaxation
 from up_samp.scheduling.cpsat.routing.workload import bound_by_work
-from up_samp.scheduling.cpsat.solve import strategy as search
 from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders
 from up_samp.scheduling.cpsat.solve.runner import SolverRun
 from up_samp.scheduling.cpsat.tuning import StagesTuning
@@ -29,26 +23,12 @@ EFFORT = 0.3
 """Of CP-SAT, in its deterministic time."""
 
 
-@contextlib.contextmanager
-def nothing_recognised():
-    """Let cpsat see no structure, and build its model from what is written."""
-    with contextlib.ExitStack() as stack:
-        for owner, name, plain in (
-            (search, "find_routes", lambda _: []),
-            (model, "find_groups", lambda *_: []),
-            (model, "find_unary", lambda _: []),
-            (model, "normal_form", lambda parts: NormalForm(parts, Presences({}))),
-            (timeline.Timeline, "_wants_circuit", lambda _: False),
-            (pairs.Disjunctions, "add_written", lambda *_: False),
-            (pairs, "_pair", lambda *_: None),
-        ):
-            stack.enter_context(mock.patch.object(owner, name, plain))
-        yield
-
-
-def answer(problem):
-    """Return (status, makespan), ``None`` where it would take long to prove it."""
-    report = CpsatSession(problem, workers=1, effort=EFFORT).solve(Deadline.after(60))
+def answer(problem, *, plain=False):
+    """Return (status, makespan), ``None`` where it would take long to prove it; ``plain``: with
+    nothing recognised.
+    """
+    session = CpsatSession(problem, workers=1, effort=EFFORT, plain=plain)
+    report = session.solve(Deadline.after(60))
     if report.status in (ScheduleStatus.FOUND, ScheduleStatus.OUT_OF_TIME):
         return None
     if report.schedule is None:

@@ -30,6 +30,8 @@ get_environment().credits_stream = None
 PROVEN = (Status.SOLVED_OPTIMALLY, Status.UNSOLVABLE_PROVEN)
 UNEXPLAINED = {"search": {"proof": {"explain_seconds": 0.0}}}
 """Attackers need not say why there is no plan."""
+DOUBTED = {"cpsat": {"stages": {"doubted": 10**6}}}
+"""Whatever rests on what was recognised is doubted, however large the problem."""
 SLACK = 2.0
 """Seconds that a run may take beyond its limit, waiting for a processor not counted."""
 
@@ -111,7 +113,7 @@ finds faster ones the claim stands, but the planner could do better: ``faster`` 
 
 def _solve(case, folder, engine, timeout, found, *, optimal, **params):
     problem = build(case, folder)
-    settings = {"seconds_per_unit": SECONDS, "query_seconds": 1.0} | params
+    settings = {"seconds_per_unit": SECONDS, "query_seconds": 1.0, "tuning": DOUBTED} | params
     guarantee = OptimalityGuarantee.SOLVED_OPTIMALLY
     proves = engine in ("cpsat", "aries-opt")
     watch = Watch()
@@ -137,6 +139,8 @@ def _judge(case: Case, folder: Path, result, found: Findings) -> None:
     if result.status is Status.INTERNAL_ERROR:
         said = "; ".join(m.message for m in result.log_messages or [])
         found.wrong.append(f"internal error: {said}")
+    if (result.metrics or {}).get("refuted"):
+        found.wrong.append(result.metrics["refuted"])
     if result.plan is None:
         return
     found.makespan = int(result.metrics["makespan"])

@@ -229,7 +229,9 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
         from up_samp.tuning import tuning_of
 
         tuning = tuning_of(self.tuning).cpsat
-        return CpsatSession(problem, seed=self.seed, workers=self.workers, tuning=tuning)
+        session = CpsatSession(problem, seed=self.seed, workers=self.workers, tuning=tuning)
+        session.doubts = True
+        return session
 
     def _unsupported(self, error: UnsupportedError) -> PlanGenerationResult:
         messages = [LogMessage(LogLevel.ERROR, str(error))]
@@ -247,6 +249,9 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
         metrics = {"engine_internal_time": f"{report.seconds:.3f}"}
         if report.bound is not None:
             metrics["lower_bound"] = str(report.bound)
+        if report.refuted:
+            metrics["refuted"] = report.refuted
+            messages.append(LogMessage(LogLevel.ERROR, report.refuted))
         if report.recognised or report.left_over:
             metrics["recognised"] = "; ".join(report.recognised)
             metrics["left_over"] = "; ".join(report.left_over)

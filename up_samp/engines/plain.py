@@ -23,6 +23,7 @@ from up_samp.model import (
     in_force,
 )
 from up_samp.scheduling import open_scheduler
+from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.search.resolve import start_of
 from up_samp.upio import build_schedule, read_problem, relax
 from up_samp.validation import validate_schedule
@@ -46,6 +47,8 @@ def schedule_plainly(
         check=_check,
         environment=problem.environment,
     )
+    if isinstance(scheduler, CpsatSession):
+        scheduler.doubts = True
     try:
         hint = None if start is None else start_of(plain, start)
         wanted = optimal or bool(problem.quality_metrics)
@@ -86,4 +89,7 @@ def _to_result(engine: Any, problem: Any, report: ScheduleReport) -> PlanGenerat
         metrics["makespan"] = str(report.schedule.makespan)
     level = LogLevel.ERROR if report.status is ScheduleStatus.ERROR else LogLevel.INFO
     messages = [LogMessage(level, message)] if message else []
+    if report.refuted:
+        metrics["refuted"] = report.refuted
+        messages.append(LogMessage(LogLevel.ERROR, report.refuted))
     return PlanGenerationResult(status, plan, engine.name, metrics, messages)

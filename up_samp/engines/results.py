@@ -59,6 +59,7 @@ def result_of(
     """Return the result of the engine ``name``: a plan or none, and ``why`` (or "")."""
     failed = status is PlanGenerationResultStatus.INTERNAL_ERROR
     messages = [LogMessage(LogLevel.ERROR if failed else LogLevel.INFO, why)] if why else []
+    messages += [LogMessage(LogLevel.ERROR, told) for told in search.history.refuted]
     result = SampResult(status, plan, name, metrics_of(params, search), messages)
     result.history = search.history
     return result
@@ -108,6 +109,8 @@ def metrics_of(params: Parameters, search: Search) -> dict[str, str]:
     if history.recognised or history.left_over:
         metrics["recognised"] = "; ".join(history.recognised)
         metrics["left_over"] = "; ".join(history.left_over)
+    if history.refuted:
+        metrics["refuted"] = "; ".join(history.refuted)
     if history.refused:
         metrics["refused"] = str(len(history.refused))
     if bounds.incumbent is not None:

@@ -43,6 +43,7 @@ class ScheduleReport:
     """A scheduler's answer. ``bound`` is a proven lower bound on the makespan if there is one.
     ``late`` says of a schedule that it is the best at the deadline, and the search was not over.
     ``recognised`` and ``left_over`` tell which structures the scheduler found in the problem.
+    ``refuted`` tells of an error of ours: what was claimed at first, and was refuted.
     """
 
     status: ScheduleStatus
@@ -53,6 +54,7 @@ class ScheduleReport:
     late: bool = False
     recognised: tuple[str, ...] = ()
     left_over: tuple[str, ...] = ()
+    refuted: str = ""
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,10 @@ class Bounds:
     lower: int = 0
     absolute: int = 0
     stated: bool = False
+    beside: int = 0
+    """What is known beside the scheduling problem that the scheduler is told."""
+    stood: int = -1
+    """The greatest lower bound that was doubted, and not refuted."""
     incumbent: Incumbent | None = None
 
     @property
@@ -46,6 +50,10 @@ class Bounds:
         if not relative:
             self.absolute = max(self.absolute, units)
         self.lower = max(self.lower, units)
+
+    def forget(self) -> None:
+        """Drop the lower bounds."""
+        self.lower = self.absolute = self.beside = 0
 
     @property
     def met(self) -> bool:

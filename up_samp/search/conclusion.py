@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import enum
+import logging
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from up_samp.model import ScheduleReport, ScheduleStatus
+from up_samp.model import CandidateSchedule, ScheduleReport, ScheduleStatus
 from up_samp.model.refinement import Refinement, Strength
+from up_samp.scheduling.cpsat.doubt import refuted_by, sooner
 from up_samp.search.events import Phase
 from up_samp.search.proof import listed
 from up_samp.search.search import Search
+
+log = logging.getLogger(__name__)
 
 
 class Conclusion(enum.Enum):
@@ -40,8 +45,10 @@ def conclude_without_schedule(search: Search, report: ScheduleReport) -> SearchR
     """
     bounds = search.bounds
     planned = bounds.incumbent is not None
-    if search.budget.deadline.expired() or bounds.met:
+    if search.budget.deadline.expired():
         return conclude(search)
+    if bounds.met:
+        return conclude(search) if stands(search) else None
     if report.status in (ScheduleStatus.OUT_OF_TIME, ScheduleStatus.FOUND):
         if search.components.pace.more(planned=planned):
             return None
@@ -52,6 +59,8 @@ def conclude_without_schedule(search: Search, report: ScheduleReport) -> SearchR
     if not planned:
         facts = refutation(search, report)
         if facts is not None:
+            if not stands(search, nothing=facts):
+                return None
             return SearchResult(Conclusion.UNSOLVABLE, search.prover.because(facts))
     if report.status is ScheduleStatus.ERROR:
         return SearchResult(Conclusion.FAILED, report.message)
@@ -82,7 +91,7 @@ def conclude_beforehand(search: Search) -> SearchResult | None:
     verdict = search.prover.leaves_nothing(facts, soon=True)
     if verdict is None:
         return None
-    if verdict:
+    if verdict and stands(search, nothing=facts):
         return SearchResult(Conclusion.UNSOLVABLE, search.prover.because(facts))
     knowledge.feasible_facts = len(facts)
     return None
@@ -116,6 +125,43 @@ def refutation(search: Search, report: ScheduleReport) -> list[Refinement] | Non
         return facts
     knowledge.feasible_facts = len(facts)
     return None
+
+
+def stands(search: Search, *, nothing: Sequence[Refinement] | None = None) -> bool:
+    """Return whether the lower bound stands, or that these facts leave ``nothing``, where doubting
+    it is cheap: the plain model, with nothing recognised, is asked for a schedule that cannot be.
+
+    If there is one, that is an error of ours; it is told, and the search goes on with nothing
+    recognised.
+    """
+    bounds = search.bounds
+    ours = search.problem.native and bounds.lower > bounds.stood
+    if search.plain or not (ours or nothing is not None):
+        return True
+    claim, best = bounds.lower if nothing is None else None, bounds.incumbent
+    if claim is not None and best is not None and claim > best.schedule.makespan:
+        found: CandidateSchedule | None = best.schedule
+    elif claim is not None and claim <= bounds.beside:
+        return True  # it rests on more than what the scheduler is told
+    else:
+        tuning = search.prover.tuning
+        found = sooner(
+            search.knowledge.relaxation.problem
+            if nothing is None
+            else search.prover.problem_with(nothing),
+            claim,
+            search.budget.share(tuning.explain_share, tuning.doubt_seconds),
+            seed=search.seed,
+            tuning=search.cpsat.stages,
+        )
+    if found is None:
+        bounds.stood = max(bounds.stood, bounds.lower)
+        return True
+    told = refuted_by(claim, found)
+    log.error("%s", told)
+    search.history.refuted.append(told)
+    search.recognise_nothing()
+    return False
 
 
 def restart(search: Search) -> None:
@@ -165,13 +211,13 @@ def conclude(search: Search) -> SearchResult:
         return SearchResult(Conclusion.SOLVED)
     makespan, bound = bounds.incumbent.schedule.makespan, bounds.lower
     active, prover = search.knowledge.active, search.prover
-    refuted = bound > makespan or (
-        not search.problem.native and prover.sooner_than(active, makespan)
-    )
-    if not refuted:
+    if search.problem.native:
+        believed = stands(search)
+    else:
+        believed = bound <= makespan and not prover.sooner_than(active, makespan)
+    if believed:
         return SearchResult(Conclusion.OPTIMAL)
-    believed = search.problem.native and bounds.absolute <= makespan
-    bounds.lower = bounds.absolute if believed else 0
+    bounds.forget()
     what = "plan" if bound > makespan else "schedule that agrees with all that is known"
     return SearchResult(
         Conclusion.SOLVED, f"the lower bound {bound} is not believed: there is a shorter {what}"

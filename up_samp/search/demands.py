@@ -37,7 +37,10 @@ class Demand:
 
 
 def demands(relaxation: Relaxation) -> Iterator[Demand]:
-    """Yield all that a problem demands."""
+    """Yield all that a problem demands.
+
+    Assumes: a demand is a part of the problem as it is written; to lift it only adds schedules.
+    """
     yield from _conditions(relaxation)
     yield from _longest(relaxation, set(relaxation.activities))
     for owner in (None, *sorted(relaxation.activities)):

@@ -24,7 +24,10 @@ Gap = Callable[[str, str], int]
 
 
 def gaps_told(problem: SchedulingMotionProblem) -> dict[tuple[str, str], int]:
-    """Return what constraints say of the end of one activity and the start of another one."""
+    """Return what constraints say of the end of one activity and the start of another one.
+
+    Assumes: a comparison is conditional on the two activities alone, or on nothing.
+    """
     found: dict[tuple[str, str], int] = {}
     for owner in (problem._base, *problem.activities):
         for constraint, scope in owner._constraints:
@@ -77,6 +80,8 @@ def held_by(problem: SchedulingMotionProblem) -> dict[str, frozenset[FNode]]:
     """Return by activity the resources of one unit that it alone holds from its start to its end.
 
     Nobody else may give or take them otherwise.
+
+    Assumes: nobody gives or takes a resource but by a pair of effects from a start to an end.
     """
     held = {a.name: _held(a) for a in problem.activities}
     other = {effect.fluent.fluent() for _, effect in problem.base_effects}
@@ -112,6 +117,9 @@ def idle_between(
 ) -> int:
     """Return units in which a robot does nothing, right before it begins an activity, or right
     ``after`` it.
+
+    Assumes: all that may come right before or after is named, and the robot does one thing at a
+    time.
 
     :param others: all that may come right before it (or after it), as far as places tell.
     :param needs: what has to be present with the activity.

@@ -61,6 +61,8 @@ class History:
     """... and what it took as it is written."""
     refused: list[str] = field(default_factory=list)
     """What the validator had against plans that the search took for valid; it learned from it."""
+    refuted: list[str] = field(default_factory=list)
+    """Claims of ours that were refuted: errors of the package."""
 
     last_plan_round: int | None = None
     """In which round the best plan was found ..."""
@@ -104,6 +106,7 @@ class History:
             "stages": asdict(self.stages),
             "restarts": self.restarts,
             "refused": self.refused,
+            "refuted": self.refuted,
         }
 
     def write_json(self, path: str | Path) -> None:

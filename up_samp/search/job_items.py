@@ -31,6 +31,8 @@ def items_of(
 ) -> list[Way] | None:
     """Return the ways to do all parts of some jobs, numbered anew; None where it is not known where
     some part is done, or a robot does several things at a time.
+
+    Assumes: where all parts of a job are done is told, and its robot does one thing at a time.
     """
     taken = _Taken(jobs, carried(problem, jobs.needs, work.gaps))
     found: list[Way] = []

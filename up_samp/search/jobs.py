@@ -85,6 +85,9 @@ class Jobs:
 def find_jobs(problem: SchedulingMotionProblem, snapshot: Snapshot) -> Jobs | None:
     """Return the jobs of a problem, or None where some option is no work of one robot in the plane.
 
+    Assumes: a disjunction of presences is said without a condition; what draws along is said of
+    pairs.
+
     :param snapshot: of the same problem.
     """
     needs: dict[str, set[str]] = defaultdict(set)

@@ -133,7 +133,10 @@ def _least(costs: Iterable[tuple[int, _Cost]]) -> list[_Cost]:
 
 
 def _counted(jobs: Jobs) -> list[tuple[Option, ...]]:
-    """Return jobs of which no two share an activity: it may be of use to both."""
+    """Return jobs of which no two share an activity: it may be of use to both.
+
+    Assumes: an activity may be of use to two jobs, so jobs that are counted share none.
+    """
     done: set[str] = set()
     counted: list[tuple[Option, ...]] = []
     for options in jobs.options:

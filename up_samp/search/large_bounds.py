@@ -24,12 +24,14 @@ def state_bounds(
         deadline = search.budget.share(tuning.bounding, float("inf"))
         with in_force(deadline):
             bound = JobsBound(problem, search.facts, service, jobs)
-            bounds.raise_lower(bound.absolute(deadline), relative=False)
+            bounds.beside = max(bounds.beside, bound.absolute(deadline))
+            bounds.raise_lower(bounds.beside, relative=False)
             if not relative:
                 return
             with search.budget.motion_time():
                 drives = Drives(service)
                 for units in bound.relative(drives, tuning.drives, deadline):
+                    bounds.beside = max(bounds.beside, units)
                     bounds.raise_lower(units, relative=True)
     except OutOfTimeError:
         return  # what was found holds

@@ -57,6 +57,9 @@ def last_places(
 ) -> LastPlaces:
     """Return where one robot at most stays in the end.
 
+    Assumes: a robot comes to places by the drives of its jobs alone, and a place holds one in the
+    end.
+
     :param parts: all jobs and those that are counted, by the numbers of the ``ways``; None where
         ways are not made of drives of their own, so that robots may drive anywhere in between.
     """

@@ -28,6 +28,7 @@ from up_samp.search.conclusion import (
     conclude_stopped,
     conclude_without_schedule,
     restart,
+    stands,
 )
 from up_samp.search.events import Phase
 from up_samp.search.resolve import begin_near, motions_of
@@ -67,7 +68,7 @@ def solve(search: Search, *, optimal: bool) -> Generator[Incumbent, None, Search
         tried = try_candidate(search, report)  # lines 6 to 16, 31 and 35
         if tried.better is not None:
             yield tried.better
-        if not tried.refused and is_done(search, tried, optimal=optimal):
+        if not tried.refused and is_done(search, tried, optimal=optimal) and stands(search):
             break
     return conclude(search)
 

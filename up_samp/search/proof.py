@@ -10,6 +10,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
+from unified_planning.model.scheduling import SchedulingProblem
+
 from up_samp.model import Deadline, ScheduleReport, ScheduleStatus, UnsupportedError
 from up_samp.model.refinement import (
     Absent,
@@ -47,6 +49,8 @@ class Prover:
     seed: int
     tuning: ProofTuning = field(default_factory=ProofTuning)
     cpsat: CpsatTuning = field(default_factory=CpsatTuning)
+    plain: bool = False
+    """Nothing is recognised in the problem."""
 
     def leaves_nothing(self, facts: Sequence[Refinement], *, soon: bool = False) -> bool | None:
         """Return whether the facts alone leave no schedule (None: not known); ``soon``: in little
@@ -54,7 +58,7 @@ class Prover:
         """
         tuning = self.tuning
         longest = (
-            (tuning.doubt_share, tuning.doubt_seconds) if soon else (tuning.share, tuning.seconds)
+            (tuning.explain_share, tuning.doubt_seconds) if soon else (tuning.share, tuning.seconds)
         )
         report = self._schedule(facts, (), self.budget.share(*longest))
         if report is None or (report.schedule is None and not _none_left(report)):
@@ -66,7 +70,7 @@ class Prover:
         play, in little time: an engine that says there is none was told another problem, or is
         wrong.
         """
-        deadline = self.budget.share(self.tuning.doubt_share, self.tuning.doubt_seconds)
+        deadline = self.budget.share(self.tuning.explain_share, self.tuning.doubt_seconds)
         report = self._schedule(facts, (), deadline, before=makespan)
         return report is not None and report.schedule is not None
 
@@ -131,21 +135,29 @@ class Prover:
         """Return what our own scheduler says of the problem with these facts; None if it cannot."""
         if deadline.expired():
             return None
+        problem = self.problem_with(facts, lifted)
+        if before is not None:
+            manager = problem.environment.expression_manager
+            for activity in problem.activities:
+                activity.add_constraint(manager.LT(activity.end, before))
+        session = CpsatSession(
+            problem, seed=self.seed, workers=1, tuning=self.cpsat, plain=self.plain
+        )
+        try:
+            return session.solve(deadline, optimal=False)
+        except UnsupportedError:  # another engine may do what ours does not: no proof then
+            return None
+
+    def problem_with(
+        self, facts: Sequence[Refinement], lifted: Sequence[Demand] = ()
+    ) -> SchedulingProblem:
+        """Return the relaxation's problem with the facts, and without the ``lifted`` demands."""
         relaxation = self.relax()
         for demand in lifted:
             demand.lift(relaxation)
         for fact in facts:
             write_refinement(relaxation, fact)
-        problem = relaxation.problem
-        if before is not None:
-            manager = problem.environment.expression_manager
-            for activity in problem.activities:
-                activity.add_constraint(manager.LT(activity.end, before))
-        session = CpsatSession(problem, seed=self.seed, workers=1, tuning=self.cpsat)
-        try:
-            return session.solve(deadline, optimal=False)
-        except UnsupportedError:  # another engine may do what ours does not: no proof then
-            return None
+        return relaxation.problem
 
 
 def listed(facts: Sequence[Refinement]) -> str:

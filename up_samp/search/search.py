@@ -5,12 +5,13 @@ they are told of what is found.
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from up_samp.model import CandidateSchedule, Refusal, Trajectory
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.scheduling import Scheduler
+from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.search.bounds import Bounds, Incumbent
 from up_samp.search.budget import Budget
@@ -124,6 +125,8 @@ class Search:
     """How a large problem is solved: not as a whole, but in parts (``optimal`` or not)."""
     remembered: dict[int, object] = field(default_factory=dict)
     """What components keep of this search from one call to the next, by their ``id``."""
+    plain: bool = False
+    """Nothing is recognised in the problem any more: what rested on it was refuted."""
     _own: tuple[tuple[int, int], Relaxation] | None = None
 
     @property
@@ -168,6 +171,16 @@ class Search:
         self.scheduler.close()
         self.knowledge.start_over(self.problem.relax())
         self.scheduler = self.problem.schedule(self.knowledge.relaxation, self.restarts.done)
+        if self.plain:
+            self.recognise_nothing()
+
+    def recognise_nothing(self) -> None:
+        """Let our own scheduler go on without what it recognises, and drop what rested on it."""
+        self.plain = True
+        self.bounds.forget()
+        self.prover = replace(self.prover, plain=True)
+        if isinstance(self.scheduler, CpsatSession):
+            self.scheduler.recognise_nothing()
 
     def plan_of(
         self, schedule: CandidateSchedule, trajectories: Mapping[str, Trajectory]

@@ -25,6 +25,9 @@ Where = Mapping[MotionTask, Mapping[str, str]]
 def surely_there(facts: Facts, service: MotionService) -> Where:
     """Return what surely rests where all through each motion: what its driver has come through, and
     static obstacles that it would not get past elsewise.
+
+    Assumes: a thing is moved to one other place only, and a driver comes to places by its drives
+    alone.
     """
     snapshot = facts.snapshot
     found: dict[MotionTask, dict[str, str]] = {}

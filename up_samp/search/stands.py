@@ -20,7 +20,10 @@ Stand = tuple[str, str]
 
 
 def stands_of(problem: SchedulingMotionProblem, snapshot: Snapshot) -> dict[str, Stand]:
-    """Return who is where during the activities whose conditions tell that."""
+    """Return who is where during the activities whose conditions tell that.
+
+    Assumes: a condition holds all through an activity, and its fluent tells where one robot is.
+    """
     drivers = {task.object for task in snapshot.tasks}
     whose = {f: who for f, who in whereabouts(problem).items() if who in drivers}
     found: dict[str, Stand] = {}

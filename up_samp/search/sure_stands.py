@@ -33,7 +33,11 @@ class SureStands:
 
 
 def sure_stands(problem: SchedulingMotionProblem, snapshot: Snapshot) -> SureStands:
-    """Return what is sure about where robots are."""
+    """Return what is sure about where robots are.
+
+    Assumes: a fluent is set at the end of every drive of a robot, to where that leads, and never
+    else.
+    """
     whose = _surely_told(problem, snapshot)
     places: dict[tuple[str, str], str] = {}
     sets: dict[str, set[str]] = defaultdict(set)

@@ -82,10 +82,7 @@ class ProofTuning(Tunables):
         "as many rounds of another engine until it is asked again whether anything is left",
         least=1,
     )
-    doubt_share: float = share_of(
-        0.1, "of the remaining time, for doubting another engine's optimum"
-    )
-    doubt_seconds: float = tunable(2.0, "s", "at most, for doubting another engine", least=0)
+    doubt_seconds: float = tunable(2.0, "s", "at most, for doubting it", least=0)
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,9 @@ def only_tightened(model: ScheduleModel, parts: Additions) -> bool:
 
     New effects may support conditions, new objects widen domains, longer durations may end
     what shorter ones may not, and new activities move the global end for what speaks of it.
+
+    Assumes: what is appended takes schedules away: no effects, objects or longer reach of
+    durations.
     """
     if parts.rewritten or parts.effects or parts.new_objects:
         return False

@@ -14,7 +14,7 @@ from up_samp.scheduling.cpsat.draft import ModelDraft
 from up_samp.scheduling.cpsat.encode.alternatives import find_groups, merge_forms
 from up_samp.scheduling.cpsat.encode.domains import domains
 from up_samp.scheduling.cpsat.encode.durations import constant_bounds
-from up_samp.scheduling.cpsat.encode.forms import TRUE, Form, Lin, constant, disjunction
+from up_samp.scheduling.cpsat.encode.forms import TRUE, Form, Lin, Literal, constant, disjunction
 from up_samp.scheduling.cpsat.encode.histories import find_histories
 from up_samp.scheduling.cpsat.encode.horizon import Horizon
 from up_samp.scheduling.cpsat.encode.limits import LIMITS
@@ -29,8 +29,9 @@ from up_samp.scheduling.cpsat.encode.terms import Terms, World, countable
 from up_samp.scheduling.cpsat.encode.timeline import Timeline
 from up_samp.scheduling.cpsat.encode.unary import find_unary
 from up_samp.scheduling.cpsat.encode.variables import Variables
-from up_samp.scheduling.cpsat.normal.form import normal_form
+from up_samp.scheduling.cpsat.normal.form import NormalForm, normal_form
 from up_samp.scheduling.cpsat.normal.precedences import FollowUp, Precondition
+from up_samp.scheduling.cpsat.normal.presences import Presences
 from up_samp.scheduling.cpsat.problem import Additions, Watcher
 
 T = TypeVar("T")
@@ -42,6 +43,7 @@ class ScheduleModel:
     :param problem: watched by others, never changed.
     :param parts: all of it, or of a part of it (``None``: as it is now).
     :param limit_at_least: latest time that is at least allowed for.
+    :param plain: recognise nothing: state what is written, as it is written.
     :raises OutOfTimeError: when ``deadline`` comes before the model is built.
     """
 
@@ -52,8 +54,10 @@ class ScheduleModel:
         deadline: Deadline | None = None,
         *,
         limit_at_least: int = 0,
+        plain: bool = False,
     ) -> None:
         self.problem = problem
+        self.plain = plain
         self.limit = 0
         self.limit_at_least = limit_at_least
         self.store = Store()
@@ -81,7 +85,8 @@ class ScheduleModel:
 
     def _build(self, parts: Additions | None) -> None:
         problem = self.problem
-        form = normal_form(Watcher(problem).look() if parts is None else parts)
+        parts = Watcher(problem).look() if parts is None else parts
+        form = NormalForm(parts, Presences({})) if self.plain else normal_form(parts)
         self.follow_ups: list[FollowUp] = form.follow_ups
         for code, obj in enumerate(problem.all_objects):
             self.world.objects[obj.name] = code
@@ -89,9 +94,8 @@ class ScheduleModel:
         self.world.makespan = self.store.integer(0, LIMITS.placeholder)
         self.horizon.timepoint(self.world.makespan)
         self.states = States(self.world, problem, constant(0))
-        groups = find_groups(form.parts, form.presences)
-        leaders = {name: g.names[0] for g in groups for name in g.names}
-        self.variables = Variables(self.world, self.states, self.horizon, form.presences, leaders)
+        groups = [] if self.plain else find_groups(form.parts, form.presences)
+        self.variables = Variables(self.world, self.states, self.horizon, form.presences, groups)
         for activity in self._in_time(form.parts.activities):
             self.variables.add_activity(activity)
         self.exact = self.disjunctions.take_alternatives(groups, self.world.activities, self.store)
@@ -99,6 +103,18 @@ class ScheduleModel:
         draft = ModelDraft(form)
         for _, state in FAMILIES:
             state(self, draft)
+
+    def surely(self, presences: Iterable[Literal]) -> bool:
+        """Return whether one of some activities is there in every schedule: this is where to ask.
+
+        They are all that may be there of an exact group, or one of them always is; to be a member
+        of such a group alone says nothing.
+        """
+        some = set(presences)
+        return TRUE in some or any(
+            all(p in some or self.store.never(p) for p in self.exact[mine])
+            for mine in some & self.exact.keys()
+        )
 
     @property
     def parameters(self) -> dict[str, tuple[int, Any, str | None]]:
@@ -111,7 +127,8 @@ class ScheduleModel:
 
     def _written(self, draft: ModelDraft) -> None:
         draft.forms = self._forms(draft.parts, first=True)
-        self.world.domains = domains(draft.forms, self.variables)
+        if not self.plain:
+            self.world.domains = domains(draft.forms, self.variables)
         self.horizon.preconditions(draft.form.preconditions)
 
     def _dynamic(self, draft: ModelDraft) -> None:
@@ -134,12 +151,15 @@ class ScheduleModel:
             self.states.add_condition(span, condition, self.variables.of(owner))
 
     def _disjunctions(self, draft: ModelDraft) -> None:
-        draft.rest = self.disjunctions.take(draft.forms, list(self.world.activities.values()))
+        activities = list(self.world.activities.values())
+        draft.rest = draft.forms if self.plain else self.disjunctions.take(draft.forms, activities)
 
     def _precedences(self, draft: ModelDraft) -> None:
         draft.rest += self._histories(draft.form.preconditions)
 
     def _milestones(self, draft: ModelDraft) -> None:
+        if self.plain:
+            return
         made, self.implied = find_milestones(draft.rest, self.states)
         self._adopt(made)
         self.replaced.update(state.key for state in made)
@@ -197,7 +217,8 @@ class ScheduleModel:
         forms: list[Form] = []
         for constraint, scope, owner in parts.constraints:
             check_time()
-            if first and self.disjunctions.add_written(constraint, scope, self.world.activities):
+            short = first and not self.plain
+            if short and self.disjunctions.add_written(constraint, scope, self.world.activities):
                 continue
             terms = Terms(self.world, self._static, self.variables.of(owner))
             form = terms.form(constraint)
@@ -246,7 +267,7 @@ class ScheduleModel:
 
     def _unary(self, draft: ModelDraft) -> None:
         """Take what is said by resources, levels and states that are for one as disjunctions."""
-        for unary in find_unary(self.states):
+        for unary in [] if self.plain else find_unary(self.states):
             self.disjunctions.add_unary(unary)
             if unary.whole:
                 self.replaced.add(unary.key)
@@ -288,7 +309,7 @@ class ScheduleModel:
                 timeline = (
                     NumericTimeline(self.states, state)
                     if state.numeric
-                    else Timeline(self.states, state, apart)
+                    else Timeline(self.states, state, apart, circuits=not self.plain)
                 )
                 self.timelines[key] = timeline
                 timeline.build()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import threading
 from dataclasses import replace
@@ -11,6 +12,7 @@ from unified_planning.model.scheduling import SchedulingProblem
 from up_samp.model import CandidateSchedule, Deadline, ScheduleReport, ScheduleStatus
 from up_samp.model.deadline import in_force
 from up_samp.model.errors import OutOfTimeError
+from up_samp.scheduling.cpsat.doubt import refuted_by, sooner
 from up_samp.scheduling.cpsat.explain import Explanation, explain
 from up_samp.scheduling.cpsat.growth import can_grow, only_tightened
 from up_samp.scheduling.cpsat.model import ScheduleModel
@@ -20,6 +22,8 @@ from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders, Progress
 from up_samp.scheduling.cpsat.solve.runner import SolverRun
 from up_samp.scheduling.cpsat.solve.strategy import Solve, solve
 from up_samp.scheduling.cpsat.tuning import CpsatTuning
+
+log = logging.getLogger(__name__)
 
 
 class CpsatSession:
@@ -36,6 +40,10 @@ class CpsatSession:
     :param effort: limit of one :meth:`solve` in CP-SAT's deterministic time (0.1 may take a
         second): unlike a deadline, it ends the same way on every machine (``None``: no limit).
     :param tuning: sizes, efforts and shares of its stages (``None``: the defaults).
+    :param plain: recognise nothing in the problem. It takes longer, and rests on less.
+
+    ``doubts``: what rests on what was recognised is doubted before it is told; what is refuted is
+    told as an error of ours, and the answer is one with nothing recognised.
     """
 
     def __init__(
@@ -46,8 +54,11 @@ class CpsatSession:
         workers: int | None = None,
         effort: float | None = None,
         tuning: CpsatTuning | None = None,
+        plain: bool = False,
     ) -> None:
         self.problem = problem
+        self.plain = plain
+        self.doubts = False
         self.settings = SolverRun(seed, workers or os.cpu_count() or 1)
         self.effort = effort
         self.tuning = tuning or CpsatTuning()
@@ -88,6 +99,27 @@ class CpsatSession:
         :param lower_bound: a proven lower bound on the makespan.
         :param on_solution: told of each better schedule.
         """
+        report = self._answer(deadline, optimal, hint, lower_bound, on_solution)
+        refuted = self._refuted(report, deadline) if self.doubts and not self.plain else ""
+        if not refuted:
+            return report
+        log.error("%s", refuted)
+        self.recognise_nothing()
+        return replace(self._answer(deadline, optimal, hint, None, on_solution), refuted=refuted)
+
+    def interrupt(self) -> None:
+        """Stop a :meth:`solve` that runs in another thread."""
+        self._interrupted.set()
+
+    def _answer(
+        self,
+        deadline: Deadline,
+        optimal: bool,
+        hint: CandidateSchedule | None,
+        lower_bound: int | None,
+        on_solution: Progress | None,
+    ) -> ScheduleReport:
+        """Return what is found, be it right or not."""
         started = deadline.elapsed()
         try:
             model = self._update(deadline)
@@ -121,9 +153,25 @@ class CpsatSession:
         told = self.explanation
         return replace(report, recognised=told.recognised, left_over=told.left_over)
 
-    def interrupt(self) -> None:
-        """Stop a :meth:`solve` that runs in another thread."""
-        self._interrupted.set()
+    def recognise_nothing(self) -> None:
+        """Go on with the plain model, and forget what was proven otherwise."""
+        self.plain, self._model, self.bound, self.explanation = True, None, 0, Explanation((), ())
+
+    def _refuted(self, report: ScheduleReport, deadline: Deadline) -> str:
+        """Return what is wrong with a claim ("": nothing that is known)."""
+        none = report.status is ScheduleStatus.INFEASIBLE
+        if not none and not report.bound:
+            return ""
+        best = report.schedule
+        if best is None or report.bound is None or report.bound <= best.makespan:
+            best = sooner(
+                self.problem,
+                None if none else report.bound,
+                deadline,
+                seed=self.settings.seed,
+                tuning=self.tuning.stages,
+            )
+        return "" if best is None else refuted_by(None if none else report.bound, best)
 
     # -- stages --------------------------------------------------------------------------------
     def _update(self, deadline: Deadline) -> ScheduleModel:
@@ -139,7 +187,7 @@ class CpsatSession:
             return grown
         self.rebuilds += 1
         self._model = None
-        self._model = ScheduleModel(self.problem, deadline=deadline)
+        self._model = ScheduleModel(self.problem, deadline=deadline, plain=self.plain)
         return self._model
 
     def _report(self, search: Attempts, seconds: float) -> ScheduleReport:

@@ -84,6 +84,13 @@ class StagesTuning(Tunables):
     relaxed_share: float = share_of(
         0.35, "of the time that is left, for each attempt at the routing relaxation"
     )
+    doubted: int = tunable(
+        150,
+        "constraints",
+        "of the problem as it is written, up to which claims that rest on what was recognised are "
+        "doubted: the plain model is asked for a schedule that cannot be",
+        least=0,
+    )
 
 
 @dataclass(frozen=True)

@@ -38,6 +38,9 @@ class Alternatives:
 def find_groups(parts: Additions, presences: Presences | None = None) -> list[Alternatives]:
     """Return disjoint groups of alternatives among the parts of a normal form.
 
+    Assumes: all pairs of a group exclude each other, all last one fixed time, and that one is there
+    is said without a condition.
+
     :param presences: who is there together (nobody, if not given).
     """
     members = _Members(parts, presences or Presences({}))
@@ -184,6 +187,9 @@ def _switched_once(parts: Additions) -> list[tuple[str, ...]]:
 
     Each of them needs the fluent to have a value right before its effect that no effect ever gives
     it back; after the first effect no other one can come.
+
+    Assumes: no effect ever gives a fluent back what those that change it need, each of them for
+    certain.
     """
     by_fluent: dict[FNode, list[tuple[Timing, Effect, Activity | None]]] = {}
     vague = set()
@@ -261,6 +267,8 @@ def _needed(
 # -- what is said of every member --------------------------------------------------------------
 def merge_forms(forms: list[Form], groups: dict[Literal, tuple[Literal, ...]]) -> list[Form]:
     """Return ``forms`` with those that are said of every member of groups said once.
+
+    Assumes: the same is said of every member of an exact group, whose members have the same times.
 
     :param groups: presence of each member of a group of which exactly one is present -> presences
         of the whole group. A comparison that must hold whichever members are there must hold.

@@ -14,6 +14,8 @@ def domains(forms: Iterable[Form], variables: Variables) -> dict[int, frozenset[
 
     Forms that hold where the parameter's activity is there are enough: nobody asks for the values
     of what is absent.
+
+    Assumes: a form speaks of one parameter alone, and holds wherever its activity is there.
     """
     activities, bounds = variables.world.activities, variables.store.bounds
     presences = {

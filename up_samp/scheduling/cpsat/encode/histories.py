@@ -46,6 +46,9 @@ def find_histories(
 ) -> Histories:
     """Return the state variables that the preconditions speak of.
 
+    Assumes: helpers, rivals and who needs them never overlap, and all are named who may undo what
+    is needed.
+
     :param states: those of the problem; where one of them tells the same, it is read.
     """
     found = Histories()

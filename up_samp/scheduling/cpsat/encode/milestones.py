@@ -48,6 +48,9 @@ def find_milestones(
 ) -> tuple[list[StateVar], dict[Key, list[Read]]]:
     """Return the milestones, and by state variable (of the problem, or a milestone) what clauses
     ask of it for those who move something.
+
+    Assumes: what a helper has set nobody sets back, and the clause is about one activity at one of
+    its times.
     """
     reader = _Reader(states)
     known = _set_for_good(states)

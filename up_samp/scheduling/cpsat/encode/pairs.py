@@ -212,7 +212,10 @@ def _interval(store: Store, activity: ActivityVars, gap: int) -> object:
 
 
 def _pair(form: Form, starts: Owners, ends: Owners) -> tuple[int, int, int] | None:
-    """Return (a, b, gap) if ``form`` says that a and b are ``gap`` or more apart."""
+    """Return (a, b, gap) if ``form`` says that a and b are ``gap`` or more apart.
+
+    Assumes: both orders are said, with one gap, and nothing else but that one is absent.
+    """
     if form.__class__ is not tuple or form[0] != "|":
         return None
     comparisons = [f for f in form[1:] if f.__class__ is Cmp]

@@ -39,12 +39,13 @@ class Link:
 @dataclass
 class Timeline:
     """A state variable in the model: ``until[i]`` bounds the reign of write i; index -1 is the
-    initial value (last entry).
+    initial value (last entry). ``circuits``: its order may be stated as one.
     """
 
     states: States
     state: StateVar
     apart: Apart
+    circuits: bool = True
     until: list[Lin] = field(default_factory=list)
     arcs: dict[tuple[int, int], Literal] = field(default_factory=dict)
     linked: dict[int, Link] = field(default_factory=dict)
@@ -63,7 +64,7 @@ class Timeline:
         self.until = [Lin(((self.store.integer(0, far), 1),)) for _ in self.state.writes]
         self.until.append(Lin(((self.store.integer(0, far), 1),)))
         self._find_links()
-        if self._wants_circuit():
+        if self.circuits and self._wants_circuit():
             self._circuit()
         else:
             self.linked = {}
@@ -222,7 +223,10 @@ class Timeline:
         return arcs <= LIMITS.circuit_arcs
 
     def _circuit(self) -> None:
-        """State the order of the writes as a circuit through a node for the initial value."""
+        """State the order of the writes as a circuit through a node for the initial value.
+
+        Assumes: each effect but few belongs to an activity that needs a value of the state itself.
+        """
         store = self.store
         writes = self.state.writes
         n = len(writes)

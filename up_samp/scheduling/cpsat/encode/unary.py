@@ -49,7 +49,10 @@ def find_unary(states: States) -> list[Unary]:
 
 # -- a level of which each takes more than half --------------------------------------------------
 def _borrowed(states: States, state: StateVar) -> Unary | None:
-    """Find who borrows more than half of what there is (``uses``, a decrease and an increase)."""
+    """Find who borrows more than half of what there is (``uses``, a decrease and an increase).
+
+    Assumes: each takes more than half of what there is, at its start, and gives it back in the end.
+    """
     if not state.numeric or state.initial is None:
         return None
     uses = pair_uses(states, state)
@@ -80,6 +83,8 @@ def _marked(states: States, state: StateVar) -> Unary | None:
 
     In the order of taking, the last effect before anybody takes it must be one that frees it; it
     cannot be the taking of the one before.
+
+    Assumes: whoever takes needs it free, frees it itself, and what is free is never what is taken.
     """
     if state.numeric:
         return None
@@ -156,7 +161,10 @@ def _while_taken(states: States, read: Read, owner: int, take: Write, free: Writ
 
 # -- a state that everybody changes once and holds -----------------------------------------------
 def _held(states: States, state: StateVar) -> Unary | None:
-    """Find who changes a state at one end of a span over which it keeps others from doing so."""
+    """Find who changes a state at one end of a span over which it keeps others from doing so.
+
+    Assumes: each sets it once, at one end of the span over which it keeps it.
+    """
     if state.numeric:
         return None
     for at_end in (True, False):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 from unified_planning.model import DurationInterval
 from unified_planning.model.scheduling import Activity
 
 from up_samp.model import UnsupportedError
+from up_samp.scheduling.cpsat.encode.alternatives import Alternatives
 from up_samp.scheduling.cpsat.encode.durations import check_duration, constant_bounds
 from up_samp.scheduling.cpsat.encode.forms import FALSE, TRUE, Lin, Literal, compare, constant
 from up_samp.scheduling.cpsat.encode.horizon import Horizon
@@ -22,8 +24,8 @@ from up_samp.scheduling.cpsat.problem import Additions
 class Variables:
     """Makes the variables of a model.
 
-    ``presences`` tell which decisions are one; ``leaders``: which activity's start an alternative
-    shares. ``parameters`` holds (variable, type, activity) by name.
+    ``presences`` tell which decisions are one; all members of one of the ``groups`` have one start,
+    whichever of them is listed first. ``parameters`` holds (variable, type, activity) by name.
     """
 
     def __init__(
@@ -32,7 +34,7 @@ class Variables:
         states: States,
         horizon: Horizon,
         presences: Presences,
-        leaders: dict[str, str],
+        groups: Iterable[Alternatives],
     ) -> None:
         self.world = world
         self.store: Store = world.store
@@ -42,7 +44,8 @@ class Variables:
         self.told: dict[str, DurationInterval] = {}
         """Durations that are no numbers, by activity."""
         self._presences = presences
-        self._leaders = leaders
+        self._group = {name: number for number, g in enumerate(groups) for name in g.names}
+        self._starts: dict[int, int] = {}
         self._decisions: dict[str, Literal] = {}
 
     def of(self, activity: Activity | None) -> ActivityVars | None:
@@ -55,9 +58,7 @@ class Variables:
         store = self.store
         present = self._decision(activity.name) if activity.optional else TRUE
         needs = () if present == TRUE else (present,)
-        leader = self.world.activities.get(self._leaders.get(activity.name, ""))
-        times = ((store.integer(0, limit), 1),) if leader is None else leader.start.terms
-        start = Lin(times, 0, needs)
+        start = Lin(((self._start(activity.name, limit), 1),), 0, needs)
         lower, upper = constant_bounds(activity.duration)
         if lower is not None and lower == upper:
             end, size = start.shift(lower), constant(lower)
@@ -72,6 +73,15 @@ class Variables:
         self.states.register(made)
         if limit == LIMITS.placeholder:
             self.horizon.activity(made)
+
+    def _start(self, name: str, limit: int) -> int:
+        """Return the start variable of an activity: its own, or that of its group."""
+        group = self._group.get(name)
+        if group is None:
+            return self.store.integer(0, limit)
+        if group not in self._starts:
+            self._starts[group] = self.store.integer(0, limit)
+        return self._starts[group]
 
     def _decision(self, name: str) -> Literal:
         """Return the literal that decides about an optional activity or a bool variable."""

@@ -43,6 +43,9 @@ def find_presences(
 ) -> Presences:
     """Return what unconditional ``Iff(a, b)`` between presences and bool variables decide together.
 
+    Assumes: ``Iff`` is said without a condition, of presences and bool variables of the problem
+    itself.
+
     :param optional: names of the optional activities, in order.
     :param variables: names of the problem's own bool variables.
     """

@@ -101,6 +101,8 @@ def bound_by_assignment(
 ) -> int:
     """Return a lower bound on the makespan, at least ``known``: the first that is not refuted, or
     less if the time is ``over``.
+
+    Assumes: a traveller comes to each task from its start or from another task that is done.
     """
     tuning = tuning or BoundsTuning()
     costs = shares(work)

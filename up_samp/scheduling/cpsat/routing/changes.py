@@ -50,6 +50,8 @@ def changes_of(model: ScheduleModel, timeline: Timeline, members: set[int]) -> l
     """Return what changes a state, if ``members`` are done one at a time.
 
     What is stated never to happen is not among it.
+
+    Assumes: nothing but effects changes a place; what is not sure of them is odd, or free.
     """
     state = timeline.state
     writes: dict[int | None, list[int]] = {}

@@ -22,7 +22,11 @@ if TYPE_CHECKING:
 
 
 def find_routes(model: ScheduleModel) -> list[Route]:
-    """Return the routes of a model that can be collapsed together."""
+    """Return the routes of a model that can be collapsed together.
+
+    Assumes: a traveller's moves and stops are done one at a time, and no stop is a move of another
+    route.
+    """
     cliques = model.disjunctions.sets()
     places = [
         place
@@ -229,7 +233,10 @@ def _final(model: ScheduleModel, state: StateVar) -> frozenset[int] | None:
 
 
 def _find_returns(model: ScheduleModel, route: Route) -> None:
-    """Find what has to be followed by a move: stops, or every move to any other place."""
+    """Find what has to be followed by a move: stops, or every move to any other place.
+
+    Assumes: a follow-up asks for some move afterwards, not for the next one or the last one.
+    """
     to: dict[str, frozenset[int]] = {}
     for move in route.moves:
         to[move.name] = to.get(move.name, frozenset()) | {move.to}
@@ -241,8 +248,11 @@ def _find_returns(model: ScheduleModel, route: Route) -> None:
             continue
         places = frozenset[int]().union(*(to[h] for h in helpers))
         if follow_up.activity in stops:
-            known = route.returns.get(follow_up.activity)
-            route.returns[follow_up.activity] = places if known is None else known & places
+            # it may come to one after the other, so each says something alone: the narrower one is
+            # kept
+            known = route.returns.get(follow_up.activity, places)
+            narrower = min(known, places, key=lambda some: (len(some), sorted(some)))
+            route.returns[follow_up.activity] = narrower
         elif follow_up.activity in to:
             left.setdefault(places, set()).add(follow_up.activity)
     for places, movers in left.items():

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from up_samp.scheduling.cpsat.encode.forms import TRUE, Cmp
+from up_samp.scheduling.cpsat.encode.forms import TRUE, Cmp, Literal
 from up_samp.scheduling.cpsat.encode.statevars import Key, StateVar
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.openings import RoutedTask, with_openings
@@ -43,7 +43,10 @@ class Work:
 
 
 def find_work(model: ScheduleModel, routes: list[Route]) -> Work | None:
-    """Return the tasks of ``routes``; ``None`` if something else must be done, too."""
+    """Return the tasks of ``routes``; ``None`` if something else must be done, too.
+
+    Assumes: what must be there in every schedule is done on the routes.
+    """
     names = {n for r in routes for n, _ in r.stops}
     others = [
         a
@@ -57,22 +60,30 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> Work | None:
 
 
 def find_tasks(model: ScheduleModel, routes: list[Route]) -> list[RoutedTask]:
-    """Return what may be done on ``routes``."""
-    sure = _sure(model, {name for route in routes for name, _ in route.stops})
+    """Return what may be done on ``routes``.
+
+    Assumes: what has one start is done once at most; it is wanted only where
+    :meth:`ScheduleModel.surely` says so.
+    """
     numbers: dict[int, int] = {}
     tasks: list[RoutedTask] = []
     owners: dict[int, int] = {}
+    presences: dict[int, list[Literal]] = {}
     for number, route in enumerate(routes):
         for name, places in route.stops:
             activity = model.world.activities[name]
             start = activity.start.terms[0][0]
             if start not in numbers:
                 numbers[start] = len(tasks)
-                tasks.append(RoutedTask(activity.least, name in sure))
+                tasks.append(RoutedTask(activity.least, wanted=False))
             owners[activity.index] = numbers[start]
+            presences.setdefault(numbers[start], []).append(activity.present)
             tasks[numbers[start]].ways.append((number, name, places))
         for name, places in route.visits:
             tasks.append(RoutedTask(0, True, [(number, name, places)], visit=True))
+    for number, some in presences.items():
+        # what may be done without any route is not sure, though one of the alternatives is
+        tasks[number].wanted = model.surely(some)
     for first, then, gap in _differences(model):
         if first in numbers and then in numbers:
             tasks[numbers[then]].after.append((numbers[first], gap))
@@ -95,19 +106,6 @@ def find_tasks(model: ScheduleModel, routes: list[Route]) -> list[RoutedTask]:
     _find_changes(model, states, owners, tasks)
     _find_stirs(model, states, tasks)
     return with_openings(model, routes, tasks)
-
-
-def _sure(model: ScheduleModel, stops: set[str]) -> set[str]:
-    """Return the stops of which it is sure that they, or other stops in their place, happen. (What
-    may be done without any route is not, though one of the alternatives has to be there.)
-    """
-    always = {name for name in stops if model.world.activities[name].present == TRUE}
-    covered = (
-        {member.name for member in group} & stops
-        for group in model.disjunctions.groups
-        if all(m.name in stops or model.store.never(m.present) for m in group)
-    )
-    return always.union(*covered)
 
 
 def _differences(model: ScheduleModel) -> Iterator[tuple[int, int, int]]:

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 def find_entries(model: ScheduleModel, route: Route, changes: list[Change]) -> None:
     """Find what every change into a place needs of other state variables (open doors).
 
+    Assumes: every move into a place needs the same, it does not hold at first, and no move provides
+    it.
+
     :param changes: all that the traveller makes one at a time.
     """
     into: dict[int, list[Move]] = {}
@@ -88,6 +91,8 @@ def _true(model: ScheduleModel, activity: ActivityVars, move: Move) -> set[Liter
 def _find_closed_off(model: ScheduleModel, route: Route, needs: Needs) -> None:
     """Find the places to which there is no way but by moves that all need the same (rooms behind
     a door): to come there, one of these has been made before.
+
+    Assumes: a place has no way to it but by moves that need the same.
     """
     for key, allowed in sorted({need for some in needs.values() for need in some}, key=str):
         if model.states.vars[key].initial in allowed:
@@ -107,6 +112,8 @@ def _find_closed_off(model: ScheduleModel, route: Route, needs: Needs) -> None:
 def find_still(model: ScheduleModel, place: StateVar, owners: frozenset[int]) -> Still:
     """Return what all ``owners`` of changes of a place keep as it is from their start to their
     end.
+
+    Assumes: every move that has a midst keeps the state all through it.
     """
     found: Still = {}
     for state in model.states.vars.values():

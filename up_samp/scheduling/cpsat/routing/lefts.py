@@ -49,6 +49,8 @@ def with_lefts(
     """Return the rules with what is left of each set of tasks, as far as ``most`` beginnings and
     the time allow to find it out. ``memory``: what was found out for the same tasks when no more
     was stated; what is found out goes there.
+
+    Assumes: what a ``memory`` holds was found of the same tasks when no more was stated.
     """
     aside = aside_of(rules.programme)
     free = rules.anywhere(over)

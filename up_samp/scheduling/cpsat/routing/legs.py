@@ -7,6 +7,7 @@ in their own time.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from up_samp.scheduling.cpsat.encode.forms import Form, Lin, Literal, constant, disjunction
@@ -158,17 +159,18 @@ class Legs:
                     before = arc.since.shift(arc.lead) if arc.i else constant(0)
                     self.when(since.le(before), arc.literal)
 
-    def hold(self, exact: dict[Literal, tuple[Literal, ...]]) -> None:
-        """State that stays at a unary place do not overlap."""
+    def hold(self, surely: Callable[[Iterable[Literal]], bool]) -> None:
+        """State that stays at a unary place do not overlap; ``surely`` tells of some presences
+        whether one of them is true.
+        """
         store = self.store
         intervals: dict[UnitPlace, list[object]] = {}
         for (unit, *_), (since, until, present) in self._since.items():
             size = store.integer(0, self.limit)
             times = (store.expression(since), store.var(size), store.expression(until))
-            sure = any(set(exact.get(p, (p,))) <= set(present) and p in exact for p in present)
             interval: object = (
                 store.model.new_interval_var(*times, "")
-                if sure
+                if surely(present)
                 else store.model.new_optional_interval_var(
                     *times, store.raw(store.any_of(present)), ""
                 )

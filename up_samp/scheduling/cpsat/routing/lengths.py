@@ -47,7 +47,10 @@ class Lengths:
                 self._others.setdefault(var, []).append(form)
 
     def least(self, activity: ActivityVars, values: Values) -> int:
-        """Return how long an activity lasts at least with ``values``; INFINITE if it cannot."""
+        """Return how long an activity lasts at least with ``values``; INFINITE if it cannot.
+
+        Assumes: a clause of one activity holds for the values that it names, whoever else is there.
+        """
         least = max(activity.least, self._by_fluents(activity, values))
         some = [*values.items()]
         parts = (p for n in range(len(some)) for p in itertools.combinations(some, n + 1))

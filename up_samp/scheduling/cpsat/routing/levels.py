@@ -46,6 +46,9 @@ class Level:
 def find_levels(model: ScheduleModel, route: Route) -> list[Level]:
     """Return the levels of a route: numbers that its moves take from, and that nobody but its moves
     and stops changes. (Who may be put somewhere else gets there for nothing.)
+
+    Assumes: nobody but a traveller's moves and stops changes a level, and its moves only take from
+    it.
     """
     if route.free:
         return []

@@ -26,6 +26,8 @@ from up_samp.scheduling.cpsat.routing.openings import RoutedTask
 def opened_once(parts: Additions, tasks: Iterable[RoutedTask]) -> list[Constraint]:
     """Return constraints on the presences of what opens doors; of each one, where that is needed,
     exactly one is there, else at most one.
+
+    Assumes: an opening is good for nothing but its one door.
     """
     doors = [task for task in tasks if task.opens is not None]
     names = {name for task in doors for _, name, _ in task.ways}

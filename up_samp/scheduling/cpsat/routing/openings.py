@@ -47,7 +47,10 @@ Entrance = tuple[Key, frozenset[int]]
 def with_openings(
     model: ScheduleModel, routes: list[Route], tasks: list[RoutedTask]
 ) -> list[RoutedTask]:
-    """Return ``tasks`` with those that open the same as one, and what cannot go without them."""
+    """Return ``tasks`` with those that open the same as one, and what cannot go without them.
+
+    Assumes: all that changes a state opens it, alike, and opens nothing else; nothing shuts it.
+    """
     entrances = sorted(
         {
             (entry.state, entry.allowed)

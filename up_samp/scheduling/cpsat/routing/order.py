@@ -10,6 +10,9 @@ from up_samp.scheduling.cpsat.encode.forms import Cmp, Form
 class PrecedenceClosure:
     """What follows from unconditional differences between the times of activities.
 
+    Assumes: what is stated without condition holds in every schedule, of the times of what is
+    absent, too.
+
     :param forms: all that is stated; only ``u + k <= v`` (k > 0), said without condition, counts.
     """
 

@@ -72,7 +72,7 @@ class RoutingRelaxation:
         for form in merge_forms(self._forms, self.model.exact):
             self.model.store.enforce(form)
         self._legs.keep_still(self.model.states.vars)
-        self._legs.hold(self.model.exact)
+        self._legs.hold(self.model.surely)
 
     # -- the circuit of one traveller ----------------------------------------------------------
     def _circuit(self, route: Route) -> None:

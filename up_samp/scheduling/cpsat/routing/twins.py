@@ -27,7 +27,10 @@ class Twins:
 
     @staticmethod
     def of(rules: Rules, *, anywhere: bool = False) -> Twins:
-        """Return who is alike by the rules. ``anywhere``: all may begin where they like."""
+        """Return who is alike by the rules. ``anywhere``: all may begin where they like.
+
+        Assumes: twins have the same ways, choices, homes and doors; where they begin is their own.
+        """
         count = len(rules.ways)
         mine: list[dict[tuple[int, int], int]] = [{} for _ in range(count)]
         for number, choice in enumerate(rules.choices):

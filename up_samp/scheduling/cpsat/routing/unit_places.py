@@ -32,7 +32,11 @@ class UnitPlace:
 
 
 def find_unit_places(model: ScheduleModel, routes: list[Route]) -> list[UnitPlace]:
-    """Return the unary places: 0/1 fluents that arrivals decrease and departures increase."""
+    """Return the unary places: 0/1 fluents that arrivals decrease and departures increase.
+
+    Assumes: every arrival takes the one unit at its end, every departure gives it back at its
+    start, and whoever begins there has it.
+    """
     carriers: dict[int | None, set[Key]] = {}
     for route in routes:
         for move in route.moves:

@@ -15,6 +15,9 @@ def find_visits(model: ScheduleModel, route: Route) -> None:
     """Find the places to which one of some moves has to be made.
 
     A visit begins when such a move ends, so nothing may need a rest after it.
+
+    Assumes: one of some moves is there in every schedule, all of them lead to one place, and none
+    is odd.
     """
     if route.gap > 0:
         return

@@ -31,6 +31,8 @@ def lanes(model: ScheduleModel, routes: list[Route]) -> list[list[int]]:
 
     Time in which a traveller only waits until its arrival is seen is not shared out, so these do
     not count.
+
+    Assumes: of travellers that take turns, all moves and stops are done one at a time.
     """
     index = model.world.activities
     wholes = [
@@ -70,6 +72,9 @@ def bound_by_work(
     tuning: BoundsTuning | None = None,
 ) -> WorkBound:
     """Return a lower bound on the makespan; of large fleets, by who does what alone.
+
+    Assumes: every wanted task is done by one of its ways, and a traveller is at one place at a
+    time.
 
     :param known: a lower bound.
     :param over: tells that the time is up.

@@ -211,6 +211,11 @@ class Attempts:
                 return True
         return False
 
+    def below(self, cap: int) -> None:
+        """Look for some schedule that ends by ``cap``, from nothing that is known."""
+        if cap >= 0:
+            self._run(self.model.capped(cap), profiles.ONE_PRESOLVE_PASS, None, first=True)
+
     def improve(
         self, cap: int, profile: Profile, effort: float | None, *, hinted: bool = True
     ) -> None:

@@ -96,7 +96,9 @@ def _realize_guess(search: Solve) -> None:
 
 
 def _find_routes(search: Solve) -> None:
-    search.routes = find_routes(search.whole.model) if search.whole.minimizes_makespan else []
+    model = search.whole.model
+    wanted = search.whole.minimizes_makespan and not model.plain
+    search.routes = find_routes(model) if wanted else []
     search.work = find_work(search.whole.model, search.routes) if search.routes else None
     if search.work is not None:
         search.work.lefts = search.memory

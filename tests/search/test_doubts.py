@@ -1,0 +1,73 @@
+"""A bound or a proof that rests on what was recognised, and is wrong: it is refuted by the plain
+model, told as an error, and what is returned rests on nothing that was recognised.
+"""
+
+import logging
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from cpsat import fleets
+from cpsat.fleets import optimum, write_fleet
+from unified_planning.engines import LogLevel
+from unified_planning.engines import PlanGenerationResultStatus as Status
+from unified_planning.shortcuts import OneshotPlanner
+
+from up_samp.fleet import Fleet
+from up_samp.scheduling.cpsat.solve import strategy
+from up_samp.validation import validate_plan
+
+MAPS = Path(__file__).parents[2] / "examples" / "maps"
+PAIR = fleets.Fleet((0, 30), (6, 21), (2, 2), ((0, 1), (0, 1)), home=True)
+
+
+@pytest.fixture(params=[7, 100_000], ids=["too great", "beyond all"])
+def wrong(request, monkeypatch, caplog):
+    """Let the bound by work be too great by some units; a very great one leaves no schedule."""
+    honest = strategy.bound_by_work
+
+    def bound(*args, **more):
+        found = honest(*args, **{**more, "value": 0})
+        return replace(found, value=found.value + request.param)
+
+    monkeypatch.setattr(strategy, "bound_by_work", bound)
+    caplog.set_level(logging.CRITICAL, "up_samp")  # it is told; here it need not be heard
+    return request.param
+
+
+def refuted(result):
+    """Return whether a result says that a claim was refuted, by its metric and as an error."""
+    told = [m.message for m in result.log_messages or [] if m.level is LogLevel.ERROR]
+    assert ("refuted" in result.metrics) == any(m.startswith("refuted:") for m in told)
+    return "refuted" in result.metrics
+
+
+@pytest.mark.parametrize("name", ["cpsat", "samp-refine[cpsat]"])
+def test_a_schedule_rests_on_nothing_that_was_refuted(name, wrong):
+    with OneshotPlanner(name=name) as planner:
+        result = planner.solve(write_fleet(PAIR, 3))
+    assert refuted(result)
+    assert result.status is Status.SOLVED_OPTIMALLY
+    assert int(result.metrics["makespan"]) == int(result.metrics["lower_bound"]) == optimum(PAIR)
+
+
+@pytest.mark.parametrize("optimal", [True, False])
+def test_a_plan_rests_on_nothing_that_was_refuted(optimal, wrong):
+    fleet = Fleet(MAPS / "two_rooms.yaml")
+    fleet.add_robot_type("agv", (1.2, 0.8), turning_radius=0.8, v_max=2.0, a_max=0.5)
+    for place, x in (("home", 3), ("near", 8)):
+        fleet.add_place(place, x, 3)
+    fleet.add_robot("r1", "agv", "home", end="home")
+    fleet.add_task("look", "near", duration=3)
+    result = fleet.solve(optimal=optimal)
+    assert result.outcome.metrics["refuted"]
+    assert validate_plan(fleet.problem, result.plan).valid
+    bound = int(result.outcome.metrics["lower_bound"])
+    assert bound <= result.makespan
+    assert not optimal or (result.status, bound) == ("SOLVED_OPTIMALLY", result.makespan)
+
+
+@pytest.mark.parametrize("name", ["cpsat", "samp-refine[cpsat]"])
+def test_what_holds_is_not_refuted(name):
+    with OneshotPlanner(name=name) as planner:
+        assert not refuted(planner.solve(write_fleet(PAIR, 3)))
