@@ -3,7 +3,8 @@
 import handmade
 import pytest
 
-from up_samp.execution import At, Do, Executor, Go, Hold, dependencies_of
+from up_samp.execution import At, Do, Executor, Go, Heard, Hold, Reply, dependencies_of
+from up_samp.execution.reports import TAKEN
 from up_samp.io import plan_to_dict
 from up_samp.model import ProblemError
 
@@ -81,18 +82,22 @@ def test_lateness_slack_and_what_will_be_missed(executor):
     assert 0.0 < slack[CORNER] < 5.0
 
 
-def test_what_cannot_be_is_refused(executor):
+def test_what_cannot_be_over_is_not(executor):
     executor.commands(0.0)
-    with pytest.raises(ProblemError, match="no activity 'nothing'"):
-        executor.done("nothing")
-    with pytest.raises(ProblemError, match="'pick_r0_item' may not end yet: it waits for"):
-        executor.done("pick_r0_item")  # it takes 2 s
-    with pytest.raises(ProblemError, match=f"'{TO_ITEM}' cannot be over: it is waiting"):
-        executor.done(TO_ITEM)
-    with pytest.raises(ProblemError, match="its motion is not at its end"):
-        executor.done(TO_BUTTON)
-    with pytest.raises(ProblemError, match="tells of"):
-        executor.update("r0", progress=1.0, now=1.0, motion=TO_ITEM)
+    assert executor.done("nothing") == Reply(Heard.IGNORED, "the plan has no activity 'nothing'")
+    early = executor.done("pick_r0_item")  # it takes 2 s
+    assert early.heard is Heard.AGAIN
+    assert "'pick_r0_item' may not end yet: it waits for" in early.why
+    assert "'move_r0_button_to_item' cannot be over" in executor.done(TO_ITEM).why
+    assert "its motion is not at its end" in executor.done(TO_BUTTON).why
+    assert executor.phase(TO_BUTTON).value == "running"
+    other = executor.update("r0", progress=1.0, now=1.0, motion=TO_ITEM)
+    assert (other.heard, other.why) == (
+        Heard.HELD, f"it tells of '{TO_ITEM}' while in '{TO_BUTTON}'",
+    )  # fmt: skip
+    assert executor.commands(1.0)["r0"] == Hold((other.why,))
+    assert executor.update("r0", progress=1.0, now=1.2, motion=TO_BUTTON) == TAKEN
+    assert executor.commands(1.2)["r0"] == Go(TO_BUTTON, 8.0)
     with pytest.raises(ProblemError, match="only together with its problem"):
         Executor(executor_plan(executor))
 

@@ -8,6 +8,7 @@ from up_samp.execution.files import dependencies_from_plan, with_dependencies
 from up_samp.execution.graph import At, Bound, Edge, Event, Graph, PlannedTask
 from up_samp.execution.reorder import Reorderer
 from up_samp.execution.replan import Incident, Journey, simulate_replanned, solve_remaining
+from up_samp.execution.reports import Heard, Overrun, Reply
 from up_samp.execution.simulate import Simulation, simulate
 from up_samp.execution.surprise import Remaining, Surprise
 from up_samp.model.execution_tuning import ExecutionTuning
@@ -25,12 +26,15 @@ __all__ = [
     "Executor",
     "Go",
     "Graph",
+    "Heard",
     "Hold",
     "Incident",
     "Journey",
+    "Overrun",
     "PlannedTask",
     "Remaining",
     "Reorderer",
+    "Reply",
     "Simulation",
     "Surprise",
     "coarse",

@@ -96,9 +96,7 @@ def happened(state: State, event: Event) -> bool:
     if event in state.fired:
         return True
     if event.at is At.REACH:
-        way = state.ways[event.activity, event.object]
-        begun = state.phase[event.activity] is not Phase.WAITING
-        return begun and way.progress >= event.progress - state.tolerance
+        return state.reached(state.ways[event.activity, event.object], event.progress)
     return False
 
 
@@ -121,7 +119,7 @@ def can_wait(state: State, need: Precedence) -> bool:
     brake = speed * speed / (2 * way.travel.accel) + speed * REACTION + 0.05
     # a robot at rest at a gate goes nowhere
     committed = min(way.progress + brake, state.until(way))
-    return event.progress >= committed - 1e-9
+    return max(0.0, event.progress - state.localisation) >= committed - 1e-9
 
 
 def settled(executor: Executor, open_: set[Key | int]) -> list[Precedence]:

@@ -1,4 +1,4 @@
-"""How the floor departs from the plan: slow robots, stops, tasks that take longer."""
+"""How the floor departs from the plan: slow robots, stops, longer tasks, wrong reports."""
 
 from __future__ import annotations
 
@@ -18,6 +18,10 @@ class Delays:
     from an exponential distribution with mean ``stop_seconds``.
     ``long_stop``: one robot stops once for so many seconds, at a random time.
     ``late``: tasks that drive nothing take up to this share longer.
+
+    What robots tell is wrong, too: by a constant of up to ``bias`` m (each robot's own, either
+    sign), by up to ``noise`` m more that is drawn anew for each report, and it is told ``lag`` s
+    late. Some drive by what they tell, some better than that (others tell where they are).
     """
 
     slow: float = 0.0
@@ -25,11 +29,14 @@ class Delays:
     stop_seconds: float = 5.0
     long_stop: float = 0.0
     late: float = 0.0
+    bias: float = 0.0
+    noise: float = 0.0
+    lag: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.slow < 1.0:
             raise ProblemError(f"delays: 'slow' must be at least 0 and below 1, not {self.slow}")
-        for name in ("stops", "stop_seconds", "long_stop", "late"):
+        for name in ("stops", "stop_seconds", "long_stop", "late", "bias", "noise", "lag"):
             if getattr(self, name) < 0.0:
                 raise ProblemError(f"delays: '{name}' must not be negative")
 
@@ -60,17 +67,33 @@ class Delays:
 
 
 @dataclass(frozen=True)
+class Senses:
+    """How wrong reports are: ``bias`` (m, told minus true progress), ``noise`` (m, drawn from
+    [-noise, noise] by a generator of ``seed``) and ``lag`` (s). A ``tracked`` robot drives by the
+    truth, and others tell where it is; a ``silent`` one does not say that it has come to its end.
+    """
+
+    bias: float = 0.0
+    noise: float = 0.0
+    lag: float = 0.0
+    tracked: bool = False
+    silent: bool = False
+    seed: str = ""
+
+
+@dataclass(frozen=True)
 class Luck:
     """One draw: what will go wrong, by robot and by task, the same for every way of execution.
 
     ``pace`` (share of the speed), ``stops`` (lists of (after so many seconds of driving, length)),
-    ``halt`` (robot, time, length) and ``longer`` (factor on a task's duration).
+    ``halt`` (robot, time, length), ``longer`` (factor on a task's duration) and ``senses``.
     """
 
     pace: Mapping[str, float] = field(default_factory=dict)
     stops: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
     halt: tuple[str, float, float] | None = None
     longer: Mapping[str, float] = field(default_factory=dict)
+    senses: Mapping[str, Senses] = field(default_factory=dict)
 
 
 def draw(
@@ -90,7 +113,15 @@ def draw(
     if delays.long_stop > 0.0 and names:
         rng = random.Random(f"halt {seed}")
         halt = (rng.choice(names), rng.uniform(0.05, 0.6) * makespan, delays.long_stop)
-    return Luck(pace, stops, halt, longer)
+    senses = {name: _senses(delays, name, seed) for name in names}
+    return Luck(pace, stops, halt, longer, senses)
+
+
+def _senses(delays: Delays, name: str, seed: int) -> Senses:
+    rng = random.Random(f"senses {name} {seed}")
+    bias = rng.choice((-1.0, 1.0)) * delays.bias * rng.choice((1.0, 1.0, rng.random()))
+    tracked, silent = rng.random() < 0.5, rng.random() < 0.5
+    return Senses(bias, delays.noise, delays.lag, tracked, silent, f"noise {name} {seed}")
 
 
 def _stops(delays: Delays, rng: random.Random, horizon: float) -> list[tuple[float, float]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
@@ -16,13 +17,26 @@ from up_samp.execution.forecast import Forecast, forecast, routes_of
 from up_samp.execution.graph import At, Event
 from up_samp.execution.pace import Pace
 from up_samp.execution.remaining import remaining_problem
+from up_samp.execution.reports import (
+    TAKEN,
+    Heard,
+    Overrun,
+    Reply,
+    clock_doubt,
+    doubt,
+    is_number,
+    kept_away,
+)
 from up_samp.execution.sides import planned_sides
 from up_samp.execution.state import Phase, State, Way
 from up_samp.execution.surprise import Remaining, Surprise
 from up_samp.execution.tolerances import TOLERANCES
+from up_samp.execution.travel import Along, along
+from up_samp.io.floors import map_number, side_by_side
 from up_samp.io.plan_dict import PlanDict, plan_to_dict
 from up_samp.model import ProblemError
 from up_samp.model.execution_tuning import ExecutionTuning
+from up_samp.model.frames import Frame
 
 
 class Executor:
@@ -32,6 +46,9 @@ class Executor:
     as often as robots tell where they are, ``done`` when a task is over, and do what ``commands``
     says. Times are seconds since the plan's start; they never go back. ``tuning`` are numbers that
     say how hard orders are looked at again (docs/tuning.md).
+
+    ``localisation`` (m) is how far from the truth a told progress may be. ``tolerance`` (m) is
+    rounding: by how much less than a point may be told of a robot that stands there.
     """
 
     def __init__(
@@ -42,6 +59,7 @@ class Executor:
         margin: float | None = None,
         seconds_per_unit: float | None = None,
         tolerance: float = TOLERANCES.progress,
+        localisation: float = TOLERANCES.localisation,
         dependencies: Dependencies | None = None,
         tuning: ExecutionTuning | None = None,
     ):
@@ -58,7 +76,10 @@ class Executor:
         else:
             self.dependencies = dependencies_from_plan(plan)
         graph = self.dependencies.graph
-        self.state = State(graph, self.dependencies.travels, tolerance)
+        for name, value in (("localisation", localisation), ("tolerance", tolerance)):
+            if not is_number(value) or value < 0.0:
+                raise ProblemError(f"'{name}' cannot be {value!r}: at least 0 m")
+        self.state = State(graph, self.dependencies.travels, tolerance, localisation)
         self.routes = routes_of(graph, self.state.ways)
         self.tuning = tuning or ExecutionTuning()
         self.pace = Pace(self.tuning.pace)
@@ -66,6 +87,13 @@ class Executor:
         """Components that are passed on another side than planned (see ``reorder``)."""
         self.turned: frozenset[int] = frozenset()
         """Choices that are the other way round than planned, by their number."""
+        self._drives = {d.key: d for life in self.dependencies.lives.values() for d in life.drives}
+        self._drivers = {robot for _, robot in self._drives}
+        self._told: dict[str, float] = {}
+        """When each robot last told something that was believed (s)."""
+        self._held: dict[str, str] = {}
+        """Robots that have to hold until they tell where they are, and why."""
+        self._astray: dict[str, Overrun] = {}
         self._running: dict[str, None] = {}
         self._ready = dict.fromkeys(sorted(graph.tasks, key=lambda n: graph.tasks[n].planned))
         self._of_robot: dict[str, list[str]] = {}
@@ -90,8 +118,7 @@ class Executor:
         """
         if self.problem is None:
             raise ProblemError("what is left can be told only where the problem is known")
-        drives = {d.key: d for life in self.dependencies.lives.values() for d in life.drives}
-        return remaining_problem(self.problem, self.plan, self.state, drives, surprise)
+        return remaining_problem(self.problem, self.plan, self.state, self._drives, surprise)
 
     # ------------------------------------------------------------------ what is told
 
@@ -100,45 +127,164 @@ class Executor:
         """The latest time told (s)."""
         return self.state.now
 
-    def update(self, robot: str, *, progress: float, now: float, motion: str | None = None) -> None:
-        """Note that ``robot`` is ``progress`` m along its motion under way, at ``now`` s.
+    def update(
+        self,
+        robot: str,
+        *,
+        progress: float | None = None,
+        now: float,
+        motion: str | None = None,
+        pose: Sequence[float] | None = None,
+    ) -> Reply:
+        """Note that ``robot`` is ``progress`` m along its motion under way, at ``now`` s, or at
+        ``pose`` (x, y, theta: see :meth:`progress_of`). What cannot be is not believed.
 
         ``motion`` says which one is meant: what is told late of a motion that is over is ignored.
         """
-        self.state.tick(now)
-        if motion is not None and self.state.phase.get(motion) is Phase.DONE:
-            return
+        if robot not in self._drivers:
+            return Reply(Heard.IGNORED, f"the plan drives no '{robot}'")
+        timed = self._time(now, self._told.get(robot, -math.inf))
+        if timed is not None:
+            return timed
         way = self._way_of(robot)
-        if way is not None and motion is not None and way.activity != motion:
-            raise ProblemError(f"'{robot}' tells of '{motion}' while in '{way.activity}'")
+        other = self._other_motion(robot, way, motion)
+        if other is not None:
+            return other
+        if pose is not None and way is not None:
+            found = self._placed(way, pose)
+            if isinstance(found, Reply):
+                return found
+            progress = found
+        if not is_number(progress) or progress is None:
+            return Reply(Heard.AGAIN, f"progress cannot be {progress!r}: a finite number (m)")
         if way is None:
-            if progress > self.state.tolerance:
-                raise ProblemError(f"'{robot}' drives, but no motion of it is under way")
-            return
+            return self._without_way(robot, motion, progress)
+        seconds = self.now - self._told.get(robot, self.now)
+        why = doubt(way, progress, max(0.0, seconds), self.state.localisation)
+        if why:
+            return Reply(Heard.AGAIN, why)
+        self._told[robot] = now
+        return self._take(way, progress)
+
+    def _take(self, way: Way, progress: float) -> Reply:
+        self._held.pop(way.object, None)
         self.pace.told(way, progress, self.state.now, self.state.until(way))
         self.state.move(way, progress)
-        if way.progress >= way.length - self.state.tolerance:
-            self._finish_motion(way.activity)
+        if self.state.astray(way) or self._astray:
+            self._bar()
+        if way.object in self._astray:
+            return Reply(Heard.HELD, str(self._astray[way.object]))
+        self._finish_motion(way.activity)
+        return TAKEN
 
-    def done(self, activity: str, now: float | None = None) -> None:
-        """Note that a task that drives nothing is over."""
-        if now is not None:
-            self.state.tick(now)
-        if activity not in self.state.phase:
-            raise ProblemError(f"the plan has no activity '{activity}'")
-        if self.state.phase[activity] is not Phase.RUNNING:
-            raise ProblemError(
-                f"'{activity}' cannot be over: it is {self.state.phase[activity].value}"
-            )
-        if self.state.graph.tasks[activity].moves:
+    def _time(self, now: Any, last: float) -> Reply | None:
+        """Let time pass until ``now``, if that can be; else return an answer. ``last`` is when the
+        same one told something before.
+        """
+        if not is_number(now):
+            return Reply(Heard.AGAIN, f"the time cannot be {now!r}: a finite number (s)")
+        why = clock_doubt(now, self.now)
+        if why:
+            return Reply(Heard.AGAIN, why)
+        if now < last:
+            return Reply(Heard.IGNORED, f"it told something later, at {last:.2f} s")
+        self.state.tick(now)
+        return None
+
+    def _other_motion(self, robot: str, way: Way | None, motion: str | None) -> Reply | None:
+        """Return an answer to what is told of another motion than the one under way."""
+        if motion is None or (way is not None and way.activity == motion):
+            return None
+        if (motion, robot) not in self.state.ways:
+            return Reply(Heard.IGNORED, f"the plan has no motion '{motion}' of '{robot}'")
+        if self.state.phase[motion] is Phase.DONE:
+            return Reply(Heard.IGNORED, f"'{motion}' is over")
+        if way is None:
+            return None
+        why = f"it tells of '{motion}' while in '{way.activity}'"
+        self._held[robot] = why
+        return Reply(Heard.HELD, why)
+
+    def _without_way(self, robot: str, motion: str | None, progress: float) -> Reply:
+        """Answer a robot that has no motion under way."""
+        over = [w for w in self.state.ways.values() if w.object == robot and self._over(w)]
+        still = self.state.localisation + self.state.tolerance
+        at_end = motion is None and any(abs(progress - w.length) <= 2 * still for w in over)
+        if progress <= still or at_end:
+            self._held.pop(robot, None)
+            return Reply(Heard.IGNORED, f"no motion of '{robot}' is under way")
+        self._held[robot] = "it drives, but no motion of it is under way"
+        return Reply(Heard.HELD, self._held[robot])
+
+    def _over(self, way: Way) -> bool:
+        return self.state.phase[way.activity] is Phase.DONE
+
+    def progress_of(self, activity: str, robot: str, pose: Sequence[float]) -> Along:
+        """Return how far along its path a robot is that stands at ``pose`` (x, y, theta; the plan's
+        frame), and how far it is off it, see :func:`up_samp.execution.travel.along`. Of a motion
+        under way what was told before tells apart stretches that pass the same point.
+        """
+        drive = self._drives.get((activity, robot))
+        if drive is None:
+            raise ProblemError(f"the plan has no motion '{activity}' of '{robot}'")
+        here = self._frames.get(drive.key, Frame()).of(pose)
+        way = self.state.of_object.get(robot)
+        if way is None or way.activity != activity:
+            return along(drive.path, here)
+        seconds = max(0.0, self.now - self._told.get(robot, self.now))
+        slack = 4 * self.state.localisation + TOLERANCES.progress
+        low, high = way.told - slack, way.told + way.travel.fastest * seconds + slack
+        return along(drive.path, here, (low, high))
+
+    @cached_property
+    def _frames(self) -> dict[tuple[str, str], Frame]:
+        """Where the plan's poses lie in the one plane of all paths, by motion."""
+        frames = side_by_side(self.plan)[1]
+        return {(m["activity"], m["object"]): frames[map_number(m)] for m in self.plan["motions"]}
+
+    def _placed(self, way: Way, pose: Sequence[float]) -> float | Reply:
+        if not isinstance(pose, Sequence) or len(pose) != 3 or not all(map(is_number, pose)):
+            return Reply(Heard.AGAIN, f"a pose cannot be {pose!r}: three finite numbers")
+        place = self.progress_of(way.activity, way.object, pose)
+        if place.off > 2 * self.state.localisation + TOLERANCES.place:
+            why = f"it is {place.off:.3f} m off its path"
+            self._held[way.object] = why
+            return Reply(Heard.HELD, why)
+        return place.progress
+
+    def done(self, activity: str, now: float | None = None) -> Reply:
+        """Note that a task that drives nothing is over, or that a motion's robots are at its end.
+
+        A motion is over only if what its robots told last says so, too.
+        """
+        state = self.state
+        if activity not in state.phase:
+            return Reply(Heard.IGNORED, f"the plan has no activity '{activity}'")
+        timed = None if now is None else self._time(now, -math.inf)
+        if timed is not None:
+            return timed
+        if state.phase[activity] is Phase.DONE:
+            return Reply(Heard.IGNORED, f"'{activity}' is over already")
+        if state.phase[activity] is Phase.WAITING:
+            return Reply(Heard.AGAIN, f"'{activity}' cannot be over: it has not begun")
+        end = state.end_number[activity]
+        if state.graph.tasks[activity].moves:
+            for way in state.ways_of[activity]:
+                way.at_end = True
             self._finish_motion(activity)
-            if self.state.phase[activity] is not Phase.DONE:
-                raise ProblemError(f"'{activity}' cannot be over: its motion is not at its end")
-            return
-        if not self.state.open(self.state.end_number[activity]):
-            waits = ", ".join(self._missing(self.state.end_number[activity]))
-            raise ProblemError(f"'{activity}' may not end yet: it waits for {waits}")
+            if state.phase[activity] is Phase.DONE:
+                return TAKEN
+            if all(state.arrived(w) for w in state.ways_of[activity]):
+                waits = ", ".join(self._missing(end))
+                return Reply(Heard.AGAIN, f"'{activity}' may not end yet: it waits for {waits}")
+            for way in state.ways_of[activity]:
+                way.at_end = False
+            return Reply(Heard.AGAIN, f"'{activity}' cannot be over: its motion is not at its end")
+        if not state.open(end):
+            waits = ", ".join(self._missing(end))
+            return Reply(Heard.AGAIN, f"'{activity}' may not end yet: it waits for {waits}")
         self._end(activity)
+        return TAKEN
 
     def _way_of(self, robot: str) -> Way | None:
         return self.state.of_object.get(robot)
@@ -152,10 +298,29 @@ class Executor:
 
     def _end(self, activity: str) -> None:
         self.state.phase[activity] = Phase.DONE
+        for way in self.state.ways_of[activity]:
+            self.state.finish(way)
+            self.state.of_object.pop(way.object, None)
         self.state.fire(self.state.end_number[activity], self.state.now)
         del self._running[activity]
-        for way in self.state.ways_of[activity]:
-            self.state.of_object.pop(way.object, None)
+
+    # ------------------------------------------------------------------ who is astray
+
+    @property
+    def overruns(self) -> tuple[Overrun, ...]:
+        """The robots that are where their commands cannot have led them."""
+        return tuple(self._astray.values())
+
+    def _bar(self) -> None:
+        """Find out who is astray, and keep everybody else away from there."""
+        self._astray, self.state.bars = {}, {}
+        for way in self.state.of_object.values():
+            by = self.state.astray(way)
+            if by:
+                held, met, bars = kept_away(self.state, self.dependencies.meetings, way)
+                self._astray[way.object] = Overrun(way.object, way.activity, by, held, met)
+                for key, most in bars.items():
+                    self.state.bars[key] = min(most, self.state.bars.get(key, most))
 
     # ------------------------------------------------------------------ what to do
 
@@ -165,7 +330,11 @@ class Executor:
         What may begin has begun by being told.
         """
         if now is not None:
+            if not is_number(now):
+                raise ProblemError(f"the time cannot be {now!r}: a finite number (s)")
             self.state.tick(now)
+        if self._astray:
+            self._bar()
         for name in [n for n in self._running if self.state.graph.tasks[n].moves]:
             self._finish_motion(name)
         self._begin()
@@ -187,23 +356,31 @@ class Executor:
     def _begin(self) -> None:
         state = self.state
         for name in [n for n in self._ready if state.missing[state.start_number[n]] == 0]:
-            if any(w.object in state.of_object for w in state.ways_of[name]):
+            ways = state.ways_of[name]
+            if any(w.object in state.of_object or w.object in self._held for w in ways):
                 continue
             del self._ready[name]
             self._running[name] = None
             state.phase[name] = Phase.RUNNING
             state.fire(state.start_number[name], state.now)
-            for way in state.ways_of[name]:
+            for way in ways:
                 state.of_object[way.object] = way
+                way.since = self._told[way.object] = state.now
                 state.move(way, 0.0)
 
     def _drive(self, way: Way) -> Command:
         state = self.state
+        if way.object in self._astray:
+            return Hold((str(self._astray[way.object]),))
+        if way.object in self._held:
+            return Hold((self._held[way.object],))
         until = state.until(way)
         if way.progress < until - state.tolerance:
             return Go(way.activity, until)
-        if until < way.length:
-            number = next(n for p, n in way.gates[way.gate :] if state.missing[n] > 0)
+        number = state.closed(way)
+        if until == state.bars.get((way.activity, way.object)):
+            return Hold(tuple(str(o) for o in self.overruns if way.object in (*o.held, *o.met)))
+        if number is not None:
             return Hold(self._missing(number))
         return Hold(self._missing(state.end_number[way.activity]))
 
@@ -231,8 +408,8 @@ class Executor:
             name = next((n for n in self._of_robot.get(robot, ()) if n in self._ready), None)
             number = None if name is None else state.start_number[name]
         else:
-            closed = [n for _, n in way.gates[way.gate :] if state.missing[n] > 0]
-            number = closed[0] if closed else state.end_number[way.activity]
+            closed = state.closed(way)
+            number = state.end_number[way.activity] if closed is None else closed
         found: dict[str, None] = {}
         for edge in () if number is None else state.into[number]:
             if not self._holds(edge.first, edge.lag):

@@ -140,7 +140,12 @@ class Graph:
     @cached_property
     def implied(self) -> tuple[tuple[int, int], ...]:
         """Pairs of events (first, then) that follow each other by themselves."""
-        return tuple(_implied(self.events, self.tasks))
+        on_path = {
+            k: event.progress
+            for k, event in enumerate(self.events)
+            if event.at in (At.REACH, At.LEAVE)
+        }
+        return tuple(chained(self.events, self.tasks, on_path))
 
     @cached_property
     def order(self) -> tuple[int, ...]:
@@ -152,22 +157,47 @@ class Graph:
         return tuple(found)
 
 
-def _implied(events: Sequence[Event], tasks: Mapping[str, PlannedTask]) -> list[tuple[int, int]]:
+def chained(
+    events: Sequence[Event], tasks: Mapping[str, PlannedTask], places: Mapping[int, float]
+) -> list[tuple[int, int]]:
+    """Return pairs of events (first, then) that follow each other by themselves, where the points
+    on paths come in the order of their ``places``.
+    """
     number = {event: k for k, event in enumerate(events)}
     pairs: list[tuple[int, int]] = []
     on_path: dict[tuple[str, str], list[int]] = {}
-    for k, event in enumerate(events):
-        if event.at in (At.REACH, At.LEAVE):
-            on_path.setdefault((event.activity, event.object), []).append(k)
+    for k in places:
+        on_path.setdefault((events[k].activity, events[k].object), []).append(k)
     origin = number[ORIGIN]
     for name in tasks:
         start, end = number[Event(At.START, name)], number[Event(At.END, name)]
         pairs += [(origin, start), (start, end)]
     for (activity, _), inner in on_path.items():
-        ordered = sorted(inner, key=lambda k: (events[k].progress, events[k].at is At.LEAVE))
+        ordered = sorted(inner, key=lambda k: (places[k], events[k].at is At.LEAVE))
         chain = [number[Event(At.START, activity)], *ordered, number[Event(At.END, activity)]]
         pairs += itertools.pairwise(chain)
     return pairs
+
+
+def entangled(count: int, pairs: Sequence[tuple[int, int]]) -> set[int]:
+    """Return the numbers that lie on a cycle of the pairs, or between two cycles."""
+    left = set(range(count))
+    for forward in (True, False):
+        after: list[list[int]] = [[] for _ in range(count)]
+        missing = [0] * count
+        for pair in pairs:
+            first, then = pair if forward else pair[::-1]
+            after[first].append(then)
+            missing[then] += 1
+        ready = [k for k in range(count) if missing[k] == 0]
+        while ready:
+            k = ready.pop()
+            left.discard(k)
+            for then in after[k]:
+                missing[then] -= 1
+                if missing[then] == 0:
+                    ready.append(then)
+    return left
 
 
 def topological(

@@ -182,6 +182,6 @@ def _come_to_a_stand(floor: Floor, stops: Mapping[str, float], until: float) -> 
             names = ", ".join(f"'{r.name}'" for r in left)
             raise ProblemError(f"the rest cannot be planned: {names} did not come to a stand")
         for robot in left:
-            robot.until = stops[robot.name]
+            robot.until, robot.hold = stops[robot.name], False
             robot.step(floor.now, floor.tick)
         floor.now = round(floor.now + floor.tick, 9)

@@ -7,13 +7,14 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from up_samp.execution.build import Dependencies
-from up_samp.execution.commands import Do, Go
+from up_samp.execution.commands import Do, Go, Hold
 from up_samp.execution.delays import Delays, Luck, draw
 from up_samp.execution.executor import Executor
 from up_samp.execution.judge import Contact, contacts_of
 from up_samp.execution.record import Drivings, record_of
 from up_samp.execution.reorder import Reorderer
 from up_samp.execution.robot import Robot
+from up_samp.execution.state import Phase
 from up_samp.execution.timetable import Timetable
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model.execution_tuning import ExecutionTuning, FloorTuning
@@ -78,7 +79,7 @@ class Floor:
                 halt = self.luck.halt
                 mine = None if halt is None or halt[0] != name else (halt[1], halt[2])
                 pace, stops = self.luck.pace.get(name, 1.0), self.luck.stops.get(name, ())
-                self.robots[name] = Robot(name, pace, stops, mine)
+                self.robots[name] = Robot(name, pace, stops, mine, self.luck.senses.get(name))
         self.waiting: dict[str, float] = dict.fromkeys(self.robots, 0.0)
         self.last: dict[str, float] = dict.fromkeys(self.robots, 0.0)
 
@@ -109,13 +110,24 @@ class Floor:
             disturbed |= self.now < robot.held_until
         self.now = round(self.now + self.tick, 9)
         for robot in self.robots.values():
-            if robot.motion is not None:
-                self.executive.update(
-                    robot.name, progress=robot.s, now=self.now, motion=robot.motion
-                )
+            self._tell(robot)
         self._tasks(commands)
         still = not disturbed and not self.ends and before == self._state()
         self.idle = self.idle + self.tick if still else 0.0
+
+    def _tell(self, robot: Robot) -> None:
+        """Let a robot tell where it takes itself to be, and that it has come to its end."""
+        progress = robot.told(self.now) if robot.motion is not None else None
+        if progress is None or robot.motion is None:
+            return
+        name, motion, executive = robot.name, robot.motion, self.executive
+        if isinstance(executive, Timetable):
+            progress = robot.length if robot.arrived else robot.s
+        executive.update(name, progress=progress, now=self.now, motion=motion)
+        if isinstance(executive, Timetable) or not robot.arrived or robot.senses.silent:
+            return
+        if executive.phase(motion) is not Phase.DONE:
+            executive.done(motion, self.now)
 
     def _state(self) -> tuple[Any, ...]:
         return self.executive.left, tuple((r.motion, r.s) for r in self.robots.values())
@@ -127,6 +139,7 @@ class Floor:
                 self.keep(robot)
                 robot.begin(command.motion, self.travels[command.motion, name], self.now)
             robot.until = command.until
+        robot.hold = isinstance(command, Hold) and bool(command.waiting_for)
         if robot.motion is None:
             self._wait(robot, command)
             return

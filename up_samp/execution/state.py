@@ -1,13 +1,21 @@
-"""What has happened so far: which events, where everybody is, what may happen next."""
+"""What has happened so far: which events, where everybody is, what may happen next.
+
+Reported progress is not believed progress. A robot that tells p is somewhere in [p - L, p + L],
+where L is the localisation error. So *reach* counts late: a robot has surely come to x once it
+tells x + L; and *leave* counts early: it may have left x as soon as it tells more than x - L, which
+is why it is told to go no farther. A closed gate stays closed whatever is told.
+"""
 
 from __future__ import annotations
 
 import enum
 import heapq
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from up_samp.execution.graph import ORIGIN, At, Edge, Event, Graph
+from up_samp.execution.graph import ORIGIN, At, Edge, Event, Graph, chained, entangled
+from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import Travel
 
 
@@ -21,7 +29,9 @@ class Phase(enum.Enum):
 
 @dataclass
 class Way:
-    """A motion under way: ``marks`` and ``gates`` are (progress, event), by progress."""
+    """A motion under way. ``marks`` and ``gates`` are (told progress, event), by progress: from
+    where on it has surely come to a point, and up to where it has surely not left one.
+    """
 
     activity: str
     object: str
@@ -30,15 +40,32 @@ class Way:
     marks: list[tuple[float, int]] = field(default_factory=list)
     gates: list[tuple[float, int]] = field(default_factory=list)
     progress: float = 0.0
+    """The farthest that was told and can be believed (m)."""
+    told: float = 0.0
+    """What was told last (m)."""
+    since: float = 0.0
+    """When ``progress`` last grew (s)."""
+    at_end: bool = False
+    """Whether the robot has said that it is at its end."""
     mark: int = 0
     gate: int = 0
 
 
 class State:
-    """Counts, for every event, what it still waits for. Cost of an event: its edges."""
+    """Counts, for every event, what it still waits for. Cost of an event: its edges.
 
-    def __init__(self, graph: Graph, travels: Mapping[tuple[str, str], Travel], tolerance: float):
-        self.tolerance = tolerance
+    ``tolerance`` (m) is rounding: by how much less than a point may be told of one who stands
+    there. ``localisation`` (m) is how wrong reports may be.
+    """
+
+    def __init__(
+        self,
+        graph: Graph,
+        travels: Mapping[tuple[str, str], Travel],
+        tolerance: float,
+        localisation: float = 0.0,
+    ):
+        self.tolerance, self.localisation = tolerance, localisation
         self.now = 0.0
         self.phase = dict.fromkeys(graph.tasks, Phase.WAITING)
         self.fired: dict[Event, float] = {}
@@ -47,6 +74,8 @@ class State:
         self.ways_of: dict[str, list[Way]] = {name: [] for name in graph.tasks}
         for way in self.ways.values():
             self.ways_of[way.activity].append(way)
+        self.bars: dict[tuple[str, str], float] = {}
+        """How far (m) motions may go at most because somebody is where nobody should be."""
         self.load(graph)
         self.fire(self.number[ORIGIN], 0.0)
 
@@ -71,18 +100,23 @@ class State:
             else:
                 heapq.heappush(self.timers, (since + edge.lag, edge.then))
             self.missing[edge.then] += 1
+        self._place(graph)
         for way in self.ways.values():
-            way.marks, way.gates, way.mark, way.gate = [], [], 0, 0
-        for k, event in enumerate(graph.events):
-            if event.at in (At.REACH, At.LEAVE):
-                way = self.ways[event.activity, event.object]
-                (way.marks if event.at is At.REACH else way.gates).append((event.progress, k))
-        for way in self.ways.values():
-            way.marks.sort()
-            way.gates.sort()
             self._pass(way)
         self.start_number = {n: self.number[Event(At.START, n)] for n in graph.tasks}
         self.end_number = {n: self.number[Event(At.END, n)] for n in graph.tasks}
+
+    def _place(self, graph: Graph) -> None:
+        places, self.squeezed = told_places(graph, self.localisation)
+        for way in self.ways.values():
+            way.marks, way.gates, way.mark, way.gate = [], [], 0, 0
+        for k, place in places.items():
+            event = graph.events[k]
+            way = self.ways[event.activity, event.object]
+            (way.marks if event.at is At.REACH else way.gates).append((place, k))
+        for way in self.ways.values():
+            way.marks.sort()
+            way.gates.sort()
 
     def fire(self, number: int, now: float) -> None:
         """Note that an event happened."""
@@ -102,34 +136,180 @@ class State:
         while self.timers and self.timers[0][0] <= self.now + 1e-9:
             self.missing[heapq.heappop(self.timers)[1]] -= 1
 
-    def move(self, way: Way, progress: float) -> None:
-        """Note how far a motion is; it never goes back."""
-        way.progress = max(way.progress, min(progress, way.length))
+    def move(self, way: Way, told: float) -> None:
+        """Note what was told of a motion. It never goes back, and whatever is told, it is believed
+        to be no farther than its closed gate allows.
+        """
+        way.told = told
+        self.follow(way)
+
+    def follow(self, way: Way) -> None:
+        """Believe what was told of a motion last, as far as its gates are open."""
+        gate = self.closed(way)
+        most = way.length if gate is None else self._nominal(gate) + self.localisation
+        progress = min(way.told, most, way.length)
+        if progress > way.progress:
+            if progress > way.progress + self.tolerance:
+                way.since = self.now
+            way.progress = progress
         self._pass(way)
 
+    def _nominal(self, number: int) -> float:
+        return self.graph.events[number].progress
+
     def _pass(self, way: Way) -> None:
-        at = way.progress + self.tolerance
         if self.phase[way.activity] is Phase.WAITING:
             return
-        while way.mark < len(way.marks) and way.marks[way.mark][0] <= at:
-            self.fire(way.marks[way.mark][1], self.now)
-            way.mark += 1
-        while way.gate < len(way.gates) and way.gates[way.gate][0] < way.progress - self.tolerance:
-            self.fire(way.gates[way.gate][1], self.now)
+        while way.gate < len(way.gates):
+            place, number = way.gates[way.gate]
+            if self.when[number] is None:
+                if self.missing[number] > 0 or place >= way.progress - self.tolerance:
+                    break
+                self.fire(number, self.now)
             way.gate += 1
+        gate = self.closed(way)
+        beyond = math.inf if gate is None else self._nominal(gate)
+        at = way.progress + self.tolerance
+        while way.mark < len(way.marks):
+            place, number = way.marks[way.mark]
+            if place > at or self._nominal(number) > beyond:
+                break
+            self.fire(number, self.now)
+            way.mark += 1
+
+    def closed(self, way: Way) -> int | None:
+        """Return the event of a motion's next closed gate."""
+        for k in range(way.gate, len(way.gates)):
+            number = way.gates[k][1]
+            if self.missing[number] > 0 and self.when[number] is None:
+                return number
+        return None
 
     def until(self, way: Way) -> float:
-        """Return how far a motion may go: up to its next closed gate."""
+        """Return how far a motion may go by what its robot tells: up to its next closed gate, less
+        the localisation error; and not where somebody is astray.
+        """
+        found = way.length
         for k in range(way.gate, len(way.gates)):
-            progress, number = way.gates[k]
-            if self.missing[number] > 0:
-                return progress
-        return way.length
+            place, number = way.gates[k]
+            if self.missing[number] > 0 and self.when[number] is None:
+                found = place
+                break
+        return min(found, self.bars.get((way.activity, way.object), found))
+
+    def reached(self, way: Way, progress: float) -> bool:
+        """Return whether a motion has surely come to a point (m) of its path."""
+        if self.phase[way.activity] is Phase.WAITING:
+            return False
+        over = self.phase[way.activity] is Phase.DONE
+        return over or way.progress >= progress + self.localisation - self.tolerance
 
     def arrived(self, way: Way) -> bool:
-        """Return whether a motion is at its end."""
-        return way.progress >= way.length - self.tolerance
+        """Return whether a motion is at its end: its robot tells so much, or tells no less than
+        the error allows of one that is there, and says that it is, or stands.
+        """
+        if self.closed(way) is not None:
+            return False
+        if way.progress >= way.length - self.tolerance:
+            return True
+        near = way.progress >= way.length - self.localisation - self.tolerance
+        return near and (way.at_end or self.now >= way.since + TOLERANCES.settled)
+
+    def finish(self, way: Way) -> None:
+        """Note that a motion is at its end: all of its points have been come to, and left."""
+        way.progress = max(way.progress, way.length - self.localisation)
+        for places in (way.marks, way.gates):
+            for _, number in places:
+                self.fire(number, self.now)
+        way.mark, way.gate = len(way.marks), len(way.gates)
+        self.bars.pop((way.activity, way.object), None)
+
+    def astray(self, way: Way) -> float:
+        """Return by how much (m) a motion is where it cannot have been led by its commands: surely
+        beyond a closed gate (positive), or surely behind where it has been (negative).
+        """
+        gate = self.closed(way)
+        if gate is not None:
+            beyond = way.told - self.localisation - self._nominal(gate)
+            if beyond > self.tolerance:
+                return beyond
+        back = way.told + 2 * self.localisation - way.progress
+        return back if back < -self.tolerance else 0.0
 
     def open(self, number: int) -> bool:
         """Return whether an event may happen now."""
         return self.missing[number] == 0
+
+
+@dataclass(frozen=True)
+class Squeezed:
+    """``object`` has to stand between two points of its motion in ``activity`` that are closer than
+    twice the localisation error: it has to have come to one (``low``, m) before it may leave the
+    other (``high``). Only an error of ``kept`` (m) is covered there.
+    """
+
+    activity: str
+    object: str
+    low: float
+    high: float
+
+    @property
+    def kept(self) -> float:
+        """The error (m) that is covered."""
+        return (self.high - self.low) / 2
+
+
+def told_places(graph: Graph, error: float) -> tuple[dict[int, float], tuple[Squeezed, ...]]:
+    """Return the progress (m) to be told at which each point of a path has surely been come to
+    (``x + error``, at most the path's end), or has surely not been left (``x - error``, at least
+    its start).
+
+    So shifted, a robot's points may come in another order, and everybody could wait for everybody.
+    Where the shifted graph has a cycle, the two points of a robot that changed places meet in the
+    middle; these are returned, too.
+    """
+    events = graph.events
+    places = {
+        k: min(e.progress + error, graph.lengths[e.activity, e.object])
+        if e.at is At.REACH
+        else max(e.progress - error, 0.0)
+        for k, e in enumerate(events)
+        if e.at in (At.REACH, At.LEAVE)
+    }
+    turned = _turned(graph, places, 2 * error)
+    squeezed: list[Squeezed] = []
+    while turned:
+        pairs = [*chained(events, graph.tasks, places), *((e.first, e.then) for e in graph.edges)]
+        tangle = entangled(len(events), pairs)
+        if not tangle:
+            break
+        for mark, gate in [p for p in turned if p[0] in tangle and p[1] in tangle]:
+            one, two = events[mark], events[gate]
+            squeezed.append(Squeezed(one.activity, one.object, one.progress, two.progress))
+            middle = (one.progress + two.progress) / 2
+            places[mark], places[gate] = min(places[mark], middle), max(places[gate], middle)
+        turned = _turned(graph, places, 2 * error)
+    return places, tuple(squeezed)
+
+
+def _turned(graph: Graph, places: Mapping[int, float], wide: float) -> list[tuple[int, int]]:
+    """Return the (mark, gate) of one robot of which the gate holds it back from the mark, though
+    the mark comes first (by less than ``wide`` m).
+    """
+    on_way: dict[tuple[str, str], list[int]] = {}
+    for k in places:
+        event = graph.events[k]
+        on_way.setdefault((event.activity, event.object), []).append(k)
+    found = []
+    for numbers in on_way.values():
+        numbers.sort(key=lambda k: (graph.events[k].progress, graph.events[k].at is At.LEAVE))
+        for i, mark in enumerate(numbers):
+            if graph.events[mark].at is At.LEAVE:
+                continue
+            end = graph.events[mark].progress + wide
+            for gate in numbers[i + 1 :]:
+                if graph.events[gate].progress >= end:
+                    break
+                if graph.events[gate].at is At.LEAVE and places[gate] < places[mark]:
+                    found.append((mark, gate))
+    return found

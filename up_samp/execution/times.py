@@ -102,7 +102,8 @@ class Times:
             return False
         way = self.state.ways[event.activity, event.object]
         begun = self.state.phase[event.activity] is not Phase.WAITING
-        return begun and way.progress > event.progress + self.state.tolerance
+        early = self.state.tolerance - self.state.localisation
+        return begun and way.progress > event.progress + early
 
     def chain(self) -> None:
         """Tie each activity's events together by the times that driving and doing take."""

@@ -29,6 +29,12 @@ class Tolerances:
     """Distance to a stopping point that is gone over in one step."""
     progress: float = 1e-3
     """Progress by which a robot may be short of a point and still count as having come to it."""
+    localisation: float = 0.05
+    """How far (m) from the truth a told progress may be, where nothing else is said."""
+    settled: float = 1.5
+    """Seconds after which a robot that tells no more progress stands."""
+    clock: float = 60.0
+    """Seconds by which a robot's clock may be ahead of, or behind, the latest time told."""
     grip: float = 0.01
     """Way of a ride in which its load also counts as standing where it was, or will be."""
     margin: float = PRECISION.margin

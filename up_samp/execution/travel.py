@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import bisect
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,12 +11,16 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.execution.lives import Life
-from up_samp.motion.fleet.paths import Path
+from up_samp.motion.fleet.paths import Path, hull_of
 
 FloatArray = npt.NDArray[np.float64]
 
 STEP = 0.1
 """Length (m) of the stretches on which speeds are bounded."""
+
+FINEST, MOST = 0.02, 5000
+"""Poses are sought on a path at points so far apart (m), and at so many at most, before the best is
+looked at more closely."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +60,11 @@ class Travel:
         return float(self.time[-1])
 
     @cached_property
+    def fastest(self) -> float:
+        """The highest speed that is allowed anywhere (m/s)."""
+        return float(self.cap.max())
+
+    @cached_property
     def _plain(self) -> tuple[list[float], ...]:
         """Progress, times, speeds, bounds as lists: one value of them is found sooner than by
         numpy.
@@ -72,6 +81,43 @@ def _between(xs: list[float], ys: list[float], x: float) -> float:
         return ys[-1]
     low = xs[k - 1]
     return ys[k - 1] + (x - low) / (xs[k] - low) * (ys[k] - ys[k - 1])
+
+
+@dataclass(frozen=True)
+class Along:
+    """A pose seen from a path: nearest at ``progress`` (m) of it, and ``off`` (m) it: the larger of
+    the distance, and of what the body's outermost point is turned away by.
+    """
+
+    progress: float
+    off: float
+
+
+def along(path: Path, pose: Sequence[float], window: tuple[float, float] | None = None) -> Along:
+    """Return where on a path a body is that stands at ``pose`` (x, y, theta).
+
+    It is the point whose pose is nearest, with the heading: a path that passes a point twice does
+    so in different directions, mostly. ``window`` (m) is where on the path it can be by what is
+    known otherwise, which tells the rest apart; nothing outside it is looked at.
+    """
+    low, high = (0.0, path.length) if window is None else window
+    low, high = max(0.0, min(low, path.length)), min(path.length, max(high, 0.0))
+    spacing = max(FINEST, (high - low) / MOST)
+    at = np.linspace(low, high, max(2, int(np.ceil((high - low) / spacing)) + 1))
+    radius = hull_of(path.body).radius
+
+    def off(progress: FloatArray) -> FloatArray:
+        gap = path.poses_at(progress) - np.asarray(pose, dtype=np.float64)
+        turn = np.abs(gap[:, 2] - 2 * np.pi * np.round(gap[:, 2] / (2 * np.pi)))
+        return np.asarray(np.hypot(np.hypot(gap[:, 0], gap[:, 1]), radius * turn))
+
+    while True:
+        found = off(at)
+        k = int(np.argmin(found))
+        step = at[1] - at[0]
+        if step <= FINEST / 100:
+            return Along(float(at[k]), float(found[k]))
+        at = np.linspace(max(low, at[k] - step), min(high, at[k] + step), 41)
 
 
 def travel_of(path: Path) -> Travel:
