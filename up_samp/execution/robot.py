@@ -88,7 +88,7 @@ class Robot:
         stops = self.travel.stops
         while self.next_stop < len(stops) - 1 and self.s >= stops[self.next_stop] - 1e-9:
             self.next_stop += 1
-        until = self.until + self.s - self.believed
+        until = self.until if self.senses.tracked else self.until - self.wrong
         goal = min(max(until, self.s), stops[self.next_stop], self.length)
         left = goal - self.s
         if now < self.held_until or self.hold:
