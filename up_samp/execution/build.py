@@ -44,12 +44,17 @@ class Dependencies:
 
 
 def dependencies_of(
-    problem: SchedulingProblem, plan: PlanDict, *, margin: float | None = None
+    problem: SchedulingProblem,
+    plan: PlanDict,
+    *,
+    margin: float | None = None,
+    localisation: float = TOLERANCES.localisation,
 ) -> Dependencies:
     """Return the dependency graph of a valid plan: acyclic, transitively reduced, with reasons.
 
     ``margin``: clearance in m that is kept where the plan keeps it (None: the one that the plan
-    was made with).
+    was made with). It grows by ``localisation``, how far (m) a robot may be from where it tells to
+    be, for each of two bodies that drives; where the plan keeps less, see ``Dependencies.narrow``.
 
     Raises :class:`ProblemError` where the plan breaks the problem,
     :class:`UnsupportedError` for what no executive can keep.
@@ -63,7 +68,7 @@ def dependencies_of(
     plan = with_avoid(plan, snapshot)
     planned = planned_of(problem, plan)
     lives = lives_of(plan)
-    meetings = meetings_of(lives, margin)
+    meetings = meetings_of(lives, margin, localisation)
     draft = Draft(tasks_of(plan, performers(planned, snapshot)), lives)
     for order in orders_of(planned, snapshot):
         draft.add_order(order, unit)

@@ -28,8 +28,19 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 
-EFFORTS = ((0, 1.0), (1, 1.0), (2, 0.5), (3, 0.25), (4, 0.1), (5, 0.0))
-"""(Halvings of the cells, share of the margin) until the plan is seen to pass the obstacle."""
+EFFORTS = (
+    (0, 1.0, 1.0),
+    (1, 1.0, 1.0),
+    (1, 0.5, 1.0),
+    (0, 0.0, 1.0),
+    (1, 0.0, 1.0),
+    (2, 0.0, 0.5),
+    (3, 0.0, 0.25),
+    (4, 0.0, 0.1),
+    (5, 0.0, 0.0),
+)
+"""(Halvings of the cells, share of what reports may be wrong by, share of the margin) until the plan
+is seen to pass the obstacle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +62,8 @@ class Meeting:
     one_first: npt.NDArray[np.bool_]
     margin: float
     component: IntArray
+    wanted: float
+    """The margin that should be kept; ``margin`` is the one that is."""
     memo: dict[tuple[object, object], object] = field(default_factory=dict)
     """Steps, once they were asked for: of components by their sides, and of what is left."""
 
@@ -75,16 +88,26 @@ class Meeting:
         return self.other.pieces[self.m]
 
 
-def meetings_of(lives: Mapping[str, Life], margin: float = TOLERANCES.margin) -> list[Meeting]:
-    """Return all meetings of different objects; :class:`ProblemError` where the plan collides."""
+def meetings_of(
+    lives: Mapping[str, Life], margin: float = TOLERANCES.margin, localisation: float = 0.0
+) -> list[Meeting]:
+    """Return all meetings of different objects; :class:`ProblemError` where the plan collides.
+
+    The margin (m) grows by ``localisation`` (m) for each of the two that drives, where the plan
+    keeps so much; less where it does not (see :attr:`Meeting.wanted`). A meeting without rows is
+    one that only the grown margin has.
+    """
     found = []
     for one, other in pairs_of(lives):
-        found += _numbered(_pair(one, other, margin))
+        found += _numbered(_pair(one, other, margin, localisation))
     return found
 
 
-def _pair(one: Life, other: Life, margin: float) -> list[Meeting]:
+def _pair(one: Life, other: Life, margin: float, localisation: float) -> list[Meeting]:
     p, q = one.boxes, other.boxes
+    grown = localisation * (bool(one.drives) + bool(other.drives))
+    margins = margin, grown
+    margin += grown
     near = (
         (p[:, None, 0] <= q[None, :, 2] + margin)
         & (q[None, :, 0] <= p[:, None, 2] + margin)
@@ -95,18 +118,24 @@ def _pair(one: Life, other: Life, margin: float) -> list[Meeting]:
     for k, m in np.argwhere(near):
         if not concerned(one, int(k), other, int(m)):
             continue
-        meeting = _meeting(one, int(k), other, int(m), margin)
+        meeting = _meeting(one, int(k), other, int(m), margins)
         if meeting is not None:
             found.append(meeting)
     return found
 
 
-def _meeting(one: Life, k: int, other: Life, m: int, margin: float) -> Meeting | None:
+def _meeting(
+    one: Life, k: int, other: Life, m: int, margins: tuple[float, float]
+) -> Meeting | None:
     a, b = one.pieces[k], other.pieces[m]
-    for level, share in EFFORTS:
+    wanted = sum(margins)
+    for level, grown, share in EFFORTS:
+        if grown and not margins[1]:
+            continue
+        margin = margins[0] * share + margins[1] * grown
         path_a, path_b = _cut(a, level), _cut(b, level)
-        rows = _runs(path_a, path_b, margin * share)
-        if len(rows) == 0:
+        rows = _runs(path_a, path_b, margin)
+        if len(rows) == 0 and margin >= wanted:
             return None
         enter_a, leave_a = cell_times(a, path_a)
         enter_b, leave_b = cell_times(b, path_b)
@@ -114,7 +143,7 @@ def _meeting(one: Life, k: int, other: Life, m: int, margin: float) -> Meeting |
         last = leave_b[rows[:, 2]] <= enter_a[rows[:, 0]] + TOLERANCES.late
         if np.all(first | last):
             nothing = np.zeros(len(rows), dtype=np.int64)
-            return Meeting(one, k, other, m, path_a, path_b, rows, first, margin * share, nothing)
+            return Meeting(one, k, other, m, path_a, path_b, rows, first, margin, nothing, wanted)
     at = float(enter_a[rows[np.argmin(first | last), 0]])
     raise ProblemError(
         f"the plan lets '{one.object}' and '{other.object}' meet at about {at:.2f} s "
@@ -176,7 +205,7 @@ def _numbered(meetings: list[Meeting]) -> list[Meeting]:
         found.append(
             Meeting(
                 meeting.one, meeting.k, meeting.other, meeting.m, meeting.path_a, meeting.path_b,
-                meeting.rows, meeting.one_first, meeting.margin, part,
+                meeting.rows, meeting.one_first, meeting.margin, part, meeting.wanted,
             )
         )  # fmt: skip
     return found
