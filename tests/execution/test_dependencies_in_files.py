@@ -28,7 +28,10 @@ def test_a_plan_with_dependencies_fits_the_schema(made, schema):
     validator.validate(plan)  # version 1.0
     full = with_dependencies(problem, plan)
     # minor versions only add fields: the second way of some orders is new in 3
-    assert full["minor"] == (3 if full["dependencies"].get("choices") else 1)
+    plain = with_dependencies(problem, plan, localisation=0.0)
+    assert plain["minor"] == (3 if plain["dependencies"].get("choices") else 1)
+    assert not {"localisation", "narrow"} & plain["dependencies"].keys()
+    assert (full["minor"], full["dependencies"]["localisation"]) == (5, 0.05)
     assert full["dependencies"]["edges"]
     validator.validate(full)
     full["dependencies"]["edges"][0]["first"] = ["reach", "a", "b"]

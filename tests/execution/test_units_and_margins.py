@@ -64,7 +64,7 @@ def test_dependencies_keep_the_margin_of_their_plan(solved):
     assert dependencies_of(problem, data).graph.margin == 0.2
     assert dependencies_of(problem, data, margin=0.05).graph.margin == 0.05
     full = with_dependencies(problem, data)
-    assert full["minor"] == 4
+    assert full["minor"] == 5
     assert full["dependencies"]["margin"] == 0.2
     schema = json.loads((files("up_samp.io") / "plan.schema.json").read_text())
     assert list(Draft202012Validator(schema).iter_errors(full)) == []

@@ -136,7 +136,7 @@ def test_floors_are_apart_in_execution(house, solved):
     assert frames[0] != frames[1]
     assert apart["motions"][0]["samples"][0][1:] != apart["motions"][-1]["samples"][0][1:]
     full = with_dependencies(house.problem, solved)
-    assert full["minor"] == 2
+    assert full["minor"] == 5
     graph = dependencies_of(house.problem, solved).graph
     for edge in graph.edges:
         if edge.kind == "meeting":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from unified_planning.model.scheduling import SchedulingProblem
@@ -12,7 +12,7 @@ from unified_planning.model.scheduling import SchedulingProblem
 from up_samp.execution.draft import Draft, why_of
 from up_samp.execution.graph import Choice, Graph, PlannedTask
 from up_samp.execution.lives import Life, lives_of
-from up_samp.execution.meetings import Meeting, meetings_of
+from up_samp.execution.meetings import Meeting, Narrow, meetings_of, narrow_places
 from up_samp.execution.reduce import MEETING
 from up_samp.execution.staircase import Step, steps_of, switched
 from up_samp.execution.tolerances import TOLERANCES
@@ -36,11 +36,20 @@ class Dependencies:
     meetings: tuple[Meeting, ...]
     choices: tuple[Choice, ...] = ()
     """Orders of activities that could be the other way round, too."""
+    localisation: float = 0.0
+    """How far (m) from where it tells to be a robot may be: what margins have grown for."""
 
     @cached_property
     def travels(self) -> dict[tuple[str, str], Travel]:
         """The fastest drives of all motions, by activity and object."""
         return travels_of(self.lives)
+
+    @cached_property
+    def narrow(self) -> tuple[Narrow, ...]:
+        """Where the plan has not the clearance that would cover the localisation error, and
+        whoever drives there has to be known better. Elsewhere it is covered.
+        """
+        return narrow_places(self.meetings, self.graph.margin)
 
 
 def dependencies_of(
@@ -75,7 +84,7 @@ def dependencies_of(
     choices = draft.settle_choices()
     for meeting in meetings:
         draft.add_meeting(meeting)
-    return Dependencies(draft.graph(margin), lives, tuple(meetings), choices)
+    return Dependencies(draft.graph(margin), lives, tuple(meetings), choices, localisation)
 
 
 def check_same(problem: SchedulingProblem, snapshot: Snapshot, plan: PlanDict) -> None:
@@ -177,7 +186,7 @@ def coarse(dependencies: Dependencies) -> Dependencies:
         draft.add_meeting(meeting)
     draft.coarsen(dependencies.meetings)
     graph = draft.graph(dependencies.graph.margin)
-    return Dependencies(graph, dependencies.lives, dependencies.meetings, dependencies.choices)
+    return replace(dependencies, graph=graph)
 
 
 def _orders_again(dependencies: Dependencies, turned: Collection[int] = frozenset()) -> Draft:

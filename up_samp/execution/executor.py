@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.plans import Schedule
@@ -15,6 +15,7 @@ from up_samp.execution.commands import Command, Do, Go, Hold
 from up_samp.execution.files import dependencies_from_plan
 from up_samp.execution.forecast import Forecast, forecast, routes_of
 from up_samp.execution.graph import At, Event
+from up_samp.execution.meetings import Narrow
 from up_samp.execution.pace import Pace
 from up_samp.execution.remaining import remaining_problem
 from up_samp.execution.reports import (
@@ -27,8 +28,9 @@ from up_samp.execution.reports import (
     is_number,
     kept_away,
 )
+from up_samp.execution.saved import join, resume, saved
 from up_samp.execution.sides import planned_sides
-from up_samp.execution.state import Phase, State, Way
+from up_samp.execution.state import Phase, Squeezed, State, Way
 from up_samp.execution.surprise import Remaining, Surprise
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import Along, along
@@ -37,6 +39,9 @@ from up_samp.io.plan_dict import PlanDict, plan_to_dict
 from up_samp.model import ProblemError
 from up_samp.model.execution_tuning import ExecutionTuning
 from up_samp.model.frames import Frame
+
+if TYPE_CHECKING:
+    from up_samp.execution.reorder import Proposal
 
 
 class Executor:
@@ -47,8 +52,9 @@ class Executor:
     says. Times are seconds since the plan's start; they never go back. ``tuning`` are numbers that
     say how hard orders are looked at again (docs/tuning.md).
 
-    ``localisation`` (m) is how far from the truth a told progress may be. ``tolerance`` (m) is
-    rounding: by how much less than a point may be told of a robot that stands there.
+    ``localisation`` (m) is how far from the truth a told progress may be (``None``: what the
+    dependencies were made for, else 0.05). ``tolerance`` (m) is rounding: by how much less than a
+    point may be told of a robot that stands there.
     """
 
     def __init__(
@@ -59,10 +65,13 @@ class Executor:
         margin: float | None = None,
         seconds_per_unit: float | None = None,
         tolerance: float = TOLERANCES.progress,
-        localisation: float = TOLERANCES.localisation,
+        localisation: float | None = None,
         dependencies: Dependencies | None = None,
         tuning: ExecutionTuning | None = None,
     ):
+        for name, value in (("localisation", localisation), ("tolerance", tolerance)):
+            if value is not None and (not is_number(value) or value < 0.0):
+                raise ProblemError(f"'{name}' cannot be {value!r}: at least 0 m")
         if isinstance(plan, Schedule):
             if problem is None:
                 raise ProblemError("a UP plan can be followed only together with its problem")
@@ -72,13 +81,13 @@ class Executor:
         if dependencies is not None:
             self.dependencies = dependencies
         elif problem is not None:
-            self.dependencies = dependencies_of(problem, plan, margin=margin)
+            error = TOLERANCES.localisation if localisation is None else localisation
+            self.dependencies = dependencies_of(problem, plan, margin=margin, localisation=error)
         else:
             self.dependencies = dependencies_from_plan(plan)
         graph = self.dependencies.graph
-        for name, value in (("localisation", localisation), ("tolerance", tolerance)):
-            if not is_number(value) or value < 0.0:
-                raise ProblemError(f"'{name}' cannot be {value!r}: at least 0 m")
+        if localisation is None:
+            localisation = self.dependencies.localisation or TOLERANCES.localisation
         self.state = State(graph, self.dependencies.travels, tolerance, localisation)
         self.routes = routes_of(graph, self.state.ways)
         self.tuning = tuning or ExecutionTuning()
@@ -101,16 +110,91 @@ class Executor:
             for who in graph.tasks[name].who:
                 self._of_robot.setdefault(who, []).append(name)
 
+    @property
+    def narrow(self) -> tuple[Narrow | Squeezed, ...]:
+        """Where less than the localisation error is covered: the plan has no room for more."""
+        return *self.dependencies.narrow, *self.state.squeezed
+
     @cached_property
     def open_sides(self) -> dict[tuple[str, str, int], bool]:
         """The components that could be passed on either side, with the plan's side."""
         return planned_sides(self.dependencies)
 
-    def reorder(self) -> int:
-        """Decide again who goes first, see :func:`up_samp.execution.reorder.reorder`."""
-        from up_samp.execution.reorder import reorder
+    def propose_order(self) -> Proposal | None:
+        """Return another order of who goes first that is forecast to end sooner, see
+        :func:`up_samp.execution.reorder.propose`. Nothing changes.
 
-        return reorder(self)
+        This takes long, and nobody has to wait for it: ``executor.snapshot().propose_order()`` may
+        run in another thread or process, while this executor goes on.
+        """
+        from up_samp.execution.reorder import propose
+
+        return propose(self.snapshot())
+
+    def adopt(self, proposal: Proposal | None) -> int:
+        """Take over an order where it still can be kept and is still better; return how many
+        decisions changed (0: it was not taken).
+        """
+        from up_samp.execution.reorder import adopt
+
+        return 0 if proposal is None else adopt(self, proposal)
+
+    def reorder(self) -> int:
+        """Decide again who goes first, at once; return how many decisions changed."""
+        return self.adopt(self.propose_order())
+
+    # ------------------------------------------------------------------ kept and taken up again
+
+    def save(self) -> dict[str, Any]:
+        """Return all that has happened so far as JSON would hold it, see :meth:`restore`."""
+        return saved(self)
+
+    @classmethod
+    def restore(
+        cls,
+        plan: PlanDict | Schedule,
+        saved: Mapping[str, Any],
+        problem: SchedulingProblem | None = None,
+        **options: Any,
+    ) -> Executor:
+        """Return an executor that goes on where the one went on that ``saved`` is of. ``options``
+        are those of the constructor. Raises :class:`ProblemError` where it is of another plan.
+        """
+        same = {k: saved[k] for k in ("localisation", "tolerance") if k in saved}
+        executor = cls(plan, problem, **{**same, **options})
+        try:
+            resume(executor, saved)
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise ProblemError(f"what was saved cannot be read: {error!r}") from error
+        return executor
+
+    def snapshot(self) -> Executor:
+        """Return a copy on which nothing of what is told to this one has an effect."""
+        options = {"tolerance": self.state.tolerance, "localisation": self.state.localisation}
+        copy = Executor(
+            self.plan, self.problem, dependencies=self.dependencies, tuning=self.tuning, **options
+        )
+        copy.__dict__["open_sides"] = self.open_sides
+        resume(copy, self.save(), self.state.graph)
+        return copy
+
+    def join(
+        self,
+        now: float,
+        *,
+        done: Collection[str] = (),
+        under_way: Mapping[str, Mapping[str, Sequence[float] | float]] | None = None,
+        times: Mapping[str, tuple[float, float | None]] | None = None,
+    ) -> None:
+        """Take up a plan that is half done: activities ``done`` are over, those ``under_way`` have
+        begun. Of these, every motion says for each of its robots where it is: a pose (x, y, theta)
+        or its progress (m). ``times`` (s) say since when, and until when, where that is known.
+
+        Raises :class:`ProblemError` where that cannot have come about by the plan.
+        """
+        if self._running or len(self._ready) < len(self.state.graph.tasks):
+            raise ProblemError("a plan can be joined only before anything of it has begun")
+        join(self, now, done, under_way or {}, times or {})
 
     def remaining_problem(self, surprise: Surprise | None = None) -> Remaining:
         """Return what is left as an ordinary UP problem, see

@@ -11,8 +11,9 @@ from unified_planning.model.scheduling import SchedulingProblem
 from up_samp.execution.build import Dependencies, dependencies_of, tasks_of, with_avoid
 from up_samp.execution.graph import At, Bound, Choice, Edge, Event, Graph, PlannedTask, Precedence
 from up_samp.execution.lives import Drive, lives_of
-from up_samp.execution.meetings import meetings_of
+from up_samp.execution.meetings import Narrow, meetings_of
 from up_samp.execution.reduce import MEETING
+from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.plan_dict import PlanDict, snapshot_of
 from up_samp.io.versions import VERSIONS
 from up_samp.model import ProblemError
@@ -20,12 +21,16 @@ from up_samp.upio.movers import named_as_planned
 
 
 def with_dependencies(
-    problem: SchedulingProblem, plan: PlanDict, *, margin: float | None = None
+    problem: SchedulingProblem,
+    plan: PlanDict,
+    *,
+    margin: float | None = None,
+    localisation: float = TOLERANCES.localisation,
 ) -> PlanDict:
     """Return a plan dictionary of version 1.1: with ``dependencies``, each motion's ``progress`` at
     its samples, and what it must keep clear of.
     """
-    dependencies = dependencies_of(problem, plan, margin=margin)
+    dependencies = dependencies_of(problem, plan, margin=margin, localisation=localisation)
     problem = named_as_planned(problem, plan)
     snapshot = snapshot_of(problem, float(plan["seconds_per_unit"]))
     drives = {d.key: d for life in dependencies.lives.values() for d in life.drives}
@@ -41,6 +46,10 @@ def with_dependencies(
     if dependencies.choices:
         data["minor"] = max(VERSIONS.choices, data["minor"])
         data["dependencies"]["choices"] = [_choice_to_dict(c) for c in dependencies.choices]
+    if localisation:
+        data["minor"] = max(VERSIONS.localisation, data["minor"])
+        data["dependencies"]["localisation"] = localisation
+        data["dependencies"]["narrow"] = [_narrow_to_dict(n) for n in dependencies.narrow]
     return data
 
 
@@ -49,6 +58,15 @@ def _with_progress(motion: Mapping[str, Any], drive: Drive | None) -> dict[str, 
         return {**motion, "progress": [0.0] * len(motion["samples"])}
     progress = np.maximum.accumulate(drive.path.natural_s)
     return {**motion, "progress": [round(float(s), 6) for s in progress]}
+
+
+def _narrow_to_dict(place: Narrow) -> dict[str, Any]:
+    return {
+        "objects": list(place.objects),
+        "activities": list(place.activities),
+        "where": [round(v, 3) + 0.0 for v in place.where],
+        "kept": round(place.kept, 6),
+    }
 
 
 def graph_to_dict(graph: Graph) -> dict[str, Any]:
@@ -146,8 +164,9 @@ def dependencies_from_plan(plan: PlanDict) -> Dependencies:
             raise ProblemError(f"the plan's choices speak of {event}, which is not in it")
     graph = _graph(data, tasks, drives, {(c.ways[0].first, c.ways[0].then) for c in choices})
     _ = graph.order
-    meetings = tuple(meetings_of(lives, float(data["margin"])))
-    return Dependencies(graph, lives, meetings, choices)
+    localisation = float(data.get("localisation", 0.0))
+    meetings = tuple(meetings_of(lives, float(data["margin"]), localisation))
+    return Dependencies(graph, lives, meetings, choices, localisation)
 
 
 def _graph(

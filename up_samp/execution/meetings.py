@@ -10,7 +10,7 @@ priority (Gregoire, Bonnabel & de La Fortelle, "Priority-based coordination of r
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -39,8 +39,8 @@ EFFORTS = (
     (4, 0.0, 0.1),
     (5, 0.0, 0.0),
 )
-"""(Halvings of the cells, share of what reports may be wrong by, share of the margin) until the plan
-is seen to pass the obstacle."""
+"""(Halvings of the cells, share of what reports may be wrong by, share of the margin) until the
+plan is seen to pass the obstacle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +86,48 @@ class Meeting:
     def b(self) -> Piece:
         """The piece of ``other``."""
         return self.other.pieces[self.m]
+
+
+@dataclass(frozen=True)
+class Narrow:
+    """Two objects pass each other near ``where`` (x, y; m), in ``activities`` (``""``: at rest), as
+    close that a localisation error of only ``kept`` m is covered.
+    """
+
+    objects: tuple[str, str]
+    activities: tuple[str, str]
+    where: tuple[float, float]
+    kept: float
+
+    def __str__(self) -> str:
+        one, other = self.objects
+        doing = "; ".join(name or "resting" for name in self.activities)
+        x, y = self.where
+        return (
+            f"'{one}' and '{other}' ({doing}) pass near ({x:.1f}, {y:.1f}) so closely that a "
+            f"localisation error of {self.kept:.3f} m is covered, not more"
+        )
+
+
+def narrow_places(meetings: Iterable[Meeting], margin: float) -> tuple[Narrow, ...]:
+    """Return where meetings do not keep the margin that they should; ``margin`` (m) is what it was
+    before it grew by the localisation error.
+    """
+    found: dict[tuple[tuple[str, str], tuple[str, str]], Narrow] = {}
+    for meeting in meetings:
+        if meeting.margin >= meeting.wanted:
+            continue
+        movers = bool(meeting.one.drives) + bool(meeting.other.drives)
+        path_a, path_b = _cut(meeting.a, 0), _cut(meeting.b, 0)
+        cell = _runs(path_a, path_b, meeting.wanted)[0, 0]
+        x, y = path_a.poses_at(path_a.edges[cell : cell + 1])[0][:2]
+        pieces = (meeting.a, meeting.b)
+        doing = tuple(p.activity if isinstance(p, Drive) else "" for p in pieces)
+        kept = max(0.0, meeting.margin - margin) / movers
+        key = meeting.pair, (doing[0], doing[1])
+        if key not in found or kept < found[key].kept:
+            found[key] = Narrow(*key, (float(x), float(y)), kept)
+    return tuple(found.values())
 
 
 def meetings_of(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 from up_samp.execution.state import Way
 from up_samp.model.execution_tuning import RobotPaceTuning
@@ -39,6 +40,18 @@ class Pace(Mapping[str, float]):
         fade = max(0.0, 1.0 - seconds / memory)
         self._driven[name] = fade * self._driven.get(name, memory / 4) + ideal
         self._needed[name] = fade * self._needed.get(name, memory / 4) + seconds
+
+    def saved(self) -> dict[str, Any]:
+        """Return all that it knows, as JSON would hold it."""
+        last = {name: list(told) for name, told in self._last.items()}
+        known = {"driven": self._driven, "needed": self._needed, "speed": self._speed}
+        return {**{k: dict(v) for k, v in known.items()}, "last": last}
+
+    def load(self, known: Mapping[str, Any]) -> None:
+        """Take over what another one knew."""
+        self._driven, self._needed = dict(known["driven"]), dict(known["needed"])
+        self._speed = dict(known["speed"])
+        self._last = {n: (str(a), float(p), float(t)) for n, (a, p, t) in known["last"].items()}
 
     def __getitem__(self, name: str) -> float:
         if name not in self._driven:

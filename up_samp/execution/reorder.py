@@ -12,14 +12,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ortools.sat.python import cp_model
 
 from up_samp.execution.build import with_sides
-from up_samp.execution.decisions import Decision, open_decisions
+from up_samp.execution.decisions import Decision, can_wait, open_decisions
 from up_samp.execution.forecast import Forecast, routes_of
-from up_samp.execution.graph import Graph
+from up_samp.execution.graph import Graph, Precedence
 from up_samp.execution.sides import Key
 from up_samp.execution.times import SCALE, tied
 from up_samp.model import ProblemError
@@ -28,41 +29,68 @@ if TYPE_CHECKING:
     from up_samp.execution.executor import Executor
 
 
-def reorder(executor: Executor) -> int:
-    """Change who goes first where that is forecast to end sooner; return how many orders changed.
+@dataclass(frozen=True)
+class Proposal:
+    """Another order: ``flips`` says how decisions are to be, and ``graph`` is what comes of them
+    where orders were ``base`` (sides and turned choices) before.
+    """
 
-    Which decisions are looked at, and for how long, is said by ``executor.tuning.reorder``. What
-    has begun is not touched.
+    flips: Mapping[Key | int, bool]
+    graph: Graph
+    base: tuple[Mapping[Key, bool], frozenset[int]]
+
+
+def propose(executor: Executor) -> Proposal | None:
+    """Return an order that is forecast to end sooner than the present one, if one is found.
+
+    Which decisions are looked at, and for how long, is said by ``executor.tuning.reorder``. The
+    executor is used up: it is left with whatever order was tried last.
     """
     tuning = executor.tuning.reorder
+    base = dict(executor.sides), executor.turned
     before = executor.retime()
     decisions = open_decisions(executor, before, tuning.horizon, tuning.most)
     if not decisions:
-        return 0
+        return None
     chosen = _solve(executor, before, decisions)
     flips = {d.key: chosen[d.key] for d in decisions if chosen.get(d.key, d.now) != d.now}
     if not flips:
-        return 0
-    old = executor.state.graph, executor.sides, executor.turned
-    executor.sides, executor.turned = _with(executor, flips)
+        return None
     try:
-        graph = with_sides(executor.dependencies, executor.sides, executor.turned)
+        graph = with_sides(executor.dependencies, *_with(base, flips))
     except ProblemError:  # it would have opened a cycle
-        _, executor.sides, executor.turned = old
+        return None
+    proposal = Proposal(flips, graph, base)
+    return proposal if adopt(executor, proposal) else None
+
+
+def adopt(executor: Executor, proposal: Proposal) -> int:
+    """Take over an order, if it still can be kept and still is better; return how many orders
+    changed. Nothing that has begun is touched.
+    """
+    if proposal.base != (executor.sides, executor.turned):
         return 0
-    _load(executor, graph)
-    if not _better(before, executor.retime(), tuning.worth):
-        _load(executor, old[0])
-        _, executor.sides, executor.turned = old
+    old, state = executor.state.graph, executor.state
+    known = {(old.events[e.first], old.events[e.then], e.lag) for e in old.edges}
+    for edge in proposal.graph.edges:
+        events = proposal.graph.events
+        need = Precedence(events[edge.first], events[edge.then], edge.lag)
+        if (need.first, need.then, need.lag) not in known and not can_wait(state, need):
+            return 0
+    before = executor.retime()
+    _load(executor, proposal.graph)
+    if not _better(before, executor.retime(), executor.tuning.reorder.worth):
+        _load(executor, old)
         return 0
-    return len(flips)
+    executor.sides, executor.turned = _with(proposal.base, proposal.flips)
+    return len(proposal.flips)
 
 
 def _with(
-    executor: Executor, flips: Mapping[Key | int, bool]
+    base: tuple[Mapping[Key, bool], frozenset[int]], flips: Mapping[Key | int, bool]
 ) -> tuple[dict[Key, bool], frozenset[int]]:
     """Return the sides and the turned choices with some decisions changed."""
-    sides, turned = dict(executor.sides), set(executor.turned)
+    sides, turned = dict(base[0]), set(base[1])
     for key, way in flips.items():
         if not isinstance(key, int):
             sides[key] = way
@@ -141,6 +169,6 @@ class Reorderer:
         if ahead < self.known + tuning.threshold:
             return 0
         self.since = executor.now
-        changed = reorder(executor)
+        changed = executor.reorder()
         self.known = executor.predicted_makespan()
         return changed

@@ -258,6 +258,12 @@ class Squeezed:
         """The error (m) that is covered."""
         return (self.high - self.low) / 2
 
+    def __str__(self) -> str:
+        return (
+            f"'{self.object}' has to stand between {self.low:.3f} and {self.high:.3f} m of "
+            f"'{self.activity}': a localisation error of {self.kept:.3f} m is covered, not more"
+        )
+
 
 def told_places(graph: Graph, error: float) -> tuple[dict[int, float], tuple[Squeezed, ...]]:
     """Return the progress (m) to be told at which each point of a path has surely been come to

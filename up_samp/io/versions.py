@@ -19,6 +19,9 @@ class Versions:
     """Adds ``choices`` to the dependencies: orders that could be the other way round, too."""
     margin: int = 4
     """Adds ``margin``: the clearance that motions were planned with."""
+    localisation: int = 5
+    """Adds ``localisation`` and ``narrow`` to the dependencies: how wrong robots may be about where
+    they are, and where the plan leaves less room than that."""
 
 
 VERSIONS = Versions()
