@@ -54,8 +54,9 @@ def hall(folder):
 class Plan:
     """A plan dictionary under construction."""
 
-    def __init__(self, rng, yaml, crates=None):
+    def __init__(self, rng, yaml, crates=None, clearance=CLEAR, size=SIZE):
         self.rng = rng
+        self.clearance, self.size = clearance, size
         self.crates = crates
         """The generator of what is carried (``None``: nothing is)."""
         self.robots = [f"r{k}" for k in range(rng.choice((2, 3, 3, 4)))]
@@ -84,17 +85,23 @@ class Plan:
 
     def _place(self, robot):
         while True:
-            pose = (self.rng.uniform(1, 11), self.rng.uniform(1, 11), self.rng.uniform(-3, 3))
+            far = self.size - 1
+            pose = (self.rng.uniform(1, far), self.rng.uniform(1, far), self.rng.uniform(-3, 3))
             if all(math.dist(pose[:2], p[:2]) > 1.2 for p in self.pose.values()):
                 break
         self.pose[robot] = pose
         self._object(robot, "robot", BOX, self.model[robot], pose, self.speed[robot])
 
-    def clear(self, data):
-        """Whether nobody meets, with some clearance."""
-        grown = []
+    def clear(self, data, robot=None):
+        """Whether nobody (``robot``: whether nobody and this one) meets, with some clearance."""
+        if robot is not None:
+            motions = [
+                m if m["object"] == robot else {**m, "avoid": [robot]} for m in data["motions"]
+            ]
+            data = {**data, "motions": motions}
+        grown, c = [], self.clearance
         for entry in data["objects"]:
-            scale = [(math.copysign(abs(x) + CLEAR, x), math.copysign(abs(y) + CLEAR, y))
+            scale = [(math.copysign(abs(x) + c, x), math.copysign(abs(y) + c, y))
                      for x, y in entry["footprint"]]  # fmt: skip
             grown.append({**entry, "footprint": scale})
         return not contacts_of({**data, "objects": grown})
@@ -112,10 +119,10 @@ class Plan:
              "configuration": [0.3, 11.4, math.pi]}
         )  # fmt: skip
 
-    def move(self, robot):
+    def move(self, robot, given=None):
         """Add a motion of ``robot`` at the earliest time at which nobody is in its way."""
-        for _ in range(6):
-            pieces = self._pieces(robot)
+        for _ in range(1 if given else 6):
+            pieces = given or self._pieces(robot)
             if pieces is None:
                 continue
             for wait in range(0, 40, self.rng.choice((1, 2))):
@@ -129,7 +136,7 @@ class Plan:
                 laden = self._laden(data, robot, motion, end)
                 if laden is not None and self.clear(laden):
                     data = laden
-                if data is laden or self.clear(data):
+                if data is laden or self.clear(data, robot if given else None):
                     self.data = data
                     self.ready[robot] = end + 1
                     self.pose[robot] = tuple(motion["samples"][-1][1:])
@@ -169,7 +176,8 @@ class Plan:
         ]
         length = sum(p[0] for p in parts)
         spots = [handmade.along(self.pose[robot], parts, s) for s in np.linspace(0, length, 30)]
-        inside = all(0.8 < x < SIZE - 0.8 and 0.8 < y < SIZE - 0.8 for x, y, _ in spots)
+        far = self.size - 0.8
+        inside = all(0.8 < x < far and 0.8 < y < far for x, y, _ in spots)
         return parts if inside else None
 
     def _timed(self, robot, pieces, start):
@@ -198,17 +206,64 @@ class Plan:
         self.ready[robot] = start + length + 1
 
 
-def random_floor(seed, yaml, *, crates=False):
-    """Return (problem, plan dictionary); with ``crates`` robots carry some along."""
+def random_floor(seed, yaml, *, crates=False, clearance=CLEAR, size=SIZE, moves=(3, 8)):
+    """Return (problem, plan dictionary); with ``crates`` robots carry some along. Each body keeps
+    ``clearance`` (m) around it, in a corner of the hall ``size`` (m) wide.
+    """
     rng = random.Random(seed)
-    plan = Plan(rng, yaml, random.Random(f"crates {seed}") if crates else None)
+    plan = Plan(rng, yaml, random.Random(f"crates {seed}") if crates else None, clearance, size)
     if rng.random() < 0.4:
         plan.gate()
-    for _ in range(rng.randint(3, 8)):
+    for _ in range(rng.randint(*moves)):
         robot = rng.choice(plan.robots)
         plan.move(robot)
         if rng.random() < 0.5:
             plan.work(robot)
+    return finished(rng, plan, yaml)
+
+
+def rounds(seed, yaml, *, clearance=CLEAR):
+    """Four robots on two rounds along and two across the hall: everybody crosses everybody's way,
+    again and again.
+    """
+    rng = random.Random(f"rounds {seed}")
+    plan = Plan(rng, yaml, None, clearance)
+    plan.robots, plan.data["objects"] = [f"r{k}" for k in range(4)], []
+    plan.model = dict.fromkeys(plan.robots, "REEDSSHEPP")
+    plan.ready = dict.fromkeys(plan.robots, 0)
+    plan.speed = {r: rng.choice((0.8, 1.0, 1.5)) for r in plan.robots}
+    starts = ((2.5, 3.1, 0.0), (2.5, 7.0, 0.0), (5.2, 2.0, math.pi / 2), (9.4, 2.0, math.pi / 2))
+    for robot, (x, y, heading) in zip(plan.robots, starts, strict=True):
+        plan.pose[robot] = (x + rng.uniform(-0.2, 0.2), y + rng.uniform(-0.2, 0.2), heading)
+        plan._object(robot, "robot", BOX, "REEDSSHEPP", plan.pose[robot], plan.speed[robot])
+    halves = [robot for robot in plan.robots for _ in range(rng.randint(2, 3))]
+    rng.shuffle(halves)
+    for robot in halves:
+        plan.move(robot, [(rng.uniform(6.8, 7.0), 0.0), (math.pi / 0.9, 0.9)])
+        if rng.random() < 0.3:
+            plan.work(robot)
+    return finished(rng, plan, yaml)
+
+
+def crossing(yaml, wait=6):
+    """Two robots of which r0 crosses the way of r1 at (6, 6), and r1 that of r0 once it has."""
+    rng = random.Random(0)
+    plan = Plan(rng, yaml)
+    plan.robots, plan.data["objects"] = ["r0", "r1"], []
+    plan.model = dict.fromkeys(plan.robots, "REEDSSHEPP")
+    plan.speed = dict.fromkeys(plan.robots, 1.0)
+    plan.pose = {"r0": (2.0, 6.0, 0.0), "r1": (6.0, 2.0, math.pi / 2)}
+    for robot, start in (("r0", 0), ("r1", wait)):
+        plan._object(robot, "robot", BOX, "REEDSSHEPP", plan.pose[robot], 1.0)
+        entry, motion, _ = plan._timed(robot, [(8.0, 0.0)], start)
+        plan.data["activities"].append(entry)
+        plan.data["motions"].append(motion)
+    assert plan.clear(plan.data)
+    return finished(rng, plan, yaml)
+
+
+def finished(rng, plan, yaml):
+    """Return (problem, plan dictionary) of a plan made so far."""
     data = plan.data
     data["activities"].sort(key=lambda a: a["start"])
     data["motions"].sort(key=lambda m: m["samples"][0][0])

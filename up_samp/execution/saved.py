@@ -139,8 +139,11 @@ def join(
         if way.activity in under_way:
             way.progress = 0.0  # believed as far as its gates are open
     state.load(state.graph)
-    for way in state.of_object.values():
-        state.follow(way)
+    before: list[float] = []
+    while before != (here_now := [w.progress for w in state.of_object.values()]):
+        before = here_now  # where one is opens the gates of others
+        for way in state.of_object.values():
+            state.follow(way)
     executor._bar()
 
 
