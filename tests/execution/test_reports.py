@@ -2,6 +2,7 @@
 where nobody led it is told so, and is kept away from.
 """
 
+import functools
 import json
 import math
 import random
@@ -222,9 +223,9 @@ def test_nonsense_of_all_kinds_ends_nothing(yaml):
     """Random reports between good ones: no exception, no contact, nothing over too early."""
     wild = [math.nan, math.inf, -1e9, 1e9, None, "x", [], 0.0, 3.0, 6504.0, -0.2, True]
     for seed in range(2):
-        problem, plan = floors.rounds(seed + 5, yaml)
+        problem, plan, found = rounds(yaml, seed + 5)
         rng = random.Random(seed)
-        executor = Executor(plan, problem)
+        executor = Executor(plan, problem, dependencies=found)
         floor = _floor(executor, plan, Delays.of_share(0.5), seed)
         names = [*executor.state.phase, "nothing", None]
         while floor.goes_on(100.0):
@@ -251,8 +252,7 @@ def test_nonsense_of_all_kinds_ends_nothing(yaml):
 
 
 def test_a_pose_is_a_progress(yaml):
-    problem, plan = floors.rounds(1, yaml)
-    found = dependencies_of(problem, plan)
+    problem, plan, found = rounds(yaml, 6)
     executor = Executor(plan, problem, dependencies=found)
     rng = np.random.default_rng(0)
     for life in found.lives.values():
@@ -294,6 +294,13 @@ def test_robots_may_tell_poses(executor):
 # ------------------------------------------------------------------ saved, joined, re-ordered
 
 
+@functools.cache
+def rounds(yaml, seed):
+    """Return (problem, plan, dependencies)."""
+    problem, plan = floors.rounds(seed, yaml)
+    return problem, plan, dependencies_of(problem, plan)
+
+
 class Both:
     """Two executors that are told the same, and have to say the same."""
 
@@ -320,8 +327,7 @@ class Both:
 
 def half_done(yaml, seed, ticks, **wrong):
     """A run of a random plan under way, slow and late: (problem, plan, dependencies, floor)."""
-    problem, plan = floors.rounds(seed, yaml)
-    found = dependencies_of(problem, plan)
+    problem, plan, found = rounds(yaml, seed)
     executor = Executor(plan, problem, dependencies=found)
     floor = _floor(executor, plan, Delays(slow=0.5, late=0.5, **wrong), seed)
     for _ in range(ticks):
@@ -410,9 +416,8 @@ def test_what_cannot_have_come_about_is_not_joined(crossed):
 
 def test_an_order_is_proposed_elsewhere_and_taken_over_if_it_still_can_be(yaml):
     adopted = refused = 0
-    for seed in (1, 2, 5, 6):
-        problem, plan = floors.rounds(seed, yaml)
-        found = dependencies_of(problem, plan)
+    for seed in (5, 6):
+        problem, plan, found = rounds(yaml, seed)
         executor = Executor(plan, problem, dependencies=found)
         floor = _floor(executor, plan, Delays(slow=0.7, long_stop=30.0), seed)
         for _ in range(12):
