@@ -172,7 +172,9 @@ def _come_to_a_stand(floor: Floor, stops: Mapping[str, float], until: float) -> 
     late = 0.0
     while True:
         left = [
-            r for r in floor.robots.values() if r.motion is not None and r.s < stops.get(r.name, 0)
+            r
+            for r in floor.robots.values()
+            if r.motion is not None and max(r.s, r.believed) < stops.get(r.name, 0)
         ]
         if not left and floor.now >= until - 1e-9:
             return floor.now
