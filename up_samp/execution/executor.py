@@ -78,13 +78,9 @@ class Executor:
             plan = plan_to_dict(problem, plan, seconds_per_unit=seconds_per_unit)
         self.plan: PlanDict = plan
         self.problem = problem
-        if dependencies is not None:
-            self.dependencies = dependencies
-        elif problem is not None:
-            error = TOLERANCES.localisation if localisation is None else localisation
-            self.dependencies = dependencies_of(problem, plan, margin=margin, localisation=error)
-        else:
-            self.dependencies = dependencies_from_plan(plan)
+        if dependencies is None:
+            dependencies = _dependencies(plan, problem, margin, localisation)
+        self.dependencies = dependencies
         graph = self.dependencies.graph
         if localisation is None:
             localisation = self.dependencies.localisation or TOLERANCES.localisation
@@ -562,6 +558,18 @@ class Executor:
             if over > 1e-6:
                 found[bound.why] = max(over, found.get(bound.why, 0.0))
         return found
+
+
+def _dependencies(
+    plan: PlanDict,
+    problem: SchedulingProblem | None,
+    margin: float | None,
+    localisation: float | None,
+) -> Dependencies:
+    if problem is None:
+        return dependencies_from_plan(plan)
+    error = TOLERANCES.localisation if localisation is None else localisation
+    return dependencies_of(problem, plan, margin=margin, localisation=error)
 
 
 def by_name(commands: Mapping[str, Command]) -> dict[str, dict[str, Any]]:
