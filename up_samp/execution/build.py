@@ -84,7 +84,9 @@ def dependencies_of(
     choices = draft.settle_choices()
     for meeting in meetings:
         draft.add_meeting(meeting)
-    return Dependencies(draft.graph(margin), lives, tuple(meetings), choices, localisation)
+    return Dependencies(
+        draft.graph(margin), lives, tuple(meetings), choices, localisation=localisation
+    )
 
 
 def check_same(problem: SchedulingProblem, snapshot: Snapshot, plan: PlanDict) -> None:

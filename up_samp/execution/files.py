@@ -166,7 +166,7 @@ def dependencies_from_plan(plan: PlanDict) -> Dependencies:
     _ = graph.order
     localisation = float(data.get("localisation", 0.0))
     meetings = tuple(meetings_of(lives, float(data["margin"]), localisation))
-    return Dependencies(graph, lives, meetings, choices, localisation)
+    return Dependencies(graph, lives, meetings, choices, localisation=localisation)
 
 
 def _graph(
