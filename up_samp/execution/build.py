@@ -65,8 +65,7 @@ def dependencies_of(
     lives = lives_of(plan)
     meetings = meetings_of(lives, margin)
     draft = Draft(tasks_of(plan, performers(planned, snapshot)), lives)
-    for order in orders_of(planned, snapshot):
-        draft.add_order(order, unit)
+    draft.add_orders(orders_of(planned, snapshot), unit)
     choices = draft.settle_choices()
     for meeting in meetings:
         draft.add_meeting(meeting)

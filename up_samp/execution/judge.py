@@ -126,7 +126,7 @@ def _life(record: dict[str, Any], name: str, shapes: Mapping[str, Shape]) -> lis
     pose = None if initial is None else tuple(initial)
     since = -math.inf
     pieces = []
-    for time, item in sorted(marks, key=lambda m: m[0]):
+    for time, item in sorted(marks, key=lambda m: (m[0], "samples" in m[1])):
         if pose is not None and time > since:
             pieces.append(_Piece(Track.resting(pose, radius), since, time, "", None))
         if "samples" in item:
