@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from unified_planning.model.scheduling import SchedulingProblem
@@ -36,6 +36,8 @@ class Dependencies:
     meetings: tuple[Meeting, ...]
     choices: tuple[Choice, ...] = ()
     """Orders of activities that could be the other way round, too."""
+    problem: SchedulingProblem | None = None
+    """What was planned (``None``: only the plan file is known)."""
 
     @cached_property
     def travels(self) -> dict[tuple[str, str], Travel]:
@@ -69,7 +71,7 @@ def dependencies_of(
     choices = draft.settle_choices()
     for meeting in meetings:
         draft.add_meeting(meeting)
-    return Dependencies(draft.graph(margin), lives, tuple(meetings), choices)
+    return Dependencies(draft.graph(margin), lives, tuple(meetings), choices, problem)
 
 
 def check_same(problem: SchedulingProblem, snapshot: Snapshot, plan: PlanDict) -> None:
@@ -171,7 +173,7 @@ def coarse(dependencies: Dependencies) -> Dependencies:
         draft.add_meeting(meeting)
     draft.coarsen(dependencies.meetings)
     graph = draft.graph(dependencies.graph.margin)
-    return Dependencies(graph, dependencies.lives, dependencies.meetings, dependencies.choices)
+    return replace(dependencies, graph=graph)
 
 
 def _orders_again(dependencies: Dependencies, turned: Collection[int] = frozenset()) -> Draft:

@@ -190,7 +190,7 @@ class Draft:
         ):
             # what lasts as long as it lasts can only be held back before it begins
             begun = Event(At.START, task.name)
-            if self.time(first) > self.time(begun) + TOLERANCES.same_time:
+            if self.time(first) >= self.time(begun) - TOLERANCES.same_time:
                 self.after.setdefault(first, set()).add(then)
                 self.tight.append((first, then, lag, kind, why))
                 return
@@ -221,11 +221,13 @@ class Draft:
         return _leads(self._after(), first, then)
 
     def _after(self) -> dict[Event, list[Event]]:
-        """Return which events follow which directly."""
+        """Return which events follow which directly, in whatever way it will be seen to."""
         graph = self._full(0.0)
         after: dict[Event, list[Event]] = {}
         for a, b in [*graph.implied, *((e.first, e.then) for e in graph.edges)]:
             after.setdefault(graph.events[a], []).append(graph.events[b])
+        for first, then, *_ in self.tight:
+            after.setdefault(first, []).append(then)
         return after
 
     def time(self, event: Event) -> float:

@@ -9,10 +9,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from unified_planning.model import FNode
+from unified_planning.model.scheduling import SchedulingProblem
+
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.model.snapshot import Snapshot
 from up_samp.scheduling.compilers.expressions import Expr, show, subexpressions
 from up_samp.scheduling.compilers.plain import Effect
+from up_samp.scheduling.compilers.read import read_constraints
 from up_samp.scheduling.partial_order.differences import (
     HORIZON,
     MISSING,
@@ -48,6 +52,12 @@ def _constraints(planned: Planned) -> Iterator[OrderConstraint]:
         instead = other_way(planned, constraint, needs)
         for need in needs:
             yield OrderConstraint(need, "constraint", _short(constraint), instead)
+
+
+def constraint_texts(problem: SchedulingProblem) -> Iterator[tuple[FNode, str]]:
+    """Yield a problem's constraints, each with the text by which its orders are named."""
+    for node, constraint in read_constraints(problem):
+        yield node, _short(constraint)
 
 
 def _short(e: Expr) -> str:
@@ -201,8 +211,11 @@ def _around(
     before = [w for w in writes if w.time < begin or (low == HORIZON and w.time <= end)]
     after = [w for w in writes if w.time >= end]
     if not every:
-        before = [w for w in before if w.time == before[-1].time]
-        after = [w for w in after if w.time == after[0].time or w.time == end]
+        # the others': an activity's own changes are tied to its start or its end, not to the reader
+        last = max((w.time for w in before if w.owner != read.owner), default=0)
+        next_ = min((w.time for w in after if w.time > end and w.owner != read.owner), default=end)
+        before = [w for w in before if w.time >= last]
+        after = [w for w in after if w.time <= next_]
     for w in before:
         lag = w.delay - dl + 1
         if _matter(w, low, read.owner, lag) and low != HORIZON:
