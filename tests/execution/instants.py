@@ -6,18 +6,29 @@ shuffled before the problem is written.
 """
 
 import random
-from fractions import Fraction
 
 from unified_planning.model import ClosedTimeInterval, Fluent, TimePointInterval, Timing
 from unified_planning.model.scheduling import SchedulingProblem
-from unified_planning.model.timing import LeftOpenTimeInterval, OpenTimeInterval
-from unified_planning.model.timing import RightOpenTimeInterval
+from unified_planning.model.timing import (
+    LeftOpenTimeInterval,
+    OpenTimeInterval,
+    RightOpenTimeInterval,
+)
 from unified_planning.plans import Schedule
 from unified_planning.shortcuts import (
-    LE, LT, And, BoolType, Equals, GlobalStartTiming, IntType, Not, Or, Plus,
+    LE,
+    LT,
+    And,
+    BoolType,
+    Equals,
+    GlobalStartTiming,
+    IntType,
+    Not,
+    Or,
+    Plus,
 )  # fmt: skip
 
-from up_samp.execution.graph import At
+from up_samp.execution.graph import At, Event
 from up_samp.io import plan_to_dict
 from up_samp.validation import validate_schedule
 
@@ -204,36 +215,24 @@ class Instants:
 
 
 def executed(found, plan, rng):
-    """A record of one execution that the graph allows: every event as soon as it may happen, many
-    of them late."""
+    """A record of an execution that the graph allows: every event as soon as it may happen, and
+    many of them late.
+    """
     graph, times = found.graph, {}
     unit = float(plan["seconds_per_unit"])
-    into = {}
-    for edge in graph.edges:
-        into.setdefault(edge.then, []).append(edge)
-    before = {}
-    for first, then in graph.implied:
-        before.setdefault(then, []).append(first)
     share = rng.choice((0.0, 0.3, 0.7))
     for k in graph.order:
         event = graph.events[k]
-        at = max([0.0, *(times[f] for f in before.get(k, ()))])
-        at = max([at, *(times[e.first] + e.lag for e in into.get(k, ()))])
+        at = [0.0, *(times[first] for first, then in graph.implied if then == k)]
+        at += [times[e.first] + e.lag for e in graph.edges if e.then == k]
         if event.at is At.END:
-            task = graph.tasks[event.activity]
-            at = max(at, times[graph.number[type(event)(At.START, task.name)]] + task.expected)
-        if event.at is not At.ORIGIN and rng.random() < share:
-            at += rng.choice((0.001, 0.5, 1.0, 2.0, 7.25))
-        times[k] = at
+            begun = graph.number[Event(At.START, event.activity)]
+            at.append(times[begun] + graph.tasks[event.activity].expected)
+        late = event.at is not At.ORIGIN and rng.random() < share
+        times[k] = max(at) + (rng.choice((0.001, 0.5, 1.0, 2.0, 7.25)) if late else 0.0)
     activities = []
     for entry in plan["activities"]:
-        ends = [graph.number[type(e)(at, entry["name"])] for at in (At.START, At.END)
-                for e in graph.events[:1]]  # fmt: skip
-        start, end = (round(times[k] / unit, 9) for k in ends)
-        activities.append({**entry, "start": start, "end": end})
+        start, end = (times[graph.number[Event(at, entry["name"])]] for at in (At.START, At.END))
+        span = {"start": round(start / unit, 9), "end": round(end / unit, 9)}
+        activities.append({**entry, **span})
     return {**plan, "activities": activities}
-
-
-def in_units(record):
-    """The times of a record, as fractions."""
-    return {a["name"]: (Fraction(a["start"]), Fraction(a["end"])) for a in record["activities"]}
