@@ -209,7 +209,10 @@ class Instants:
                 a.add_decrease_effect(a.start, crew, 1)
                 a.add_increase_effect(a.end, crew, 1)
 
-            return [*(lambda c=c: change(*c) for c in changes), *(lambda u=u: use(u) for u in users)]
+            return [
+                *(lambda c=c: change(*c) for c in changes),
+                *(lambda u=u: use(u) for u in users),
+            ]
 
         return wish
 

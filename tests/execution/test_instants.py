@@ -6,36 +6,23 @@ import json
 import random
 
 import floors
-import handmade
 import instants
 import pytest
+import sites
 from unified_planning.model import Fluent, OpenTimeInterval, Timing
-from unified_planning.model.motion import (
-    SE2,
-    ActivityWaypoints,
-    ConfigurationKind,
-    ConfigurationObject,
-    MotionModels,
-    MovableObject,
-    OccupancyMap,
-    SchedulingMotionProblem,
-)
 from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.plans import Schedule
 from unified_planning.shortcuts import (
     LE,
     BoolType,
-    ConfigurationType,
     Equals,
     IntType,
-    MovableType,
 )
 
 from up_samp.execution import At, Delays, Event, dependencies_of, simulate, with_dependencies
 from up_samp.execution.judge import broken_rules
 from up_samp.export import export_plan
 from up_samp.io import plan_from_dict, plan_to_dict
-from up_samp.io.sampling import trajectory_rows
 from up_samp.model import UnsupportedError
 from up_samp.validation import validate_plan, validate_schedule
 
@@ -115,7 +102,9 @@ def test_who_swaps_two_units_at_one_instant_is_told():
             room = Fluent(name, IntType(0, 1))
             problem.add_fluent(room, default_initial_value=0)
             for task in x:
-                change = x[task].add_increase_effect if task == gives else x[task].add_decrease_effect
+                change = (
+                    x[task].add_increase_effect if task == gives else x[task].add_decrease_effect
+                )
                 change(x[task].start, room(), 1)
 
     problem, plan = two_tasks({"a": (1, 2), "b": (1, 2)}, state)
@@ -150,71 +139,9 @@ def yaml(tmp_path_factory):
     return floors.hall(tmp_path_factory.mktemp("hall"))
 
 
-BOX = [(-0.4, -0.25), (0.4, -0.25), (0.4, 0.25), (-0.4, 0.25)]
-
-
-class Site:
-    """A motion problem with its plan, drive by drive."""
-
-    def __init__(self, yaml):
-        self.problem = SchedulingMotionProblem("site")
-        grid = OccupancyMap(str(yaml), (0, 0))
-        self.kind = ConfigurationType("pose", grid, ConfigurationKind.SE2)
-        self.robots, self.activities = {}, {}
-        self.times, self.trajectories = {}, {}
-        self.data = {
-            "format": "up-samp-plan", "version": 1, "problem": "site", "engine": "made",
-            "status": "SOLVED_SATISFICING", "makespan": 0, "lower_bound": None,
-            "seconds_per_unit": 1, "map": {"yaml": str(yaml)}, "objects": [], "activities": [],
-            "motions": [], "changes": [],
-        }  # fmt: skip
-
-    def place(self, name, pose):
-        item = ConfigurationObject(name, self.kind, SE2(*pose))
-        self.problem.add_object(item)
-        return item
-
-    def robot(self, name, pose):
-        limits = {"turning_radius": 1.0, "v_max": 1.0, "a_max": 0.5}
-        item = MovableObject(
-            name, MovableType("robot"), footprint=BOX, motion_model=MotionModels.REEDSSHEPP,
-            motion_parameters=limits,
-        )  # fmt: skip
-        self.problem.add_object(item)
-        self.problem.set_initial_configuration(item, self.place(f"{name}_first", pose))
-        self.robots[name] = item
-        entry = {"name": name, "type": "robot", "footprint": [list(c) for c in BOX]}
-        entry |= {"model": "REEDSSHEPP", "initial": list(pose), **limits, "omega_max": 1.0}
-        self.data["objects"].append(entry)
-
-    def drive(self, name, robot, pose, pieces, start):
-        trajectory = handmade.drive(pose, pieces, float(start), 1.0, 0.5)
-        rows = trajectory_rows(trajectory)
-        end = start + int(trajectory.duration) + 1
-        a = self.problem.add_motion_activity(name)
-        a.set_duration_bounds(1, 200)
-        ends = [self.place(f"{name}_{k}", row[1:]) for k, row in enumerate((rows[0], rows[-1]))]
-        a.add_motion_constraint(ActivityWaypoints(self.robots[robot], ends[0], [ends[1]]))
-        self.data["motions"].append({"activity": name, "object": robot, "samples": rows})
-        return self._timed(name, a, start, end)
-
-    def lift(self, name, robot, pose, start, end):
-        a = self.problem.add_motion_activity(name, end - start)
-        a.add_motion_effect(self.robots[robot], self.place(f"{name}_up", pose))
-        change = {"activity": name, "object": robot, "time": end, "configuration": list(pose)}
-        self.data["changes"].append(change)
-        return self._timed(name, a, start, end)
-
-    def _timed(self, name, activity, start, end):
-        self.activities[name] = activity
-        self.data["activities"].append({"name": name, "start": start, "end": end})
-        self.data["makespan"] = max(self.data["makespan"], end)
-        return end
-
-
 def test_who_is_set_somewhere_drives_on_at_that_instant(yaml, tmp_path):
     """A lift: its rider is up at 12 s, and drives off at 12 s; others cross below and above."""
-    site = Site(yaml)
+    site = sites.Site(yaml)
     site.robot("r0", (2.0, 2.0, 0.0))
     site.robot("r1", (9.0, 6.0, 1.5708))
     there = site.drive("to_lift", "r0", (2.0, 2.0, 0.0), [(3.0, 0.0)], 0)
@@ -248,7 +175,7 @@ def test_who_is_set_somewhere_drives_on_at_that_instant(yaml, tmp_path):
 
 def test_a_zone_is_given_over_at_one_instant(yaml, tmp_path):
     """A zone for one: who leaves it at 14 s lets in who comes at 14 s, however late it is."""
-    site = Site(yaml)
+    site = sites.Site(yaml)
     site.robot("r0", (2.0, 2.0, 0.0))
     site.robot("r1", (2.0, 9.0, 0.0))
     inside = site.drive("in0", "r0", (2.0, 2.0, 0.0), [(3.0, 0.0)], 0)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -195,7 +195,7 @@ def _pieces(
     pose = None if initial is None else tuple(initial)
     since, enter = -np.inf, None
     pieces: list[Piece] = []
-    for item in _moved(plan, name, rides):
+    for item in in_turn(plan, name, rides):
         activity = item["activity"]
         if "samples" not in item:
             until, back = item["time"], ends[activity]
@@ -222,9 +222,9 @@ def _pieces(
     return pieces
 
 
-def _moved(plan: Mapping[str, Any], name: str, rides: Mapping[str, str]) -> list[dict[str, Any]]:
+def in_turn(plan: Mapping[str, Any], name: str, rides: Container[str]) -> list[dict[str, Any]]:
     """Return an object's motions and changes in the order of their activities: what is set
-    somewhere (by a lift, say) may drive on from there at that instant.
+    somewhere (by a lift, say) may drive on from there at that instant. In ``rides`` it is carried.
     """
     spans = {a["name"]: (a["start"], a["end"]) for a in plan["activities"]}
     found = [m for m in plan["motions"] if m["object"] == name]
