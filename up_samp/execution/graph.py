@@ -175,10 +175,10 @@ def _implied(events: Sequence[Event], tasks: Mapping[str, PlannedTask]) -> list[
 def _circle(count: int, pairs: Sequence[tuple[int, int]]) -> list[int]:
     """Return events that each wait for the one before, the first one for the last."""
     into: dict[int, set[int]] = {k: set() for k in range(count)}
-    after: dict[int, list[int]] = {k: [] for k in range(count)}
+    after: dict[int, set[int]] = {k: set() for k in range(count)}
     for first, then in pairs:
         into[then].add(first)
-        after[first].append(then)
+        after[first].add(then)
     free = [k for k in into if not into[k]]
     while free:
         k = free.pop()

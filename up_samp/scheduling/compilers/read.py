@@ -60,6 +60,11 @@ def read_problem(problem: SchedulingProblem) -> PlainProblem:
     return _Reader(problem).read()
 
 
+def read_expression(problem: SchedulingProblem, node: FNode) -> Expr:
+    """Return an expression of ``problem`` as a plain value."""
+    return _Reader(problem).expression(node)
+
+
 def read_constraints(problem: SchedulingProblem) -> list[tuple[FNode, Expr]]:
     """Return the constraints of ``problem``, each as it is given and as a plain value."""
     return _Reader(problem).constraints()
