@@ -52,7 +52,7 @@ class Site:
         entry |= {"model": "REEDSSHEPP", "initial": list(pose), **limits, "omega_max": 1.0}
         self.data["objects"].append(entry)
 
-    def drive(self, name, robot, pose, pieces, start, obstacles=None):
+    def drive(self, name, robot, pose, pieces, start, obstacles=None, goal=None):
         trajectory = handmade.drive(pose, pieces, float(start), 1.0, 0.5)
         rows = trajectory_rows(trajectory)
         end = start + int(trajectory.duration) + 1
@@ -60,24 +60,24 @@ class Site:
         a.set_duration_bounds(1, 200)
         ends = [self.place(f"{name}_{k}", row[1:]) for k, row in enumerate((rows[0], rows[-1]))]
         listed = None if obstacles is None else [self.robots[o] for o in obstacles]
-        a.add_motion_constraint(
-            ActivityWaypoints(self.robots[robot], ends[0], [ends[1]], None, listed)
-        )
+        goal = ends[1] if goal is None else goal
+        way = ActivityWaypoints(self.robots[robot], ends[0], [goal], None, listed)
+        a.add_motion_constraint(way)
         self.data["motions"].append({"activity": name, "object": robot, "samples": rows})
-        return self._timed(name, a, start, end)
+        return self.timed(name, a, start, end)
 
     def lift(self, name, robot, pose, start, end):
         a = self.problem.add_motion_activity(name, end - start)
         a.add_motion_effect(self.robots[robot], self.place(f"{name}_up", pose))
         change = {"activity": name, "object": robot, "time": end, "configuration": list(pose)}
         self.data["changes"].append(change)
-        return self._timed(name, a, start, end)
+        return self.timed(name, a, start, end)
 
-    def _timed(self, name, activity, start, end):
+    def timed(self, name, activity, start, end):
         self.activities[name] = activity
         self.data["activities"].append({"name": name, "start": start, "end": end})
         self.data["makespan"] = max(self.data["makespan"], end)
         return end
 
     def task(self, name, start, end):
-        return self._timed(name, self.problem.add_activity(name, end - start), start, end)
+        return self.timed(name, self.problem.add_activity(name, end - start), start, end)

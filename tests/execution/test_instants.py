@@ -200,3 +200,26 @@ def test_a_zone_is_given_over_at_one_instant(yaml, tmp_path):
     releases = json.loads(export_plan(full, "vda5050", tmp_path)[-1].read_text())["messages"]
     waits = [c["event"] for m in releases if m["serialNumber"] == "r1" for c in m["after"]]
     assert ["end", "out0"] in waits
+
+
+def test_where_a_motion_leads_is_known_before_it_begins(yaml):
+    """A goal that a fluent names is read at the drive's start: who sets it comes first, and who
+    sets it anew at that very instant comes later.
+    """
+    site = sites.Site(yaml)
+    site.robot("r0", (2.0, 2.0, 0.0))
+    spot = Fluent("spot", site.kind)
+    site.problem.add_fluent(spot, default_initial_value=site.place("nowhere", (9.0, 9.0, 0.0)))
+    site.drive("go", "r0", (2.0, 2.0, 0.0), [(3.0, 0.0)], 4, goal=spot())
+    for name, start, end in (("choose", 1, 3), ("again", 2, 4)):
+        task = site.problem.add_activity(name, end - start)
+        goal = "go_1" if name == "choose" else "nowhere"
+        task.add_effect(task.end, spot, site.problem.object(goal))
+        site.timed(name, task, start, end)
+    graph = dependencies_of(site.problem, site.data).graph
+    number = graph.number
+    ends = {(e.first, e.then) for e in graph.edges}
+    go = number[Event(At.START, "go")]
+    assert (number[Event(At.END, "choose")], go) in ends
+    later = (number[Event(At.END, "again")], number[Event(At.START, "again")])
+    assert any((go, then) in ends for then in later)
