@@ -30,7 +30,7 @@ from up_samp.scheduling.partial_order.differences import Planned
 from up_samp.scheduling.partial_order.objects import performers
 from up_samp.scheduling.partial_order.orders import orders_of
 from up_samp.upio.movers import named_as_planned
-from up_samp.upio.told import told_by
+from up_samp.upio.relaxing import told_by
 
 
 @dataclass(frozen=True, eq=False)
