@@ -178,10 +178,8 @@ def _table(
         "broken", "deadlocks", "reorders", "replans",
     )  # fmt: skip
     note = "median and worst: realised over planned makespan of the runs that were finished; "
-    note += (
-        "unsafe: runs with a collision; broken: runs that break a rule of the problem (looked for "
-    )
-    note += "with --problem)"
+    note += "unsafe: runs with a collision; broken: runs that break a rule of the problem "
+    note += "(looked for with --problem)"
     reasons += [f"{r.policy}, seed {r.seed}: {r.broken[0]}" for r in runs if r.broken][:3]
     return "\n".join([table(header, rows, range(1, 12)), note, *reasons])
 

@@ -20,7 +20,7 @@ from up_samp.execution.staircase import Step, steps_of, switched
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import Travel, travels_of
 from up_samp.io.plan_dict import PlanDict, snapshot_of
-from up_samp.model import ProblemError
+from up_samp.model import ProblemError, UnsupportedError
 from up_samp.model.snapshot import Snapshot
 from up_samp.scheduling.compilers.expressions import Expr
 from up_samp.scheduling.compilers.plain import Condition
@@ -77,7 +77,11 @@ def dependencies_of(
     choices = draft.settle_choices()
     for meeting in meetings:
         draft.add_meeting(meeting)
-    return Dependencies(draft.graph(margin), lives, tuple(meetings), choices, problem)
+    try:
+        graph = draft.graph(margin)
+    except ProblemError as error:  # the plan may do all at once, on the floor somebody is first
+        raise UnsupportedError(f"{error}: no executive could keep the plan") from error
+    return Dependencies(graph, lives, tuple(meetings), choices, problem)
 
 
 def check_same(problem: SchedulingProblem, snapshot: Snapshot, plan: PlanDict) -> None:

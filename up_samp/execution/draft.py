@@ -66,8 +66,8 @@ class Draft:
             if first == then:
                 continue
             # two that are to happen at once: the second follows the first, and that is watched
-            at_once = need.lag == 0 and self._at_once(then, first)
-            if at_once and order.kind not in _WATCHED:
+            at_once = need.lag <= 0 and self._at_once(then, first)
+            if at_once and need.lag == 0 and order.kind not in _WATCHED:
                 raise UnsupportedError(
                     f"{first} and {then} happen at one instant, and each has to come first "
                     f"({order.why}): no executive could keep it"
