@@ -30,11 +30,8 @@ from up_samp.model.errors import short
 KINDS = (MEETING, "constraint", "duration", "fluent", "resource", "object", "static obstacle")
 """What an edge may come from: an executive that re-orders changes meetings only."""
 
-MOST_NAMED = 12
-"""Faults of one sort that are named before the others are only counted."""
 
-
-class Need(NamedTuple):
+class Requirement(NamedTuple):
     """Event ``then`` has to wait until ``lag`` s after ``first``."""
 
     first: Event
@@ -90,13 +87,9 @@ def _leaps(plan: PlanDict) -> Iterator[str]:
                 continue
             first, here_before = item["samples"][0][1:], here
             here = item["samples"][-1][1:]
-            if here_before is not None and math.dist(first[:2], here_before[:2]) > _NEAR:
+            if here_before is not None and math.dist(first[:2], here_before[:2]) > TOLERANCES.grip:
                 place = ", ".join(f"{v:g}" for v in first)
                 yield f"{_named(item)} begins at ({place}), where '{entry['name']}' is not then"
-
-
-_NEAR = 10 * TOLERANCES.place
-"""How far (m) from where an object is its next motion may begin."""
 
 
 def shape_faults(plan: PlanDict) -> list[str]:
@@ -230,12 +223,12 @@ def _lost(events: Iterable[Event], drives: Mapping[tuple[str, str], Drive]) -> I
 
 def needs_of_motions(
     plan: PlanDict, lives: Mapping[str, Life], meetings: Iterable[Meeting]
-) -> list[Need]:
+) -> list[Requirement]:
     """Return what the motions ask for, whatever the problem is."""
     found = []
     for meeting in meetings:
         for step in steps_of(meeting):
-            found.append(Need(step.first, step.then, 0.0, why_of(meeting, step)))
+            found.append(Requirement(step.first, step.then, 0.0, why_of(meeting, step)))
     for name, life in lives.items():
         turns = dict.fromkeys(
             (item["activity"], "samples" in item or item["activity"] in life.rides)
@@ -244,7 +237,9 @@ def needs_of_motions(
         for (one, _), (two, drives) in itertools.pairwise(turns):
             then = Event(At.START if drives else At.END, two)
             lag = TOLERANCES.strict if drives else 0.0
-            found.append(Need(Event(At.END, one), then, lag, f"{one} and {two} both move {name}"))
+            found.append(
+                Requirement(Event(At.END, one), then, lag, f"{one} and {two} both move {name}")
+            )
     return found
 
 
@@ -252,8 +247,8 @@ def needs_of_motions(
 
 
 def lacking(
-    tasks: Mapping[str, PlannedTask], edges: Iterable[Need], needs: Sequence[Need]
-) -> list[Need]:
+    tasks: Mapping[str, PlannedTask], edges: Iterable[Requirement], needs: Sequence[Requirement]
+) -> list[Requirement]:
     """Return the needs that do not follow from ``edges``, with their lags.
 
     Raises :class:`ProblemError` where the edges have a cycle.
@@ -276,9 +271,9 @@ def lacking(
         after.setdefault(before, []).append((then, 0.0))
     for e in made:
         after.setdefault(e.first, []).append((e.then, e.lag))
-    left: dict[Event, list[Need]] = {}
+    left: dict[Event, list[Requirement]] = {}
     for need in needs:
-        if direct.get((need.first, need.then), -1.0) < need.lag - _CLOSE:
+        if direct.get((need.first, need.then), -1.0) < need.lag - TOLERANCES.rounded:
             left.setdefault(need.first, []).append(need)
     missing = []
     for first, wanted in left.items():
@@ -287,30 +282,28 @@ def lacking(
             for later, lag in after.get(k, ()) if k in latest else ():
                 latest[later] = max(latest.get(later, 0.0), latest[k] + lag)
         never = -math.inf
-        missing += [n for n in wanted if latest.get(number[n.then], never) < n.lag - _CLOSE]
+        missing += [
+            n for n in wanted if latest.get(number[n.then], never) < n.lag - TOLERANCES.rounded
+        ]
     return missing
 
 
-_CLOSE = 2e-6
-"""Seconds by which lags may differ that were rounded for a file."""
-
-
-def graph_needs(graph: Graph, *, orders: bool = False) -> list[Need]:
+def graph_needs(graph: Graph, *, orders: bool = False) -> list[Requirement]:
     """Return a graph's edges; ``orders``: those that stay when meetings are re-ordered and choices
     are turned round.
     """
     return [
-        Need(graph.events[e.first], graph.events[e.then], e.lag, e.why)
+        Requirement(graph.events[e.first], graph.events[e.then], e.lag, e.why)
         for e in graph.edges
         if not orders or (e.kind != MEETING and not e.free)
     ]
 
 
-def named(what: str, items: Sequence[object]) -> list[str]:
-    """Return faults in words, the first of them one by one."""
-    found = [f"{what}{item}" for item in items[:MOST_NAMED]]
-    if len(items) > MOST_NAMED:
-        found.append(f"... and {len(items) - MOST_NAMED} more of the kind")
+def named(what: str, items: Sequence[object], most: int = 12) -> list[str]:
+    """Return faults in words, the first ``most`` of them one by one."""
+    found = [f"{what}{item}" for item in items[:most]]
+    if len(items) > most:
+        found.append(f"... and {len(items) - most} more of the kind")
     return found
 
 
@@ -329,7 +322,7 @@ def graph_faults(told: Graph, made: Graph) -> list[str]:
         need
         for need, edge in zip(graph_needs(told), told.edges, strict=True)
         if (
-            need.lag > own.get((need.first, need.then), 0.0) + _CLOSE
+            need.lag > own.get((need.first, need.then), 0.0) + TOLERANCES.rounded
             and told.times[edge.then] < told.times[edge.first] + need.lag - TOLERANCES.late
         )
         or (
@@ -351,7 +344,7 @@ def _bound_faults(told: Graph, made: Graph) -> list[str]:
     lost = []
     for b in made.bounds:
         first, then = made.events[b.first], made.events[b.then]
-        if known.get((first, then), math.inf) > b.most + _CLOSE:
+        if known.get((first, then), math.inf) > b.most + TOLERANCES.rounded:
             lost.append(
                 f"no bound says that {then} is at most {b.most:g} s after {first} ({b.why})"
             )
@@ -367,7 +360,7 @@ def _task_faults(told: Graph, made: Graph) -> list[str]:
             found.append(
                 f"the task '{name}' is done by {who} in the file, by {whom} in the problem"
             )
-        if abs(task.expected - own.expected) > _CLOSE:
+        if abs(task.expected - own.expected) > TOLERANCES.rounded:
             lasts = f"{task.expected:g} s in the file, {own.expected:g} s in the plan"
             found.append(f"the task '{name}' lasts {lasts}")
     return named("", found)

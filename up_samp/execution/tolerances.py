@@ -31,6 +31,8 @@ class Tolerances:
     """Progress by which a robot may be short of a point and still count as having come to it."""
     grip: float = 0.01
     """Way of a ride in which its load also counts as standing where it was, or will be."""
+    rounded: float = 2e-6
+    """Seconds by which lags may differ that were rounded for a file."""
     margin: float = PRECISION.margin
     """Clearance that the dependencies keep, where the plan does and says no other one; less where
     it does not."""
