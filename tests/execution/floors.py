@@ -28,10 +28,8 @@ from unified_planning.model.motion import (
 from unified_planning.shortcuts import LT, TRUE, BoolType, ConfigurationType, MovableType, Or
 
 from up_samp.execution.judge import contacts_of
-from up_samp.io import plan_from_dict
 from up_samp.io.sampling import trajectory_rows
 from up_samp.validation.rides import carried_along
-from up_samp.validation.schedule import judge_schedule
 
 SIZE = 12.0
 BOX = ((-0.4, -0.25), (0.4, -0.25), (0.4, 0.25), (-0.4, 0.25))
@@ -356,15 +354,3 @@ def _constrain(rng, plan, problem, activities):
                 b.add_condition(span, lamp)
         else:
             problem.add_constraint(Or(LT(a.end, b.start), LT(b.end, a.start)))
-
-
-def order_violations(problem, record):
-    """What the validator says of a record's order: its times are replaced by their ranks, so that
-    durations do not count, but constraints, conditions, effects and resources do.
-    """
-    times = sorted({t for a in record["activities"] for t in (a["start"], a["end"])})
-    rank = {t: k for k, t in enumerate(times)}
-    ranked = [{**a, "start": rank[a["start"]], "end": rank[a["end"]]} for a in record["activities"]]
-    plan = plan_from_dict(problem, {**record, "activities": ranked})
-    verdict = judge_schedule(problem, plan).verdict
-    return [v for v in verdict.violations if v.kind != "duration"]

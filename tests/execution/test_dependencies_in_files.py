@@ -76,7 +76,7 @@ def test_wrong_files_are_refused_by_name(made):
         check_plan({**full, "dependencies": []}, "x")
     broken = json.loads(json.dumps(full))
     broken["dependencies"]["edges"][0]["then"] = ["start", "nobody"]
-    with pytest.raises(ProblemError, match="start of nobody, which is not in it"):
+    with pytest.raises(ProblemError, match="speaks of nobody, which is not in the plan"):
         Executor(broken)
     ring = json.loads(json.dumps(full))
     for edge in list(ring["dependencies"]["edges"]):

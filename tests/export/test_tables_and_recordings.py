@@ -50,7 +50,7 @@ def test_pandas_reads_tables_as_numbers(tmp_path):
 
 def test_tables_tell_flyers_and_drivers_in_one_form(tmp_path):
     plan = door_plan()
-    flight = [[t, 1.0 + t, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0] for t in (0.0, 1.0)]
+    flight = [[t, 0.5 + t, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0] for t in (0.5, 7.5)]
     plan["motions"][0]["samples"] = flight
     _, trajectories, changes = export_plan(plan, "csv", tmp_path)
     table = rows(trajectories)

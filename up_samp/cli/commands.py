@@ -85,6 +85,7 @@ def add_validate(parser: argparse.ArgumentParser) -> None:
 
 
 def _validate(args: argparse.Namespace) -> int:
+    from up_samp.execution import dependency_faults
     from up_samp.io import contradictions, plan_from_dict
     from up_samp.io.compare import poses_beyond
 
@@ -94,6 +95,8 @@ def _validate(args: argparse.Namespace) -> int:
         raise ProblemError(f"problem '{problem.name}' has no motions: it has no plan files")
     beyond = poses_beyond(problem, plan)
     wrong = [*contradictions(problem, plan), *beyond]
+    if not wrong:
+        wrong = dependency_faults(problem, plan)
     if wrong:
         print(f"INVALID: the plan file contradicts the problem in {len(wrong)} points")
         print("\n".join(f"  {short(w, 300)}" for w in wrong))

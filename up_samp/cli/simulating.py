@@ -76,11 +76,13 @@ def add_simulate(parser: argparse.ArgumentParser) -> None:
 
 
 def _simulate(args: argparse.Namespace) -> int:
-    from up_samp.execution import Delays
+    from up_samp.execution import Delays, dependencies_from_plan
+    from up_samp.execution.check import check_motions
 
     if args.runs < 1:
         raise ProblemError(f"--runs must be at least 1, not {args.runs}")
     plan = read_plan(args.plan)
+    check_motions(plan)
     delays = Delays.parse(args.delays)
     policies = tuple(dict.fromkeys(args.policy or ("timed", "staircase", "reorder")))
     policies = POLICIES if "all" in policies else policies
@@ -89,7 +91,7 @@ def _simulate(args: argparse.Namespace) -> int:
     named = args.problem is not None
     problem = problem_of_plan(args.problem, args.encoding, plan) if named else None
     tuning = tuning_of(args.tuning).execution
-    found = _dependencies(plan, problem)
+    found = dependencies_from_plan(plan, problem)
     runs: list[Simulation] = []
     failed: list[Failure] = []
     for policy in policies:
@@ -103,7 +105,7 @@ def _simulate(args: argparse.Namespace) -> int:
     if args.out is not None:
         files = write_runs(plan, runs, args.out, failed)
         print("\n".join(str(f) for f in files))
-    bad = any(r.contacts or not r.finished for r in runs if r.policy != "timed")
+    bad = any(r.contacts or r.broken or not r.finished for r in runs if r.policy != "timed")
     return 1 if bad or failed else 0
 
 
@@ -139,12 +141,6 @@ def _executions(
     return lambda seed: simulate(graph(), plan, delays, seed, policy=policy, tuning=tuning)  # type: ignore[arg-type]
 
 
-def _dependencies(plan: PlanDict, problem: SchedulingProblem | None) -> Dependencies:
-    from up_samp.execution import dependencies_from_plan, dependencies_of
-
-    return dependencies_from_plan(plan) if problem is None else dependencies_of(problem, plan)
-
-
 def _policies(runs: Sequence[Simulation]) -> list[str]:
     return list(dict.fromkeys(r.policy for r in runs))
 
@@ -168,6 +164,7 @@ def _table(
                 f"{100 * statistics.mean(r.waiting for r in mine):.1f} %" if mine else "-",
                 str(sum(r.collisions for r in mine)),
                 f"{sum(bool(r.contacts) for r in mine)}",
+                f"{sum(bool(r.broken) for r in mine)}",
                 str(sum(r.deadlock for r in mine)),
                 str(sum(r.reorders for r in mine)),
                 str(sum(r.replans for r in mine)),
@@ -178,11 +175,13 @@ def _table(
             reasons.append(f"{policy} failed (seed {seeds}): {why}")
     header = (
         "policy", "runs", "unfinished", "median", "worst", "waiting", "collisions", "unsafe",
-        "deadlocks", "reorders", "replans",
+        "broken", "deadlocks", "reorders", "replans",
     )  # fmt: skip
     note = "median and worst: realised over planned makespan of the runs that were finished; "
-    note += "unsafe: runs with a collision"
-    return "\n".join([table(header, rows, range(1, 11)), note, *reasons])
+    note += "unsafe: runs with a collision; broken: runs that break a rule of the problem "
+    note += "(looked for with --problem)"
+    reasons += [f"{r.policy}, seed {r.seed}: {r.broken[0]}" for r in runs if r.broken][:3]
+    return "\n".join([table(header, rows, range(1, 12)), note, *reasons])
 
 
 def write_runs(

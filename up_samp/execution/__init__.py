@@ -4,7 +4,7 @@ from up_samp.execution.build import Dependencies, coarse, dependencies_of
 from up_samp.execution.commands import Command, Do, Go, Hold
 from up_samp.execution.delays import Delays
 from up_samp.execution.executor import Executor
-from up_samp.execution.files import dependencies_from_plan, with_dependencies
+from up_samp.execution.files import dependencies_from_plan, dependency_faults, with_dependencies
 from up_samp.execution.graph import At, Bound, Edge, Event, Graph, PlannedTask
 from up_samp.execution.reorder import Reorderer
 from up_samp.execution.replan import Incident, Journey, simulate_replanned, solve_remaining
@@ -40,6 +40,7 @@ __all__ = [
     "coarse",
     "dependencies_from_plan",
     "dependencies_of",
+    "dependency_faults",
     "simulate",
     "simulate_replanned",
     "solve_remaining",

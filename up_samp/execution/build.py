@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from unified_planning.model.scheduling import SchedulingProblem
+from unified_planning.model import FNode
+from unified_planning.model.motion import MotionActivity
+from unified_planning.model.scheduling import Activity, SchedulingProblem
 
 from up_samp.execution.draft import Draft, why_of
 from up_samp.execution.graph import Choice, Graph, PlannedTask
@@ -18,13 +20,17 @@ from up_samp.execution.staircase import Step, steps_of, switched
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import Travel, travels_of
 from up_samp.io.plan_dict import PlanDict, snapshot_of
-from up_samp.model import ProblemError
+from up_samp.model import ProblemError, UnsupportedError
 from up_samp.model.snapshot import Snapshot
+from up_samp.scheduling.compilers.expressions import Expr
+from up_samp.scheduling.compilers.plain import Condition
+from up_samp.scheduling.compilers.read import read_expression
 from up_samp.scheduling.compilers.read import read_problem as read_plain
 from up_samp.scheduling.partial_order.differences import Planned
 from up_samp.scheduling.partial_order.objects import performers
 from up_samp.scheduling.partial_order.orders import orders_of
 from up_samp.upio.movers import named_as_planned
+from up_samp.upio.relaxing import told_by
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +44,8 @@ class Dependencies:
     """Orders of activities that could be the other way round, too."""
     localisation: float = 0.0
     """How far (m) from where it tells to be a robot may be: what margins have grown for."""
+    problem: SchedulingProblem | None = None
+    """What was planned (``None``: only the plan file is known)."""
 
     @cached_property
     def travels(self) -> dict[tuple[str, str], Travel]:
@@ -79,14 +87,15 @@ def dependencies_of(
     lives = lives_of(plan)
     meetings = meetings_of(lives, margin, localisation)
     draft = Draft(tasks_of(plan, performers(planned, snapshot)), lives)
-    for order in orders_of(planned, snapshot):
-        draft.add_order(order, unit)
+    draft.add_orders(orders_of(with_places(planned, problem), snapshot), unit)
     choices = draft.settle_choices()
     for meeting in meetings:
         draft.add_meeting(meeting)
-    return Dependencies(
-        draft.graph(margin), lives, tuple(meetings), choices, localisation=localisation
-    )
+    try:
+        graph = draft.graph(margin)
+    except ProblemError as error:  # the plan may do all at once, on the floor somebody is first
+        raise UnsupportedError(f"{error}: no executive could keep the plan") from error
+    return Dependencies(graph, lives, tuple(meetings), choices, localisation, problem)
 
 
 def check_same(problem: SchedulingProblem, snapshot: Snapshot, plan: PlanDict) -> None:
@@ -116,6 +125,37 @@ def planned_of(problem: SchedulingProblem, plan: PlanDict) -> Planned:
         for short, value in entry.get("parameters", {}).items():
             values[f"{entry['name']}.{short}"] = value
     return Planned(read_plain(problem), times, values)
+
+
+def with_places(planned: Planned, problem: SchedulingProblem) -> Planned:
+    """Return a plan with what motions read of fluents as conditions: where they begin and lead to,
+    and where their static obstacles are, at their start; where a motion effect leads to, at its
+    end.
+    """
+    read: list[Condition] = []
+    for activity in problem.activities:
+        for anchor, node in _places(activity):
+            if node.is_fluent_exp():
+                at: Expr = ("time", anchor, activity.name, 0)
+                read.append(Condition(at, at, read_expression(problem, node), activity.name))
+    if not read:
+        return planned
+    conditions = (*planned.problem.conditions, *read)
+    return replace(planned, problem=replace(planned.problem, conditions=conditions))
+
+
+def _places(activity: Activity) -> Iterator[tuple[str, FNode]]:
+    """Yield what tells where an activity's motions lead, and when it is read."""
+    if not isinstance(activity, MotionActivity):
+        return
+    for constraint in activity.motion_constraints:
+        for node in (constraint.starting, *constraint.waypoints):
+            yield "start", node
+        told = constraint.static_obstacles
+        for obstacle, value in told.items() if isinstance(told, dict) else ():
+            yield "start", told_by(activity.name, obstacle, value)
+    for node in activity.motion_effects.values():
+        yield "end", node
 
 
 def with_avoid(plan: PlanDict, snapshot: Snapshot) -> PlanDict:

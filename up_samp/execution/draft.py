@@ -24,6 +24,7 @@ from up_samp.execution.meetings import Meeting
 from up_samp.execution.reduce import MEETING, reduced
 from up_samp.execution.staircase import Step, steps_of
 from up_samp.execution.tolerances import TOLERANCES
+from up_samp.model import UnsupportedError
 from up_samp.scheduling.partial_order.differences import Difference, Point
 from up_samp.scheduling.partial_order.order import OrderConstraint
 
@@ -38,11 +39,23 @@ class Draft:
         self.bounds: list[tuple[Event, Event, float, str]] = []
         self.tight: list[tuple[Event, Event, float, str, str]] = []
         self.free: set[tuple[Event, Event]] = set()
+        self.after: dict[Event, set[Event]] = {}
+        """Which events wait for which, also as long as it is open how (``tight``)."""
         self.orders: list[tuple[OrderConstraint, float]] = []
         """Orders that could be the other way round (see ``settle_choices``)."""
 
+    def add_orders(self, orders: Iterable[OrderConstraint], unit: float) -> None:
+        """Add differences. Of two that ask for one instant the first one settles who goes first:
+        what a change leaves behind for others comes before what is only to happen together.
+        """
+        for order in sorted(orders, key=_rank):
+            self.add_order(order, unit)
+
     def add_order(self, order: OrderConstraint, unit: float) -> None:
-        """Add a difference: an edge, or a bound where the plan has it the other way round."""
+        """Add a difference: an edge, or a bound where the plan has it the other way round.
+
+        Raises :class:`UnsupportedError` where two changes of one instant each wait for the other.
+        """
         if order.instead is not None:
             self.orders.append((order, unit))
             return
@@ -53,7 +66,12 @@ class Draft:
             if first == then:
                 continue
             # two that are to happen at once: the second follows the first, and that is watched
-            at_once = need.lag == 0 and (then, first) in self.edges and lag <= 0.0
+            at_once = need.lag <= 0 and self._at_once(then, first)
+            if at_once and need.lag == 0 and order.kind not in _WATCHED:
+                raise UnsupportedError(
+                    f"{first} and {then} happen at one instant, and each has to come first "
+                    f"({order.why}): no executive could keep it"
+                )
             late = self.time(then) < self.time(first) - TOLERANCES.same_time
             if then == ORIGIN or at_once or late or _backward(need):
                 self.bounds.append((then, first, -need.lag * unit, order.why))
@@ -61,6 +79,23 @@ class Draft:
             self._edge(first, then, max(0.0, lag), order.kind, order.why)
             if need.lag < 0:
                 self.bounds.append((then, first, -need.lag * unit, order.why))
+
+    def _at_once(self, first: Event, then: Event) -> bool:
+        """Return whether ``then`` has to wait for ``first``, and both happen at one instant."""
+        now = self.time(first)
+        if abs(self.time(then) - now) > TOLERANCES.same_time:
+            return False
+        seen, stack = {first}, [first]
+        while stack:
+            event = stack.pop()
+            after = [*self.after.get(event, ())]
+            if event.at is At.START:
+                after.append(Event(At.END, event.activity))
+            for later in after:
+                if later not in seen and abs(self.time(later) - now) <= TOLERANCES.same_time:
+                    seen.add(later)
+                    stack.append(later)
+        return then in seen
 
     def settle_choices(self) -> tuple[Choice, ...]:
         """Return the choices that all other orders leave open; what is not open is an order."""
@@ -155,7 +190,8 @@ class Draft:
         ):
             # what lasts as long as it lasts can only be held back before it begins
             begun = Event(At.START, task.name)
-            if self.time(first) > self.time(begun) + TOLERANCES.same_time:
+            if self.time(first) >= self.time(begun) - TOLERANCES.same_time:
+                self.after.setdefault(first, set()).add(then)
                 self.tight.append((first, then, lag, kind, why))
                 return
             then, lag = begun, max(0.0, lag - task.expected)
@@ -166,6 +202,7 @@ class Draft:
         if first == ORIGIN and lag <= 0.0:
             return
         known = self.edges.get((first, then))
+        self.after.setdefault(first, set()).add(then)
         self.free.discard((first, then))
         if known is None or known[0] < lag:
             self.edges[first, then] = (lag, kind, why)
@@ -184,11 +221,13 @@ class Draft:
         return _leads(self._after(), first, then)
 
     def _after(self) -> dict[Event, list[Event]]:
-        """Return which events follow which directly."""
+        """Return which events follow which directly, in whatever way it will be seen to."""
         graph = self._full(0.0)
         after: dict[Event, list[Event]] = {}
         for a, b in [*graph.implied, *((e.first, e.then) for e in graph.edges)]:
             after.setdefault(graph.events[a], []).append(graph.events[b])
+        for first, then, *_ in self.tight:
+            after.setdefault(first, []).append(then)
         return after
 
     def time(self, event: Event) -> float:
@@ -215,6 +254,17 @@ class Draft:
         """Return the finished graph."""
         self._settle()
         return _finished(self._full(margin))
+
+
+_WATCHED = ("constraint", "duration")
+"""Kinds of orders that may ask for two things to happen together."""
+
+
+def _rank(order: OrderConstraint) -> tuple[bool, bool, Point, Point]:
+    need = order.difference
+    # what begins when another thing ends, ends it by nothing that it does
+    backward = need.then[0] == "end" and need.first[0] != "end"
+    return order.kind in _WATCHED, backward, need.first, need.then
 
 
 def _finished(full: Graph) -> Graph:

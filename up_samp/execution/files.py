@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.execution.build import Dependencies, dependencies_of, tasks_of, with_avoid
+from up_samp.execution.check import (
+    graph_faults,
+    graph_needs,
+    lacking,
+    motion_faults,
+    needs_of_motions,
+    place_faults,
+    refuse,
+    shape_faults,
+)
+from up_samp.execution.check import named as faults_named
 from up_samp.execution.graph import At, Bound, Choice, Edge, Event, Graph, PlannedTask, Precedence
 from up_samp.execution.lives import Drive, lives_of
 from up_samp.execution.meetings import Narrow, meetings_of
@@ -16,7 +28,8 @@ from up_samp.execution.reduce import MEETING
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.plan_dict import PlanDict, snapshot_of
 from up_samp.io.versions import VERSIONS
-from up_samp.model import ProblemError
+from up_samp.model import ProblemError, SampError
+from up_samp.model.snapshot import Snapshot
 from up_samp.upio.movers import named_as_planned
 
 
@@ -139,34 +152,107 @@ def event_from_list(item: Any) -> Event:
         raise ProblemError(f"the plan's dependencies name no event: {item!r}") from error
 
 
-def dependencies_from_plan(plan: PlanDict) -> Dependencies:
-    """Return what a plan file says; the geometry is made again from its motions.
+def dependencies_from_plan(
+    plan: PlanDict, problem: SchedulingProblem | None = None
+) -> Dependencies:
+    """Return what a plan file says; the geometry is made again from its motions. With ``problem``
+    the graph is made again, too.
 
-    Raises :class:`ProblemError` for plans without dependencies.
+    Raises :class:`ProblemError` for plans without dependencies (and without a problem), and where
+    the graph in the file lacks what the motions alone ask for, or what the problem asks for.
     """
-    data = plan.get("dependencies")
-    if not isinstance(data, dict):
+    if problem is not None:
+        refuse(dependency_faults(problem, plan), plan)
+        if "dependencies" not in plan:
+            return dependencies_of(problem, plan)
+        return dependencies_of(problem, plan, localisation=_localisation(plan))
+    if not isinstance(plan.get("dependencies"), dict):
         raise ProblemError(
             f"the plan of '{plan['problem']}' has no dependencies: give its problem, too"
         )
+    refuse(shape_faults(plan) or motion_faults(plan), plan)
+    told = _as_told(plan)
+    refuse(_faults_alone(plan, told), plan)
+    return told
+
+
+def _localisation(plan: PlanDict) -> float:
+    """Return the localisation error (m) that the graph in a plan file was made for."""
+    return float(plan["dependencies"].get("localisation", 0.0))
+
+
+def dependency_faults(problem: SchedulingProblem, plan: PlanDict) -> list[str]:
+    """Return, in words, why not every execution that the graph in a plan file allows is valid
+    (nothing: it holds all that the problem asks for), and where its progress and what its motions
+    keep clear of are not as they should be.
+    """
+    named = named_as_planned(problem, plan)
+    found = _avoid_faults(plan, snapshot_of(named, float(plan["seconds_per_unit"])))
+    if "dependencies" not in plan:
+        return found
+    wrong = shape_faults(plan) or motion_faults(plan)
+    if wrong:
+        return [*found, *wrong]
+    try:
+        margin = float(plan["dependencies"]["margin"])
+        made = dependencies_of(problem, plan, margin=margin, localisation=_localisation(plan))
+        told = _as_told(with_avoid(plan, snapshot_of(named, float(plan["seconds_per_unit"]))))
+        found += _faults_alone(plan, told, alone=False) or graph_faults(told.graph, made.graph)
+    except SampError as error:
+        return [*found, str(error)]
+    extra = [c for c in told.choices if (c.ways, c.kind) not in _rounded_ways(made.choices)]
+    found += [f"the choice '{c.why}' is none that the problem leaves" for c in extra]
+    return found
+
+
+def _rounded_ways(choices: Collection[Choice]) -> set[Any]:
+    again = (_choice_from_dict(_choice_to_dict(c)) for c in choices)
+    return {(c.ways, c.kind) for c in again}
+
+
+def _avoid_faults(plan: PlanDict, snapshot: Snapshot) -> list[str]:
+    """Return which motions do not say what they have to keep clear of (absent: everything)."""
+    found = []
+    for told, own in zip(plan["motions"], with_avoid(plan, snapshot)["motions"], strict=True):
+        if "avoid" not in told:
+            continue
+        mine = told["avoid"] if isinstance(told["avoid"], list) else []
+        where = f"the motion of '{told['object']}' in activity '{told['activity']}'"
+        wanted = own.get("avoid")
+        if wanted is None:
+            found.append(f"{where} keeps clear of {mine} only, by the problem of everything")
+        elif sorted(map(str, mine)) != wanted:
+            found.append(f"{where} keeps clear of {mine}, by the problem of {wanted}")
+    return found
+
+
+def _faults_alone(plan: PlanDict, told: Dependencies, *, alone: bool = True) -> list[str]:
+    """Return what is wrong with a graph whatever the problem is."""
+    graph = told.graph
+    choices = (e for c in told.choices for way in c.ways for e in (way.first, way.then))
+    found = place_faults(plan, told.lives, [*graph.events, *choices])
+    _ = graph.order
+    if found or not alone:
+        return found
+    needs = needs_of_motions(plan, told.lives, told.meetings)
+    return faults_named("", lacking(graph.tasks, graph_needs(graph), needs))
+
+
+def _as_told(plan: PlanDict) -> Dependencies:
+    """Return what a plan file says."""
+    data = plan["dependencies"]
     lives = lives_of(plan)
     drives = {d.key: d for life in lives.values() for d in life.drives}
     who = {t["activity"]: tuple(t["who"]) for t in data["tasks"]}
     tasks = tasks_of(plan, who)
     expected = {t["activity"]: float(t["expected"]) for t in data["tasks"]}
-    tasks = {
-        n: PlannedTask(n, t.planned, expected.get(n, t.expected), t.who, t.moves)
-        for n, t in tasks.items()
-    }
+    tasks = {n: replace(t, expected=expected[n]) for n, t in tasks.items()}
     choices = tuple(_choice_from_dict(entry) for entry in data.get("choices", ()))
-    for event in (e for c in choices for w in c.ways for e in (w.first, w.then)):
-        if event.activity not in tasks:
-            raise ProblemError(f"the plan's choices speak of {event}, which is not in it")
-    graph = _graph(data, tasks, drives, {(c.ways[0].first, c.ways[0].then) for c in choices})
-    _ = graph.order
-    localisation = float(data.get("localisation", 0.0))
+    free = {(c.ways[0].first, c.ways[0].then) for c in choices}
+    graph = _graph(data, tasks, drives, free, plan["problem"])
+    localisation = _localisation(plan)
     meetings = tuple(meetings_of(lives, float(data["margin"]), localisation))
-    return Dependencies(graph, lives, meetings, choices, localisation=localisation)
+    return Dependencies(graph, lives, meetings, choices, localisation)
 
 
 def _graph(
@@ -174,6 +260,7 @@ def _graph(
     tasks: Mapping[str, PlannedTask],
     drives: Mapping[tuple[str, str], Drive],
     free: Collection[tuple[Event, Event]],
+    problem: str,
 ) -> Graph:
     events: dict[Event, int] = {Event(At.ORIGIN): 0}
     for name in tasks:
@@ -182,9 +269,11 @@ def _graph(
 
     def number(item: Any) -> int:
         event = event_from_list(item)
-        unknown = event.at is not At.ORIGIN and event.activity not in tasks
-        if unknown or (event.object and (event.activity, event.object) not in drives):
-            raise ProblemError(f"the plan's dependencies speak of {event}, which is not in it")
+        if event.object and (event.activity, event.object) not in drives:
+            raise ProblemError(
+                f"the plan of '{problem}' cannot be followed: its dependencies speak of {event}, "
+                "which is not driven"
+            )
         return events.setdefault(event, len(events))
 
     def edge(e: Mapping[str, Any]) -> Edge:

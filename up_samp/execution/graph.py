@@ -151,9 +151,11 @@ class Graph:
     def order(self) -> tuple[int, ...]:
         """All events in an order in which they can happen; :class:`ProblemError` on a cycle."""
         pairs = [(e.first, e.then) for e in self.edges]
-        found = topological(len(self.events), [*self.implied, *pairs], self.times)
+        pairs += self.implied
+        found = topological(len(self.events), pairs, self.times)
         if found is None:
-            raise ProblemError("the dependencies have a cycle: nobody could go first")
+            names = ", ".join(str(self.events[k]) for k in _circle(len(self.events), pairs))
+            raise ProblemError(f"the dependencies have a cycle: nobody could go first of {names}")
         return tuple(found)
 
 
@@ -198,6 +200,28 @@ def entangled(count: int, pairs: Sequence[tuple[int, int]]) -> set[int]:
                 if missing[then] == 0:
                     ready.append(then)
     return left
+
+
+def _circle(count: int, pairs: Sequence[tuple[int, int]]) -> list[int]:
+    """Return events that each wait for the one before, the first one for the last."""
+    into: dict[int, set[int]] = {k: set() for k in range(count)}
+    after: dict[int, set[int]] = {k: set() for k in range(count)}
+    for first, then in pairs:
+        into[then].add(first)
+        after[first].add(then)
+    free = [k for k in into if not into[k]]
+    while free:
+        k = free.pop()
+        del into[k]
+        for then in after[k]:
+            if then in into:
+                into[then].discard(k)
+                if not into[then]:
+                    free.append(then)
+    way = [min(into)]
+    while (before := min(into[way[-1]])) not in way:
+        way.append(before)
+    return way[way.index(before) :][::-1]
 
 
 def topological(

@@ -32,6 +32,8 @@ def joined(legs: Sequence[Simulation], since: Sequence[float]) -> Simulation:
             for leg, begin in zip(legs, since, strict=True)
             for c in leg.contacts
         ),
+        broken=tuple(text for leg in legs for text in leg.broken),
+        missed=tuple(text for leg in legs for text in leg.missed),
         record=_record(legs, since, makespan),
         waits=tuple(
             (who, low + begin, high + begin, whom)
@@ -72,8 +74,8 @@ def _later(record: PlanDict, begin: float, unit: float) -> dict[str, list[dict[s
         "activities": [
             {
                 **a,
-                "start": round(a["start"] + begin / unit, 6),
-                "end": round(a["end"] + begin / unit, 6),
+                "start": round(a["start"] + begin / unit, 9),
+                "end": round(a["end"] + begin / unit, 9),
             }
             for a in record["activities"]
         ],

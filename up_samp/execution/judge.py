@@ -1,23 +1,37 @@
-"""Did anybody meet? A swept check of what was driven, by the validator's own geometry.
+"""Did anybody meet, and was all kept that the problem asks? What was driven, by the validator's own
+geometry and rules.
 
-Shares no code with the dependencies: tracks and contacts are those of :mod:`up_samp.validation`.
+What is judged, it shares no code with: tracks, contacts and rules are those of
+:mod:`up_samp.validation`. Of the dependencies it only asks which bounds nobody can keep.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+from unified_planning.model.scheduling import SchedulingProblem
 
+from up_samp.execution.build import Dependencies, planned_of
+from up_samp.execution.graph import At, Bound, Graph
+from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.floors import side_by_side
+from up_samp.scheduling.partial_order.orders import constraint_texts
+from up_samp.upio.movers import named_as_planned
 from up_samp.validation.collisions import Shape, hits_body
+from up_samp.validation.plan import judge_executed
 from up_samp.validation.rides import between, carried_along
+from up_samp.validation.schedule import objects_by_type
 from up_samp.validation.tracks import Track
+from up_samp.validation.values import Decisions
+from up_samp.validation.verdict import Violation
 
 
 @dataclass(frozen=True)
@@ -95,6 +109,79 @@ def contacts_of(record: dict[str, Any]) -> list[Contact]:
     return sorted(found, key=lambda c: c.time)
 
 
+Texts = tuple[str, ...]
+
+
+def broken_rules(dependencies: Dependencies, record: dict[str, Any]) -> tuple[Texts, Texts]:
+    """Return which conditions, resources, orders and other rules of the problem what was executed
+    breaks, and which deadlines, windows and longest durations (the graph's bounds) it misses.
+
+    Times are real (to 1 ms): an effect is seen right after its instant. A broken rule is excused
+    where a bound that stands for it was missed. Nothing is said where the problem is not known.
+    """
+    if dependencies.problem is None:
+        return (), ()
+    problem, graph = named_as_planned(dependencies.problem, record), dependencies.graph
+    unit = float(record["seconds_per_unit"])
+    ticks = max(1, math.ceil(unit / TOLERANCES.strict - 1e-9))
+    times = {
+        a["name"]: (_instant(a["start"], ticks), _instant(a["end"], ticks))
+        for a in record["activities"]
+    }
+    late = [b for b in graph.bounds if _over(graph, b, times, unit) > -2 * TOLERANCES.strict]
+    missed = [b.why for b in late if _over(graph, b, times, unit) > TOLERANCES.same_time]
+    parameters = planned_of(problem, record).values
+    objects = objects_by_type(problem)
+    decisions = Decisions(times, parameters, objects, Fraction(1, ticks))
+    samples = {(m["activity"], m["object"]): np.array(m["samples"]) for m in record["motions"]}
+    found = judge_executed(problem, decisions, samples, unit)
+    asked = _texts(problem) if late and found else {}
+    broken = [v for v in found if not any(_stands_for(b.why, v, asked) for b in late)]
+    return tuple(_decimal(str(v)) for v in broken), tuple(dict.fromkeys(missed))
+
+
+def _instant(units: float, ticks: int) -> Fraction:
+    """Return a time as a whole number of ticks: differences of whole units stay what they are."""
+    return Fraction(math.floor(units * ticks + 0.05), ticks)
+
+
+def _over(
+    graph: Graph, bound: Bound, times: Mapping[str, tuple[Fraction, Fraction]], unit: float
+) -> float:
+    """Return by how much (s) a bound was missed (negative: it was kept)."""
+    at = []
+    for event in (graph.events[bound.first], graph.events[bound.then]):
+        if event.at is not At.ORIGIN and event.activity not in times:
+            return -math.inf
+        end = event.at is At.END
+        at.append(0.0 if event.at is At.ORIGIN else float(times[event.activity][end]) * unit)
+    return at[1] - at[0] - bound.most
+
+
+def _texts(problem: SchedulingProblem) -> dict[Any, set[str]]:
+    """Return how the graph's bounds name each constraint."""
+    found: dict[Any, set[str]] = {}
+    for node, text in constraint_texts(problem):
+        found.setdefault(node, set()).add(text)
+    return found
+
+
+def _stands_for(why: str, broken: Violation, asked: Mapping[Any, set[str]]) -> bool:
+    if broken.kind == "duration":
+        return why == f"duration of {broken.about[0]}"
+    if broken.node is not None:
+        return why in asked.get(broken.node, ())
+    return any(
+        re.search(rf"(sets|changes) {re.escape(name)}(?![A-Za-z0-9_])", why)
+        for name in broken.about
+    )
+
+
+def _decimal(text: str) -> str:
+    """Return a text with its fractions as decimals."""
+    return re.sub(r"\b(\d+)/(\d+)\b", lambda m: f"{int(m[1]) / int(m[2]):g}", text)
+
+
 def _far(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
     return a[2] < b[0] or b[2] < a[0] or a[3] < b[1] or b[3] < a[1]
 
@@ -126,7 +213,7 @@ def _life(record: dict[str, Any], name: str, shapes: Mapping[str, Shape]) -> lis
     pose = None if initial is None else tuple(initial)
     since = -math.inf
     pieces = []
-    for time, item in sorted(marks, key=lambda m: m[0]):
+    for time, item in sorted(marks, key=lambda m: (m[0], "samples" in m[1])):
         if pose is not None and time > since:
             pieces.append(_Piece(Track.resting(pose, radius), since, time, "", None))
         if "samples" in item:

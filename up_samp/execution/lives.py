@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -191,20 +191,14 @@ def _pieces(
 ) -> list[Piece]:
     unit = float(plan["seconds_per_unit"])
     ends = {a["name"]: a["end"] * unit for a in plan["activities"]}
-    motions = [m for m in plan["motions"] if m["object"] == name]
-    driven = {m["activity"] for m in motions}
-    marks: list[tuple[float, int, dict[str, Any]]] = [(m["samples"][0][0], 0, m) for m in motions]
-    for change in plan["changes"]:
-        if change["object"] == name and change["activity"] not in driven:
-            marks.append((change["time"], 1, change))
     initial = next(o["initial"] for o in plan["objects"] if o["name"] == name)
     pose = None if initial is None else tuple(initial)
     since, enter = -np.inf, None
     pieces: list[Piece] = []
-    for time, is_change, item in sorted(marks, key=lambda m: m[:2]):
+    for item in in_turn(plan, name, rides):
         activity = item["activity"]
-        if is_change:
-            until, back = time, ends[activity]
+        if "samples" not in item:
+            until, back = item["time"], ends[activity]
             leave = entered = Event(At.END, activity)
             if activity in rides:
                 ride = drives[activity, rides[activity]]
@@ -219,13 +213,30 @@ def _pieces(
         if drive.path.cells == 0:
             continue  # it stays where it is
         if pose is not None:
-            pieces.append(Stay(body, pose, since, time, enter, None))
+            pieces.append(Stay(body, pose, since, item["samples"][0][0], enter, None))
         pieces.append(drive)
         last = item["samples"][-1]
         pose, since, enter = tuple(last[1:]), last[0], None
     if pose is not None:
         pieces.append(Stay(body, pose, since, np.inf, enter, None))
     return pieces
+
+
+def in_turn(plan: Mapping[str, Any], name: str, rides: Container[str]) -> list[dict[str, Any]]:
+    """Return an object's motions and changes in the order of their activities: what is set
+    somewhere (by a lift, say) may drive on from there at that instant. In ``rides`` it is carried.
+    """
+    spans = {a["name"]: (a["start"], a["end"]) for a in plan["activities"]}
+    found = [m for m in plan["motions"] if m["object"] == name]
+    driven = {m["activity"] for m in found}
+    found += [c for c in plan["changes"] if c["object"] == name and c["activity"] not in driven]
+
+    def place(item: Mapping[str, Any]) -> tuple[float, float, bool]:
+        start, end = spans[item["activity"]]
+        sets = "samples" not in item and item["activity"] not in rides
+        return end if sets else start, end, not sets
+
+    return sorted(found, key=place)
 
 
 def _drive(item: Mapping[str, Any], body: Body) -> Drive:

@@ -76,7 +76,7 @@ class Places:
             pose = home.of(drive.path.poses_at(np.array([at]))[0])
         for change in self.plan["changes"]:
             when = self.state.fired.get(Event(At.END, change["activity"]), -math.inf)
-            if change["object"] == name and when >= since and when > -math.inf:
+            if change["object"] == name and when > since:
                 since, type_ = when, self.goals[change["activity"], name]
                 pose = tuple(float(v) for v in change["configuration"])
         return pose, type_

@@ -80,8 +80,8 @@ def _activities(
     found = [
         {
             **entry,
-            "start": round(done[entry["name"]][0] / unit, 6),
-            "end": round(done[entry["name"]][1] / unit, 6),
+            "start": round(done[entry["name"]][0] / unit, 9),
+            "end": round(done[entry["name"]][1] / unit, 9),
         }
         for entry in plan["activities"]
         if entry["name"] in done

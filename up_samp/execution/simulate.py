@@ -10,7 +10,7 @@ from up_samp.execution.build import Dependencies
 from up_samp.execution.commands import Do, Go, Hold
 from up_samp.execution.delays import Delays, Luck, draw
 from up_samp.execution.executor import Executor
-from up_samp.execution.judge import Contact, contacts_of
+from up_samp.execution.judge import Contact, broken_rules, contacts_of
 from up_samp.execution.record import Drivings, record_of
 from up_samp.execution.reorder import Reorderer
 from up_samp.execution.robot import Robot
@@ -43,6 +43,11 @@ class Simulation:
     replans: int = 0
     lasted: float = 0.0
     """How long the run was watched (s)."""
+    broken: tuple[str, ...] = ()
+    """What the problem asks and the run did not keep, in words (where the problem is known and the
+    run came to its end)."""
+    missed: tuple[str, ...] = ()
+    """Deadlines, windows and longest durations that were overrun: no executive can keep them."""
 
     @property
     def ratio(self) -> float:
@@ -241,6 +246,9 @@ def simulation_of(
     record = record_of(plan, floor.dependencies.lives, spans, floor.drivings, waits, floor.now)
     finished = floor.executive.finished
     time = len(floor.robots) * floor.now
+    # what is not over may still come to keep what is asked
+    known = judged and finished
+    broken, missed = broken_rules(floor.dependencies, record) if known else ((), ())
     return Simulation(
         policy=policy,
         seed=seed,
@@ -255,4 +263,6 @@ def simulation_of(
         record=record,
         waits=waits,
         lasted=floor.now,
+        broken=broken,
+        missed=missed,
     )

@@ -37,6 +37,8 @@ class Tolerances:
     """Seconds by which a robot's clock may be ahead of, or behind, the latest time told."""
     grip: float = 0.01
     """Way of a ride in which its load also counts as standing where it was, or will be."""
+    rounded: float = 2e-6
+    """Seconds by which lags may differ that were rounded for a file."""
     margin: float = PRECISION.margin
     """Clearance that the dependencies keep, where the plan does and says no other one; less where
     it does not."""

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
 
+from up_samp.execution.check import check_motions
 from up_samp.io import PlanDict
 from up_samp.io.floors import maps_of, moved
 from up_samp.model import ProblemError, UnsupportedError
@@ -35,6 +36,7 @@ def export_plan(plan: PlanDict, to: str, folder: str | PathLike[str]) -> list[Pa
     if to not in FORMATS:
         raise ProblemError(f"there is no format '{to}'; known are {', '.join(FORMATS)}")
     export: Callable[[PlanDict, Path], list[Path]] = importlib.import_module(FORMATS[to]).export
+    check_motions(plan)
     maps = maps_of(plan)
     if len(maps) > 1:
         named = ", ".join(m.label for m in maps)

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from up_samp.execution.files import dependencies_from_plan
 from up_samp.export.legs import FloatArray, Piece, pieces_of
 from up_samp.export.precision import PRECISION
 from up_samp.io import PlanDict
@@ -61,6 +62,7 @@ def steps_of(plan: PlanDict) -> dict[str, list[Step]]:
             f"the plan of '{plan['problem']}' has no dependencies, without which such orders are "
             "unsafe; solve the problem again, or add them with up_samp.execution"
         )
+    dependencies_from_plan(plan)  # refuses those that cannot be followed
     return _Reader(plan).read()
 
 

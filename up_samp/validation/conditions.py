@@ -61,7 +61,7 @@ def _timed_conditions(
             found = _instants(interval, owner, timeline, reading)
             if found is not None and found[0] <= found[1]:
                 half_open = interval.is_right_open() and reading is Reading.LATER
-                seen = found[1] + half_open
+                seen = found[1] + half_open * timeline.decisions.instant
                 yield from (_Condition(owner, node, *found, seen) for node in nodes)
 
 
@@ -74,16 +74,18 @@ def _instants(
     last = timeline.decisions.timing(interval.upper, owner, end)
     if first is MISSING or last is MISSING:
         return None
-    if not (isinstance(first, int) and isinstance(last, int)):
+    step = timeline.decisions.instant
+    if step == 1 and not (isinstance(first, int) and isinstance(last, int)):
         raise UnsupportedError(f"fractional time in the condition interval {interval}")
-    return first + interval.is_left_open(), last - interval.is_right_open()
+    return first + interval.is_left_open() * step, last - interval.is_right_open() * step
 
 
 def _new_values(timeline: StateTimeline, reading: Reading) -> dict[str, set[int]]:
     """Return for each fluent's name the instants at which a new value is seen first."""
     times_of: dict[str, set[int]] = defaultdict(set)
     for change in timeline.changes:
-        seen = change.time + 1 if reading is Reading.LATER else change.time
+        later = reading is Reading.LATER
+        seen = change.time + timeline.decisions.instant if later else change.time
         times_of[change.key[0]].add(seen)
     return times_of
 
@@ -96,7 +98,9 @@ def broken_conditions(
     for condition in _timed_conditions(problem, timeline, reading):
         instant = _first_failure(condition, timeline, reading, times_of)
         if instant is not None:
-            yield Violation("condition", f"{condition.what} is false at {instant}")
+            text = f"{condition.what} is false at {instant}"
+            about = tuple(sorted(_fluents_in(condition.node)))
+            yield Violation("condition", text, about=about)
 
 
 def _first_failure(
@@ -174,6 +178,7 @@ def _clash(change: Change, what: str) -> Violation:
     return Violation(
         "interference",
         f"{change.what} changes {show(change.key)}, which the {what.removeprefix('the ')} reads",
+        about=(show(change.key),),
     )
 
 

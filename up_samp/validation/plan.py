@@ -27,11 +27,12 @@ from up_samp.validation.maps import BlockedMap
 from up_samp.validation.metrics import evaluate_metric
 from up_samp.validation.paths import passes, path_of, pose_gap, read_trajectory
 from up_samp.validation.scene import JudgedScene
-from up_samp.validation.schedule import JudgedSchedule, judge_schedule
+from up_samp.validation.schedule import JudgedSchedule, judge_decisions, judge_schedule
 from up_samp.validation.se3 import AnyTrack, hits, hits_map_from_space
 from up_samp.validation.solids import Solid
 from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.tracks import Track
+from up_samp.validation.values import Decisions
 from up_samp.validation.verdict import JUDGING_GRACE, Verdict, Violation
 
 
@@ -73,6 +74,34 @@ def judge_plan(
         return verdict, None
     values = {m: evaluate_metric(m, judged.timeline) for m in problem.quality_metrics}
     return verdict, values
+
+
+def judge_executed(
+    problem: Any,
+    decisions: Decisions,
+    samples: Mapping[tuple[str, str], FloatArray],
+    seconds: float,
+) -> list[Violation]:
+    """Judge what was executed, in dense time (``decisions.instant``): the schedule, and that one
+    motion of an object comes after the other, from where it is, while static obstacles rest.
+
+    ``samples`` are rows (t in s, pose) of each motion, by activity and object. Contacts and
+    kinematics are not looked at.
+    """
+    judged = judge_decisions(problem, decisions)
+    found = list(judged.verdict.violations)
+    if judged.timeline is None or not hasattr(problem, "initial_configuration"):
+        return found
+    scene = JudgedScene(problem, judged.timeline)
+    motions = {}
+    for task in scene.tasks:
+        rows = samples.get((task.activity, task.object))
+        if rows is not None:
+            motions[task.name] = rows[:, 0], rows[:, 1:]
+    lives = build_lives(scene, motions, seconds, found)
+    for task in scene.tasks:
+        found.extend(_obstacles(scene, task, lives, seconds))
+    return found
 
 
 def _with_motions(

@@ -55,6 +55,11 @@ def judge_schedule(problem: Any, plan: Any) -> JudgedSchedule:
     decisions, broken = read_decisions(problem, plan)
     if decisions is None or broken:
         return JudgedSchedule(Verdict(tuple(broken), False))
+    return judge_decisions(problem, decisions)
+
+
+def judge_decisions(problem: Any, decisions: Decisions) -> JudgedSchedule:
+    """Judge what is decided, but for who is to be present (rules 2 to 13)."""
     timeline = build_timeline(problem, decisions)
     common = [
         *_constraints(problem, timeline),
@@ -89,7 +94,7 @@ def read_decisions(problem: Any, plan: Any) -> tuple[Decisions | None, list[Viol
             found.append(Violation("presence", f"{name} is mandatory but not in the plan"))
     if found:
         return None, found
-    objects = _objects_by_type(problem)
+    objects = objects_by_type(problem)
     assigned = _assignment(plan)
     times: dict[str, tuple[int, int]] = {}
     for name in counts:
@@ -109,7 +114,7 @@ def read_decisions(problem: Any, plan: Any) -> tuple[Decisions | None, list[Viol
     return Decisions(times, parameters, objects), found
 
 
-def _objects_by_type(problem: Any) -> dict[str, tuple[str, ...]]:
+def objects_by_type(problem: Any) -> dict[str, tuple[str, ...]]:
     """Return the names of each user type's objects; an object belongs to its type's ancestors."""
     found: dict[str, list[str]] = defaultdict(list)
     for item in problem.all_objects:
@@ -162,7 +167,7 @@ def _durations(problem: Any, timeline: StateTimeline, reading: Reading) -> Itera
         )
         if short or long:
             what = f"{activity.name} lasts {length}, not within {bounds} (start {start}, end {end})"
-            yield Violation("duration", what)
+            yield Violation("duration", what, about=(activity.name,))
 
 
 def _constraints(problem: Any, timeline: StateTimeline) -> Iterator[Violation]:
@@ -184,7 +189,7 @@ def _constraints(problem: Any, timeline: StateTimeline) -> Iterator[Violation]:
                 under = f" (scope {list(scope)})" if scope else ""
                 by = f" of {owner}" if owner else ""
                 what = f"'{constraint}'{under}{by} does not hold{_times_in(constraint, timeline)}"
-                yield Violation("constraint", what)
+                yield Violation("constraint", what, node=constraint)
 
 
 def _changed_fluents(problem: Any) -> set[str]:

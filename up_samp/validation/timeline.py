@@ -98,7 +98,8 @@ class StateTimeline:
 
     def global_end(self, reading: Reading) -> int:
         """Return the instant that ``GlobalEnd`` means in conditions (rule 12)."""
-        return self.horizon + 1 if reading is Reading.LATER else self.horizon
+        later = reading is Reading.LATER
+        return self.horizon + self.decisions.instant if later else self.horizon
 
     def record(self, key: Key, time: int, value: Value) -> None:
         """Note that ``key`` has ``value`` after the effects at ``time`` (in order of time)."""
@@ -150,7 +151,7 @@ def _expand(
     time = decisions.timing(timing, owner, end)
     if time is MISSING:
         return
-    if not isinstance(time, int):
+    if decisions.instant == 1 and not isinstance(time, int):
         raise UnsupportedError(f"effect at the fractional time {time}: '{effect}' of {owner}")
     if not (effect.is_assignment() or effect.is_increase() or effect.is_decrease()):
         raise UnsupportedError(f"continuous effect '{effect}' of {owner or 'the problem'}")
@@ -200,7 +201,11 @@ def _settle(
     if len(assigned) > 1 or (assigned and added):
         names = " and ".join(event.what for event, _ in assigned + added)
         timeline.violations.append(
-            Violation("effect-conflict", f"{show(key)} is changed twice at {time}: {names}")
+            Violation(
+                "effect-conflict",
+                f"{show(key)} is changed twice at {time}: {names}",
+                about=(show(key),),
+            )
         )
     value = assigned[-1][1] if assigned else timeline.value(key, time, Reading.LATER)
     value = value + sum(amount for _, amount in added) if added else value
@@ -209,7 +214,11 @@ def _settle(
     if not in_type(value, type_, timeline.decisions.objects):
         names = ", ".join(event.what for event, _ in assigned + added)
         timeline.violations.append(
-            Violation("bounds", f"{show(key)} becomes {value}, outside {type_}, at {time}: {names}")
+            Violation(
+                "bounds",
+                f"{show(key)} becomes {value}, outside {type_}, at {time}: {names}",
+                about=(show(key),),
+            )
         )
 
 

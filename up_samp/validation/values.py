@@ -36,10 +36,12 @@ class Decisions:
     the parameters that have one (by their full name), and the makespan.
     """
 
-    times: Mapping[str, tuple[int, int]]
+    times: Mapping[str, tuple[Value, Value]]
     parameters: Mapping[str, Value]
     objects: Mapping[str, tuple[str, ...]]
     """Names of the objects of each user type, subtypes included."""
+    instant: Value = 1
+    """How far apart two instants are (units): what was executed has times between the units."""
 
     @cached_property
     def makespan(self) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 JUDGING_GRACE = 1.5
 """Seconds after its limit that a solve may go on judging a plan that it has found."""
@@ -20,6 +21,10 @@ class Violation:
     activities: tuple[str, ...] = ()
     objects: tuple[str, ...] = ()
     time: float | None = None
+    about: tuple[str, ...] = ()
+    """Of a schedule's rules: the fluents (or, of a duration, the activity) that it is about."""
+    node: Any = None
+    """The constraint that is broken, as the problem has it."""
 
     def __str__(self) -> str:
         return f"{self.kind}: {self.what}"

@@ -60,6 +60,16 @@ def read_problem(problem: SchedulingProblem) -> PlainProblem:
     return _Reader(problem).read()
 
 
+def read_expression(problem: SchedulingProblem, node: FNode) -> Expr:
+    """Return an expression of ``problem`` as a plain value."""
+    return _Reader(problem).expression(node)
+
+
+def read_constraints(problem: SchedulingProblem) -> list[tuple[FNode, Expr]]:
+    """Return the constraints of ``problem``, each as it is given and as a plain value."""
+    return _Reader(problem).constraints()
+
+
 def read_type(tpe: Any) -> Type:
     """Return a UP type as plain values."""
     if tpe.is_bool_type():
@@ -83,11 +93,10 @@ class _Reader:
 
     def read(self) -> PlainProblem:
         problem = self.problem
-        constraints = [self._scoped(c, scope) for c, scope in problem.base_scoped_constraints]
+        constraints = [c for _, c in self.constraints()]
         conditions, effects = [], []
         chronicles: list[tuple[Any, str | None]] = [(problem._base, None)]
         for activity in problem.activities:
-            constraints += [self._scoped(c, scope) for c, scope in activity.scoped_constraints]
             chronicles.append((activity, activity.name))
         for chronicle, owner in chronicles:
             for span, expressions in chronicle.conditions.items():
@@ -111,6 +120,12 @@ class _Reader:
             },
             minimize_makespan=self._metric(),
         )
+
+    def constraints(self) -> list[tuple[FNode, Expr]]:
+        said = list(self.problem.base_scoped_constraints)
+        for activity in self.problem.activities:
+            said += activity.scoped_constraints
+        return [(node, self._scoped(node, scope)) for node, scope in said]
 
     def _metric(self) -> bool:
         for metric in self.problem.quality_metrics:

@@ -16,7 +16,9 @@ from up_samp.scheduling.partial_order.order import OrderConstraint
 
 
 def _movers(planned: Planned, snapshot: Snapshot) -> dict[str, list[tuple[str, bool]]]:
-    """Return for each object who moves it (activity, whether it drives), by planned time."""
+    """Return for each object who moves it (activity, whether it drives), in the plan's order: what
+    is set somewhere at an instant may drive on from there at once.
+    """
     found: dict[str, list[tuple[str, bool]]] = {}
     driven = {(t.activity, t.object) for t in snapshot.tasks}
     for task in snapshot.tasks:
@@ -27,8 +29,13 @@ def _movers(planned: Planned, snapshot: Snapshot) -> dict[str, list[tuple[str, b
         if change.activity in planned.times and (change.activity, change.object) not in driven:
             found.setdefault(change.object, []).append((change.activity, False))
     for movers in found.values():
-        movers.sort(key=lambda m: planned.times[m[0]][0 if m[1] else 1])
+        movers.sort(key=lambda m: _place_in_life(planned, *m))
     return found
+
+
+def _place_in_life(planned: Planned, activity: str, drives: bool) -> tuple[int, int, bool, str]:
+    start, end = planned.times[activity]
+    return (start if drives else end), end, drives, activity
 
 
 def lives(planned: Planned, snapshot: Snapshot) -> Iterator[OrderConstraint]:

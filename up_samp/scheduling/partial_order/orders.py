@@ -5,14 +5,18 @@ resources, objects that rest, one motion after the other for each robot.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
-from up_samp.model import ProblemError
+from unified_planning.model import FNode
+from unified_planning.model.scheduling import SchedulingProblem
+
+from up_samp.model import ProblemError, UnsupportedError
 from up_samp.model.snapshot import Snapshot
 from up_samp.scheduling.compilers.expressions import Expr, show, subexpressions
 from up_samp.scheduling.compilers.plain import Effect
+from up_samp.scheduling.compilers.read import read_constraints
 from up_samp.scheduling.partial_order.differences import (
     HORIZON,
     MISSING,
@@ -48,6 +52,12 @@ def _constraints(planned: Planned) -> Iterator[OrderConstraint]:
         instead = other_way(planned, constraint, needs)
         for need in needs:
             yield OrderConstraint(need, "constraint", _short(constraint), instead)
+
+
+def constraint_texts(problem: SchedulingProblem) -> Iterator[tuple[FNode, str]]:
+    """Yield a problem's constraints, each with the text by which its orders are named."""
+    for node, constraint in read_constraints(problem):
+        yield node, _short(constraint)
 
 
 def _short(e: Expr) -> str:
@@ -92,25 +102,37 @@ class _Write:
 
 @dataclass(frozen=True)
 class _Read:
-    """Something that depends on fluents from ``low`` to ``high`` (instants, as planned)."""
+    """Something that depends on fluents from ``low`` to ``high`` (instants, as planned).
+
+    ``open_low``, ``open_high``: where the interval may be open in dense time, an effect of others
+    a whole unit before or after it is not one that is only just outside.
+    """
 
     low: tuple[Point, int]
     high: tuple[Point, int]
     owner: str | None
     what: str
+    open_low: bool = False
+    open_high: bool = False
 
 
 def _fluents(planned: Planned) -> Iterator[OrderConstraint]:
     writes, reads = _writes(planned), _reads(planned)
+    moments: list[_Moment] = []
     for key, all_writes in writes.items():
         all_writes.sort(key=lambda w: w.time)
-        chained = _capacity(planned, key, all_writes)
+        mine = reads.get(key, ())
+        # whoever looks at it while units change hands sees the plan's sequence of values
+        watched = any(read.owner is None for read in mine)
+        chained = None if watched else _capacity(planned, key, all_writes)
         if chained is not None:
             yield from _chained(planned, key, all_writes, chained)
         else:
             yield from _in_order(planned, key, all_writes)
-        for read in reads.get(key, ()):
+            moments += _moments(key, all_writes)
+        for read in mine:
             yield from _around(planned, key, read, all_writes, chained is not None)
+    yield from _at_once(planned, writes, moments)
 
 
 def _writes(planned: Planned) -> dict[Expr, list[_Write]]:
@@ -149,7 +171,8 @@ def _reads(planned: Planned) -> dict[Expr, list[_Read]]:
         if planned.time(low[0]) + low[1] > planned.time(high[0]) + high[1]:
             continue  # nothing is asked of an empty interval
         what = f"condition '{_short(condition.expression)}' of {condition.owner or 'the problem'}"
-        add((condition.expression,), _Read(low, high, condition.owner, what))
+        read = _Read(low, high, condition.owner, what, low[1] >= 1, condition.dense)
+        add((condition.expression,), read)
     for effect in planned.problem.effects:
         if effect.owner is not None and effect.owner not in planned.times:
             continue
@@ -178,38 +201,213 @@ def _dense(first: Point, then: Point, lag: int) -> Difference:
 def _around(
     planned: Planned, key: Expr, read: _Read, writes: list[_Write], every: bool
 ) -> Iterator[OrderConstraint]:
-    """Producers before the reader, the next writer after it."""
+    """Producers before the reader, the next writer after it: what is written at the reader's last
+    instant it does not see.
+    """
     (low, dl), (high, dh) = read.low, read.high
     begin, end = planned.time(low) + dl, planned.time(high) + dh
     if high == HORIZON:
         end = max([end, *(w.time for w in writes)]) + 1
     before = [w for w in writes if w.time < begin or (low == HORIZON and w.time <= end)]
-    after = [w for w in writes if w.time > end]
+    after = [w for w in writes if w.time >= end]
     if not every:
-        before = [w for w in before if w.time == before[-1].time]
-        after = [w for w in after if w.time == after[0].time]
+        # the others': an activity's own changes are tied to its start or its end, not to the reader
+        last = max((w.time for w in before if w.owner != read.owner), default=0)
+        next_ = min((w.time for w in after if w.time > end and w.owner != read.owner), default=end)
+        before = [w for w in before if w.time >= last]
+        after = [w for w in after if w.time <= next_]
     for w in before:
-        if w.owner != read.owner and low != HORIZON:
-            need = _dense(w.point, low, w.delay - dl + 1)
+        lag = w.delay - dl + 1
+        if _matter(w, low, read.owner, lag) and low != HORIZON:
+            need = Difference(w.point, low, lag) if read.open_low else _dense(w.point, low, lag)
             why = f"{w.owner or 'the problem'} sets {show(key)} for the {read.what}"
             yield OrderConstraint(need, "fluent", why)
     for w in after:
-        if w.owner != read.owner and high != HORIZON:
-            need = _dense(high, w.point, dh - w.delay + 1)
+        lag = dh - w.delay + (w.time > end)
+        if _matter(w, high, read.owner, lag) and high != HORIZON:
+            plain = read.open_high or w.time == end
+            need = Difference(high, w.point, lag) if plain else _dense(high, w.point, lag)
             why = f"{w.owner or 'the problem'} changes {show(key)} only after the {read.what}"
             yield OrderConstraint(need, "fluent", why)
 
 
+def _matter(write: _Write, point: Point, owner: str | None, lag: int) -> bool:
+    """Return whether the order of a write and of something else at ``point`` has to be stated: an
+    activity's own start and end keep theirs, but for what is more than a unit apart.
+    """
+    if write.owner is None and owner is None:
+        return write.point != point
+    return write.owner != owner or (write.point != point and lag > 1)
+
+
 def _in_order(planned: Planned, key: Expr, writes: list[_Write]) -> Iterator[OrderConstraint]:
-    """Changes of one fluent happen in the plan's order."""
+    """Changes of one fluent at different instants happen in the plan's order."""
     instants = sorted({w.time for w in writes})
     for one, two in itertools.pairwise(instants):
         for w in (w for w in writes if w.time == one):
             for v in (v for v in writes if v.time == two):
-                if w.owner != v.owner or w.owner is None:
-                    need = _dense(w.point, v.point, w.delay - v.delay + 1)
-                    why = f"{w.owner or 'the problem'} sets {show(key)} before {v.owner} does"
+                lag = w.delay - v.delay + 1
+                if _matter(w, v.point, v.owner, lag):
+                    need = _dense(w.point, v.point, lag)
+                    why = f"{_who(w)} sets {show(key)} before {_who(v)} does"
                     yield OrderConstraint(need, "fluent", why)
+
+
+def _who(write: _Write) -> str:
+    return write.owner or "the problem"
+
+
+# ------------------------------------------------------------------ several changes at one instant
+
+
+@dataclass(frozen=True)
+class _Moment:
+    """Increases and decreases of ``key`` at one instant, by several activities: they add up, and
+    bounds are looked at after all of them. On the floor one happens after the other.
+    """
+
+    key: Expr
+    time: int
+    groups: tuple[tuple[_Write, ...], ...]
+    """Those that are one event on the floor belong together."""
+
+
+def _moments(key: Expr, writes: list[_Write]) -> Iterator[_Moment]:
+    for time, some in itertools.groupby(writes, key=lambda w: w.time):
+        together: dict[tuple[Point, int], list[_Write]] = {}
+        for w in some:
+            together.setdefault((w.point, w.delay), []).append(w)
+        if len(together) > 1:
+            yield _Moment(key, time, tuple(tuple(group) for group in together.values()))
+
+
+def _at_once(
+    planned: Planned, writes: Mapping[Expr, list[_Write]], moments: list[_Moment]
+) -> Iterator[OrderConstraint]:
+    """Give-back and take at one instant: in an order in which all values are within bounds. Where
+    there is none, each waits for the other.
+    """
+    if not moments:
+        return
+    due: dict[int, list[_Moment]] = {}
+    for moment in moments:
+        due.setdefault(moment.time, []).append(moment)
+    for time, now in _replayed(planned, writes, max(due)):
+        for moment in due.get(time, ()):
+            blocks = _sequence(now, moment)
+            for one, two in itertools.pairwise(blocks):
+                for w, v in itertools.product(one, two):
+                    if w.point != v.point:
+                        need = Difference(w.point, v.point, w.delay - v.delay)
+                        why = f"{_who(w)} changes {show(moment.key)} at once with {_who(v)}"
+                        yield OrderConstraint(need, "fluent", f"{why}, and first")
+
+
+def _replayed(
+    planned: Planned, writes: Mapping[Expr, list[_Write]], until: int
+) -> Iterator[tuple[int, Planned]]:
+    """Yield every instant with effects, with the fluents as they are right before it."""
+    state: dict[Expr, Expr] = dict(planned.problem.initial)
+    now = replace(planned, problem=replace(planned.problem, initial=state))
+    by_time: dict[int, list[tuple[Expr, _Write]]] = {}
+    for key, some in writes.items():
+        for w in some:
+            by_time.setdefault(w.time, []).append((key, w))
+    for time in sorted(t for t in by_time if t <= until):
+        yield time, now
+        later: dict[Expr, Expr] = {}
+        for key, w in by_time[time]:
+            if kept(now, w.effect.condition) is None:
+                continue
+            if w.effect.kind == "assign":
+                later[key] = w.effect.value
+                if w.effect.value[0] not in ("bool", "int", "obj"):
+                    later[key] = _constant(now, w.effect.value)
+            else:
+                old = later.get(key, now.problem.initial_value(key))
+                later[key] = _constant(now, (_SIGN[w.effect.kind], old, w.effect.value))
+        state.update(later)
+
+
+_SIGN = {"increase": "plus", "decrease": "minus"}
+
+
+def _constant(now: Planned, e: Expr) -> Expr:
+    """Return what an expression is worth, as a constant."""
+    value = now.linear(e) if e[0] in _ARITHMETIC else now.value(e)
+    if value is MISSING:
+        raise UnsupportedError(f"'{show(e)}' has no value, but an effect needs one")
+    if isinstance(value, tuple):
+        terms, value = value
+        value += sum(k * now.time(p) for p, k in terms.items())
+    if isinstance(value, bool):
+        return ("bool", value)
+    return ("int", value) if isinstance(value, int) else ("obj", value)
+
+
+_ARITHMETIC = ("plus", "minus", "times", "time")
+
+
+def _sequence(now: Planned, moment: _Moment) -> list[list[_Write]]:
+    """Return groups of writes, each to come before the next (none: any order does)."""
+    amounts: list[int] = []
+    for group in moment.groups:
+        total = 0
+        for w in group:
+            if kept(now, w.effect.condition) is not None:
+                kind = _SIGN.get(w.effect.kind, "plus")
+                total += int(_constant(now, (kind, ("int", 0), w.effect.value))[1])
+        amounts.append(total)
+    type_ = now.problem.fluents[moment.key[1]].type
+    low, high = (type_[1], type_[2]) if type_[0] == "int" else (None, None)
+    here = int(_constant(now, moment.key)[1])
+    up, down = sum(a for a in amounts if a > 0), sum(a for a in amounts if a < 0)
+    fits_up, fits_down = high is None or here + up <= high, low is None or here + down >= low
+    if fits_up and fits_down and not _depend(moment):
+        return []
+    order = None if _depend(moment) else _within(here, amounts, low, high)
+    if order is None:
+        everybody = [w for group in moment.groups for w in group]
+        return [everybody, everybody]  # each waits for the other
+    blocks = [
+        [w for k in run for w in moment.groups[k]]
+        for _, run in itertools.groupby(order, key=lambda k: amounts[k] > 0)
+    ]
+    return blocks
+
+
+def _depend(moment: _Moment) -> bool:
+    """Return whether one of the changes hangs on the value that the others change."""
+    return any(
+        sub[:2] == moment.key[:2]
+        for group in moment.groups
+        for w in group
+        for e in (w.effect.condition, w.effect.value)
+        for sub in subexpressions(e)
+    )
+
+
+def _within(here: int, amounts: list[int], low: int | None, high: int | None) -> list[int] | None:
+    """Return an order of amounts in which all sums are within bounds, with few turns from giving to
+    taking (``None``: there is none).
+    """
+    dead: set[frozenset[int]] = set()
+
+    def rest(value: int, left: frozenset[int], rising: bool) -> list[int] | None:
+        if not left:
+            return []
+        if left in dead:
+            return None
+        for k in sorted(left, key=lambda k: ((amounts[k] > 0) != rising, -abs(amounts[k]), k)):
+            then = value + amounts[k]
+            if (low is None or then >= low) and (high is None or then <= high):
+                found = rest(then, left - {k}, amounts[k] > 0)
+                if found is not None:
+                    return [k, *found]
+        dead.add(left)
+        return None
+
+    return rest(here, frozenset(range(len(amounts))), rising=True)
 
 
 def _capacity(planned: Planned, key: Expr, writes: list[_Write]) -> int | None:
@@ -242,8 +440,15 @@ def _chained(
     for w in writes:
         if w.point[0] == "start" and w.owner is not None:
             amount[w.owner] = amount.get(w.owner, 0) + w.effect.value[1]
-    users = sorted(amount, key=lambda n: planned.times[n])
-    alone = max(amount.values()) <= capacity < sum(sorted(amount.values())[:2])
+    # a use that lasts no time takes nothing
+    users = sorted(
+        (n for n in amount if planned.times[n][0] < planned.times[n][1]),
+        key=lambda n: (planned.times[n], n),
+    )
+    if not users:
+        return
+    sizes = sorted(amount[n] for n in users)
+    alone = sizes[-1] <= capacity < sum(sizes[:2])
     if alone and all(
         planned.times[a][1] <= planned.times[b][0] for a, b in itertools.pairwise(users)
     ):

@@ -1,0 +1,374 @@
+"""Does a plan file's graph hold what it has to? Nothing that it says is believed.
+
+A graph is valid if every execution that it allows is. What it has to hold is made again: from the
+motions alone who lets whom pass and which motion of an object comes after which, and with the
+problem all that the problem asks for. What does not follow from the file's edges is named.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from up_samp.execution.draft import why_of
+from up_samp.execution.graph import ORIGIN, At, Edge, Event, Graph, PlannedTask
+from up_samp.execution.lives import Drive, Life, in_turn
+from up_samp.execution.meetings import Meeting
+from up_samp.execution.reduce import MEETING
+from up_samp.execution.staircase import steps_of
+from up_samp.execution.tolerances import TOLERANCES
+from up_samp.io.plan_dict import PlanDict
+from up_samp.io.shape import distance, number, text
+from up_samp.model import MotionModel, ProblemError
+from up_samp.model.errors import short
+
+KINDS = (MEETING, "constraint", "duration", "fluent", "resource", "object", "static obstacle")
+"""What an edge may come from: an executive that re-orders changes meetings only."""
+
+
+class Requirement(NamedTuple):
+    """Event ``then`` has to wait until ``lag`` s after ``first``."""
+
+    first: Event
+    then: Event
+    lag: float
+    why: str
+
+    def __str__(self) -> str:
+        lag = f"{self.lag:g} s after " if self.lag > TOLERANCES.strict else ""
+        return f"{self.then} does not wait for {lag}{self.first} ({self.why})"
+
+
+# ------------------------------------------------------------------ the file by itself
+
+
+def check_motions(plan: PlanDict) -> None:
+    """Raise :class:`ProblemError` for a plan in which nobody drives, or that nobody can drive."""
+    if not plan["motions"]:
+        raise ProblemError(f"the plan of '{plan['problem']}' has no motions: nobody drives")
+    refuse(motion_faults(plan), plan)
+
+
+def motion_faults(plan: PlanDict) -> list[str]:
+    """Return which motions nobody can drive: faster than the body is, or from where it is not."""
+    bodies = {entry["name"]: entry for entry in plan["objects"]}
+    found = []
+    for motion in plan["motions"]:
+        entry = bodies[motion["object"]]
+        rows = np.asarray(motion["samples"], dtype=np.float64)
+        if entry["model"] == MotionModel.CONTROL.value or "v_max" not in entry:
+            continue
+        far = np.hypot(*np.diff(rows[:, 1:3], axis=0).T)
+        most = 2.0 * float(entry["v_max"]) * np.diff(rows[:, 0]) + TOLERANCES.grip
+        if np.any(far > most):
+            k = int(np.argmax(far - most))
+            place = ", ".join(f"{v:g}" for v in rows[k + 1, 1:])
+            found.append(f"{_named(motion)} leads to ({place}) faster than it can drive")
+    return found or list(_leaps(plan))
+
+
+def _named(motion: Mapping[str, Any]) -> str:
+    return f"the motion of '{motion['object']}' in activity '{motion['activity']}'"
+
+
+def _leaps(plan: PlanDict) -> Iterator[str]:
+    """Yield which motions begin elsewhere than their object is then."""
+    for entry in plan["objects"]:
+        rides = {r["activity"] for r in plan.get("rides", ()) if r["object"] == entry["name"]}
+        here = entry["initial"]
+        for item in in_turn(plan, entry["name"], rides):
+            if "samples" not in item:
+                here = item["configuration"]
+                continue
+            first, here_before = item["samples"][0][1:], here
+            here = item["samples"][-1][1:]
+            if here_before is not None and math.dist(first[:2], here_before[:2]) > TOLERANCES.grip:
+                place = ", ".join(f"{v:g}" for v in first)
+                yield f"{_named(item)} begins at ({place}), where '{entry['name']}' is not then"
+
+
+def shape_faults(plan: PlanDict) -> list[str]:
+    """Return what is wrong with the fields of a plan's dependencies, and of its motions' progress:
+    types, ranges, names of activities.
+    """
+    data = plan["dependencies"]
+    names = Counter(a["name"] for a in plan["activities"])
+    found = [*_entries(data, names)]
+    if not found:
+        told = Counter(task["activity"] for task in data["tasks"])
+        found += [f"task '{n}' is no activity of the plan" for n in told if n not in names]
+        found += [
+            f"activity '{n}' is {told[n]} times among the tasks" for n in names if told[n] != 1
+        ]
+    for motion in plan["motions"]:
+        progress = motion.get("progress")
+        if not isinstance(progress, list) or any(distance(p) for p in progress):
+            found.append(f"{_named(motion)} has no progress: a list of numbers from 0")
+        elif len(progress) != len(motion["samples"]):
+            count = f"{len(progress)} values of progress for {len(motion['samples'])} samples"
+            found.append(f"{_named(motion)} has {count}")
+        elif any(b < a for a, b in itertools.pairwise(progress)):
+            found.append(f"{_named(motion)} has progress that goes back")
+    return found
+
+
+def _entries(data: Mapping[str, Any], names: Mapping[str, int]) -> Iterator[str]:
+    for key, check in (("margin", distance), ("edges_before_reduction", distance)):
+        wanted = check(data.get(key))
+        if wanted:
+            yield f"the dependencies' '{key}' must be {wanted}, not {short(data.get(key))}"
+    for key, checks in _ENTRIES.items():
+        entries = data.get(key, [] if key == "choices" else None)
+        if not isinstance(entries, list):
+            yield f"the dependencies' '{key}' must be a list"
+            continue
+        for i, entry in enumerate(entries):
+            where = f"entry {i} of the dependencies' '{key}'"
+            if not isinstance(entry, dict):
+                yield f"{where} must be an object"
+                continue
+            for field, check in checks.items():
+                wanted = check(entry.get(field))
+                if wanted:
+                    yield f"{where}: '{field}' must be {wanted}, not {short(entry.get(field))}"
+            for event in _events(key, entry):
+                if isinstance(event, list) and event[1:] and event[1] not in names:
+                    yield f"{where} speaks of {short(event[1])}, which is not in the plan"
+
+
+def _events(key: str, entry: Mapping[str, Any]) -> list[Any]:
+    if key != "choices":
+        return [entry.get("first"), entry.get("then")]
+    ways = entry.get("ways")
+    good = _ways(ways) is None and isinstance(ways, list)
+    return [w[side] for w in ways for side in ("first", "then")] if good and ways else []
+
+
+def _event(value: Any) -> str | None:
+    wanted = "an event, such as ['end', activity] or ['reach', activity, object, progress]"
+    if not isinstance(value, list) or not value or any(text(v) for v in value[:3]):
+        return wanted
+    count = {"origin": 1, "start": 2, "end": 2, "reach": 4, "leave": 4}.get(value[0])
+    if len(value) != count or (count == 4 and distance(value[3])):
+        return wanted
+    return None
+
+
+def _who(value: Any) -> str | None:
+    good = isinstance(value, list) and not any(text(v) for v in value)
+    return None if good else "a list of names"
+
+
+def _words(value: Any) -> str | None:
+    return None if isinstance(value, str) else "a text"
+
+
+def _kind(value: Any) -> str | None:
+    return None if value in KINDS else f"one of {', '.join(KINDS)}"
+
+
+def _ways(value: Any) -> str | None:
+    good = isinstance(value, list) and len(value) == 2 and all(isinstance(w, dict) for w in value)
+    if good and not any(
+        _event(w.get("first")) or _event(w.get("then")) or distance(w.get("lag")) for w in value
+    ):
+        return None
+    return "two precedences"
+
+
+_ENTRIES = {
+    "tasks": {"activity": text, "expected": distance, "who": _who},
+    "edges": {"first": _event, "then": _event, "lag": distance, "kind": _kind, "why": _words},
+    "bounds": {"first": _event, "then": _event, "most": number, "why": _words},
+    "choices": {"ways": _ways, "kind": _kind, "why": _words},
+}
+
+
+# ------------------------------------------------------------------ the file and its motions
+
+
+def place_faults(plan: PlanDict, lives: Mapping[str, Life], events: Iterable[Event]) -> list[str]:
+    """Return which values of progress are not those of the samples on their path, and which events
+    speak of what is not driven there.
+    """
+    drives = {d.key: d for life in lives.values() for d in life.drives}
+    found = []
+    for motion in plan["motions"]:
+        drive = drives.get((motion["activity"], motion["object"]))
+        told = np.asarray(motion["progress"], dtype=np.float64)
+        real = 0.0 * told if drive is None else np.maximum.accumulate(drive.path.natural_s)
+        off = np.abs(told - real)
+        if np.any(off > TOLERANCES.place):
+            k = int(np.argmax(off))
+            said = f"progress {told[k]:g} m at {motion['samples'][k][0]:g} s"
+            found.append(f"{_named(motion)} has {said}, where its path is at {real[k]:g} m")
+    return [*found, *dict.fromkeys(_lost(events, drives))]
+
+
+def _lost(events: Iterable[Event], drives: Mapping[tuple[str, str], Drive]) -> Iterator[str]:
+    for event in events:
+        if event.at not in (At.REACH, At.LEAVE):
+            continue
+        drive = drives.get((event.activity, event.object))
+        if drive is None:
+            yield f"the dependencies speak of {event}, which is not driven"
+        elif event.progress > drive.path.length + TOLERANCES.place:
+            yield f"the dependencies speak of {event}, whose path has {drive.path.length:g} m"
+
+
+def needs_of_motions(
+    plan: PlanDict, lives: Mapping[str, Life], meetings: Iterable[Meeting]
+) -> list[Requirement]:
+    """Return what the motions ask for, whatever the problem is."""
+    found = []
+    for meeting in meetings:
+        for step in steps_of(meeting):
+            found.append(Requirement(step.first, step.then, 0.0, why_of(meeting, step)))
+    for name, life in lives.items():
+        turns = dict.fromkeys(
+            (item["activity"], "samples" in item or item["activity"] in life.rides)
+            for item in in_turn(plan, name, life.rides)
+        )
+        for (one, _), (two, drives) in itertools.pairwise(turns):
+            then = Event(At.START if drives else At.END, two)
+            lag = TOLERANCES.strict if drives else 0.0
+            found.append(
+                Requirement(Event(At.END, one), then, lag, f"{one} and {two} both move {name}")
+            )
+    return found
+
+
+# ------------------------------------------------------------------ what follows from what
+
+
+def lacking(
+    tasks: Mapping[str, PlannedTask], edges: Iterable[Requirement], needs: Sequence[Requirement]
+) -> list[Requirement]:
+    """Return the needs that do not follow from ``edges``, with their lags.
+
+    Raises :class:`ProblemError` where the edges have a cycle.
+    """
+    edges = list(edges)
+    direct: dict[tuple[Event, Event], float] = {}
+    for edge in edges:
+        pair = (edge.first, edge.then)
+        direct[pair] = max(edge.lag, direct.get(pair, 0.0))
+    ends = [Event(at, name) for name in tasks for at in (At.START, At.END)]
+    found = dict.fromkeys([ORIGIN, *ends])
+    found.update(dict.fromkeys(e for n in (*edges, *needs) for e in (n.first, n.then)))
+    events = tuple(found)
+    number = {event: k for k, event in enumerate(events)}
+    made = tuple(Edge(number[a], number[b], lag, "", "") for (a, b), lag in direct.items())
+    graph = Graph(tasks, events, (0.0,) * len(events), made)
+    rank = {k: place for place, k in enumerate(graph.order)}
+    after: dict[int, list[tuple[int, float]]] = {}
+    for before, then in graph.implied:
+        after.setdefault(before, []).append((then, 0.0))
+    for e in made:
+        after.setdefault(e.first, []).append((e.then, e.lag))
+    left: dict[Event, list[Requirement]] = {}
+    for need in needs:
+        if direct.get((need.first, need.then), -1.0) < need.lag - TOLERANCES.rounded:
+            left.setdefault(need.first, []).append(need)
+    missing = []
+    for first, wanted in left.items():
+        latest = {number[first]: 0.0}
+        for k in graph.order[rank[number[first]] :]:
+            for later, lag in after.get(k, ()) if k in latest else ():
+                latest[later] = max(latest.get(later, 0.0), latest[k] + lag)
+        never = -math.inf
+        missing += [
+            n for n in wanted if latest.get(number[n.then], never) < n.lag - TOLERANCES.rounded
+        ]
+    return missing
+
+
+def graph_needs(graph: Graph, *, orders: bool = False) -> list[Requirement]:
+    """Return a graph's edges; ``orders``: those that stay when meetings are re-ordered and choices
+    are turned round.
+    """
+    return [
+        Requirement(graph.events[e.first], graph.events[e.then], e.lag, e.why)
+        for e in graph.edges
+        if not orders or (e.kind != MEETING and not e.free)
+    ]
+
+
+def named(what: str, items: Sequence[object], most: int = 12) -> list[str]:
+    """Return faults in words, the first ``most`` of them one by one."""
+    found = [f"{what}{item}" for item in items[:most]]
+    if len(items) > most:
+        found.append(f"... and {len(items) - most} more of the kind")
+    return found
+
+
+# ------------------------------------------------------------------ the file and its problem
+
+
+def graph_faults(told: Graph, made: Graph) -> list[str]:
+    """Return what a file's graph lacks of the one that its problem asks for, and which of its own
+    edges the plan itself does not keep.
+    """
+    lost = lacking(told.tasks, graph_needs(told, orders=True), graph_needs(made, orders=True))
+    every = lacking(told.tasks, graph_needs(told), graph_needs(made))
+    found = named("", list(dict.fromkeys([*lost, *every])))
+    own = {(n.first, n.then): n.lag for n in graph_needs(made)}
+    broken = [
+        need
+        for need, edge in zip(graph_needs(told), told.edges, strict=True)
+        if (
+            need.lag > own.get((need.first, need.then), 0.0) + TOLERANCES.rounded
+            and told.times[edge.then] < told.times[edge.first] + need.lag - TOLERANCES.late
+        )
+        or (
+            (need.first, need.then) not in own
+            and told.times[edge.then] < told.times[edge.first] - TOLERANCES.late
+        )
+    ]
+    found += named(
+        "", [f"the plan itself does not keep that {n.then} waits for {n.first}" for n in broken]
+    )
+    return [*found, *_bound_faults(told, made), *_task_faults(told, made)]
+
+
+def _bound_faults(told: Graph, made: Graph) -> list[str]:
+    known: dict[tuple[Event, Event], float] = {}
+    for b in told.bounds:
+        pair = (told.events[b.first], told.events[b.then])
+        known[pair] = min(b.most, known.get(pair, math.inf))
+    lost = []
+    for b in made.bounds:
+        first, then = made.events[b.first], made.events[b.then]
+        if known.get((first, then), math.inf) > b.most + TOLERANCES.rounded:
+            lost.append(
+                f"no bound says that {then} is at most {b.most:g} s after {first} ({b.why})"
+            )
+    return named("", list(dict.fromkeys(lost)))
+
+
+def _task_faults(told: Graph, made: Graph) -> list[str]:
+    found = []
+    for name, own in made.tasks.items():
+        task = told.tasks[name]
+        if set(task.who) != set(own.who):
+            who, whom = (", ".join(sorted(w)) or "nobody" for w in (task.who, own.who))
+            found.append(
+                f"the task '{name}' is done by {who} in the file, by {whom} in the problem"
+            )
+        if abs(task.expected - own.expected) > TOLERANCES.rounded:
+            lasts = f"{task.expected:g} s in the file, {own.expected:g} s in the plan"
+            found.append(f"the task '{name}' lasts {lasts}")
+    return named("", found)
+
+
+def refuse(faults: Sequence[str], plan: PlanDict) -> None:
+    """Raise :class:`ProblemError` that names all faults, if there are any."""
+    if faults:
+        raise ProblemError(
+            f"the plan of '{plan['problem']}' cannot be followed: {'; '.join(faults)}"
+        )
