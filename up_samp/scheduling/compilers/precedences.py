@@ -221,25 +221,13 @@ class _Compiler:
         """State that a change does not come between the supporter and the interval's end."""
         ways = [negation(change.happens), ("le", later(change.time, 1), since)]
         own = change.owner is None or change.owner == condition.owner or condition.owner is None
-        if own and value_right != FALSE and _may_be_inside(change.time, condition):
-            raise UnsupportedError(
-                f"the effect of {change.owner or 'the problem'} in the midst of its own condition"
-            )
+        if own:
+            ways.append(value_right)  # another supporter, from there on
         if condition.high[1] != "horizon":
             ways.append(("le", condition.high, later(change.time, 0 if own else -1)))
         elif condition.high[3] < 0:
             raise UnsupportedError("a condition that ends before the plan's end")
         return disjunction(ways)
-
-
-def _may_be_inside(time: Expr, condition: Condition) -> bool:
-    """Return whether an effect may come at or after the interval's start and before its end."""
-    low, high = condition.low, condition.high
-    if low == high:
-        return False
-    if time[:3] == low[:3] and time[3] < low[3]:
-        return False
-    return not (time[:3] == high[:3] and time[3] >= high[3])
 
 
 class _RightValues:
