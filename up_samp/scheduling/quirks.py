@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -90,6 +91,13 @@ _TABLE = {
 def known_engines() -> list[tuple[str, str, str]]:
     """Return ``(name, module, class)`` of the installed engines that we know how to wrap."""
     return [k for k in _KNOWN if importlib.util.find_spec(k[1]) is not None]
+
+
+def no_engine(name: str, engines: Iterable[str]) -> str:
+    """Return what to tell who asks for an engine that is not there: those of its sort that are."""
+    family, bracket, _ = name.partition("[")
+    mine = sorted(e for e in engines if e.startswith(family + bracket)) if bracket else []
+    return f"there is no engine '{name}'; there are: {', '.join(mine or sorted(engines))}"
 
 
 def quirks_of(engine: Any) -> Quirks:
