@@ -178,7 +178,10 @@ def test_get_problem_is_called(made, script, answer, capsys):
         (["solve", "logistics-of-another-kind"], "logistics-of-another-kind"),
         (["validate", "nowhere.py", "none.json"], "none.json' cannot be read"),
         (["draw", "none.json"], "none.json' cannot be read"),
-        (["solve", "SCRIPT", "--engine", "nobody"], "no engine 'samp-refine[nobody]'; there are: samp-refine[aries]"),
+        (
+            ["solve", "SCRIPT", "--engine", "nobody"],
+            "no engine 'samp-refine[nobody]'; there are: samp-refine[aries]",
+        ),
     ],
 )
 def test_errors_are_one_line(arguments, message, script, capsys):

@@ -27,6 +27,7 @@ from up_samp.scheduling.compilers.expressions import (
     Expr,
     conjunction,
     disjunction,
+    end,
     integer,
     later,
     negation,
@@ -226,8 +227,21 @@ class _Compiler:
         if condition.high[1] != "horizon":
             ways.append(("le", condition.high, later(change.time, 0 if own else -1)))
         elif condition.high[3] < 0:
-            raise UnsupportedError("a condition that ends before the plan's end")
+            ways.append(self._since_end(condition.high[3] + (0 if own else 1), change.time))
         return disjunction(ways)
+
+    def _since_end(self, delay: int, time: Expr) -> Expr:
+        """State that ``time`` is not before the plan's end, one after all ends and effects, plus
+        ``delay``.
+        """
+        known = [(end(a.name), self._present(a.name)) for a in self.problem.activities]
+        for effect in self.problem.effects:
+            happens = conjunction([self._present(effect.owner), effect.condition])
+            known.append((effect.time, happens))
+        return conjunction(
+            disjunction([negation(there), ("le", later(last, 1 + delay), time)])
+            for last, there in known
+        )
 
 
 class _RightValues:
