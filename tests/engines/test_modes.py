@@ -24,7 +24,7 @@ from unified_planning.shortcuts import (
     get_environment,
 )
 
-from up_samp.engines.registration import engine_named
+from up_samp.engines.factory import engine_named
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.scheduling import known_engines, open_scheduler
 from up_samp.scheduling.compilers.pipeline import chain, compilers_for

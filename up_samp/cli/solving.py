@@ -17,7 +17,7 @@ from unified_planning.shortcuts import OneshotPlanner
 from up_samp.cli.outputs import write_outputs
 from up_samp.cli.progress import Progress
 from up_samp.cli.table import schedule_table
-from up_samp.engines.registration import engine_named
+from up_samp.engines.factory import engine_named
 from up_samp.io import PlanDict, result_to_dict, write_plan
 from up_samp.model import UnsupportedError
 from up_samp.model.errors import InterruptedSearch

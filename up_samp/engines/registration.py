@@ -6,13 +6,8 @@ import importlib
 from typing import Any
 
 import unified_planning.environment as up_environment
-from unified_planning.engines import Engine, Factory
-from unified_planning.engines.mixins.oneshot_planner import OptimalityGuarantee
 from unified_planning.environment import Environment
-from unified_planning.exceptions import UPNoRequestedEngineAvailableException
 
-from up_samp.model import ProblemError
-from up_samp.scheduling.quirks import known_engines, no_engine
 from up_samp.system.imports import load_cp_model
 
 ENGINES = (
@@ -31,10 +26,12 @@ def register(environment: Environment | None = None) -> None:
     ``environment`` is UP's global environment by default. Calling it twice does no harm. Engines
     whose packages are not installed are left out.
     """
+    from up_samp.engines.factory import tell_by_name
+    from up_samp.scheduling.quirks import known_engines
+
     env = environment or up_environment.get_environment()
     factory = env.factory
-    if type(factory) is Factory:
-        factory.__class__ = _Factory
+    tell_by_name(factory)
     for name, module, cls in (*ENGINES, *known_engines()):
         if name in factory.engines:
             continue
@@ -51,38 +48,6 @@ def register(environment: Environment | None = None) -> None:
         if not any(e.startswith(f"{name}[") for e in factory.engines):
             factory.add_meta_engine(name, module, cls)
     _prefer(factory, BEST)
-
-
-def engine_named(name: str, environment: Environment | None = None) -> type[Engine]:
-    """Return the engine ``name`` of UP's factory.
-
-    Raises :class:`ProblemError` that names the engines there are.
-    """
-    factory = (environment or up_environment.get_environment()).factory
-    if name not in factory.engines:
-        raise ProblemError(no_engine(name, factory.engines))
-    return factory.engine(name)
-
-
-class _Factory(Factory):  # type: ignore[misc]
-    """UP's factory, which names the engines there are where one is not, and where optimal plans are
-    asked for by a problem's kind passes over engines that prove none of this kind.
-    """
-
-    def _get_engine_class(
-        self, operation_mode: Any, name: str | None = None, *args: Any, **kwargs: Any
-    ) -> Any:
-        if name is not None and name not in self._engines:
-            raise UPNoRequestedEngineAvailableException(no_engine(name, self.engines))
-        return super()._get_engine_class(operation_mode, name, *args, **kwargs)
-
-    def _engine_satisfies_conditions(
-        self, engine: Any, mode: Any, kind: Any, guarantee: Any, *others: Any
-    ) -> bool:
-        proves = getattr(engine, "proves", None)
-        if guarantee is OptimalityGuarantee.SOLVED_OPTIMALLY and proves and not proves(kind):
-            return False
-        return bool(super()._engine_satisfies_conditions(engine, mode, kind, guarantee, *others))
 
 
 def _prefer(factory: Any, best: str) -> None:

@@ -17,7 +17,8 @@ from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.plans import Plan
 from unified_planning.shortcuts import OneshotPlanner
 
-from up_samp.engines.registration import engine_named, register
+from up_samp.engines.factory import engine_named
+from up_samp.engines.registration import register
 from up_samp.fleet.meanings import Kind, Written
 from up_samp.io import PlanDict, result_to_dict, write_plan
 from up_samp.model import SampError
