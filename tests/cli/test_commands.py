@@ -180,7 +180,7 @@ def test_get_problem_is_called(made, script, answer, capsys):
         (["draw", "none.json"], "none.json' cannot be read"),
         (
             ["solve", "SCRIPT", "--engine", "nobody"],
-            "no engine 'samp-refine[nobody]'; there are: samp-refine[aries]",
+            "no engine 'samp-refine[nobody]'; there are: samp-refine[",
         ),
     ],
 )
