@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from cpsat.random_problems import random_problem
+from scheduling.test_own_effects import drawn
 from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.exceptions import (
     UPNoRequestedEngineAvailableException,
@@ -23,6 +24,7 @@ from unified_planning.shortcuts import (
     Replanner,
     get_environment,
 )
+from unified_planning.test.examples.scheduling import get_example_problems
 
 from up_samp.engines.factory import engine_named
 from up_samp.model import ProblemError, UnsupportedError
@@ -82,16 +84,6 @@ def test_unknown_engines_are_refused_with_the_names_there_are():
     assert engine_named("cpsat") is factory().engine("cpsat")
 
 
-def test_a_fleet_refuses_unknown_engines_before_it_solves():
-    from up_samp.fleet.result import solve_problem
-
-    class Unread:
-        problem = None
-
-    with pytest.raises(ProblemError, match=r"no engine 'samp-refine\[gurobi\]'; there are"):
-        solve_problem(Unread(), 10, {"engine": "gurobi"})
-
-
 # -- guarantees ----------------------------------------------------------------------------------
 def test_optimal_plans_with_motions_are_promised_for_the_makespan_alone():
     kind = other_metric().kind
@@ -122,12 +114,39 @@ def refusal(engine, problem):
     return None
 
 
+def refused(seeds):
+    """Return what wrapped engines refuse, by engine and problem, of what they support."""
+    found, supported = {}, 0
+    for problem in (make(seed) for seed in seeds for make in (random_problem, drawn)):
+        kind = problem.kind
+        for engine in (e for e in WRAPPED if e not in ("cpsat", "aries-opt")):
+            if factory().engine(f"samp-refine[{engine}]").supports(kind):
+                supported += 1
+                why = refusal(engine, problem)
+                if why is not None:
+                    found[engine, problem.name] = why
+    assert supported > len(seeds)
+    return found
+
+
+def test_what_is_supported_is_not_refused():
+    assert refused(range(25)) == {}
+
+
+@pytest.mark.long
+def test_what_is_supported_is_not_refused_in_many():
+    assert refused(range(1000, 2500)) == {}
+
+
 @pytest.mark.parametrize("engine", WRAPPED[1:])
-def test_what_is_supported_is_not_refused(engine):
+def test_resources_are_counted_where_an_engine_is_asked_for_by_name(engine):
+    """A kind does not tell whether numbers are resources: not supported, yet told to the engine."""
     wrapped = factory().engine(f"samp-refine[{engine}]")
-    supported = [p for p in map(random_problem, range(200)) if wrapped.supports(p.kind)]
-    assert len(supported) > 15
-    assert {p.name: why for p in supported if (why := refusal(engine, p))} == {}
+    counting = {"INCREASE_EFFECTS", "DECREASE_EFFECTS"}
+    for name, case in sorted(get_example_problems().items()):
+        kind = case.problem.kind
+        assert wrapped.supports(kind) == (not kind.features & counting), name
+        assert refusal(engine, case.problem) is None, name
 
 
 @pytest.mark.parametrize("engine", WRAPPED)
@@ -138,14 +157,17 @@ def test_metrics_that_an_engine_does_not_know_are_not_supported(engine):
 
 
 # -- replanning ----------------------------------------------------------------------------------
-@pytest.mark.parametrize("name", ["samp-refine[cpsat]", None])
-def test_replanning_again_and_again(name):
+def test_a_replanner_is_found_by_kind():
+    with Replanner(choice().problem) as replanner:
+        assert replanner.name == "samp-refine[cpsat]"
+
+
+def test_replanning_again_and_again():
     problem = choice().problem
     flag = problem.add_fluent("seen", BoolType(), default_initial_value=False)
     for activity in problem.activities:
         activity.add_effect(activity.end, flag, activity.name == "long")
-    with Replanner(problem, name=name, params={"optimal": True} if name else None) as replanner:
-        assert replanner.name == "samp-refine[cpsat]"
+    with Replanner(problem, name="samp-refine[cpsat]", params={"optimal": True}) as replanner:
         assert valid(problem, replanner.resolve(timeout=30)) == ["near"]
         replanner.add_goal(flag)
         first = replanner.resolve(timeout=30)
@@ -209,7 +231,7 @@ def test_what_makes_no_sense_for_schedules_is_refused_by_name():
 
 
 # -- repair --------------------------------------------------------------------------------------
-@pytest.mark.parametrize("engine", [e for e in WRAPPED if e in ("cpsat", "aries")])
+@pytest.mark.parametrize("engine", ["cpsat", pytest.param("aries", marks=pytest.mark.long)])
 def test_plans_are_repaired(engine):
     case = choice()
     problem, old = case.problem, case.valid_plans[1]

@@ -49,7 +49,8 @@ def compile_precedences(problem: PlainProblem) -> Compiled:
 
     Raises:
         UnsupportedError: a fluent that is both assigned and increased or decreased, one that
-            is counted and has conditions, a conditional effect on the value of a fluent, an unbounded integer fluent.
+            is counted and has conditions, a conditional effect on the value of a fluent, an
+            unbounded integer fluent.
     """
     return _Compiler(problem).compile()
 
