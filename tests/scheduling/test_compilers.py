@@ -253,7 +253,7 @@ def test_precedences_leave_no_fluent():
     assert not any(e[0] == "flu" for c in compiled.constraints for e in subexpressions(c))
 
 
-def test_precedences_refuse_what_they_cannot_say():
+def test_precedences_relate_fluents_and_refuse_what_is_assigned_and_counted():
     two = {n: Fluent(("bool",), (), ("bool", False)) for n in ("f", "g")}
     either = ("or", ("flu", "f"), ("flu", "g"))
     problem = of(
@@ -265,8 +265,13 @@ def test_precedences_refuse_what_they_cannot_say():
         ),
         fluents=two,
     )
-    with pytest.raises(UnsupportedError, match=r"or\(f, g\).* of a"):
-        compile_precedences(problem)
+    compiled = compile_precedences(problem).problem
+    assert (dict(compiled.fluents), compiled.conditions, compiled.effects) == ({}, (), ())
+    number = {"n": Fluent(("int", 0, 3), (), integer(0))}
+    both = tuple(Effect(end("b"), k, ("flu", "n"), integer(1)) for k in ("assign", "increase"))
+    counted = of(activity("b"), effects=both, fluents=number)
+    with pytest.raises(UnsupportedError, match="fluent n, both assigned and counted"):
+        compile_precedences(counted)
 
 
 def test_types_below_types_become_constraints():
