@@ -196,10 +196,22 @@ def circles(imports: dict[str, set[str]]) -> list[list[str]]:
     return found
 
 
+def one_import_each(code: list[str]) -> list[str]:
+    """Return lines of code with each import in one line."""
+    found: list[str] = []
+    for line in code:
+        if found and found[-1].startswith("from ") and found[-1].endswith(("(", ",")):
+            found[-1] += line
+        else:
+            found.append(line)
+    return found
+
+
 def repeated(files: list[list[str]]) -> int:
     """Return how many stretches of lines stand somewhere else, too (imports do not count)."""
     seen: dict[tuple[str, ...], list[tuple[int, int]]] = {}
-    for number, code in enumerate(files):
+    for number, lines in enumerate(files):
+        code = one_import_each(lines)
         for at in range(len(code) - SAME_LINES + 1):
             piece = tuple(code[at : at + SAME_LINES])
             if not any(line.startswith(("import ", "from ")) for line in piece):

@@ -179,7 +179,10 @@ def test_get_problem_is_called(made, script, answer, capsys):
         (["solve", "logistics-of-another-kind"], "logistics-of-another-kind"),
         (["validate", "nowhere.py", "none.json"], "none.json' cannot be read"),
         (["draw", "none.json"], "none.json' cannot be read"),
-        (["solve", "SCRIPT", "--engine", "nobody"], "'samp-refine[nobody]' is not available"),
+        (
+            ["solve", "SCRIPT", "--engine", "nobody"],
+            "no engine 'samp-refine[nobody]'; there are: samp-refine[",
+        ),
     ],
 )
 def test_errors_are_one_line(arguments, message, script, capsys):

@@ -17,7 +17,9 @@ from up_samp.cli import main
 from up_samp.fleet import Fleet, FleetError, read_problem_file, write_problem_file
 from up_samp.fleet.checks import Level, check_fleet
 from up_samp.fleet.reading import json_schema
+from up_samp.fleet.result import solve_problem
 from up_samp.fleet.starter import PROBLEM, write_starter
+from up_samp.model import ProblemError
 from up_samp.validation import validate_plan
 
 MAPS = Path(__file__).parents[2] / "examples" / "maps"
@@ -55,6 +57,14 @@ def test_a_fleet_is_solved_by_ordinary_engines_and_validators(tmp_path):
         assert file.stat().st_size > 1000
     assert result.show(tmp_path / "page", browser=False).is_file()
     assert "no plan can take less than" in result.explain()
+
+
+def test_unknown_engines_are_refused_before_anything_is_solved():
+    class Unread:
+        problem = None
+
+    with pytest.raises(ProblemError, match=r"no engine 'samp-refine\[gurobi\]'; there are"):
+        solve_problem(Unread(), 10, {"engine": "gurobi"})
 
 
 def test_the_file_says_what_the_methods_say(tmp_path):

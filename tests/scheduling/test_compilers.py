@@ -160,28 +160,39 @@ def test_stillness_is_said_by_differences():
 
 
 @pytest.mark.parametrize(
-    ("owner", "time", "value", "exact"),
+    ("owner", "time", "value", "cut"),
     [
-        ("a", start("a"), "x", False),  # the same value again, halfway
-        ("a", start("a"), "y", True),  # would break the condition: never in a schedule
-        ("a", end("a"), "x", True),  # seen after the condition
-        ("a", start("a", -1), "x", True),
-        ("b", start("b"), "x", True),  # others keep out
-        (None, ("time", "zero", None, 3), "x", False),
+        ("a", start("a"), "x", True),  # the same value again, halfway
+        ("a", end("a", -1), "x", True),
+        ("a", start("a"), "y", False),  # would break the condition: never in a schedule
+        ("a", end("a"), "x", False),  # seen after the condition
+        ("a", start("a", -1), "x", False),
+        ("b", start("b"), "x", False),  # others keep out
+        (None, ("time", "zero", None, 3), "x", True),
     ],
 )
-def test_a_second_supporter_is_lost(owner, time, value, exact):
+def test_a_condition_that_is_renewed_halfway_is_asked_for_at_its_start(owner, time, value, cut):
     at = ("flu", "at")
+    condition = Condition(start("a"), end("a"), ("eq", at, ("obj", "x")), "a")
     problem = of(
         activity("a"),
         activity("b"),
         types={"place": None},
         objects={"x": "place", "y": "place"},
         fluents={"at": Fluent(("user", "place"), (), ("obj", "x"))},
-        conditions=(Condition(start("a"), end("a"), ("eq", at, ("obj", "x")), "a"),),
-        effects=(Effect(time, "assign", at, ("obj", value), owner=owner),),
+        conditions=(condition,),
+        effects=(
+            Effect(time, "assign", at, ("obj", value), owner=owner),
+            Effect(end("b"), "assign", at, ("obj", "y"), owner="b"),
+        ),
     )
-    assert compile_support(problem).exact is exact
+    compiled = compile_support(problem)
+    assert compiled.exact
+    assert compiled.problem.conditions == (
+        replace(condition, high=start("a")) if cut else condition,
+    )
+    apart = ["or(le(b.end + 1, a.start), le(a.end + 1, b.end))"]  # others keep out of all of it
+    assert texts(compiled) == (apart if cut else [])
 
 
 def test_resources_forbid_minimal_sets_only():
@@ -242,7 +253,7 @@ def test_precedences_leave_no_fluent():
     assert not any(e[0] == "flu" for c in compiled.constraints for e in subexpressions(c))
 
 
-def test_precedences_refuse_what_they_cannot_say():
+def test_precedences_relate_fluents_and_refuse_what_is_assigned_and_counted():
     two = {n: Fluent(("bool",), (), ("bool", False)) for n in ("f", "g")}
     either = ("or", ("flu", "f"), ("flu", "g"))
     problem = of(
@@ -254,8 +265,13 @@ def test_precedences_refuse_what_they_cannot_say():
         ),
         fluents=two,
     )
-    with pytest.raises(UnsupportedError, match=r"or\(f, g\).* of a"):
-        compile_precedences(problem)
+    compiled = compile_precedences(problem).problem
+    assert (dict(compiled.fluents), compiled.conditions, compiled.effects) == ({}, (), ())
+    number = {"n": Fluent(("int", 0, 3), (), integer(0))}
+    both = tuple(Effect(end("b"), k, ("flu", "n"), integer(1)) for k in ("assign", "increase"))
+    counted = of(activity("b"), effects=both, fluents=number)
+    with pytest.raises(UnsupportedError, match="fluent n, both assigned and counted"):
+        compile_precedences(counted)
 
 
 def test_types_below_types_become_constraints():

@@ -46,6 +46,7 @@ def work(length, stated):
     return problem
 
 
+@pytest.mark.filterwarnings("ignore:We cannot establish whether")  # a kind does not tell
 @pytest.mark.parametrize("stated", [False, True], ids=["as duration", "as constraint"])
 @pytest.mark.parametrize("length", LENGTHS)
 @pytest.mark.parametrize("engine", ENGINES)

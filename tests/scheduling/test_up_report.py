@@ -42,12 +42,12 @@ def test_own_engines_have_no_error():
 
 @pytest.mark.long
 def test_aries_has_no_error_behind_its_compilers():
-    judge(["samp-refine[aries]"], 30, {"samp-refine[aries]": 16})
+    judge(["samp-refine[aries]"], 30, {"samp-refine[aries]": 8})
 
 
 @pytest.mark.long
 def test_aries_opt_has_no_error_when_its_time_runs_out():
-    lines = judge(["samp-refine[aries-opt]"], 5, {"samp-refine[aries-opt]": 16})
+    lines = judge(["samp-refine[aries-opt]"], 5, {"samp-refine[aries-opt]": 8})
     assert {status for _, status, _ in lines} <= {
         "SOLVED_SATISFICING",  # problems without a metric
         "SOLVED_OPTIMALLY",

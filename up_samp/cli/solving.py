@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from unified_planning.engines import PlanGenerationResult
-from unified_planning.exceptions import UPNoRequestedEngineAvailableException
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.plans import Schedule
@@ -18,8 +17,9 @@ from unified_planning.shortcuts import OneshotPlanner
 from up_samp.cli.outputs import write_outputs
 from up_samp.cli.progress import Progress
 from up_samp.cli.table import schedule_table
+from up_samp.engines.factory import engine_named
 from up_samp.io import PlanDict, result_to_dict, write_plan
-from up_samp.model import EngineError, UnsupportedError
+from up_samp.model import UnsupportedError
 from up_samp.model.errors import InterruptedSearch
 from up_samp.search.params import PRESETS
 from up_samp.system.files import check_folder, uninterrupted
@@ -165,6 +165,7 @@ def _slash(folder: Path) -> str:
 
 def _solve(problem: SchedulingProblem, args: argparse.Namespace) -> PlanGenerationResult:
     name = args.engine if "[" in args.engine else f"samp-refine[{args.engine}]"
+    engine_named(name)
     print(f"{problem.name}: {len(problem.activities)} activities, {name}", file=sys.stderr)
     with Progress() as progress:
         params: dict[str, Any] = {
@@ -180,13 +181,7 @@ def _solve(problem: SchedulingProblem, args: argparse.Namespace) -> PlanGenerati
             params["trace"] = str(args.trace)
         if args.tuning is not None:
             params["tuning"] = args.tuning
-        try:
-            planner = OneshotPlanner(name=name, params=params)
-        except UPNoRequestedEngineAvailableException as error:
-            raise EngineError(
-                f"engine '{name}' is not available; 'up-samp engines' lists those that are"
-            ) from error
-        with planner:
+        with OneshotPlanner(name=name, params=params) as planner:
             return planner.solve(problem, timeout=args.timeout)
 
 

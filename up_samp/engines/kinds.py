@@ -20,12 +20,8 @@ COMPILED = (
     "FLAT_TYPING",
     "HIERARCHICAL_TYPING",
     "BOOL_ACTION_PARAMETERS",
-    "INCREASE_EFFECTS",
-    "DECREASE_EFFECTS",
-    "INT_FLUENTS",
     "BOUNDED_TYPES",
     "DISCRETE_NUMBERS",
-    "NUMERIC_FLUENTS",
     "DISCRETE_TIME",
     "CONTINUOUS_TIME",
     "TIMED_EFFECTS",
@@ -37,20 +33,31 @@ COMPILED = (
     "EXTERNAL_CONDITIONS_AND_EFFECTS",
     "MAKESPAN",
 )
-"""What the compilers bring to every engine that can schedule; a wrapped engine that still lacks
-something is refused by name when the problem is compiled for it."""
+"""What the compilers bring to every engine that can schedule."""
+
+PASSED_ON = (
+    "SELF_OVERLAPPING",
+    "STATIC_FLUENTS_IN_DURATIONS",
+    "STATIC_FLUENTS_IN_BOOLEAN_ASSIGNMENTS",
+    "STATIC_FLUENTS_IN_OBJECT_ASSIGNMENTS",
+)
+"""What a wrapped engine keeps of its own kind. Of what is not here some problems can be told to
+it and some cannot, which a kind does not tell (numbers that are assigned, counted, or read over
+intervals; effects on conditions; durations of parameters): engines that are asked by name try."""
+
+_OTHER_METRICS = ("ACTIONS_COST", "FINAL_VALUE", "PLAN_LENGTH", "OVERSUBSCRIPTION")
 
 
-def engine_kind(engine: Any) -> ProblemKind:
-    """Return a copy of an engine's kind (engines may return a shared object)."""
-    return engine.supported_kind().clone()
+def samp_kind(engine: Any) -> ProblemKind:
+    """Return what an engine's kind (a UP engine class) becomes with compilers and motions."""
+    kind = engine.supported_kind()  # which engines may share: it is not changed
+    if getattr(engine, "has_sessions", False):  # nothing is compiled for it
+        return ProblemKind({*kind.features, "SAMP"}, version=kind.version)
+    own = {f for f in PASSED_ON if f in kind.features}
+    return ProblemKind({*COMPILED, *own, "SAMP"}, version=kind.version)
 
 
-def samp_kind(kind: ProblemKind) -> ProblemKind:
-    """Return the kind of a wrapped engine with what compilers and motions add."""
-    features = {f for f in kind.features if f not in _OTHER_CLASSES}
-    features |= set(COMPILED) | {"SAMP"}
-    return ProblemKind(features, version=kind.version)
-
-
-_OTHER_CLASSES = {"ACTION_BASED", "HIERARCHICAL", "CONTINGENT", "ACTION_BASED_MULTI_AGENT", "TAMP"}
+def proves_optima(problem_kind: ProblemKind) -> bool:
+    """Return whether optima of such problems are proven: with motions, of the makespan alone."""
+    features = problem_kind.features
+    return "SAMP" not in features or not any(m in features for m in _OTHER_METRICS)

@@ -26,10 +26,12 @@ def register(environment: Environment | None = None) -> None:
     ``environment`` is UP's global environment by default. Calling it twice does no harm. Engines
     whose packages are not installed are left out.
     """
+    from up_samp.engines.factory import tell_by_name
     from up_samp.scheduling.quirks import known_engines
 
     env = environment or up_environment.get_environment()
     factory = env.factory
+    tell_by_name(factory)
     for name, module, cls in (*ENGINES, *known_engines()):
         if name in factory.engines:
             continue

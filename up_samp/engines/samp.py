@@ -22,8 +22,9 @@ from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.plans import Plan, Schedule
 
 from up_samp.engines.compiling import begin_compiling
-from up_samp.engines.direct import Call, DirectFace
-from up_samp.engines.kinds import engine_kind, samp_kind
+from up_samp.engines.direct import Call
+from up_samp.engines.kinds import proves_optima, samp_kind
+from up_samp.engines.replanning import AgainFace
 from up_samp.engines.results import (
     SampResult,
     broke_down,
@@ -71,20 +72,28 @@ credits = Credits(
 )
 
 
-class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixin):  # type: ignore[misc]
+class SampRefine(AgainFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixin):  # type: ignore[misc]
     """Schedules with the wrapped engine and refines with motion planning.
 
     Parameters that are fields of :class:`up_samp.search.Parameters` are ours; all others go to
     the wrapped engine.
     """
 
-    def __init__(self, *args: Any, **kwargs: Any):
+    def __init__(
+        self,
+        *args: Any,
+        problem: Any = None,
+        error_on_failed_checks: bool = True,
+        **kwargs: Any,
+    ):
         self.params, self.engine_params = split_parameters(kwargs)
         if self.params.reproducible and self._native:
             self.engine_params.setdefault("workers", 1)
         MetaEngine.__init__(self, *args, **self.engine_params)
         OneshotPlannerMixin.__init__(self)
         AnytimePlannerMixin.__init__(self)
+        if problem is not None:  # UP's factory makes a replanner
+            self._keep(problem, error_on_failed_checks)
 
     @property
     def name(self) -> str:
@@ -103,7 +112,7 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
 
     @staticmethod
     def _supported_kind(engine: type[Engine]) -> ProblemKind:
-        return samp_kind(engine_kind(engine))
+        return samp_kind(engine)
 
     @staticmethod
     def _supports(problem_kind: ProblemKind, engine: type[Engine]) -> bool:
@@ -116,6 +125,13 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
             return True
         return bool(cls._engine_class.satisfies(OptimalityGuarantee.SOLVED_OPTIMALLY))
 
+    @classmethod
+    def proves(cls, problem_kind: ProblemKind) -> bool:
+        """Return whether plans of such problems can be proven optimal: UP's factory, as ours asks
+        it beside :meth:`satisfies`, which knows no problem.
+        """
+        return cls.satisfies(OptimalityGuarantee.SOLVED_OPTIMALLY) and proves_optima(problem_kind)
+
     @staticmethod
     def ensures(anytime_guarantee: AnytimeGuarantee) -> bool:
         """Return whether plans get better and better (they do)."""
@@ -124,6 +140,15 @@ class SampRefine(DirectFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixi
     # ------------------------------------------------------------------ solving
     def _is_direct(self, problem: Any) -> bool:
         return isinstance(problem, SchedulingMotionProblem)
+
+    def _check_metric(self, problem: Any) -> None:
+        super()._check_metric(problem)
+        others = [m for m in problem.quality_metrics if not m.is_minimize_makespan()]
+        if self.optimality_metric_required and others and self._is_direct(problem):
+            raise UnsupportedError(
+                f"an optimal plan with motions by the metric '{others[0]}': only the makespan is "
+                "proven; ask without the guarantee"
+            )
 
     def _solve_directly(self, call: Call) -> PlanGenerationResult:
         if call.heuristic is not None:

@@ -17,6 +17,7 @@ from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.plans import Plan
 from unified_planning.shortcuts import OneshotPlanner
 
+from up_samp.engines.factory import engine_named
 from up_samp.engines.registration import register
 from up_samp.fleet.meanings import Kind, Written
 from up_samp.io import PlanDict, result_to_dict, write_plan
@@ -137,6 +138,7 @@ def solve_problem(
     rest = {k: v for k, v in params.items() if k != "engine"}
     name = f"samp-refine[{params.get('engine', 'cpsat')}]"
     problem = written.problem
+    engine_named(name)
     problem.environment.credits_stream = None
     with OneshotPlanner(name=name, params=rest) as planner:
         outcome = planner.solve(problem, timeout=timeout)

@@ -71,7 +71,7 @@ def _open_cpsat(problem: SchedulingProblem, params: Mapping[str, Any], seed: int
 
 
 def _engine_class(engine: Any, environment: Any) -> Any:
-    from up_samp.scheduling.quirks import is_compatible, known_engines
+    from up_samp.scheduling.quirks import is_compatible, known_engines, no_engine
 
     if isinstance(engine, str):
         name = engine
@@ -82,7 +82,7 @@ def _engine_class(engine: Any, environment: Any) -> Any:
 
             known = {n: (module, cls) for n, module, cls in known_engines()}
             if name not in known:
-                raise ProblemError(f"no engine named {name!r} is installed and registered")
+                raise ProblemError(no_engine(name, {*known, *environment.factory.engines}))
             engine = getattr(importlib.import_module(known[name][0]), known[name][1])
     reason = is_compatible(engine)
     if reason is not True:

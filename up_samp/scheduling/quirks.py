@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -95,6 +96,13 @@ def known_engines() -> list[tuple[str, str, str]]:
 def schedulers() -> tuple[str, ...]:
     """Return the names of the installed engines that ``samp-refine[...]`` is known to wrap."""
     return ("cpsat", *(name for name, _, _ in known_engines()))
+
+
+def no_engine(name: str, engines: Iterable[str]) -> str:
+    """Return what to tell who asks for an engine that is not there: those of its sort that are."""
+    family, bracket, _ = name.partition("[")
+    mine = sorted(e for e in engines if e.startswith(family + bracket)) if bracket else []
+    return f"there is no engine '{name}'; there are: {', '.join(mine or sorted(engines))}"
 
 
 def quirks_of(engine: Any) -> Quirks:

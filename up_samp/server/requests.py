@@ -94,10 +94,10 @@ class PlanRequest(ProblemUpload):
     @field_validator("engine")
     @classmethod
     def _is_there(cls, name: str) -> str:
-        from up_samp.scheduling.quirks import schedulers
+        from up_samp.scheduling.quirks import no_engine, schedulers
 
         if name not in schedulers():
-            raise ValueError(f"there is no engine '{name}'; there are {', '.join(schedulers())}")
+            raise ValueError(no_engine(name, schedulers()))
         return name
 
 

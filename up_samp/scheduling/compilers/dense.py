@@ -18,8 +18,8 @@ from up_samp.scheduling.compilers.expressions import (
     rewrite,
     subexpressions,
 )
+from up_samp.scheduling.compilers.ground import least
 from up_samp.scheduling.compilers.plain import Compiled, Condition, Effect, PlainProblem
-from up_samp.scheduling.compilers.support import least
 from up_samp.scheduling.compilers.values import evaluate
 
 

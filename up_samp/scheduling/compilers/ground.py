@@ -105,7 +105,12 @@ class _Rewriter:
         conditions: list[Condition] = []
         constraints = [self(c) for c in problem.constraints]
         for condition in problem.conditions:
-            expression = self(condition.expression)
+            said = rewrite(condition.expression, self.replaced.get)
+            expression = evaluate(said)
+            # what decides nothing still keeps others' effects away
+            idle = dict.fromkeys(e for e in subexpressions(said) if e[0] == "flu")
+            idle = {f: None for f in idle if f not in set(subexpressions(expression))}
+            conditions += [replace(condition, expression=("eq", f, f)) for f in idle]
             if any(e[0] == "flu" for e in subexpressions(expression)):
                 conditions.append(replace(condition, expression=expression))
             else:
@@ -143,17 +148,32 @@ def _timeless(problem: PlainProblem, condition: Condition, expression: Expr) -> 
 
 def never_empty(problem: PlainProblem, condition: Condition) -> bool:
     """Return whether the condition's interval is certain to hold an instant."""
-    (_, low, at, low_delay), (_, high, to, high_delay) = condition.low, condition.high
-    if (low, at) == (high, to):
-        return bool(low_delay <= high_delay)
-    if at is not None and at == to and (low, high) == ("start", "end"):
-        lower = problem.activity(at).lower
-        return bool(lower[0] == "int" and lower[1] >= low_delay - high_delay)
-    if low == "zero" and high in ("end", "start", "horizon"):
-        return bool(low_delay <= high_delay)
-    if high == "horizon" and low in ("start", "end", "zero"):
-        return bool(low_delay <= high_delay)
-    return False
+    low, high = condition.low, condition.high
+    if high[1] == "horizon" and low[1] != "horizon":
+        high = later(high, 1)  # in conditions the plan's end comes after all ends and effects
+    gap = least(problem, low, high)
+    return gap is not None and gap >= 0
+
+
+def least(problem: PlainProblem, early: Expr, late: Expr) -> int | None:
+    """Return a lower bound on ``late - early`` (``None``: nothing is known)."""
+    (_, first, a, before), (_, second, b, after) = early, late
+    gap = int(after - before)
+    if (first, a) == (second, b) or first == "zero":
+        return gap
+    if second == "horizon" and a is not None:
+        return gap + (_lower(problem, a) if first == "start" else 0)
+    if a is None or a != b:
+        return None
+    if first == "start":
+        return gap + _lower(problem, a)
+    upper = problem.activity(a).upper
+    return gap - int(upper[1]) if upper[0] == "int" else None
+
+
+def _lower(problem: PlainProblem, activity: str) -> int:
+    lower = problem.activity(activity).lower
+    return int(lower[1]) if lower[0] == "int" else 0
 
 
 def empty(problem: PlainProblem, condition: Condition) -> Expr:

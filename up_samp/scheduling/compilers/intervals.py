@@ -23,7 +23,7 @@ from up_samp.scheduling.compilers.expressions import (
     subexpressions,
 )
 from up_samp.scheduling.compilers.fresh import fresh, names_in_use
-from up_samp.scheduling.compilers.ground import never_empty
+from up_samp.scheduling.compilers.ground import least, never_empty
 from up_samp.scheduling.compilers.limits import LIMITS
 from up_samp.scheduling.compilers.plain import Activity, Compiled, Condition, PlainProblem
 
@@ -84,13 +84,8 @@ class _Compiler:
         return Compiled(problem, map_back, exact=self.exact)
 
     def _always_empty(self, condition: Condition) -> bool:
-        (_, low, at, low_delay), (_, high, to, high_delay) = condition.low, condition.high
-        if (low, at) == (high, to):
-            return bool(low_delay > high_delay)
-        if at is None or at != to or (low, high) != ("start", "end"):
-            return False
-        upper = self.problem.activity(at).upper
-        return bool(upper[0] == "int" and upper[1] < low_delay - high_delay)
+        gap = least(self.problem, condition.high, condition.low)
+        return gap is not None and gap >= 1
 
     def _changes_itself(self, condition: Condition) -> bool:
         read = {e[1] for e in subexpressions(condition.expression) if e[0] == "flu"}

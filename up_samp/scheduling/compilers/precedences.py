@@ -27,6 +27,7 @@ from up_samp.scheduling.compilers.expressions import (
     Expr,
     conjunction,
     disjunction,
+    end,
     integer,
     later,
     negation,
@@ -48,8 +49,8 @@ def compile_precedences(problem: PlainProblem) -> Compiled:
 
     Raises:
         UnsupportedError: a fluent that is both assigned and increased or decreased, one that
-            is counted and has conditions, a condition over an interval that relates several
-            fluents, a conditional effect on the value of a fluent, an unbounded integer fluent.
+            is counted and has conditions, a conditional effect on the value of a fluent, an
+            unbounded integer fluent.
     """
     return _Compiler(problem).compile()
 
@@ -185,10 +186,35 @@ class _Compiler:
             timed = [e for e in expression[1:] if e not in timeless]
             if len(timed) == 1 or condition.low == condition.high:
                 return disjunction([*timeless, *(self._holds(condition, e) for e in timed)])
-        raise UnsupportedError(
-            f"the condition {show(expression)} of {condition.owner or 'the problem'}, which "
-            "relates several fluents over an interval"
-        )
+        if condition.low == condition.high:
+            return self._by_value(condition, fluents[0], expression)
+        return self._change_by_change(condition, fluents, expression)
+
+    def _by_value(self, condition: Condition, fluent: Expr, expression: Expr) -> Expr:
+        """State that a relation of fluents holds at an instant, for each value of one of them."""
+        cases = []
+        for value in values_of(self.problem, self.problem.fluents[fluent[1]].type):
+            rest = evaluate(rewrite(expression, {fluent: value}.get))
+            if rest != FALSE:
+                here = self._single(condition, fluent, equals(fluent, value))
+                cases.append(conjunction([here, self._holds(condition, rest)]))
+        return disjunction(cases)
+
+    def _change_by_change(
+        self, condition: Condition, fluents: list[Expr], expression: Expr
+    ) -> Expr:
+        """State that a relation of fluents holds at the interval's start and after each change of
+        its own within; others' changes keep out.
+        """
+        said = [self._holds(replace(condition, high=condition.low), expression)]
+        for change in (c for f in fluents for c in self.changes[f]):
+            ways = [negation(change.happens), self._before(change.time, condition.low)]
+            ways += self._behind(condition, change)
+            if self._own(condition, change):
+                then = later(change.time, 1)
+                ways.append(self._holds(replace(condition, low=then, high=then), expression))
+            said.append(disjunction(ways))
+        return conjunction(said)
 
     def _single(self, condition: Condition, fluent: Expr, expression: Expr) -> Expr:
         """State that a condition on one fluent holds: a supporter, and no threat."""
@@ -210,7 +236,7 @@ class _Compiler:
             undisturbed.append(self._no_threat(condition, change, variable, value_right))
             if value_right == FALSE:
                 continue
-            timely = [] if low[1] == "horizon" else [("le", visible, low)]
+            timely = [self._before(change.time, low)]
             equal = [("le", visible, variable), ("le", variable, visible)]
             ways.append(conjunction([change.happens, value_right, *equal, *timely]))
         return conjunction([disjunction(ways), *undisturbed])
@@ -220,26 +246,38 @@ class _Compiler:
     ) -> Expr:
         """State that a change does not come between the supporter and the interval's end."""
         ways = [negation(change.happens), ("le", later(change.time, 1), since)]
-        own = change.owner is None or change.owner == condition.owner or condition.owner is None
-        if own and value_right != FALSE and _may_be_inside(change.time, condition):
-            raise UnsupportedError(
-                f"the effect of {change.owner or 'the problem'} in the midst of its own condition"
-            )
-        if condition.high[1] != "horizon":
-            ways.append(("le", condition.high, later(change.time, 0 if own else -1)))
-        elif condition.high[3] < 0:
-            raise UnsupportedError("a condition that ends before the plan's end")
-        return disjunction(ways)
+        if self._own(condition, change):
+            ways.append(value_right)  # another supporter, from there on
+        return disjunction([*ways, *self._behind(condition, change)])
 
+    def _own(self, condition: Condition, change: _Change) -> bool:
+        return None in (change.owner, condition.owner) or change.owner == condition.owner
 
-def _may_be_inside(time: Expr, condition: Condition) -> bool:
-    """Return whether an effect may come at or after the interval's start and before its end."""
-    low, high = condition.low, condition.high
-    if low == high:
-        return False
-    if time[:3] == low[:3] and time[3] < low[3]:
-        return False
-    return not (time[:3] == high[:3] and time[3] >= high[3])
+    def _behind(self, condition: Condition, change: _Change) -> list[Expr]:
+        """Return the ways in which a change comes after the interval (none: it cannot)."""
+        high, time, own = condition.high, change.time, self._own(condition, change)
+        if high[1] != "horizon":
+            return [("le", high, later(time, 0 if own else -1))]
+        return [self._since_end(high[3] + (0 if own else 1), time)] if high[3] < 0 else []
+
+    def _before(self, time: Expr, low: Expr) -> Expr:
+        """State that an effect at ``time`` has its value at ``low``."""
+        if low[1] != "horizon":
+            return ("lt", time, low)
+        return TRUE if low[3] >= 0 else negation(self._since_end(low[3], time))
+
+    def _since_end(self, delay: int, time: Expr) -> Expr:
+        """State that ``time`` is not before the plan's end, one after all ends and effects, plus
+        ``delay``.
+        """
+        known = [(end(a.name), self._present(a.name)) for a in self.problem.activities]
+        for effect in self.problem.effects:
+            happens = conjunction([self._present(effect.owner), effect.condition])
+            known.append((effect.time, happens))
+        return conjunction(
+            disjunction([negation(there), ("le", later(last, 1 + delay), time)])
+            for last, there in known
+        )
 
 
 class _RightValues:

@@ -36,7 +36,7 @@ def compile_stillness(problem: PlainProblem) -> Compiled:
             conditions[condition] = None
         else:
             constraints += [
-                _outside(condition, e, optional)
+                outside(condition, e, optional)
                 for e in effects[fluent]
                 if e.owner is not None and condition.owner not in (None, e.owner)
             ]
@@ -55,7 +55,7 @@ def compile_apart(problem: PlainProblem) -> Compiled:
     """
     optional = problem.optional_names()
     constraints = [
-        _outside(condition, effect, optional)
+        outside(condition, effect, optional)
         for condition in problem.conditions
         for effect in problem.effects
         if effect.fluent in set(subexpressions(condition.expression))
@@ -80,7 +80,7 @@ def _still(condition: Condition) -> Expr | None:
     return fluent if fluent[0] == "flu" and len(fluent) == 2 else None
 
 
-def _outside(condition: Condition, effect: Effect, optional: frozenset[str]) -> Expr:
+def outside(condition: Condition, effect: Effect, optional: frozenset[str]) -> Expr:
     """State that the effect does not happen within the interval (always, if that is empty)."""
     owners = (condition.owner, effect.owner)
     ways: list[Expr] = [negation(("pres", owner)) for owner in owners if owner in optional]

@@ -1,0 +1,52 @@
+"""UP's factory, asked for engines by name and by what they prove."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import unified_planning.environment as up_environment
+from unified_planning.engines import Engine, Factory
+from unified_planning.engines.mixins.oneshot_planner import OptimalityGuarantee
+from unified_planning.environment import Environment
+from unified_planning.exceptions import UPNoRequestedEngineAvailableException
+
+from up_samp.model import ProblemError
+from up_samp.scheduling.quirks import no_engine
+
+
+def tell_by_name(factory: Factory) -> None:
+    """Let UP's own factory name the engines there are, and ask engines what they prove."""
+    if type(factory) is Factory:
+        factory.__class__ = _Factory
+
+
+def engine_named(name: str, environment: Environment | None = None) -> type[Engine]:
+    """Return the engine ``name`` of UP's factory.
+
+    Raises :class:`ProblemError` that names the engines there are.
+    """
+    factory = (environment or up_environment.get_environment()).factory
+    if name not in factory.engines:
+        raise ProblemError(no_engine(name, factory.engines))
+    return factory.engine(name)
+
+
+class _Factory(Factory):  # type: ignore[misc]
+    """UP's factory, which names the engines there are where one is not, and where optimal plans are
+    asked for by a problem's kind passes over engines that prove none of this kind.
+    """
+
+    def _get_engine_class(
+        self, operation_mode: Any, name: str | None = None, *args: Any, **kwargs: Any
+    ) -> Any:
+        if name is not None and name not in self._engines:
+            raise UPNoRequestedEngineAvailableException(no_engine(name, self.engines))
+        return super()._get_engine_class(operation_mode, name, *args, **kwargs)
+
+    def _engine_satisfies_conditions(
+        self, engine: Any, mode: Any, kind: Any, guarantee: Any, *others: Any
+    ) -> bool:
+        proves = getattr(engine, "proves", None)
+        if guarantee is OptimalityGuarantee.SOLVED_OPTIMALLY and proves and not proves(kind):
+            return False
+        return bool(super()._engine_satisfies_conditions(engine, mode, kind, guarantee, *others))

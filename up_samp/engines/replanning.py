@@ -1,0 +1,192 @@
+"""UP's operation modes REPLANNER and PLAN_REPAIRER: solve again from the plan that there is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import IO, Any
+from warnings import warn
+
+from unified_planning.engines import PlanGenerationResult
+from unified_planning.engines.mixins.plan_repairer import PlanRepairerMixin
+from unified_planning.engines.mixins.replanner import ReplannerMixin
+from unified_planning.exceptions import UPUsageError
+from unified_planning.model import FNode, TimePointInterval, Timing
+from unified_planning.model.motion import MotionActivity, SchedulingMotionProblem
+from unified_planning.model.scheduling import Activity, SchedulingProblem
+from unified_planning.model.timing import GlobalEndTiming
+from unified_planning.plans import Plan, PlanKind, Schedule
+
+from up_samp.engines.direct import Call, DirectFace
+from up_samp.model import UnsupportedError
+
+
+class AgainFace(DirectFace, ReplannerMixin, PlanRepairerMixin):  # type: ignore[misc]
+    """``Replanner`` and ``PlanRepairer`` of an engine that can begin from a plan.
+
+    The replanner keeps a copy of the problem and the plan of its last :meth:`resolve`, from which
+    the next one begins. Goals are what holds at the plan's end, or of presences and parameters;
+    actions are activities.
+    """
+
+    _last: Plan | None = None
+
+    def _keep(self, problem: Any, error_on_failed_checks: bool) -> None:
+        """Take the problem of a replanner (without its kind where it would be computed in vain)."""
+        if not isinstance(problem, SchedulingProblem):
+            raise UnsupportedError(f"a {type(problem).__name__}: scheduling problems are replanned")
+        if self._takes(problem):
+            self._problem = problem.clone()
+            self._error_on_failed_checks = error_on_failed_checks
+        else:
+            ReplannerMixin.__init__(self, problem, error_on_failed_checks)
+
+    @staticmethod
+    def supports_plan(plan_kind: PlanKind) -> bool:
+        """Return whether plans of this kind can be repaired: schedules, with or without motions."""
+        return bool(plan_kind == PlanKind.SCHEDULE)
+
+    def repair(self, problem: Any, plan: Plan) -> PlanGenerationResult:
+        """Return a plan of ``problem`` sought from ``plan`` on, which may be of an older problem.
+
+        :raises UPUsageError: where ``plan`` is no schedule.
+        """
+        if not isinstance(plan, Schedule):
+            raise UPUsageError(f"schedules are repaired, not a {type(plan).__name__}")
+        if not self._takes(problem):
+            return PlanRepairerMixin.repair(self, problem, plan)
+        self._check_metric(problem)
+        return self._repair(problem, plan)
+
+    def _repair(self, problem: Any, plan: Plan) -> PlanGenerationResult:
+        return self._solve_directly(Call(problem, None, None, plan))
+
+    # -- the replanner -------------------------------------------------------------------------
+    def _resolve(
+        self, timeout: float | None = None, output_stream: IO[str] | None = None
+    ) -> PlanGenerationResult:
+        from up_samp.upio.movers import movers
+
+        problem = self._replanned()
+        chosen = any(movers(a) for a in getattr(problem, "motion_activities", ()))
+        # who moves may be another one each time, and is not begun from
+        start = None if chosen else self._last
+        result = self._solve_directly(Call(problem.clone(), timeout, output_stream, start))
+        self._last = result.plan or self._last
+        return result
+
+    def _replanned(self) -> SchedulingProblem:
+        problem = getattr(self, "_problem", None)
+        if problem is None:
+            raise UPUsageError(
+                "this engine replans nothing: make one by Replanner(problem, name=...)"
+            )
+        return problem
+
+    def _update_initial_value(self, fluent: Any, value: Any) -> None:
+        """Set a fluent's initial value, or where a movable object stands."""
+        problem = self._replanned()
+        told, new = problem.environment.expression_manager.auto_promote(fluent, value)
+        if not (told.is_object_exp() and told.type.is_movable_type()):
+            problem.set_initial_value(fluent, value)
+            return
+        if not isinstance(problem, SchedulingMotionProblem):
+            raise UPUsageError(f"'{told}' stands nowhere: the problem has no motions")
+        known = list(problem._initial_configuration)
+        problem.set_initial_configuration(told, new)  # which appends, after checks
+        problem._initial_configuration[:] = [pair for pair in known if pair[0] != told]
+        problem._initial_configuration.append((told, new))
+
+    def _add_goal(self, goal: Any) -> None:
+        problem = self._replanned()
+        (wanted,) = problem.environment.expression_manager.auto_promote(goal)
+        if problem.environment.free_vars_extractor.get(wanted):
+            problem.add_condition(TimePointInterval(GlobalEndTiming()), wanted)
+        else:
+            problem.add_constraint(wanted)
+
+    def _remove_goal(self, goal: Any) -> None:
+        problem = self._replanned()
+        (unwanted,) = problem.environment.expression_manager.auto_promote(goal)
+        base, found = problem._base, False
+        for span, conditions in list(base.conditions.items()):
+            if span == TimePointInterval(GlobalEndTiming()) and unwanted in conditions:
+                conditions.remove(unwanted)
+                found = True
+        kept = [c for c in base.scoped_constraints if c[0] != unwanted or c[1]]
+        found = found or len(kept) < len(base.scoped_constraints)
+        base._constraints[:] = kept
+        if not found:
+            self._complain(f"the problem has no goal '{unwanted}'")
+
+    def _add_action(self, action: Any) -> None:
+        problem = self._replanned()
+        if not isinstance(action, Activity):
+            raise UnsupportedError(
+                f"action '{getattr(action, 'name', action)}': schedules consist of activities"
+            )
+        if problem.has_name(action.name) or any(a.name == action.name for a in problem.activities):
+            raise UPUsageError(f"the problem has something named '{action.name}' already")
+        if isinstance(action, MotionActivity):
+            if not isinstance(problem, SchedulingMotionProblem):
+                raise UPUsageError(f"'{action.name}' moves, but the problem has no motions")
+            problem._motion_activities.append(action)
+        problem._activities.append(action)
+
+    def _remove_action(self, name: str) -> None:
+        """Remove an activity; an optional one that others speak of is never done instead."""
+        problem = self._replanned()
+        gone = next((a for a in problem.activities if a.name == name), None)
+        if gone is None:
+            self._complain(f"the problem has no activity '{name}'")
+            return
+        speakers = list(_speakers(problem, gone))
+        if speakers and not gone.optional:
+            raise UPUsageError(
+                f"activity '{name}' has to be done, and others speak of it: {'; '.join(speakers)}"
+            )
+        if speakers:
+            problem.add_constraint(problem.environment.expression_manager.Not(gone.present))
+            return
+        for listed in (problem._activities, getattr(problem, "_motion_activities", [])):
+            listed[:] = [a for a in listed if a.name != name]
+
+    def _complain(self, why: str) -> None:
+        """Raise or warn, as UP's replanner does."""
+        if self._error_on_failed_checks:
+            raise UPUsageError(why)
+        warn(why, stacklevel=4)
+
+
+def _speakers(problem: SchedulingProblem, activity: Activity) -> Iterator[str]:
+    """Yield what the problem or another activity says of ``activity``."""
+    for chronicle in (problem._base, *problem.activities):
+        if chronicle is activity:
+            continue
+        for constraint, scope in chronicle.scoped_constraints:
+            if any(_speaks_of(e, activity) for e in (constraint, *scope)):
+                yield f"constraint '{constraint}'"
+        for span, conditions in chronicle.conditions.items():
+            timed = any(_is_of(t, activity) for t in (span.lower, span.upper))
+            for condition in conditions:
+                if timed or _speaks_of(condition, activity):
+                    yield f"condition '{condition}'"
+        for timing, effects in chronicle.effects.items():
+            for effect in effects:
+                parts = (effect.fluent, effect.value, effect.condition)
+                if _is_of(timing, activity) or any(_speaks_of(e, activity) for e in parts):
+                    yield f"effect '{effect}'"
+
+
+def _is_of(time: Any, activity: Activity) -> bool:
+    point = time.timepoint if isinstance(time, Timing) else time
+    return bool(point.container == activity.name)
+
+
+def _speaks_of(expression: FNode, activity: Activity) -> bool:
+    if expression.is_timing_exp():
+        return _is_of(expression.timing(), activity)
+    if expression.is_present_exp():
+        return bool(expression.presence().container == activity.name)
+    if expression.is_parameter_exp():
+        return expression.parameter() in activity.parameters
+    return any(_speaks_of(e, activity) for e in expression.args)
