@@ -137,8 +137,8 @@ PNG = b"\x89PNG\r\n\x1a\n"
 @pytest.mark.parametrize(
     ("change", "where", "said"),
     [
-        ({"engine": "../../x"}, "engine", "there are cpsat"),
-        ({"engine": "gurobi"}, "engine", "there is no engine 'gurobi'; there are cpsat"),
+        ({"engine": "../../x"}, "engine", "there are: "),
+        ({"engine": "gurobi"}, "engine", "there is no engine 'gurobi'; there are: "),
         ({"timeout": -1}, "timeout", "greater than 0"),
         ({"timeout": 10**400}, "timeout", ""),
         ({"seed": "a"}, "seed", "integer"),
