@@ -27,6 +27,9 @@ LENGTHS = {
 }
 ENGINES = ("cpsat", "samp-refine[aries-opt]")
 
+# a kind does not tell whether lengths of parameters can be told to an engine: it is asked by name
+pytestmark = pytest.mark.filterwarnings("ignore:We cannot establish whether")
+
 
 def work(length, stated):
     """Return an activity of that length, which its duration or a constraint tells."""
@@ -46,7 +49,6 @@ def work(length, stated):
     return problem
 
 
-@pytest.mark.filterwarnings("ignore:We cannot establish whether")  # a kind does not tell
 @pytest.mark.parametrize("stated", [False, True], ids=["as duration", "as constraint"])
 @pytest.mark.parametrize("length", LENGTHS)
 @pytest.mark.parametrize("engine", ENGINES)
