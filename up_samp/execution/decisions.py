@@ -5,22 +5,55 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
-from up_samp.execution.build import steps_by
-from up_samp.execution.forecast import Forecast
+from up_samp.execution.build import Dependencies, steps_by
+from up_samp.execution.forecast import Forecast, Routes
 from up_samp.execution.graph import At, Event, Precedence
 from up_samp.execution.meetings import Meeting
+from up_samp.execution.pace import Pace
 from up_samp.execution.reduce import MEETING
 from up_samp.execution.sides import Key
 from up_samp.execution.staircase import Step, steps_of, switched
 from up_samp.execution.state import Phase, State
-
-if TYPE_CHECKING:
-    from up_samp.execution.executor import Executor
+from up_samp.model.execution_tuning import ExecutionTuning
 
 REACTION = 0.5
 """Seconds that pass before a robot obeys a new command."""
+
+
+class Followed(Protocol):
+    """What the orders of a plan under way hang on: an executor is one."""
+
+    dependencies: Dependencies
+    state: State
+    routes: Routes
+    tuning: ExecutionTuning
+    pace: Pace
+    sides: dict[Key, bool]
+    turned: frozenset[int]
+
+    @property
+    def now(self) -> float:
+        """The latest time told (s)."""
+        ...
+
+    @property
+    def open_sides(self) -> dict[Key, bool]:
+        """The components that could be passed on either side, with the plan's side."""
+        ...
+
+    def retime(self) -> Forecast:
+        """Return when everything happens as soon as possible from now on."""
+        ...
+
+    def predicted_makespan(self) -> float:
+        """Return when the last activity will end (s)."""
+        ...
+
+    def reorder(self) -> int:
+        """Decide again who goes first, at once; return how many decisions changed."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -36,7 +69,7 @@ class Decision:
 
 
 def open_decisions(
-    executor: Executor, ahead: Forecast, horizon: float, most: int
+    executor: Followed, ahead: Forecast, horizon: float, most: int
 ) -> list[Decision]:
     """Return the ``most`` open decisions that come up first, within ``horizon`` s."""
     found = [*_components(executor), *_choices(executor)]
@@ -50,7 +83,7 @@ def open_decisions(
     return [decision for _, _, decision in timed[:most]]
 
 
-def _components(executor: Executor) -> list[Decision]:
+def _components(executor: Followed) -> list[Decision]:
     parts: dict[Key, list[Meeting]] = {}
     for meeting in executor.dependencies.meetings:
         if _over(executor.state, meeting):
@@ -69,7 +102,7 @@ def _components(executor: Executor) -> list[Decision]:
     return found
 
 
-def _choices(executor: Executor) -> list[Decision]:
+def _choices(executor: Followed) -> list[Decision]:
     return [
         Decision(k, k not in executor.turned, {True: (c.ways[0],), False: (c.ways[1],)})
         for k, c in enumerate(executor.dependencies.choices)
@@ -122,7 +155,7 @@ def can_wait(state: State, need: Precedence) -> bool:
     return max(0.0, event.progress - state.localisation) >= committed - 1e-9
 
 
-def settled(executor: Executor, open_: set[Key | int]) -> list[Precedence]:
+def settled(executor: Followed, open_: set[Key | int]) -> list[Precedence]:
     """Return all precedences but those of the decisions ``open_``."""
     graph = executor.dependencies.graph
     found = [

@@ -13,20 +13,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from ortools.sat.python import cp_model
 
 from up_samp.execution.build import with_sides
-from up_samp.execution.decisions import Decision, can_wait, open_decisions
+from up_samp.execution.decisions import Decision, Followed, can_wait, open_decisions
 from up_samp.execution.forecast import Forecast, routes_of
 from up_samp.execution.graph import Graph, Precedence
 from up_samp.execution.sides import Key
 from up_samp.execution.times import SCALE, tied
 from up_samp.model import ProblemError
-
-if TYPE_CHECKING:
-    from up_samp.execution.executor import Executor
 
 
 @dataclass(frozen=True)
@@ -40,7 +36,7 @@ class Proposal:
     base: tuple[Mapping[Key, bool], frozenset[int]]
 
 
-def propose(executor: Executor) -> Proposal | None:
+def propose(executor: Followed) -> Proposal | None:
     """Return an order that is forecast to end sooner than the present one, if one is found.
 
     Which decisions are looked at, and for how long, is said by ``executor.tuning.reorder``. The
@@ -64,7 +60,7 @@ def propose(executor: Executor) -> Proposal | None:
     return proposal if adopt(executor, proposal) else None
 
 
-def adopt(executor: Executor, proposal: Proposal) -> int:
+def adopt(executor: Followed, proposal: Proposal) -> int:
     """Take over an order, if it still can be kept and still is better; return how many orders
     changed. Nothing that has begun is touched.
     """
@@ -101,7 +97,7 @@ def _with(
     return sides, frozenset(turned)
 
 
-def _load(executor: Executor, graph: Graph) -> None:
+def _load(executor: Followed, graph: Graph) -> None:
     executor.state.load(graph)
     executor.routes = routes_of(graph, executor.state.ways)
 
@@ -119,7 +115,7 @@ def _missed(ahead: Forecast) -> float:
     )
 
 
-def _solve(executor: Executor, ahead: Forecast, decisions: list[Decision]) -> dict[Key | int, bool]:
+def _solve(executor: Followed, ahead: Forecast, decisions: list[Decision]) -> dict[Key | int, bool]:
     """Return how each decision should be; empty where nothing better was found."""
     state, tuning = executor.state, executor.tuning.reorder
     times, ends = tied(executor, decisions)
@@ -157,7 +153,7 @@ class Reorderer:
         self.known: float | None = None
         self.since = -math.inf
 
-    def __call__(self, executor: Executor) -> int:
+    def __call__(self, executor: Followed) -> int:
         """Look at the executor; return how many orders were changed."""
         tuning = executor.tuning.reorder
         if executor.now < self.since + tuning.pause:

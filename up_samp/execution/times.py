@@ -6,17 +6,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from ortools.sat.python import cp_model
 
-from up_samp.execution.decisions import Decision, happened, settled
+from up_samp.execution.decisions import Decision, Followed, happened, settled
 from up_samp.execution.graph import At, Event, Precedence, topological
 from up_samp.execution.state import Phase
 from up_samp.model import ProblemError
-
-if TYPE_CHECKING:
-    from up_samp.execution.executor import Executor
 
 SCALE = 100
 """Ticks a second in the model."""
@@ -39,7 +36,7 @@ class Tie(NamedTuple):
 class Times:
     """Times of events to come, in ticks from now."""
 
-    def __init__(self, executor: Executor):
+    def __init__(self, executor: Followed):
         self.state, self.pace = executor.state, executor.pace
         self.number: dict[Event, int] = {}
         self.ties: list[Tie] = []
@@ -190,7 +187,7 @@ class Times:
         return found
 
 
-def tied(executor: Executor, decisions: Sequence[Decision]) -> tuple[Times, list[int]]:
+def tied(executor: Followed, decisions: Sequence[Decision]) -> tuple[Times, list[int]]:
     """Return the times of events to come with all their ties, those of ``decisions`` by what is
     decided, and the numbers of the ends to come.
     """
