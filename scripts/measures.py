@@ -86,9 +86,8 @@ def warm_up(case: str) -> Values:
 
 def run_of(case: str, **spec: Any) -> Values:
     """Solve one instance as ``up-samp bench run`` does."""
-    from up_samp.benchmarks.one_run import perform
+    from up_samp.benchmarks.one_run import RunSpec, perform
     from up_samp.benchmarks.report import proven, solved
-    from up_samp.benchmarks.runs import RunSpec
 
     record = perform(RunSpec(case, ENGINE, **spec))
     if "error" in record:
@@ -362,7 +361,7 @@ def clairvoyant(case: str) -> Values:
         dependencies_of,
         simulate,
     )
-    from up_samp.execution.delays import draw
+    from up_samp.execution.simulate import draw
     from up_samp.io import result_to_dict
 
     _, plan = executable(case)
@@ -391,8 +390,7 @@ def clairvoyant(case: str) -> Values:
 def replan(case: str) -> Values:
     """What is left of a plan with delays of 30 %, solved from 20, 40, 60 and 80 % of it on."""
     from up_samp.execution import Delays, Executor, Surprise, dependencies_of
-    from up_samp.execution.delays import draw
-    from up_samp.execution.simulate import Floor
+    from up_samp.execution.simulate import Floor, draw
 
     problem, plan = executable(case)
     found = dependencies_of(problem, plan)

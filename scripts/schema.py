@@ -5,7 +5,7 @@
 import json
 from pathlib import Path
 
-from up_samp.fleet.reading import json_schema
+from up_samp.fleet.files import json_schema
 
 FILE = Path(__file__).parents[1] / "up_samp" / "fleet" / "problem.schema.json"
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from up_samp.execution import At, Dependencies, Do, Edge, Event, Go, Graph, PlannedTask
 from up_samp.execution.graph import ORIGIN
-from up_samp.execution.lives import Drive, Life
+from up_samp.execution.lives import DriveCells, Life
 from up_samp.model import Body, Kinematics, MotionModel, Trajectory
 from up_samp.motion.fleet.paths import path_of
 
@@ -36,7 +36,7 @@ def fleet(robots, tasks, seed=0):
             )
             events[Event(At.START, name)], events[Event(At.END, name)] = start, start + 20.0
             if drives:
-                pieces.append(Drive(name, f"r{r}", path, start, None))
+                pieces.append(DriveCells(name, f"r{r}", path, start, None))
             if k:
                 edges.append((Event(At.END, f"t{r}_{k - 1}"), Event(At.START, name)))
         lives[f"r{r}"] = Life(f"r{r}", body, tuple(pieces))

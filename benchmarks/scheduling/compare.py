@@ -22,9 +22,9 @@ from up_samp.model import CandidateSchedule, UnsupportedError
 from up_samp.scheduling.compilers.pipeline import chain, compilers_for
 from up_samp.scheduling.compilers.read import read_problem
 from up_samp.scheduling.compilers.write import plain_schedule, write_problem
-from up_samp.scheduling.messages import slim_down
 from up_samp.scheduling.quirks import quirks_of
 from up_samp.scheduling.schedules import complete, to_up_schedule
+from up_samp.scheduling.worker import slim_down
 from up_samp.validation import validate_schedule
 
 COLUMNS = ("cpsat", "aries-opt", "cpse", "aries-opt compiled", "cpse compiled")

@@ -16,8 +16,7 @@ from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
-from up_samp.scheduling.cpsat.routing.list_scheduling import improve
-from up_samp.scheduling.cpsat.routing.sequels import steps_of
+from up_samp.scheduling.cpsat.routing.list_scheduling import improve, steps_of
 from up_samp.scheduling.cpsat.routing.workload import bound_by_work
 from up_samp.upio import read_problem, relax
 

@@ -3,7 +3,7 @@
 
 def instant(spec):
     """A record as a run would give it, without running anything."""
-    from up_samp.benchmarks.runs import RunSpec
+    from up_samp.benchmarks.one_run import RunSpec
 
     run = RunSpec(**spec)
     done = "i1" in run.instance or "j1" in run.instance

@@ -7,7 +7,7 @@ optimal at another makespan means that plans, bounds or instances changed.
 import pytest
 
 from up_samp.benchmarks import report, runner
-from up_samp.benchmarks.runs import RunSpec
+from up_samp.benchmarks.one_run import RunSpec
 
 ENGINE = "samp-refine[cpsat]"
 

@@ -10,7 +10,7 @@ import pytest
 import sweep_doubles
 
 from up_samp.benchmarks import cli, report, runner
-from up_samp.benchmarks.runs import RunSpec, select, sweep
+from up_samp.benchmarks.one_run import RunSpec, select, sweep
 from up_samp.model import EngineError, ProblemError
 
 

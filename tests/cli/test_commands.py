@@ -10,8 +10,7 @@ from unified_planning.engines import PlanGenerationResult, PlanGenerationResultS
 import up_samp.cli
 from up_samp import cli
 from up_samp.cli import main, solving
-from up_samp.cli.progress import Progress
-from up_samp.cli.table import schedule_table, table
+from up_samp.cli.progress import Progress, schedule_table, table
 from up_samp.execution import with_dependencies
 from up_samp.io import plan_to_dict, read_plan, write_plan
 from up_samp.model import ProblemError

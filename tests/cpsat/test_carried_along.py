@@ -21,7 +21,7 @@ from unified_planning.shortcuts import (
 import up_samp  # noqa: F401  (registers the engine)
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.detection import find_routes
-from up_samp.scheduling.cpsat.routing.unit_places import find_unit_places
+from up_samp.scheduling.cpsat.routing.dispatch import find_unit_places
 
 TRIPS = 2
 

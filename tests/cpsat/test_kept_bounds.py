@@ -18,8 +18,7 @@ from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
-from up_samp.scheduling.cpsat.routing.lefts import with_lefts
-from up_samp.scheduling.cpsat.routing.workload import bound_by_work
+from up_samp.scheduling.cpsat.routing.workload import bound_by_work, with_lefts
 from up_samp.scheduling.cpsat.tuning import BoundsTuning, CpsatTuning
 
 SETTLED = (ScheduleStatus.OPTIMAL, ScheduleStatus.INFEASIBLE)

@@ -27,12 +27,11 @@ from unified_planning.shortcuts import (
 
 from up_samp.model import Deadline
 from up_samp.scheduling.cpsat import CpsatSession
-from up_samp.scheduling.cpsat.encode.alternatives import Alternatives, find_groups
-from up_samp.scheduling.cpsat.encode.unary import find_unary
+from up_samp.scheduling.cpsat.encode.disjunctions import Alternatives, find_groups
+from up_samp.scheduling.cpsat.encode.recognition import find_unary
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.normal.clauses import split
-from up_samp.scheduling.cpsat.normal.form import normal_form
-from up_samp.scheduling.cpsat.normal.timings import anchor
+from up_samp.scheduling.cpsat.normal.form import anchor, normal_form
 from up_samp.scheduling.cpsat.problem import Watcher
 
 

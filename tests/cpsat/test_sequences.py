@@ -18,11 +18,9 @@ from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
-from up_samp.scheduling.cpsat.routing.lefts import with_lefts
-from up_samp.scheduling.cpsat.routing.list_scheduling import decode
-from up_samp.scheduling.cpsat.routing.sequels import steps_of, times_of
+from up_samp.scheduling.cpsat.routing.list_scheduling import decode, steps_of, times_of
 from up_samp.scheduling.cpsat.routing.sequences import Sequences
-from up_samp.scheduling.cpsat.routing.workload import WorkBound, bound_by_work
+from up_samp.scheduling.cpsat.routing.workload import WorkBound, bound_by_work, with_lefts
 from up_samp.scheduling.cpsat.solve import strategy
 from up_samp.scheduling.cpsat.tuning import BoundsTuning
 from up_samp.upio.plan import build_schedule

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csgraph
 
-from up_samp.scheduling.cpsat.routing.shortest import shorten
+from up_samp.scheduling.cpsat.routing.route import shorten
 
 
 def drawn(seed):

@@ -11,11 +11,10 @@ from cpsat.writer import write
 from up_samp.model import Deadline
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.routing.assignment import bound_by_assignment, shares
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
-from up_samp.scheduling.cpsat.routing.labels import Labels
-from up_samp.scheduling.cpsat.routing.workload import bound_by_work
+from up_samp.scheduling.cpsat.routing.labels import LabelTable
+from up_samp.scheduling.cpsat.routing.workload import bound_by_assignment, bound_by_work, shares
 from up_samp.scheduling.cpsat.tuning import BoundsTuning
 
 
@@ -126,7 +125,7 @@ def test_a_large_fleets_bound_ends_soon_when_its_time_is_over():
 
 def test_labels_that_are_compared_for_long_look_at_the_clock():
     """A thousand labels, each worse than the one before: all but the first fall away in time."""
-    some = Labels.first(np.zeros((1, 1), dtype=np.int32)).rows([0] * 1000)
+    some = LabelTable.first(np.zeros((1, 1), dtype=np.int32)).rows([0] * 1000)
     for row in range(1000):
         some.free[row] = some.leave[row] = row
     assert len(some.undominated(BoundsTuning())) == 1

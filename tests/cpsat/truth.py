@@ -8,11 +8,10 @@ from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.problem import Watcher
-from up_samp.scheduling.cpsat.routing.assignment import bound_by_assignment
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
 from up_samp.scheduling.cpsat.routing.relaxation import RoutingRelaxation
-from up_samp.scheduling.cpsat.routing.workload import bound_by_work
+from up_samp.scheduling.cpsat.routing.workload import bound_by_assignment, bound_by_work
 from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders
 from up_samp.scheduling.cpsat.solve.runner import SolverRun
 from up_samp.scheduling.cpsat.tuning import StagesTuning

@@ -11,8 +11,7 @@ from unified_planning.shortcuts import LT, And, Or
 
 from up_samp.execution import Delays, Executor, dependencies_of, simulate
 from up_samp.execution.build import with_sides
-from up_samp.execution.decisions import can_wait, happened
-from up_samp.execution.reorder import _load
+from up_samp.execution.reorder import _load, can_wait, happened
 from up_samp.model import ProblemError
 
 

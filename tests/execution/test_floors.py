@@ -7,8 +7,7 @@ import floors
 import pytest
 
 from up_samp.execution.build import dependencies_of
-from up_samp.execution.delays import Delays
-from up_samp.execution.simulate import simulate
+from up_samp.execution.simulate import Delays, simulate
 from up_samp.io import plan_from_dict
 from up_samp.validation import validate_plan
 

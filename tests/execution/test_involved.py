@@ -8,7 +8,7 @@ from tests.metamorphic.motions import ALIKE, OTHERS, MotionWriter
 from tests.metamorphic.sites import FAMILIES
 from up_samp.benchmarks import instance
 from up_samp.benchmarks.builder import ENCODINGS
-from up_samp.execution.involved import Involved
+from up_samp.execution.remaining import Involved
 from up_samp.upio.whereabouts import whereabouts
 
 

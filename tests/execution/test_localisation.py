@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from up_samp.execution import Delays, Executor, dependencies_of, simulate
-from up_samp.execution.record import record_of
+from up_samp.execution.judge import record_of
 from up_samp.execution.replan import _floor
 from up_samp.execution.simulate import simulation_of
 

@@ -10,8 +10,7 @@ from tests.metamorphic.motions import ALIKE, OTHERS, MotionStyle, MotionWriter
 from tests.metamorphic.sites import store
 from up_samp.benchmarks import instance
 from up_samp.execution import Delays, Executor, Surprise, dependencies_of, solve_remaining
-from up_samp.execution.delays import draw
-from up_samp.execution.simulate import Floor
+from up_samp.execution.simulate import Floor, draw
 from up_samp.fleet import Fleet
 from up_samp.io import result_to_dict
 from up_samp.model import ProblemError

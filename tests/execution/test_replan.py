@@ -14,7 +14,7 @@ from up_samp.execution import (
     simulate_replanned,
     solve_remaining,
 )
-from up_samp.execution.delays import draw
+from up_samp.execution.simulate import draw
 from up_samp.io import plan_from_dict, result_to_dict
 from up_samp.validation import validate_plan
 

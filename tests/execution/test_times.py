@@ -7,12 +7,9 @@ import pytest
 from ortools.sat.python import cp_model
 
 from up_samp.execution.build import dependencies_of
-from up_samp.execution.decisions import open_decisions
-from up_samp.execution.delays import Delays
 from up_samp.execution.graph import topological
-from up_samp.execution.reorder import _solve
-from up_samp.execution.simulate import simulate
-from up_samp.execution.times import NOW, SCALE, tied
+from up_samp.execution.reorder import NOW, SCALE, _solve, open_decisions, tied
+from up_samp.execution.simulate import Delays, simulate
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from tests.export.plans import door_plan
 from tests.fuzz.problems import SECONDS, build, random_case
 from up_samp.execution import with_dependencies
 from up_samp.export import export_plan
-from up_samp.export.ros_messages import DEFINITIONS
+from up_samp.export.mcap_file import DEFINITIONS
 from up_samp.export.steps import steps_of
 from up_samp.export.vda5050 import file_names, nurbs
 from up_samp.io import result_to_dict

@@ -7,8 +7,8 @@ import yaml
 
 from up_samp.fleet import Fleet, FleetError, read_problem_file
 from up_samp.fleet.checks import Level, check_fleet
-from up_samp.fleet.limits import FIGURES
 from up_samp.fleet.picture import draw_fleet
+from up_samp.fleet.records import FIGURES
 from up_samp.fleet.starter import write_starter
 
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from tests.fleet.shapes import same
+from up_samp.fleet.files import read_record
 from up_samp.fleet.loads import with_load
 from up_samp.fleet.outlines import body_of, still
-from up_samp.fleet.reading import read_record
 from up_samp.fleet.records import Attached, RobotType
 from up_samp.geometry import load_map
 from up_samp.model import Deadline, PathQuery, Placed

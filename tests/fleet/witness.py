@@ -14,9 +14,9 @@ import numpy as np
 from shapely.geometry import Polygon
 
 from tests.fleet.floors import CLOSED, LEAF, LEFT, OPEN, RIGHT, WALL, map_with, zone_of
+from up_samp.fleet.files import read_record
 from up_samp.fleet.loads import with_load
 from up_samp.fleet.outlines import body_of, placed, still
-from up_samp.fleet.reading import read_record
 from up_samp.fleet.records import Attached, RobotType
 from up_samp.geometry import load_map
 from up_samp.model import Deadline, PathQuery, Placed

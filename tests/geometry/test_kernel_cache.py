@@ -24,7 +24,7 @@ from up_samp.model import Deadline
 from up_samp.system import child, folders
 
 SOURCE = """
-from up_samp.geometry.compiled import kernel
+from up_samp.geometry.records import kernel
 
 STEP = {step}
 

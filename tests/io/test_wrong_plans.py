@@ -9,7 +9,7 @@ import pytest
 
 from up_samp.cli import main
 from up_samp.io import check_plan, contradictions, plan_to_dict, read_plan, write_plan
-from up_samp.io.limits import LIMITS
+from up_samp.io.plan_dict import LIMITS
 from up_samp.model import ProblemError
 
 WRONG = (

@@ -9,9 +9,8 @@ from tests.metamorphic.sites import MotionSite
 from up_samp.model import Deadline
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.detection import find_routes
-from up_samp.scheduling.cpsat.routing.dispatch import find_tasks
+from up_samp.scheduling.cpsat.routing.dispatch import find_tasks, find_unit_places
 from up_samp.scheduling.cpsat.routing.route import Route
-from up_samp.scheduling.cpsat.routing.unit_places import find_unit_places
 from up_samp.search.loop import state_what_is_known
 from up_samp.search.params import Parameters
 from up_samp.search.session import Wrapped, open_search

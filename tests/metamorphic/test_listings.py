@@ -21,7 +21,7 @@ from tests.metamorphic.sites import FAMILIES
 from tests.shuffled import shuffled, shuffled_fleet
 from up_samp.benchmarks.instances import instance
 from up_samp.fleet.build import write_problem
-from up_samp.fleet.reading import read_record
+from up_samp.fleet.files import read_record
 from up_samp.fleet.records import FleetRecords
 from up_samp.model import Deadline, MotionModel, ScheduleStatus
 from up_samp.motion.compile import precompile

@@ -18,7 +18,7 @@ from tests.metamorphic.motions import MotionStyle, write
 from tests.metamorphic.sites import doors, haulage, store
 from tests.oracles.brute_force_schedule import solve as brute_force
 from tests.shuffled import COMMUTATIVE, SORTS, shuffled, shuffled_fleet
-from up_samp.fleet.reading import read_record
+from up_samp.fleet.files import read_record
 from up_samp.fleet.records import FleetRecords
 from up_samp.validation import validate_plan
 

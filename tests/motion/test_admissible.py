@@ -12,7 +12,7 @@ from up_samp.model import Body, Kinematics, MotionModel, Placed
 from up_samp.motion import MotionService
 from up_samp.motion.curves.reeds_shepp import run_time
 from up_samp.motion.proofs.after_opening import AfterOpening, _driven
-from up_samp.motion.proofs.bounds import Bounds
+from up_samp.motion.proofs.bounds import DurationBounds
 from up_samp.motion.proofs.certificates import Certifier
 
 FLAT = {"turning_radius": 1.0, "v_max": 2.0, "a_max": 1.0, "omega_max": 1.0}
@@ -22,7 +22,7 @@ FLAT = {"turning_radius": 1.0, "v_max": 2.0, "a_max": 1.0, "omega_max": 1.0}
 def test_nobody_need_stop_at_a_waypoint(model):
     body = Body(ROBOT.footprint, Kinematics(model, **FLAT))
     poses = [(0.0, 0.0, 0.0), (5.0, 0.0, 0.0), (10.0, 0.0, 0.0)]
-    bounds = Bounds(Scene(None))
+    bounds = DurationBounds(Scene(None))
     whole = run_time(10.0, 2.0, 1.0)
     assert bounds.through(body, poses) == pytest.approx(whole, rel=1e-6)
     assert sum(bounds.duration(body, a, b) for a, b in pairwise(poses)) > whole + 1
@@ -31,7 +31,7 @@ def test_nobody_need_stop_at_a_waypoint(model):
 def test_turns_add_up_over_waypoints():
     body = Body(ROBOT.footprint, Kinematics(MotionModel.SE2, **FLAT))
     poses = [(0.0, 0.0, 0.0), (0.0, 0.0, 3.0), (0.0, 0.0, 0.0)]
-    assert Bounds(Scene(None)).through(body, poses) == pytest.approx(6.0, rel=1e-6)
+    assert DurationBounds(Scene(None)).through(body, poses) == pytest.approx(6.0, rel=1e-6)
 
 
 @pytest.mark.parametrize("side", [0.0, 0.7])
@@ -55,7 +55,7 @@ def test_after_a_door_the_waypoints_beyond_cost_their_way_only():
     door = Body(((-0.2, -5.0), (0.2, -5.0), (0.2, 5.0), (-0.2, 5.0)), ROBOT.kinematics)
     body = Body(ROBOT.footprint, Kinematics(MotionModel.REEDSSHEPP, **FLAT))
     scene = Scene(box_map(40, 10, []))
-    bounds = Bounds(scene)
+    bounds = DurationBounds(scene)
     poses = [(5.0, 5.0, 0.0), (25.0, 5.0, 0.0), (35.0, 5.0, 0.0)]
 
     def way(a, b):

@@ -7,7 +7,7 @@ from oracle import RECTANGLE, box_map
 from up_samp.geometry import load_map, write_map
 from up_samp.model import Body, Deadline, Kinematics, MotionModel, Outcome, PathQuery, Placed
 from up_samp.motion import MotionService
-from up_samp.validation.collisions import Shape, hits_body, hits_map
+from up_samp.validation.collisions import JudgedShape, hits_body, hits_map
 from up_samp.validation.kinematics import motion_violations
 from up_samp.validation.limits import Limits
 from up_samp.validation.maps import BlockedMap
@@ -35,7 +35,7 @@ def test_motions_are_judged_valid(tmp_path, number):
     limits = Limits(
         "robot", kin.model.name, kin.turning_radius, kin.v_max, kin.v_max, kin.a_max, kin.omega_max
     )
-    shape = Shape("robot", np.array(body.footprint))
+    shape = JudgedShape("robot", np.array(body.footprint))
     found = 0
     while found < 4:
         grid = service.grid

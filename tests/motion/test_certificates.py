@@ -9,9 +9,9 @@ from up_samp.geometry import OccupancyGrid, Scene
 from up_samp.model import Body, Kinematics, MotionModel, Outcome, Placed
 from up_samp.motion import MotionService
 from up_samp.motion.guides.visibility import Visibility
-from up_samp.motion.proofs.bounds import Bounds
+from up_samp.motion.proofs.bounds import DurationBounds
 from up_samp.motion.proofs.certificates import Certifier
-from up_samp.validation.collisions import Shape as JudgedShape
+from up_samp.validation.collisions import JudgedShape as JudgedShape
 from up_samp.validation.collisions import hits_body
 from up_samp.validation.tracks import Track
 
@@ -154,7 +154,7 @@ def test_random_maps_against_flood_fill():
 def test_bounds_are_exact_lengths_round_corners():
     """Round a thin wall: the disc's centre turns about the wall's end at its radius."""
     grid = box_map(20, 20, [(9.9, 0, 10.1, 10)], resolution=0.05)
-    bounds = Bounds(Scene(grid))
+    bounds = DurationBounds(Scene(grid))
     a, b = (5.0, 5.0, 0.0), (15.0, 5.0, 0.0)
     length = bounds.length(ROBOT, a, b)
     free = math.dist((5, 5), (9.9, 10)) * 2 + 0.2
@@ -169,7 +169,7 @@ def test_bounds_are_exact_lengths_round_corners():
 
 
 def test_bounds_by_model():
-    bounds = Bounds(Scene(None))
+    bounds = DurationBounds(Scene(None))
     spin = Body(RECTANGLE, Kinematics(MotionModel.SE2, 1.0, 2.0, 0.5, omega_max=0.1))
     assert bounds.duration(spin, (0, 0, 0.0), (1, 0, 2.0)) == pytest.approx(20.0)
     assert bounds.duration(ROBOT, (0, 0, 0.0), (18, 0, 0.0)) == pytest.approx(13.0)

@@ -22,7 +22,7 @@ from up_samp.model import (
     ProblemError,
 )
 from up_samp.motion.service import MotionService
-from up_samp.upio.read_movable import read_movable
+from up_samp.upio.read_maps import read_movable
 from up_samp.validation.kinematics import motion_violations
 from up_samp.validation.limits import limits_of
 

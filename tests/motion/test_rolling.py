@@ -20,17 +20,16 @@ from up_samp.model import (
     Placed,
 )
 from up_samp.motion import MotionService
-from up_samp.motion.checks import is_sound
 from up_samp.motion.curves.reeds_shepp import run_time
 from up_samp.motion.curves.rolling import rolled, rolling_time, rows_of, thinned
 from up_samp.motion.curves.straight import timed_chain
-from up_samp.motion.fleet.cell_times import safe_intervals
-from up_samp.motion.fleet.moves import Move, drive, in_step
-from up_samp.motion.fleet.paths import path_of
+from up_samp.motion.fleet.moves import ShortMove, drive, in_step
+from up_samp.motion.fleet.paths import path_of, safe_intervals
 from up_samp.motion.fleet.roadmap import _part
 from up_samp.motion.fleet.speed import tune
+from up_samp.motion.legs import is_sound
 from up_samp.motion.planners.pivoting import PivotPlanner
-from up_samp.motion.planners.rounding import Way
+from up_samp.motion.planners.rounding import RoundedWay
 from up_samp.motion.protocol import LegQuery
 from up_samp.motion.tuning import PivotTuning, RoundingTuning
 from up_samp.upio import read_problem
@@ -97,8 +96,10 @@ def test_lines_and_turns_alone_take_what_they_take_from_rest_to_rest():
 def test_a_corner_is_driven_at_what_the_turn_rate_allows():
     kin = Kinematics(MotionModel.PIVOT, 1.0, 2.0, 0.5, 1.0)
     for radius in (0.5, 1.0, 2.0, 3.0):
-        way = Way(((0.0, 0.0), (20.0, 0.0), (20.0, 20.0)), (1, 1), (0.0, radius, 0.0), (0.0, 1.57))
-        way = Way(way.points, way.ahead, way.radii, (0.0, math.pi / 2))
+        way = RoundedWay(
+            ((0.0, 0.0), (20.0, 0.0), (20.0, 20.0)), (1, 1), (0.0, radius, 0.0), (0.0, 1.57)
+        )
+        way = RoundedWay(way.points, way.ahead, way.radii, (0.0, math.pi / 2))
         assert rolling_time(way.rows(), kin) == pytest.approx(way.seconds(kin))
         slow, lines = min(2.0, radius), 2 * (20.0 - radius)
         loss = (2.0 - slow) ** 2 / (0.5 * 2.0)  # what slowing down and speeding up again takes
@@ -219,7 +220,7 @@ def test_parts_of_curved_paths_are_driven_along_their_arcs(seed):
     backwards = drive([move.back() for move in moves[::-1]], kin)
     assert not refused(backwards, kin)
     assert backwards.duration == pytest.approx(whole.duration, rel=1e-6)
-    arc = Move(rows_of(np.zeros(3), np.array([[0.8, 0.9]])), 1.0)
+    arc = ShortMove(rows_of(np.zeros(3), np.array([[0.8, 0.9]])), 1.0)
     for together in in_step([arc, arc.back()], [kin, kin]):
         assert not refused(together, kin)
 

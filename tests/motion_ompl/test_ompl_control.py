@@ -21,7 +21,7 @@ from up_samp.model import (
     ProblemError,
     UnsupportedError,
 )
-from up_samp.motion.planners.control_law import Piece, Roller
+from up_samp.motion.planners.control_law import ControlPiece, Roller
 from up_samp.motion.planners.shooting import Shot
 from up_samp.motion.tuning import ControlTuning
 from up_samp.validation.kinematics import motion_violations
@@ -163,7 +163,7 @@ def test_shots_hit_or_say_no():
     roller = Roller(LAWS["unicycle"])
     goal = (2.0, 1.0, 0.5)
     shot = Shot(roller, (0.0, 0.0, 0.0), goal, 3.0, ControlTuning(pieces=4))
-    guess = [Piece((1.0, 0.1), 0.6)] * 4
+    guess = [ControlPiece((1.0, 0.1), 0.6)] * 4
     z = shot.restore(shot.pack(guess))
     assert z is not None
     pieces = shot.final(z)

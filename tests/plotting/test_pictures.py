@@ -23,10 +23,10 @@ from up_samp.plotting import (
     write_gif,
     write_html,
 )
+from up_samp.plotting.animation import key_frames, scene_of
 from up_samp.plotting.background import background_of
-from up_samp.plotting.colors import PALETTE, color_of, ink_on, mixed, rgb
 from up_samp.plotting.rows import mentions, rows_of, short_names
-from up_samp.plotting.scene import key_frames, scene_of
+from up_samp.plotting.style import PALETTE, color_of, ink_on, mixed, rgb
 from up_samp.plotting.tracks import horizon, tracks_of
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")

@@ -19,7 +19,7 @@ from unified_planning.shortcuts import (
 
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession, model
-from up_samp.scheduling.cpsat.encode.alternatives import Alternatives, find_groups, merge_forms
+from up_samp.scheduling.cpsat.encode.disjunctions import Alternatives, find_groups, merge_forms
 from up_samp.scheduling.cpsat.encode.forms import Cmp
 from up_samp.scheduling.cpsat.problem import Watcher
 from up_samp.upio.plan import build_schedule

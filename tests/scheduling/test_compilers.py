@@ -11,22 +11,29 @@ from unified_planning.shortcuts import BoolType, MinimizeMakespan
 
 from up_samp.model import CandidateSchedule, Deadline, UnsupportedError
 from up_samp.scheduling.adapters import _engine_class
-from up_samp.scheduling.compilers.cliques import find_cliques
-from up_samp.scheduling.compilers.dense import compile_dense
-from up_samp.scheduling.compilers.differences import compile_differences
-from up_samp.scheduling.compilers.expressions import TRUE, end, integer, show, start, subexpressions
-from up_samp.scheduling.compilers.flat import compile_flat_types
-from up_samp.scheduling.compilers.ground import compile_ground
-from up_samp.scheduling.compilers.names import compile_names
+from up_samp.scheduling.compilers.constraints import compile_differences
+from up_samp.scheduling.compilers.fluents import compile_ground
+from up_samp.scheduling.compilers.intervals import compile_dense, compile_stillness, compile_support
 from up_samp.scheduling.compilers.optional import compile_optional
-from up_samp.scheduling.compilers.plain import Activity, Condition, Effect, Fluent, PlainProblem
+from up_samp.scheduling.compilers.plain import (
+    TRUE,
+    Activity,
+    Condition,
+    Effect,
+    Fluent,
+    PlainProblem,
+    end,
+    integer,
+    show,
+    start,
+    subexpressions,
+)
 from up_samp.scheduling.compilers.precedences import compile_precedences
 from up_samp.scheduling.compilers.read import read_problem
 from up_samp.scheduling.compilers.resources import compile_resources
 from up_samp.scheduling.compilers.settled import compile_settled
-from up_samp.scheduling.compilers.stillness import compile_stillness
-from up_samp.scheduling.compilers.support import compile_support
-from up_samp.scheduling.compilers.tokens import compile_tokens
+from up_samp.scheduling.compilers.tokens import compile_tokens, find_cliques
+from up_samp.scheduling.compilers.types import compile_flat_types, compile_names
 from up_samp.scheduling.compilers.write import write_problem
 from up_samp.scheduling.engine_scheduler import EngineScheduler
 from up_samp.validation import validate_schedule

@@ -23,7 +23,7 @@ from up_samp.model import (
     in_force,
 )
 from up_samp.scheduling import is_compatible, open_scheduler
-from up_samp.scheduling.compilers.differences import compile_differences
+from up_samp.scheduling.compilers.constraints import compile_differences
 from up_samp.scheduling.compilers.pipeline import chain, compilers_for
 from up_samp.scheduling.compilers.read import read_problem
 from up_samp.scheduling.process import OverrunError, WorkerProcess

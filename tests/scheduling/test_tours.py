@@ -26,9 +26,8 @@ from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.problem import Watcher
 from up_samp.scheduling.cpsat.routing.detection import find_routes
-from up_samp.scheduling.cpsat.routing.dispatch import find_work
+from up_samp.scheduling.cpsat.routing.dispatch import find_unit_places, find_work
 from up_samp.scheduling.cpsat.routing.list_scheduling import improve
-from up_samp.scheduling.cpsat.routing.unit_places import find_unit_places
 from up_samp.scheduling.cpsat.solve import strategy as search
 from up_samp.upio import read_problem, relax
 from up_samp.upio.plan import build_schedule

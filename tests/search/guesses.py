@@ -3,10 +3,10 @@
 import random
 
 from up_samp.model import Deadline
-from up_samp.search.deals import deal
-from up_samp.search.guesses import Guess
-from up_samp.search.large_tuning import DealsTuning
-from up_samp.search.rehearsal import Rehearsal
+from up_samp.search.fleet.assignment import assign
+from up_samp.search.fleet.evaluator import AssignmentEvaluator
+from up_samp.search.fleet.travel_times import TravelTimeModel
+from up_samp.search.fleet.tuning import DealsTuning
 
 
 def along_the_axes(body, a, b):
@@ -17,5 +17,5 @@ def along_the_axes(body, a, b):
 
 
 def dealt_out(jobs, snapshot, lasts=along_the_axes, seed=0, **tuning):
-    rehearsal = Rehearsal(Guess(snapshot, lasts), jobs, DealsTuning(**tuning))
-    return deal(rehearsal, Deadline.never(), random.Random(seed))
+    rehearsal = AssignmentEvaluator(TravelTimeModel(snapshot, lasts), jobs, DealsTuning(**tuning))
+    return assign(rehearsal, Deadline.never(), random.Random(seed))

@@ -7,10 +7,9 @@ import pytest
 from tests.search.test_whole_tours import opened
 from up_samp.benchmarks.warehouse import warehouse
 from up_samp.model import Deadline
-from up_samp.search.better_rounds import BetterRounds
-from up_samp.search.first_tours import plan_tours
-from up_samp.search.large_tuning import RoundsTuning
-from up_samp.search.tours import Priorities
+from up_samp.search.fleet.improve import PriorityLocalSearch, plan_tours
+from up_samp.search.fleet.tours import Priorities
+from up_samp.search.fleet.tuning import RoundsTuning
 from up_samp.validation import validate_plan
 
 STEEP = 6
@@ -28,7 +27,9 @@ def first_rounds(size, seed=0):
 
 def rounds_of(found, *, stale=12, seed=0):
     tuning = RoundsTuning(stale=stale, delayed=1.0)
-    return BetterRounds(found.tours, found.decided, found.ahead, tuning, STEEP, random.Random(seed))
+    return PriorityLocalSearch(
+        found.tours, found.decided, found.ahead, tuning, STEEP, random.Random(seed)
+    )
 
 
 def test_rounds_get_better_and_each_is_a_plan():

@@ -22,9 +22,9 @@ from up_samp.search import (
     State,
     split_parameters,
 )
+from up_samp.search.budget import AtOnce, Staged
 from up_samp.search.cuts.paper import PaperCuts
 from up_samp.search.cuts.small import SmallCuts
-from up_samp.search.pace import AtOnce, Staged
 from up_samp.search.params import ABLATIONS, PRESETS
 from up_samp.search.presets import components_of
 from up_samp.search.search import Components, Statement

@@ -3,7 +3,7 @@
 from up_samp.benchmarks.warehouse import warehouse
 from up_samp.geometry import lay_out
 from up_samp.model import Deadline
-from up_samp.search.drives import Drives
+from up_samp.search.fleet_bound.bound import DriveTimes
 from up_samp.search.params import Parameters
 from up_samp.search.session import open_service
 from up_samp.upio import read_problem
@@ -11,7 +11,7 @@ from up_samp.upio import read_problem
 
 def test_a_drive_takes_no_less_than_its_bound_and_is_asked_for_once():
     snapshot, grid = lay_out(read_problem(warehouse(3, 3, encoding="compact")))
-    drives = Drives(open_service(snapshot, grid, Parameters()))
+    drives = DriveTimes(open_service(snapshot, grid, Parameters()))
     pose = snapshot.configurations
     for name in ("robot0", "robot1", "robot2"):
         body, start = snapshot.objects[name].body, pose[snapshot.initial[name]]
@@ -30,7 +30,7 @@ def test_a_drive_takes_no_less_than_its_bound_and_is_asked_for_once():
 
 def test_there_is_no_drive_into_a_wall():
     snapshot, grid = lay_out(read_problem(warehouse(2, 2, encoding="compact")))
-    drives = Drives(open_service(snapshot, grid, Parameters()))
+    drives = DriveTimes(open_service(snapshot, grid, Parameters()))
     body, pose = snapshot.objects["robot0"].body, snapshot.configurations
     assert drives.drive(body, pose["slot0"], (0.0, 0.0, 0.0), Deadline.after(60.0)) is None
     assert drives.drive(body, pose["slot0"], pose["slot0"], Deadline.after(0.0)).seconds == 0.0

@@ -6,10 +6,16 @@ from unified_planning.model.motion import ActivityWaypoints
 from tests.search.store_fleet import fleet_of
 from up_samp.benchmarks.warehouse import warehouse
 from up_samp.geometry import lay_out
-from up_samp.search.carrying import carried
-from up_samp.search.gaps import closed, gaps_told, held_by, idle_between, orders_told
-from up_samp.search.jobs import find_jobs
-from up_samp.search.sure_stands import sure_stands
+from up_samp.search.fleet.jobs import (
+    closed,
+    find_jobs,
+    held_by,
+    idle_between,
+    stated_gaps,
+    stated_precedences,
+)
+from up_samp.search.fleet_bound.locations import guaranteed_locations
+from up_samp.search.fleet_bound.timelines import carried
 from up_samp.upio import read_problem
 
 
@@ -36,14 +42,14 @@ def test_a_resource_that_somebody_else_gives_back_is_held_by_nobody():
 def test_a_place_is_sure_as_long_as_nothing_else_sets_its_fluent():
     problem = warehouse(2, 2, encoding="compact")
     snapshot, _ = lay_out(read_problem(problem))
-    sure = sure_stands(problem, snapshot)
+    sure = guaranteed_locations(problem, snapshot)
     assert sure.places["carry_robot0_order0", "robot0"].startswith("slot")
     assert "unload_robot0_order0" in sure.reads
     fluent = problem.fluent("robot_at")
     robot, dock = problem.object("robot0"), problem.object("dock1")
     wrong = problem.add_activity("wrong", duration=1, optional=True)
     wrong.add_effect(wrong.end, fluent(robot), dock)
-    assert not {robot for _, robot in sure_stands(problem, snapshot).places} & {"robot0"}
+    assert not {robot for _, robot in guaranteed_locations(problem, snapshot).places} & {"robot0"}
 
 
 def test_who_drives_to_wherever_a_fluent_says_is_surely_nowhere():
@@ -54,22 +60,22 @@ def test_who_drives_to_wherever_a_fluent_says_is_surely_nowhere():
     drive.set_duration_bounds(1, 90)
     drive.add_motion_constraint(ActivityWaypoints(robot, body(robot), [home()]))
     snapshot, _ = lay_out(read_problem(problem))
-    places = sure_stands(problem, snapshot).places
+    places = guaranteed_locations(problem, snapshot).places
     assert {robot for _, robot in places} == {"robot1"}
 
 
 def test_what_is_told_only_while_another_one_is_there_is_not_told():
     problem = warehouse(2, 2, encoding="compact")
-    told = gaps_told(problem)
+    told = stated_gaps(problem)
     assert told["load_robot0_order0", "carry_robot0_order0"] == 1
     one, two = (named(problem, f"unload_robot0_order{k}") for k in (0, 1))
     manager = problem.environment.expression_manager
     before = manager.LT(one.end, two.start)
     third = named(problem, "leave_robot1_order0")
     problem.add_constraint(before, [one.present, two.present, third.present])
-    assert (one.name, two.name) not in gaps_told(problem)
+    assert (one.name, two.name) not in stated_gaps(problem)
     problem.add_constraint(before, [one.present, two.present])
-    assert gaps_told(problem)[one.name, two.name] == 1
+    assert stated_gaps(problem)[one.name, two.name] == 1
 
 
 def test_an_order_is_told_only_where_one_ends_before_the_other_starts():
@@ -80,13 +86,13 @@ def test_an_order_is_told_only_where_one_ends_before_the_other_starts():
         for what, k in (("unload", 0), ("unload", 1), ("load", 1))
     )
     manager = problem.environment.expression_manager
-    before = orders_told(problem)
+    before = stated_precedences(problem)
     problem.add_constraint(manager.LE(Timing(-2, one.end), two.start))
     problem.add_constraint(manager.LE(one.end, two.start), [three.present])
-    assert orders_told(problem) == before
+    assert stated_precedences(problem) == before
     problem.add_constraint(manager.LE(Timing(1, one.end), two.start), [two.present])
-    assert orders_told(problem) == before | {(one.name, two.name)}
-    assert (one.name, two.name) in orders_told(problem, strictly=True)
+    assert stated_precedences(problem) == before | {(one.name, two.name)}
+    assert (one.name, two.name) in stated_precedences(problem, strictly=True)
 
 
 def test_what_has_to_be_between_follows():
@@ -107,11 +113,11 @@ def test_what_is_carried_is_told_by_a_fluent_that_all_heed():
     problem = fleet_of(2, 3).problem
     snapshot, _ = lay_out(read_problem(problem))
     needs = find_jobs(problem, snapshot).needs
-    pairs = carried(problem, needs, gaps_told(problem))
+    pairs = carried(problem, needs, stated_gaps(problem))
     assert len(pairs) == 6
     assert pairs["deliver_o1_r0"][0] == "pick_o1_r0"
     heedless = named(problem, "pick_o0_r0")
     for conditions in heedless.conditions.values():
         conditions[:] = [c for c in conditions if not c.is_fluent_exp()]
-    left = carried(problem, needs, gaps_told(problem))
+    left = carried(problem, needs, stated_gaps(problem))
     assert {taker for taker, _ in left.values()} == {"pick_o0_r1", "pick_o1_r1", "pick_o2_r1"}

@@ -9,11 +9,11 @@ import pytest
 from tests.search.guesses import along_the_axes
 from up_samp.benchmarks.warehouse import warehouse
 from up_samp.model import Deadline
-from up_samp.search.deals import Deal, deal, inserted
-from up_samp.search.guesses import Guess, pauses_of
-from up_samp.search.jobs import Jobs, find_jobs
-from up_samp.search.large_tuning import DealsTuning
-from up_samp.search.rehearsal import Rehearsal
+from up_samp.search.fleet.assignment import Assignment, assign, inserted
+from up_samp.search.fleet.evaluator import AssignmentEvaluator
+from up_samp.search.fleet.jobs import Jobs, find_jobs
+from up_samp.search.fleet.travel_times import TravelTimeModel, pauses_of
+from up_samp.search.fleet.tuning import DealsTuning
 from up_samp.upio import read_problem
 
 
@@ -44,23 +44,23 @@ def slow_to_turn(snapshot):
 
 def judged(dealt, jobs, snapshot, drives, tuning):
     """Return by how much a deal is late (s) if one knows what drives take."""
-    rehearsal = Rehearsal(Guess(snapshot, drives), jobs, tuning)
-    return Deal(rehearsal, dealt.tours).late()
+    rehearsal = AssignmentEvaluator(TravelTimeModel(snapshot, drives), jobs, tuning)
+    return Assignment(rehearsal, dealt.tours).late()
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_jobs_that_are_due_are_dealt_to_those_that_really_make_them(problem, snapshot, seed):
     drives, tuning = slow_to_turn(snapshot), DealsTuning(traffic=1.0)
     free = find_jobs(problem, snapshot)
-    real = Rehearsal(Guess(snapshot, drives), free, tuning)
-    made = deal(real, Deadline.never(), random.Random(9))
+    real = AssignmentEvaluator(TravelTimeModel(snapshot, drives), free, tuning)
+    made = assign(real, Deadline.never(), random.Random(9))
     latest = max(end for end, _ in real.ends(made.tours).values())
     jobs = all_due(free, math.ceil(1.05 * latest))
 
     def dealt(rounds):
-        guess = Guess(snapshot, along_the_axes, drives)
-        rehearsal = Rehearsal(guess, jobs, replace(tuning, rounds=rounds))
-        return deal(rehearsal, Deadline.never(), random.Random(seed))
+        guess = TravelTimeModel(snapshot, along_the_axes, drives)
+        rehearsal = AssignmentEvaluator(guess, jobs, replace(tuning, rounds=rounds))
+        return assign(rehearsal, Deadline.never(), random.Random(seed))
 
     misled, honest = dealt(0), dealt(6)
     assert misled.late() == 0.0, "it looks good"
@@ -76,7 +76,7 @@ def test_bounds_that_tell_drives_well_are_believed(snapshot):
         asked.append((a, b))
         return 1.5 * along_the_axes(body, a, b)
 
-    guess = Guess(snapshot, along_the_axes, drives)
+    guess = TravelTimeModel(snapshot, along_the_axes, drives)
     places = sorted(snapshot.configurations.values())
     ways = [("robot0", places[0], b) for b in places[1:15]]
     ways += [("robot0", b, places[0]) for b in places[1:15]]
@@ -90,8 +90,8 @@ def test_bounds_that_tell_drives_well_are_believed(snapshot):
 
 def test_places_are_taken_in_turns_and_left_for_others(problem, snapshot):
     jobs = find_jobs(problem, snapshot)
-    guess = Guess(snapshot, along_the_axes, pauses=pauses_of(problem, jobs))
-    rehearsal = Rehearsal(guess, jobs, DealsTuning())
+    guess = TravelTimeModel(snapshot, along_the_axes, pauses=pauses_of(problem, jobs))
+    rehearsal = AssignmentEvaluator(guess, jobs, DealsTuning())
     # load, carry and unload come after one another, with a unit in between
     assert set(pauses_of(problem, jobs).values()) == {3}
     goals = [options[0].exit for options in jobs.options]
@@ -108,4 +108,4 @@ def test_places_are_taken_in_turns_and_left_for_others(problem, snapshot):
     option = jobs.options[step[0]][step[1]]
     home = guess.ride(first, option.exit, guess.home(option))
     assert ends[first] == alone[first] + home
-    assert inserted(Deal(rehearsal, {"robot0": [], "robot1": [], "robot2": []}), one)
+    assert inserted(Assignment(rehearsal, {"robot0": [], "robot1": [], "robot2": []}), one)

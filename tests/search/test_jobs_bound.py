@@ -26,14 +26,12 @@ from up_samp.benchmarks.warehouse import _Work as Warehouse
 from up_samp.geometry import lay_out
 from up_samp.model import Deadline
 from up_samp.scheduling.cpsat import CpsatSession
-from up_samp.search.bounds import Bounds
 from up_samp.search.budget import Budget
-from up_samp.search.drives import Drives
 from up_samp.search.facts import Facts
+from up_samp.search.fleet.jobs import Jobs, find_jobs
+from up_samp.search.fleet_bound.bound import DriveTimes, JobsBound
 from up_samp.search.history import History
-from up_samp.search.jobs import Jobs, find_jobs
-from up_samp.search.jobs_bound import JobsBound
-from up_samp.search.knowledge import Knowledge
+from up_samp.search.knowledge import Bounds, Knowledge
 from up_samp.search.motions import Motions
 from up_samp.search.params import Parameters
 from up_samp.search.session import open_service
@@ -57,7 +55,7 @@ def bounds_of(problem, change=lambda jobs: jobs):
     service = open_service(snapshot, grid, Parameters())
     bound = JobsBound(problem, facts, service, change(find_jobs(problem, snapshot)))
     absolute = bound.absolute(Deadline.after(60.0))
-    return absolute, list(bound.relative(Drives(service), 1000, Deadline.after(60.0)))
+    return absolute, list(bound.relative(DriveTimes(service), 1000, Deadline.after(60.0)))
 
 
 def check(seed):

@@ -9,11 +9,11 @@ from unified_planning.shortcuts import AnytimePlanner, OneshotPlanner, get_envir
 from tests.search.guesses import along_the_axes, dealt_out
 from tests.search.store_fleet import fleet_of
 from up_samp.benchmarks.warehouse import warehouse
-from up_samp.search.deals import decided_by
-from up_samp.search.jobs import find_jobs
+from up_samp.search.fleet.assignment import decided_by
+from up_samp.search.fleet.jobs import find_jobs
 from up_samp.search.stopping import FirstPlan
 from up_samp.upio import read_problem
-from up_samp.upio.thin import thinned
+from up_samp.upio.restrict import thinned
 from up_samp.validation import validate_plan
 
 SOON = {"search": {"large": {"activities": 1}}}

@@ -11,14 +11,13 @@ import pytest
 from up_samp.benchmarks.warehouse import warehouse
 from up_samp.geometry import lay_out
 from up_samp.search.facts import Facts
-from up_samp.search.job_ways import Way
-from up_samp.search.job_work import Work
-from up_samp.search.jobs import find_jobs
-from up_samp.search.jobs_bound import _counted
-from up_samp.search.last_places import LastPlaces, last_places
+from up_samp.search.fleet.jobs import find_jobs
+from up_samp.search.fleet_bound.bound import _counted
+from up_samp.search.fleet_bound.final_occupancy import FinalOccupancy, final_occupancy
+from up_samp.search.fleet_bound.load_balance import least_share
+from up_samp.search.fleet_bound.work import JobMode, JobWork
 from up_samp.search.params import Parameters
 from up_samp.search.session import open_service
-from up_samp.search.shared_work import least_share
 from up_samp.upio import read_problem
 from up_samp.upio.relaxing import relax
 
@@ -40,13 +39,13 @@ def world(seed):
         legs = ((kind, goal, end),) if goal != end else ()
         origins = frozenset((*places, HOME))
         busy, after = rng.randint(0, 5), frozenset[str]()
-        ways.append(Way(job, kind, busy, legs, kind, goal, (end,), after, origins))
+        ways.append(JobMode(job, kind, busy, legs, kind, goal, (end,), after, origins))
     starts = Counter((kind, HOME) for kind in kinds)
     fleet = SimpleNamespace(sizes=Counter(kinds), starts=starts)
     work = SimpleNamespace(fleet=fleet, units=lambda leg: far[leg] if leg[1] != leg[2] else 0)
     aways = {(k, p, None): ((k, p, HOME),) for k in set(kinds) for p in places}
     often = {away: fleet.sizes[away[0]] for away in aways}
-    last = LastPlaces(frozenset(places), aways, often, everybody=True)
+    last = FinalOccupancy(frozenset(places), aways, often, everybody=True)
     return work, ways, kinds, last
 
 
@@ -108,7 +107,7 @@ def test_no_way_to_share_jobs_and_to_stay_is_better_than_the_share(first):
     for seed in range(first, first + 20):
         work, ways, kinds, last = world(seed)
         best, bound = best_of(work, ways, kinds), bound_of(work, ways, last)
-        without = bound_of(work, ways, LastPlaces())
+        without = bound_of(work, ways, FinalOccupancy())
         assert without <= bound <= best, seed
         higher += bound > without
         shares.append(bound / best)
@@ -126,8 +125,8 @@ def last_of(problem, **changed):
     tasks = tuple(replace(task, **changed) for task in relaxation.snapshot.tasks)
     facts = Facts(replace(relaxation.snapshot, tasks=tasks), relaxation.choices)
     jobs, service = find_jobs(problem, snapshot), open_service(snapshot, grid, Parameters())
-    work, counted = Work(problem, facts, service, jobs), _counted(jobs)
-    return last_places(work, facts.snapshot, service, work.ways(counted), (jobs, counted))
+    work, counted = JobWork(problem, facts, service, jobs), _counted(jobs)
+    return final_occupancy(work, facts.snapshot, service, work.ways(counted), (jobs, counted))
 
 
 def test_one_robot_stays_at_a_station_and_the_others_drive_home():

@@ -23,10 +23,14 @@ from up_samp.model import CandidateSchedule, Deadline, ScheduleReport, ScheduleS
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.search.attempt import try_candidate
 from up_samp.search.neighbourhoods import CHOICES, Descent, Freed, Roulette
-from up_samp.search.neighbourhoods.choices import last_robots, random_robots, time_window
-from up_samp.search.neighbourhoods.owners import owners_of
-from up_samp.search.neighbourhoods.small_problem import small_problem
-from up_samp.search.neighbourhoods.view import View
+from up_samp.search.neighbourhoods.choices import (
+    View,
+    last_robots,
+    owners_of,
+    random_robots,
+    time_window,
+)
+from up_samp.search.neighbourhoods.descent import small_problem
 from up_samp.search.params import Parameters
 from up_samp.search.session import Wrapped, open_search
 from up_samp.search.tuning import NeighbourhoodsTuning

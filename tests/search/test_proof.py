@@ -11,9 +11,8 @@ from unified_planning.shortcuts import OneshotPlanner
 from tests.upio.hall import Hall
 from up_samp.model import Deadline
 from up_samp.scheduling.quirks import known_engines
-from up_samp.search.budget import Budget
+from up_samp.search.budget import Budget, Restarts
 from up_samp.search.proof import _fewest
-from up_samp.search.restarts import Restarts
 from up_samp.search.tuning import RestartTuning
 
 TUNING = RestartTuning()

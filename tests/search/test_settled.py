@@ -7,7 +7,7 @@ from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.shortcuts import OneshotPlanner
 
 from up_samp.benchmarks.instances import instance
-from up_samp.search import settled
+from up_samp.search import world as settled
 from up_samp.search.cuts import small
 
 

@@ -5,8 +5,8 @@ import random
 from collections import Counter
 from types import SimpleNamespace
 
-from up_samp.search.job_ways import Way
-from up_samp.search.shared_work import called, least_share
+from up_samp.search.fleet_bound.load_balance import called, least_share
+from up_samp.search.fleet_bound.work import JobMode
 
 
 def random_share(seed):
@@ -23,7 +23,7 @@ def random_share(seed):
         legs = ((kind, goal, end),)
         busy, origins = rng.randint(0, 5), frozenset(places)
         after = frozenset({goal, end})
-        ways.append(Way(job, kind, busy, legs, kind, goal, (goal, end), after, origins))
+        ways.append(JobMode(job, kind, busy, legs, kind, goal, (goal, end), after, origins))
     work = SimpleNamespace(
         fleet=SimpleNamespace(sizes=Counter(kinds), starts=starts),
         units=lambda leg: far[leg],

@@ -12,9 +12,9 @@ from unified_planning.shortcuts import OneshotPlanner
 
 from tests.upio.hall import Hall
 from up_samp.benchmarks.cli import _tuning
+from up_samp.benchmarks.one_run import RunSpec, select, sweep
 from up_samp.benchmarks.places import box
 from up_samp.benchmarks.runner import execute
-from up_samp.benchmarks.runs import RunSpec, select, sweep
 from up_samp.model import Body, Kinematics, MotionModel, ProblemError
 from up_samp.model.tunable import Tunables
 from up_samp.scheduling.cpsat import CpsatSession

@@ -14,17 +14,17 @@ from up_samp.benchmarks.warehouse import WAREHOUSE_ENCODINGS, warehouse
 from up_samp.geometry import lay_out
 from up_samp.model import Body, Deadline, Kinematics, MotionModel, Rest, TimedMotion
 from up_samp.motion import MotionService
-from up_samp.motion.fleet.committed import Committed
+from up_samp.motion.fleet.reservations import ReservationTable
 from up_samp.search import session
-from up_samp.search.deals import decided_by, state_order
-from up_samp.search.first_tours import plan_tours, undecided_tours
-from up_samp.search.jobs import find_jobs
-from up_samp.search.large import homes_of
+from up_samp.search.fleet.assignment import decided_by, state_order
+from up_samp.search.fleet.improve import plan_tours, undecided_tours
+from up_samp.search.fleet.jobs import find_jobs
+from up_samp.search.fleet.solve import homes_of
+from up_samp.search.fleet.tours import Priorities
 from up_samp.search.loop import get_schedule, state_what_is_known
 from up_samp.search.params import Parameters
-from up_samp.search.tours import Priorities
 from up_samp.upio import read_itinerary, read_problem
-from up_samp.upio.thin import thinned
+from up_samp.upio.restrict import thinned
 from up_samp.validation import validate_plan
 
 BOX = ((-0.6, -0.4), (0.6, -0.4), (0.6, 0.4), (-0.6, 0.4))
@@ -47,7 +47,7 @@ def floor():
     places = {"a": (3.0, 8.0, 0.0), "b": (10.0, 3.0, 0.0), "c": (3.0, 13.0, 0.0)}
     body = driver("a", places["a"], places["a"], 0.0).body
     service = MotionService(room(20, 17, [(0, 0, 20, 17)]))
-    found = Committed(service, [Rest(n, body, p) for n, p in places.items()])
+    found = ReservationTable(service, [Rest(n, body, p) for n, p in places.items()])
     decide(found, driver("a1", places["a"], (17.0, 8.0, 0.0), 60.0))
     decide(found, driver("b1", places["b"], (10.0, 8.0, 0.0), 150.0))
     decide(found, driver("b2", (10.0, 8.0, 0.0), places["b"], 200.0))
@@ -87,7 +87,7 @@ def test_a_way_past_all_ends_is_open_once_everybody_is_there():
     places = {"a": (10.0, 3.0, 0.0), "c": (3.0, 8.0, 0.0)}
     body = driver("a", places["a"], places["a"], 0.0).body
     service = MotionService(room(20, 17, [(0, 0, 20, 17)]))
-    floor = Committed(service, [Rest(n, body, p) for n, p in places.items()])
+    floor = ReservationTable(service, [Rest(n, body, p) for n, p in places.items()])
     through = driver("a1", places["a"], (10.0, 14.0, 0.0), 6.0)
     decide(floor, through)
     blocked = decide(floor, driver("a2", (10.0, 14.0, 0.0), (10.0, 8.0, 0.0), 20.0))

@@ -7,7 +7,7 @@ from pathlib import Path
 import uvicorn
 
 from up_samp.server.app import create_app
-from up_samp.server.jobs import JobQueue, Limits
+from up_samp.server.jobs import JobLimits, JobQueue
 
 FAKE = (sys.executable, str(Path(__file__).with_name("fake_worker.py")))
 
@@ -19,7 +19,7 @@ def free_port():
 
 
 def main():
-    limits = Limits(running=2, waiting=4, kept=20)
+    limits = JobLimits(running=2, waiting=4, kept=20)
     with JobQueue(limits, FAKE) as jobs:
         uvicorn.run(create_app(jobs), port=int(sys.argv[1]), log_level="error")
 

@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 
 psutil = pytest.importorskip("psutil")
-from up_samp.server.jobs import JobQueue, Limits, QueueFullError, State  # noqa: E402
+from up_samp.server.jobs import JobLimits, JobQueue, JobState, QueueFullError  # noqa: E402
 
 FAKE = (sys.executable, str(Path(__file__).with_name("fake_worker.py")))
 
 
 def jobs(**limits):
-    return JobQueue(Limits(**limits), FAKE)
+    return JobQueue(JobLimits(**limits), FAKE)
 
 
 def ask(*steps, timeout=30):
@@ -56,7 +56,7 @@ def test_a_job_without_a_plan_that_crashes_has_failed():
     with jobs() as server:
         job = server.submit(*ask("crash"))
         ending(job)
-        assert job.state is State.FAILED
+        assert job.state is JobState.FAILED
 
 
 def test_a_job_that_does_not_end_is_ended():
@@ -87,7 +87,7 @@ def test_stopping_ends_the_process_and_all_that_it_started():
                 break
         server.stop(job)
         ending(job)
-        assert job.state is State.STOPPED
+        assert job.state is JobState.STOPPED
         assert job.plan is not None
     left = [p for p in psutil.process_iter() if p.pid not in before and _is_fake(p)]
     assert not left
@@ -108,7 +108,7 @@ def test_a_waiting_job_can_be_stopped_and_never_starts():
         server.stop(second)
         server.stop(first)
         ending(second)
-        assert second.state is State.STOPPED
+        assert second.state is JobState.STOPPED
         assert second.plan is None
 
 
@@ -123,7 +123,7 @@ def test_a_job_that_has_ended_is_never_signalled(monkeypatch):
         monkeypatch.setattr("os.kill", lambda *process: signalled.append(process))
         server.stop(job)
     assert signalled == []
-    assert job.state is State.DONE
+    assert job.state is JobState.DONE
     assert job.plan is not None
 
 
@@ -171,7 +171,7 @@ def test_too_much_output_ends_the_job():
         for _ in job.follow():
             pass
         assert job.status()["message"] == "too much output"
-        assert job.state is State.FAILED
+        assert job.state is JobState.FAILED
 
 
 def test_old_results_are_forgotten():
@@ -196,4 +196,4 @@ def test_no_folder_is_left_behind(tmp_path, monkeypatch):
 @pytest.mark.parametrize("wrong", [{"running": 0}, {"seconds": float("nan")}, {"memory": -1}])
 def test_limits_that_make_no_sense_are_refused(wrong):
     with pytest.raises(ValueError, match=f"limit '{next(iter(wrong))}'"):
-        Limits(**wrong)
+        JobLimits(**wrong)

@@ -14,7 +14,7 @@ pytest.importorskip("fastapi")
 pytest.importorskip("uvicorn")
 from tests.server.client import serving
 from tests.server.requests import starter_request
-from up_samp.server.jobs import JobQueue, Limits
+from up_samp.server.jobs import JobLimits, JobQueue
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def starter(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def client():
-    with JobQueue(Limits(request=200_000)) as jobs, serving(jobs, ["robots.example"]) as client:
+    with JobQueue(JobLimits(request=200_000)) as jobs, serving(jobs, ["robots.example"]) as client:
         yield client
 
 
@@ -244,19 +244,19 @@ def test_a_client_that_comes_back_with_nonsense_begins_anew(client, solved):
 
 
 def test_a_body_that_does_not_arrive_is_not_waited_for():
-    with JobQueue(Limits(body_seconds=1)) as jobs, serving(jobs) as client:
+    with JobQueue(JobLimits(body_seconds=1)) as jobs, serving(jobs) as client:
         head = {"Content_Length": "100", "Content_Type": "application/json"}
         assert client.announce("/v1/plans", **head) == 408
 
 
 def test_what_arrives_at_once_is_bounded():
-    with JobQueue(Limits(arriving=1000)) as jobs, serving(jobs) as client:
+    with JobQueue(JobLimits(arriving=1000)) as jobs, serving(jobs) as client:
         answer = client.send("/v1/plans", b" " * 2000)
         assert answer.status_code == 503
 
 
 def test_what_takes_too_much_to_look_at_is_refused_and_the_next_is_not(starter):
-    with JobQueue(Limits(look_memory=2**27)) as jobs, serving(jobs) as client:
+    with JobQueue(JobLimits(look_memory=2**27)) as jobs, serving(jobs) as client:
         answer = client.send("/v1/plans", b"[" + b"[]," * 2_000_000 + b"[]]")
         assert answer.status_code == 422
         assert "too much memory" in answer.json()["detail"]

@@ -8,7 +8,7 @@ import numpy as np
 
 from up_samp.geometry.maps import write_map
 from up_samp.model import Outcome
-from up_samp.validation.collisions import Shape, hits_body, hits_map
+from up_samp.validation.collisions import JudgedShape, hits_body, hits_map
 from up_samp.validation.kinematics import motion_violations
 from up_samp.validation.limits import Limits
 from up_samp.validation.maps import BlockedMap
@@ -42,7 +42,7 @@ def judge(traffic, report, folder: Path):
             m.name, limits_of(m.object, m.body), trajectory.times, trajectory.poses
         )
         assert not list(broken)
-        shapes[m.name] = Shape(m.object, np.array(m.body.footprint))
+        shapes[m.name] = JudgedShape(m.object, np.array(m.body.footprint))
         tracks[m.name] = Track(trajectory.times, trajectory.poses, shapes[m.name].radius)
         assert hits_map(shapes[m.name], tracks[m.name], blocked, low, high) is None, m.name
     for a, b in itertools.combinations(found, 2):

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from up_samp.motion.fleet.cleared import but_cleared
+from up_samp.motion.fleet.workspace import but_cleared
 
 
 def rows_of(blocked):

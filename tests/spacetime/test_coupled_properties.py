@@ -11,13 +11,11 @@ from spacetime_oracle import CAR, motion, room
 from up_samp.geometry import load_map, write_map
 from up_samp.model import Deadline, GroupQuery, Outcome
 from up_samp.motion.fleet import coordinate
-from up_samp.motion.fleet.coupled import couple
-from up_samp.motion.fleet.priority_search import Group, Node, _search, alone
-from up_samp.motion.fleet.timed_path import run_of
-from up_samp.motion.fleet.timings import natural_timing
+from up_samp.motion.fleet.priority_search import Group, Node, _search, alone, couple
+from up_samp.motion.fleet.timed_path import natural_timing, run_of
 from up_samp.motion.fleet.workspace import workspace_of
 from up_samp.motion.service import MotionService
-from up_samp.validation.collisions import Shape, hits_body, hits_map
+from up_samp.validation.collisions import JudgedShape, hits_body, hits_map
 from up_samp.validation.kinematics import motion_violations
 from up_samp.validation.limits import Limits
 from up_samp.validation.maps import BlockedMap
@@ -25,7 +23,7 @@ from up_samp.validation.tracks import Track
 
 KIN = CAR.kinematics
 LIMITS = Limits("robot", "REEDSSHEPP", KIN.turning_radius, KIN.v_max, KIN.v_max, KIN.a_max, 1.0)
-SHAPE = Shape("robot", np.array(CAR.footprint))
+SHAPE = JudgedShape("robot", np.array(CAR.footprint))
 
 
 def judged(path, motions, trajectories):

@@ -8,9 +8,8 @@ from independent import judge
 from up_samp.benchmarks import tight_places as tight
 from up_samp.model import Deadline, GroupQuery, TimedMotion
 from up_samp.motion.fleet import coordinate
-from up_samp.motion.fleet.passing import pass_by
-from up_samp.motion.fleet.timed_path import run_of
-from up_samp.motion.fleet.timings import natural_timing
+from up_samp.motion.fleet.detours import pass_by
+from up_samp.motion.fleet.timed_path import natural_timing, run_of
 from up_samp.motion.fleet.workspace import workspace_of
 from up_samp.motion.service import MotionService
 

@@ -10,7 +10,7 @@ from spacetime_oracle import room
 from up_samp.model import Deadline, GroupQuery, Kinematics, MotionModel, Rest, TimedMotion
 from up_samp.model.bodies import Body
 from up_samp.motion import MotionService
-from up_samp.motion.fleet.precedence import one_decides, order_decides
+from up_samp.motion.fleet.coordination import one_decides, order_decides
 
 SIZE = 5
 

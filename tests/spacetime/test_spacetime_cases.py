@@ -16,11 +16,10 @@ from up_samp.model import (
     TimedMotion,
 )
 from up_samp.motion.fleet import coordinate, earliest_arrival
-from up_samp.motion.fleet.cell_times import Safe
-from up_samp.motion.fleet.coupled import couple
-from up_samp.motion.fleet.speed import Way, reachable
-from up_samp.motion.fleet.timed_path import run_of
-from up_samp.motion.fleet.timings import Speeds, natural_timing
+from up_samp.motion.fleet.paths import Safe
+from up_samp.motion.fleet.priority_search import couple
+from up_samp.motion.fleet.speed import TunedPath, reachable
+from up_samp.motion.fleet.timed_path import Speeds, natural_timing, run_of
 from up_samp.motion.fleet.workspace import rest_run, workspace_of
 from up_samp.motion.service import MotionService
 
@@ -279,7 +278,7 @@ def test_two_stops_a_hair_apart_cost_no_memory():
     halt = np.array([True, False, True, False, True, False, True])
     head = np.arange(len(edges) + 1)
     safe = np.tile([0.0, np.inf], (len(edges) + 1, 1))
-    way = Way(edges, halt, np.full(len(edges), 20.0))
+    way = TunedPath(edges, halt, np.full(len(edges), 20.0))
     index, sets = reachable(way, Speeds(20.0, 1.0), Safe(head, safe), 0.0, np.inf)
     assert len(index) <= 4 * len(edges) + 1
     last = (len(index) - 1) // len(edges) * (len(edges) - 1)

@@ -5,12 +5,11 @@ from independent import judge
 
 from up_samp.benchmarks import tight_places as tight
 from up_samp.model import Deadline, GroupReport, Outcome
-from up_samp.motion.fleet import coordinate, coupled
-from up_samp.motion.fleet.knots import Knot, untied
-from up_samp.motion.fleet.lacam import Agent, Joint
+from up_samp.motion.fleet import coordinate
+from up_samp.motion.fleet import priority_search as coupled
+from up_samp.motion.fleet.deadlocks import Agent, Joint, Knot, untied
 from up_samp.motion.fleet.roadmap import Roadmap, cells_of
-from up_samp.motion.fleet.timed_path import run_of
-from up_samp.motion.fleet.timings import natural_timing
+from up_samp.motion.fleet.timed_path import natural_timing, run_of
 from up_samp.motion.fleet.workspace import workspace_of
 from up_samp.motion.service import MotionService
 from up_samp.motion.tuning import CoupledTuning, FleetTuning, MotionTuning, RoadmapTuning

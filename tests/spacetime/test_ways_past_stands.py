@@ -7,7 +7,7 @@ import pytest
 from tests.spacetime.spacetime_oracle import room
 from up_samp.model import Body, Deadline, Kinematics, MotionModel, Rest, TimedMotion
 from up_samp.motion import MotionService
-from up_samp.motion.fleet.committed import Committed
+from up_samp.motion.fleet.reservations import ReservationTable
 
 BOX = ((-0.6, -0.4), (0.6, -0.4), (0.6, 0.4), (-0.6, 0.4))
 START, GOAL = (3.0, 8.0, 0.0), (17.0, 8.0, 0.0)
@@ -21,7 +21,7 @@ def floor_with(model, free):
     """Return a floor, and a motion across it whose best way is known."""
     service = MotionService(room(20, 17, free))
     body = body_of(model)
-    floor = Committed(service, [Rest("c", body, START)])
+    floor = ReservationTable(service, [Rest("c", body, START)])
     floor.kept_alive = service
     motion = TimedMotion("c1", "c", body, (START, GOAL), 0.0, math.inf)
     floor.alone(body, motion.poses, Deadline.never())

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from validation_kit import A, R, V, World, drive, hall, write_map
 
 from up_samp.model import Trajectory
-from up_samp.validation.collisions import Shape, hits_body, hits_map, placed
+from up_samp.validation.collisions import JudgedShape, hits_body, hits_map, placed
 from up_samp.validation.kinematics import motion_violations
 from up_samp.validation.limits import Limits
 from up_samp.validation.maps import BlockedMap
@@ -21,9 +21,9 @@ from up_samp.validation.tracks import Track
 LIMITS = Limits("r", "REEDSSHEPP", R, V, V, A, 1.0)
 CORNERS = np.array([(-1.0, -0.5), (1.0, -0.5), (1.0, 0.5), (-1.0, 0.5)])
 DOT = np.array([(-0.1, -0.1), (0.1, -0.1), (0.0, 0.1)])
-CAR = Shape("car", CORNERS)
+CAR = JudgedShape("car", CORNERS)
 # concave: a fork whose prongs point forwards
-FORK = Shape(
+FORK = JudgedShape(
     "fork",
     np.array(
         [(-1, -1), (1, -1), (1, -0.6), (-0.6, -0.6), (-0.6, 0.6), (1, 0.6), (1, 1), (-1, 1)],

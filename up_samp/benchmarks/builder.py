@@ -36,11 +36,11 @@ from unified_planning.shortcuts import (
     Or,
 )
 
-from up_samp.benchmarks.on_map import ProblemOnMap
 from up_samp.benchmarks.places import (
     CAR,
     ROBOT_FOOTPRINT,
-    Door,
+    FamilyDoor,
+    ProblemOnMap,
     duration_bounds,
 )
 from up_samp.benchmarks.published.form import PUBLISHED, Published
@@ -48,7 +48,7 @@ from up_samp.benchmarks.routes import (
     FluentRoutes,
     Passage,
     PrecedenceRoutes,
-    Routes,
+    RouteEncoding,
     apart,
     at_start,
     before,
@@ -97,7 +97,7 @@ class Family(ProblemOnMap):
         self.doors: list[MovableObject] = []
         self.busy: dict[str, list[Activity]] = {}
         self._door_at: Fluent | None = None
-        self.routes: Routes = (FluentRoutes if self.with_fluents else PrecedenceRoutes)(
+        self.routes: RouteEncoding = (FluentRoutes if self.with_fluents else PrecedenceRoutes)(
             self.problem, self.pose_type, self.robot_type
         )
 
@@ -122,7 +122,7 @@ class Family(ProblemOnMap):
         return robot
 
     def door(
-        self, door: Door, *, prefix: str
+        self, door: FamilyDoor, *, prefix: str
     ) -> tuple[MovableObject, ConfigurationObject, ConfigurationObject]:
         """Add a closed door; return it with its closed and its open configuration."""
         leaf = MovableObject(

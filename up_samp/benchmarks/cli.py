@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _run(args: argparse.Namespace) -> int:
     from up_samp.benchmarks import report, runner
-    from up_samp.benchmarks.runs import select, sweep
+    from up_samp.benchmarks.one_run import select, sweep
 
     specs = sweep(
         select(args.names),
@@ -125,7 +125,7 @@ def _report(args: argparse.Namespace) -> int:
 
 
 def _list(args: argparse.Namespace) -> int:
-    from up_samp.benchmarks.runs import select
+    from up_samp.benchmarks.one_run import select
 
     for chosen in select(args.names):
         print(chosen.name)

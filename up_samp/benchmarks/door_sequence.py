@@ -16,7 +16,7 @@ from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.shortcuts import Or
 
 from up_samp.benchmarks.maps import Rectangle, drawn_map, outer_wall
-from up_samp.benchmarks.places import Door, Pose, box, check_poses
+from up_samp.benchmarks.places import FamilyDoor, Pose, box, check_poses
 from up_samp.benchmarks.published.form import Form, Manner, Published
 from up_samp.model import ProblemError
 
@@ -49,13 +49,13 @@ PLAN = DoorSequencePlan()
 _UP = math.pi / 2
 
 
-def sequence_doors(doors: int) -> list[Door]:
+def sequence_doors(doors: int) -> list[FamilyDoor]:
     """Return the doors, 1 x 6 m; they open by 6 m along their wall."""
     found = []
     for i in range(doors):
         x = round(PLAN.wall(i), 2)
         button = (round(PLAN.button + PLAN.apart * i, 2), 15.0, -_UP)
-        found.append(Door(f"door{i}", box(1, 6), (x, 15.0, 0.0), (x, 21.0, 0.0), button))
+        found.append(FamilyDoor(f"door{i}", box(1, 6), (x, 15.0, 0.0), (x, 21.0, 0.0), button))
     return found
 
 

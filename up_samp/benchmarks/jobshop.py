@@ -27,7 +27,7 @@ from up_samp.benchmarks.maps import (
     job_shop_size,
     job_shop_walls,
 )
-from up_samp.benchmarks.places import Door, Pose, Shop, box, check_poses
+from up_samp.benchmarks.places import FamilyDoor, Pose, Shop, box, check_poses
 from up_samp.benchmarks.published.jobshop import published_job_shop
 from up_samp.model import ProblemError
 
@@ -50,10 +50,10 @@ SIZES = JobShopSizes()
 _UP = math.pi / 2
 
 
-def shop_door(i: int) -> Door:
+def shop_door(i: int) -> FamilyDoor:
     """Return door ``i``, in the gap of room ``i``."""
     x = SHOP.room_width * i
-    return Door(
+    return FamilyDoor(
         f"door{i}", box(1, 6), (25 + x, 32.0, _UP), (21 + x, 32.0, _UP), (25 + x, 29.0, _UP)
     )
 
@@ -167,7 +167,7 @@ def job_shop(
     return family.finish()
 
 
-def add_doors(family: Family, doors: list[Door]) -> list[ConfigurationObject]:
+def add_doors(family: Family, doors: list[FamilyDoor]) -> list[ConfigurationObject]:
     """Add closed ``doors`` that any robot may open; return the places of their buttons."""
     buttons = []
     for i, door in enumerate(doors):
@@ -198,7 +198,7 @@ def _operations(family: Family, data: Shop, stands: list[ConfigurationObject]) -
                 family.one_at_a_time((a, b))
 
 
-def _check(data: Shop, doors: list[Door]) -> None:
+def _check(data: Shop, doors: list[FamilyDoor]) -> None:
     poses = {f"start{r}": pose for r, pose in enumerate(data.starts)}
     poses |= {f"machine{m}": pose for m, pose in enumerate(data.machines)}
     poses |= {f"button{i}": door.button for i, door in enumerate(doors)}

@@ -25,7 +25,7 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import GE, LE, BoolType, Iff, Implies, Not, Or, Plus
 
 from up_samp.benchmarks.maps import Rectangle, drawn_map, outer_wall
-from up_samp.benchmarks.places import Door, Pose, box, check_poses
+from up_samp.benchmarks.places import FamilyDoor, Pose, box, check_poses
 from up_samp.benchmarks.published.form import Form, Manner, Published
 from up_samp.model import ProblemError
 
@@ -58,14 +58,16 @@ UNLOAD_WITHIN = (10, 20)
 _UP = math.pi / 2
 
 
-def kitting_doors(doors: int) -> list[Door]:
+def kitting_doors(doors: int) -> list[FamilyDoor]:
     """Return the doors: even ones below the aisle, odd ones above it."""
     found = []
     for i in range(doors):
         x = 25.0 + PLAN.room * (i // 2)
         y, inward = (PLAN.lower, 1.0) if i % 2 == 0 else (PLAN.upper, -1.0)
         button = (x, round(y + inward * PLAN.before, 3), 0.0)
-        found.append(Door(f"door{i}", box(1, 4.2), (x, y, _UP), (x - PLAN.slide, y, _UP), button))
+        found.append(
+            FamilyDoor(f"door{i}", box(1, 4.2), (x, y, _UP), (x - PLAN.slide, y, _UP), button)
+        )
     return found
 
 

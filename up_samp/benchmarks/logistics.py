@@ -26,7 +26,7 @@ from unified_planning.shortcuts import FALSE, TRUE, BoolType
 
 from up_samp.benchmarks.builder import Encoding, Family, is_published
 from up_samp.benchmarks.maps import LOGISTICS_SIZE, logistics_map, logistics_walls
-from up_samp.benchmarks.places import Door, Layout, Pose, box, check_poses
+from up_samp.benchmarks.places import FamilyDoor, Layout, Pose, box, check_poses
 from up_samp.benchmarks.published.logistics import published_logistics
 from up_samp.benchmarks.routes import at_start
 from up_samp.model import ProblemError
@@ -47,7 +47,7 @@ SIZES = LogisticsSizes()
 DoorState = Literal["closed", "open"]
 Sides = Literal["all", "corridor"]
 
-DOOR = Door("door", box(1, 10), (51.5, 30.0, 0.0), (51.5, 40.0, 0.0), (46.0, 30.0, 0.0))
+DOOR = FamilyDoor("door", box(1, 10), (51.5, 30.0, 0.0), (51.5, 40.0, 0.0), (46.0, 30.0, 0.0))
 
 _COLUMNS = (59.0, 71.0, 83.0, 95.0)
 _EXTRA_COLUMNS = (65.0, 77.0, 89.0, 54.0)

@@ -1,4 +1,6 @@
-"""Robots, doors, poses and duration bounds that all families share (the paper's figures)."""
+"""Robots, doors, poses and duration bounds that all families share (the paper's figures), and a
+problem under construction on one map.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +10,14 @@ from dataclasses import dataclass
 
 import shapely
 import shapely.affinity
+from unified_planning.model.motion import (
+    SE2,
+    ConfigurationKind,
+    ConfigurationObject,
+    OccupancyMap,
+    SchedulingMotionProblem,
+)
+from unified_planning.shortcuts import ConfigurationType, MinimizeMakespan
 
 from up_samp.benchmarks.maps import Rectangle
 from up_samp.model import ProblemError
@@ -32,18 +42,18 @@ CAR = Car()
 
 
 @dataclass(frozen=True)
-class Guess:
+class GuessedSpeeds:
     """Speeds (m/s) from which bounds on durations are guessed."""
 
     fastest: float = 20.0
     slowest: float = 0.1
 
 
-GUESS = Guess()
+GUESS = GuessedSpeeds()
 
 
 @dataclass(frozen=True)
-class Door:
+class FamilyDoor:
     """A door: its footprint (m, body frame), where it is closed and open, and its button."""
 
     name: str
@@ -111,7 +121,7 @@ def check_poses(
     walls: Sequence[Rectangle],
     poses: dict[str, Pose],
     *,
-    doors: Iterable[Door] = (),
+    doors: Iterable[FamilyDoor] = (),
     clearance: float = 0.5,
 ) -> None:
     """Check that robots may stand at all ``poses`` at the same time: inside the map, out of the
@@ -135,3 +145,25 @@ def check_poses(
         for j in tree.query(standing[name].buffer(clearance), predicate="intersects"):
             if i < j:
                 raise ProblemError(f"{name} and {names[j]} are less than {clearance} m apart")
+
+
+# ------------------ A problem under construction on one map: what every family begins with
+
+
+class ProblemOnMap:
+    """A problem with a map and named places on it; ``metric``: the makespan is minimised."""
+
+    def __init__(self, name: str, map_yaml: str, *, metric: bool, poses: str = "pose") -> None:
+        self.problem = SchedulingMotionProblem(name)
+        occupancy = OccupancyMap(map_yaml, SE2(0.0, 0.0, 0.0))
+        self.pose_type = ConfigurationType(poses, occupancy, ConfigurationKind.SE2)
+        self.poses: dict[str, Pose] = {}
+        if metric:
+            self.problem.add_quality_metric(MinimizeMakespan())
+
+    def place(self, name: str, pose: Pose) -> ConfigurationObject:
+        """Add a named configuration at ``pose`` (x, y, theta; m, rad; world frame)."""
+        place = ConfigurationObject(name, self.pose_type, SE2(*pose))
+        self.problem.add_object(place)
+        self.poses[name] = pose
+        return place

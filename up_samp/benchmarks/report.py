@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from up_samp.benchmarks.instances import instances
-from up_samp.benchmarks.runs import Record, RunSpec
+from up_samp.benchmarks.one_run import Record, RunSpec
 
 GROUPS = ("OC-DO", "OC-DC", "ALL-DO", "ALL-DC", "JSP")
 SIZES = (24, 24, 24, 24, 36)

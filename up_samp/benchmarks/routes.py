@@ -62,7 +62,7 @@ class Passage:
     implied: bool = False
 
 
-class Routes(Protocol):
+class RouteEncoding(Protocol):
     """Where robots are: one of the two encodings. Call ``finish`` after everything was told."""
 
     def start(self, robot: MovableObject, place: ConfigurationObject) -> None:
@@ -92,11 +92,11 @@ class FluentRoutes:
         problem.add_fluent(self.robot_at)
 
     def start(self, robot: MovableObject, place: ConfigurationObject) -> None:
-        """See :class:`Routes`."""
+        """See :class:`RouteEncoding`."""
         self.problem.set_initial_value(self.robot_at(robot), place)
 
     def move(self, passage: Passage) -> None:
-        """See :class:`Routes`."""
+        """See :class:`RouteEncoding`."""
         a, at = passage.activity, self.robot_at(passage.robot)
         a.add_condition(at_start(a), Equals(at, passage.origin))
         a.add_effect(a.end, at, passage.to)
@@ -104,17 +104,17 @@ class FluentRoutes:
     def stand(
         self, robot: MovableObject, a: Activity, place: ConfigurationObject, implied: bool = False
     ) -> None:
-        """See :class:`Routes`."""
+        """See :class:`RouteEncoding`."""
         a.add_condition(throughout(a), Equals(self.robot_at(robot), place))
 
     def end(self, robot: MovableObject, place: ConfigurationObject) -> None:
-        """See :class:`Routes`."""
+        """See :class:`RouteEncoding`."""
         self.problem.add_condition(
             TimePointInterval(GlobalEndTiming()), Equals(self.robot_at(robot), place)
         )
 
     def finish(self) -> None:
-        """See :class:`Routes`."""
+        """See :class:`RouteEncoding`."""
 
 
 @dataclass
@@ -152,11 +152,11 @@ class PrecedenceRoutes:
         return self.itineraries.setdefault(robot.name, _Itinerary())
 
     def start(self, robot: MovableObject, place: ConfigurationObject) -> None:
-        """See :class:`Routes`."""
+        """See :class:`RouteEncoding`."""
         self._of(robot).start = place.name
 
     def move(self, passage: Passage) -> None:
-        """See :class:`Routes`."""
+        """See :class:`RouteEncoding`."""
         itinerary, a, origin = self._of(passage.robot), passage.activity, passage.origin.name
         itinerary.departures.setdefault(origin, []).append(a)
         itinerary.arrivals.setdefault(passage.to.name, []).append(a)
@@ -166,16 +166,16 @@ class PrecedenceRoutes:
     def stand(
         self, robot: MovableObject, a: Activity, place: ConfigurationObject, implied: bool = False
     ) -> None:
-        """See :class:`Routes`."""
+        """See :class:`RouteEncoding`."""
         if not implied:
             self._of(robot).needs.append((a, place.name))
 
     def end(self, robot: MovableObject, place: ConfigurationObject) -> None:
-        """See :class:`Routes`."""
+        """See :class:`RouteEncoding`."""
         self._of(robot).end = place.name
 
     def finish(self) -> None:
-        """See :class:`Routes`."""
+        """See :class:`RouteEncoding`."""
         for itinerary in self.itineraries.values():
             for a, place in itinerary.needs:
                 if self._helpers_are_shorter(itinerary, place):

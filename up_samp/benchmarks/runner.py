@@ -25,8 +25,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from up_samp.benchmarks.one_run import began_file, machine, versions
-from up_samp.benchmarks.runs import Record, RunSpec
+from up_samp.benchmarks.one_run import Record, RunSpec, began_file, machine, versions
 from up_samp.model import EngineError
 from up_samp.system import child
 

@@ -44,7 +44,7 @@ FT06: tuple[tuple[tuple[int, int], ...], ...] = (
 
 
 @dataclass(frozen=True)
-class Trip:
+class ItemTrip:
     """One trip of an item by one robot: load, carry, unload."""
 
     robot: MovableObject
@@ -149,7 +149,7 @@ class Loads:
 
     def __init__(self, family: Family, pallets: list[ConfigurationObject]) -> None:
         self.family = family
-        self.legs: list[Trip] = []
+        self.legs: list[ItemTrip] = []
         self.arrivals: dict[tuple[int, int], list[Activity]] = {}
         self.items: list[Object] = []
         if not family.with_fluents:
@@ -171,7 +171,7 @@ class Loads:
             move.add_condition(at_start(move), Equals(self.carries(robot), self.nothing))
 
     def leg(
-        self, leg: Trip, j: int, k: int, origin: ConfigurationObject, to: ConfigurationObject
+        self, leg: ItemTrip, j: int, k: int, origin: ConfigurationObject, to: ConfigurationObject
     ) -> None:
         """``leg`` takes item ``j`` from ``origin`` to ``to`` as its trip number ``k``."""
         self.legs.append(leg)
@@ -249,7 +249,7 @@ def _legs(
             robot, origin, to, f"carry_{robot.name}_i{j}_{k}_to_{to.name}", implied=True
         )
         unload = family.work(robot, f"unload_{robot.name}_i{j}_{k}", to, HANDLING, implied=True)
-        hands.leg(Trip(robot, load, carry, unload), j, k, origin, to)
+        hands.leg(ItemTrip(robot, load, carry, unload), j, k, origin, to)
         loads.append(load)
         unloads.append(unload)
     family.exactly_one(loads)

@@ -69,7 +69,7 @@ WAREHOUSE_ENCODINGS: tuple[WarehouseEncoding, ...] = ("moves", "compact")
 
 
 @dataclass(frozen=True)
-class Store:
+class WarehouseLayout:
     """A floor plan: size (m), walls and shelves, and where robots can stand (x, y, theta)."""
 
     size: tuple[float, float]
@@ -97,7 +97,7 @@ def instance_name(robots: int, orders: int) -> str:
     return f"warehouse-r{robots}-o{orders}"
 
 
-def store(robots: int) -> Store:
+def store(robots: int) -> WarehouseLayout:
     """Return the floor plan for that many robots: about three aisles for four of them."""
     rows = max(2, round(math.sqrt(robots / 5)) + 1)
     columns = max(3, math.ceil(1.5 * robots / rows) + 1)
@@ -114,7 +114,7 @@ def store(robots: int) -> Store:
         for share in (0.25, 0.75)
     ]
     stands = max(2, robots // 2)
-    return Store(
+    return WarehouseLayout(
         (round(width, 1), round(height, 1)),
         (*outer_wall(width, height), *blocks),
         tuple((2.0 + 2.2 * i, 1.2, math.pi / 2) for i in range(robots)),
@@ -126,7 +126,7 @@ def store(robots: int) -> Store:
     )
 
 
-def draw_orders(plan: Store, orders: int, seed: int) -> list[TransportOrder]:
+def draw_orders(plan: WarehouseLayout, orders: int, seed: int) -> list[TransportOrder]:
     """Draw orders: every fifth has a latest end, of the rest every fourth is optional."""
     rng = random.Random(1000 * orders + seed)
     free: list[int] = []
@@ -177,7 +177,7 @@ def warehouse(
 class _Work:
     """A warehouse problem under construction."""
 
-    def __init__(self, title: str, plan: Store, *, compact: bool) -> None:
+    def __init__(self, title: str, plan: WarehouseLayout, *, compact: bool) -> None:
         self.plan, self.compact = plan, compact
         self.problem = SchedulingMotionProblem(title)
         file = drawn_map(f"warehouse-{len(plan.docks)}", plan.size, plan.walls)

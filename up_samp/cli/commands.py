@@ -1,4 +1,4 @@
-"""The commands that plan, judge, draw and compile; each adds its arguments and runs."""
+"""The commands that plan, judge, draw, check, export, serve and compile, with their arguments."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.benchmarks import logistics
 from up_samp.benchmarks.builder import ENCODINGS
-from up_samp.cli.fleets import tell_findings
 from up_samp.cli.outputs import write_outputs
 from up_samp.cli.problems import (
     add_problem_arguments,
@@ -23,12 +22,176 @@ from up_samp.cli.problems import (
     problem_of_plan,
     settings_of,
 )
+from up_samp.cli.progress import table
 from up_samp.cli.solving import add_solver_arguments, describe, judge, solve_and_show
-from up_samp.cli.table import table
+from up_samp.execution import dependency_faults
+from up_samp.execution.check import refuse
+from up_samp.export import FORMATS, export_plan
 from up_samp.io import read_plan
-from up_samp.model import ProblemError
+from up_samp.model import ProblemError, UnsupportedError
 from up_samp.model.errors import short
 from up_samp.system.files import check_folder
+
+
+def add_serve(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``serve``."""
+    parser.add_argument("--host", default="127.0.0.1", help="(default: %(default)s)")
+    parser.add_argument("--port", type=int, default=8008, metavar="N", help="(default: 8008)")
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="jobs at the same time")
+    parser.add_argument("--queue", type=int, default=8, metavar="N", help="jobs that may wait")
+    parser.add_argument(
+        "--timeout", type=float, default=600.0, metavar="S", help="longest search, in seconds"
+    )
+    parser.add_argument(
+        "--memory", type=float, default=6.0, metavar="GIB", help="address space of a job"
+    )
+    parser.add_argument(
+        "--allow-host",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="answer requests to this name, too (else: localhost, and what --host names)",
+    )
+    parser.set_defaults(run=_serve)
+
+
+def _serve(args: argparse.Namespace) -> int:
+    try:
+        import uvicorn
+
+        from up_samp.server.app import create_app
+        from up_samp.server.jobs import JobLimits, JobQueue
+    except ImportError as error:
+        raise UnsupportedError(
+            f"the service needs the extra [server] ({error.name} is missing): "
+            "pip install fastapi uvicorn"
+        ) from error
+    limits = JobLimits(
+        running=args.jobs,
+        waiting=args.queue,
+        seconds=args.timeout,
+        memory=round(args.memory * 2**30),
+    )
+    with JobQueue(limits) as jobs:
+        print(f"up-samp serves at http://{args.host}:{args.port}/", flush=True)
+        uvicorn.run(
+            create_app(jobs, {args.host, *args.allow_host}),
+            host=args.host,
+            port=args.port,
+            log_level="warning",
+            limit_concurrency=limits.connections,
+        )
+    return 0
+
+
+# ------------------ ``up-samp export``: a plan file in other people's formats
+
+
+def add_export(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``export``."""
+    parser.add_argument("plan", type=Path, metavar="PLAN.json")
+    parser.add_argument("--to", choices=tuple(FORMATS), required=True)
+    parser.add_argument("--out", type=Path, default=Path("."), metavar="DIR")
+    parser.add_argument(
+        "--problem",
+        default=None,
+        metavar="PROBLEM",
+        help="the plan's problem, as for 'up-samp solve': the plan's graph is checked against it",
+    )
+    parser.add_argument("--encoding", choices=ENCODINGS, default="lean")
+    parser.set_defaults(run=_export)
+
+
+def _export(args: argparse.Namespace) -> int:
+    plan = read_plan(args.plan)
+    if args.problem is not None:
+        refuse(dependency_faults(problem_of_plan(args.problem, args.encoding, plan), plan), plan)
+    files = export_plan(plan, args.to, args.out)
+    print("\n".join(str(f) for f in files))
+    return 0
+
+
+# ------------------ The commands for problem files: ``new`` and ``check``
+
+
+def add_new(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``new``."""
+    parser.add_argument("folder", type=Path, metavar="DIR")
+    parser.set_defaults(run=_new)
+
+
+def _new(args: argparse.Namespace) -> int:
+    from up_samp.fleet.starter import write_starter
+
+    files = write_starter(args.folder)
+    print("\n".join(str(f) for f in files))
+    print(f"next: up-samp check {files[0]}")
+    return 0
+
+
+def add_check(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``check``."""
+    parser.add_argument("problem", type=Path, metavar="PROBLEM.yaml")
+    parser.add_argument(
+        "--out", type=Path, default=None, metavar="FILE.png",
+        help="the picture (default: beside the problem file)",
+    )  # fmt: skip
+    parser.set_defaults(run=_check)
+
+
+def _check(args: argparse.Namespace) -> int:
+    """Return 0 where nothing is wrong, 1 where something is."""
+    from up_samp.fleet import read_problem_file
+    from up_samp.fleet.checks import Level, check_fleet
+    from up_samp.fleet.picture import draw_fleet
+
+    records, folder = read_problem_file(args.problem), args.problem.parent
+    findings = check_fleet(records, folder)
+    for finding in findings:
+        print(finding)
+    figure = draw_fleet(records, folder, findings).get_figure(root=True)
+    assert figure is not None
+    picture = args.out or args.problem.with_suffix(".check.png")
+    figure.savefig(picture)
+    errors = sum(f.level is Level.ERROR for f in findings)
+    warnings = sum(f.level is Level.WARNING for f in findings)
+    what = f"{len(records.robots)} robots, {len(records.orders)} orders, {len(records.tasks)} tasks"
+    print(f"{what}: {errors} errors, {warnings} warnings; see {picture}")
+    return 1 if errors else 0
+
+
+def tell_findings(file: str) -> None:
+    """Print what a look at a problem file finds, where solving found no plan."""
+    from up_samp.fleet import Fleet
+
+    for finding in Fleet.from_file(file).check():
+        print(f"  {finding}")
+
+
+def add_import(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``import``."""
+    parser.add_argument("source", type=Path, metavar="FILE")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--kind", default=None, help="what it is, where its name does not tell")
+    parser.add_argument("--cell", type=float, default=1.0, metavar="M", help="a cell or unit, in m")
+    parser.add_argument("--map", type=Path, default=None, metavar="MAP.yaml", help="for LIF")
+    parser.add_argument("--robots", type=int, default=2, metavar="N", help="take so many at most")
+    parser.add_argument("--jobs", type=int, default=4, metavar="N", help="take so many at most")
+    parser.set_defaults(run=_import)
+
+
+def _import(args: argparse.Namespace) -> int:
+    from up_samp.fleet.importers import Options, import_file
+
+    options = Options(args.cell, args.map, args.robots, args.jobs)
+    found = import_file(args.source, args.out, args.kind, options)
+    for note in found.notes:
+        print(note)
+    print(f"written: {found.problem}\nnext: up-samp check {found.problem}")
+    return 0
+
+
+# ------------------ The commands that plan, judge, draw and compile; each adds its arguments and ru
 
 
 def add_demo(parser: argparse.ArgumentParser) -> None:

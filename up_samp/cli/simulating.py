@@ -14,7 +14,7 @@ from unified_planning.exceptions import UPException
 
 from up_samp.benchmarks.builder import ENCODINGS
 from up_samp.cli.problems import problem_of_plan
-from up_samp.cli.table import table
+from up_samp.cli.progress import table
 from up_samp.io import PlanDict, read_plan, write_plan
 from up_samp.model import ProblemError, SampError
 from up_samp.tuning import tuning_of
@@ -93,14 +93,14 @@ def _simulate(args: argparse.Namespace) -> int:
     tuning = tuning_of(args.tuning).execution
     found = dependencies_from_plan(plan, problem)
     runs: list[Simulation] = []
-    failed: list[Failure] = []
+    failed: list[FailedRun] = []
     for policy in policies:
         run = _executions(policy, found, plan, problem, delays, args.late, tuning)
         for seed in range(args.seed, args.seed + args.runs):
             try:
                 runs.append(run(seed))
             except (SampError, UPException) as error:
-                failed.append(Failure(policy, seed, " ".join(str(error).split())))
+                failed.append(FailedRun(policy, seed, " ".join(str(error).split())))
     print(_table(policies, runs, failed))
     if args.out is not None:
         files = write_runs(plan, runs, args.out, failed)
@@ -109,7 +109,7 @@ def _simulate(args: argparse.Namespace) -> int:
     return 1 if bad or failed else 0
 
 
-class Failure(NamedTuple):
+class FailedRun(NamedTuple):
     """A run that could not be carried out, and why."""
 
     policy: str
@@ -146,7 +146,7 @@ def _policies(runs: Sequence[Simulation]) -> list[str]:
 
 
 def _table(
-    policies: Sequence[str], runs: Sequence[Simulation], failed: Sequence[Failure] = ()
+    policies: Sequence[str], runs: Sequence[Simulation], failed: Sequence[FailedRun] = ()
 ) -> str:
     """Return a row for each policy, and a line for each reason for which runs failed."""
     rows, reasons = [], []
@@ -185,7 +185,7 @@ def _table(
 
 
 def write_runs(
-    plan: PlanDict, runs: Sequence[Simulation], folder: Path, failed: Sequence[Failure] = ()
+    plan: PlanDict, runs: Sequence[Simulation], folder: Path, failed: Sequence[FailedRun] = ()
 ) -> list[Path]:
     """Write ``runs.csv``, the median run's record and pictures; return the files."""
     from up_samp.plotting import plot_executed, plot_makespans

@@ -15,8 +15,7 @@ from unified_planning.plans import Schedule
 from unified_planning.shortcuts import OneshotPlanner
 
 from up_samp.cli.outputs import write_outputs
-from up_samp.cli.progress import Progress
-from up_samp.cli.table import schedule_table
+from up_samp.cli.progress import Progress, schedule_table
 from up_samp.engines.factory import engine_named
 from up_samp.io import PlanDict, result_to_dict, write_plan
 from up_samp.model import UnsupportedError

@@ -25,7 +25,7 @@ from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.plans import Schedule
 
 from up_samp.engines.direct import Call, DirectFace
-from up_samp.engines.statuses import STATUSES
+from up_samp.engines.results import STATUSES
 from up_samp.model import (
     CandidateSchedule,
     Deadline,
@@ -38,7 +38,62 @@ from up_samp.model.errors import short
 
 if TYPE_CHECKING:
     from up_samp.scheduling.cpsat import CpsatSession
-from up_samp.engines.cpsat_features import FEATURES
+
+
+FEATURES = [
+    "SCHEDULING",
+    "OPTIONAL_ACTIVITIES",
+    "SCOPED_CONSTRAINTS",
+    "SIMPLE_NUMERIC_PLANNING",
+    "GENERAL_NUMERIC_PLANNING",
+    "BOUNDED_TYPES",
+    "DISCRETE_NUMBERS",
+    "DISCRETE_TIME",
+    "CONTINUOUS_TIME",
+    "INTERMEDIATE_CONDITIONS_AND_EFFECTS",
+    "EXTERNAL_CONDITIONS_AND_EFFECTS",
+    "TIMED_EFFECTS",
+    "TIMED_GOALS",
+    "DURATION_INEQUALITIES",
+    "SELF_OVERLAPPING",
+    "STATIC_FLUENTS_IN_DURATIONS",
+    "FLUENTS_IN_DURATIONS",
+    "INT_TYPE_DURATIONS",
+    "REAL_TYPE_DURATIONS",
+    "NEGATIVE_CONDITIONS",
+    "DISJUNCTIVE_CONDITIONS",
+    "EXISTENTIAL_CONDITIONS",
+    "UNIVERSAL_CONDITIONS",
+    "FORALL_EFFECTS",
+    "EQUALITIES",
+    "CONDITIONAL_EFFECTS",
+    "INCREASE_EFFECTS",
+    "DECREASE_EFFECTS",
+    "STATIC_FLUENTS_IN_BOOLEAN_ASSIGNMENTS",
+    "STATIC_FLUENTS_IN_NUMERIC_ASSIGNMENTS",
+    "STATIC_FLUENTS_IN_OBJECT_ASSIGNMENTS",
+    "FLUENTS_IN_BOOLEAN_ASSIGNMENTS",
+    "FLUENTS_IN_NUMERIC_ASSIGNMENTS",
+    "FLUENTS_IN_OBJECT_ASSIGNMENTS",
+    "FLAT_TYPING",
+    "HIERARCHICAL_TYPING",
+    "INT_FLUENTS",
+    "OBJECT_FLUENTS",
+    "NUMERIC_FLUENTS",
+    "BOOL_FLUENT_PARAMETERS",
+    "BOUNDED_INT_FLUENT_PARAMETERS",
+    "BOOL_ACTION_PARAMETERS",
+    "BOUNDED_INT_ACTION_PARAMETERS",
+    "UNBOUNDED_INT_ACTION_PARAMETERS",
+    "MAKESPAN",
+    "FINAL_VALUE",
+    "OVERSUBSCRIPTION",
+    "INT_NUMBERS_IN_OVERSUBSCRIPTION",
+]
+
+
+# ------------------ ``cpsat``: exact scheduling on OR-Tools CP-SAT, as a Unified Planning engine
+
 
 # OR-Tools and the validator are imported when a problem is solved: UP imports this module when it
 # is asked for its engines

@@ -14,7 +14,7 @@ from unified_planning.engines.mixins.oneshot_planner import OptimalityGuarantee
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.plans import Plan, Schedule
 
-from up_samp.engines.statuses import STATUSES
+from up_samp.engines.results import STATUSES
 from up_samp.model import (
     Deadline,
     OutOfTimeError,

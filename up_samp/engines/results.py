@@ -14,7 +14,7 @@ from unified_planning.engines import (
 )
 from unified_planning.plans import Plan
 
-from up_samp.model import Deadline
+from up_samp.model import Deadline, ScheduleStatus
 from up_samp.model.errors import short
 from up_samp.model.refinement import Layer
 from up_samp.search.params import Parameters
@@ -23,6 +23,19 @@ if TYPE_CHECKING:
     from up_samp.search.conclusion import Conclusion
     from up_samp.search.history import History, ProgressEvent
     from up_samp.search.search import Search
+
+
+STATUSES = {
+    ScheduleStatus.OPTIMAL: PlanGenerationResultStatus.SOLVED_OPTIMALLY,
+    ScheduleStatus.FOUND: PlanGenerationResultStatus.SOLVED_SATISFICING,
+    ScheduleStatus.INFEASIBLE: PlanGenerationResultStatus.UNSOLVABLE_PROVEN,
+    ScheduleStatus.NOT_FOUND: PlanGenerationResultStatus.UNSOLVABLE_INCOMPLETELY,
+    ScheduleStatus.OUT_OF_TIME: PlanGenerationResultStatus.TIMEOUT,
+    ScheduleStatus.ERROR: PlanGenerationResultStatus.INTERNAL_ERROR,
+}
+
+
+# ------------------ What ``samp-refine`` tells of a search in UP's words: statuses, metrics, messag
 
 
 _STATUSES = {

@@ -18,12 +18,10 @@ from unified_planning.engines import (
 from unified_planning.engines.mixins.anytime_planner import AnytimeGuarantee, AnytimePlannerMixin
 from unified_planning.engines.mixins.oneshot_planner import OneshotPlannerMixin, OptimalityGuarantee
 from unified_planning.model import ProblemKind
-from unified_planning.model.motion import SchedulingMotionProblem
+from unified_planning.model.motion import MotionModels, MovableObject, SchedulingMotionProblem
 from unified_planning.plans import Plan, Schedule
 
-from up_samp.engines.compiling import begin_compiling
 from up_samp.engines.direct import Call
-from up_samp.engines.kinds import proves_optima, samp_kind
 from up_samp.engines.replanning import AgainFace
 from up_samp.engines.results import (
     SampResult,
@@ -37,6 +35,7 @@ from up_samp.engines.results import (
 from up_samp.model import (
     Deadline,
     EngineError,
+    MotionModel,
     OutOfTimeError,
     ProblemError,
     Refusal,
@@ -50,10 +49,90 @@ from up_samp.search.params import split_parameters
 from up_samp.system.interrupts import interrupt_behind
 
 if TYPE_CHECKING:
-    from up_samp.search.bounds import Incumbent
+    from up_samp.motion.compile import Compilation
     from up_samp.search.conclusion import SearchResult
+    from up_samp.search.knowledge import Incumbent
     from up_samp.search.search import Search
     from up_samp.upio import SampSchedule
+
+
+def begin_compiling(problem: SchedulingMotionProblem) -> Compilation:
+    """Begin to compile what the problem's bodies need, once per machine, before the clock runs and
+    beside the imports.
+    """
+    from up_samp.motion.compile import begin
+
+    movers = _movers(problem)
+    kinds = [o.motion_model for o in movers if isinstance(o.motion_model, MotionModels)]
+    models = {MotionModel[k.name] for k in kinds}  # the others are refused by name later
+    return begin(models, several=len(movers) > 1)
+
+
+def _movers(problem: SchedulingMotionProblem) -> set[MovableObject]:
+    """Return what is moved by a motion constraint (doors and loads change place in one instant)."""
+    moved = (c.movable for a in problem.motion_activities for c in a.motion_constraints)
+    return {expression.object() for expression in moved if expression.is_object_exp()}
+
+
+# ------------------ Which problems ``samp-refine`` takes, given the engine that it wraps
+
+
+COMPILED = (
+    "SCHEDULING",
+    "OPTIONAL_ACTIVITIES",
+    "SCOPED_CONSTRAINTS",
+    "EXISTENTIAL_CONDITIONS",
+    "UNIVERSAL_CONDITIONS",
+    "FORALL_EFFECTS",
+    "NEGATIVE_CONDITIONS",
+    "DISJUNCTIVE_CONDITIONS",
+    "EQUALITIES",
+    "OBJECT_FLUENTS",
+    "FLAT_TYPING",
+    "HIERARCHICAL_TYPING",
+    "BOOL_ACTION_PARAMETERS",
+    "BOUNDED_TYPES",
+    "DISCRETE_NUMBERS",
+    "DISCRETE_TIME",
+    "CONTINUOUS_TIME",
+    "TIMED_EFFECTS",
+    "TIMED_GOALS",
+    "DURATION_INEQUALITIES",
+    "INT_TYPE_DURATIONS",
+    "REAL_TYPE_DURATIONS",
+    "INTERMEDIATE_CONDITIONS_AND_EFFECTS",
+    "EXTERNAL_CONDITIONS_AND_EFFECTS",
+    "MAKESPAN",
+)
+"""What the compilers bring to every engine that can schedule."""
+
+PASSED_ON = (
+    "SELF_OVERLAPPING",
+    "STATIC_FLUENTS_IN_DURATIONS",
+    "STATIC_FLUENTS_IN_BOOLEAN_ASSIGNMENTS",
+    "STATIC_FLUENTS_IN_OBJECT_ASSIGNMENTS",
+)
+"""What a wrapped engine keeps of its own kind. Of what is not here some problems can be told to
+it and some cannot, which a kind does not tell (numbers that are assigned, counted, or read over
+intervals; effects on conditions; durations of parameters): engines that are asked by name try."""
+
+_OTHER_METRICS = ("ACTIONS_COST", "FINAL_VALUE", "PLAN_LENGTH", "OVERSUBSCRIPTION")
+
+
+def samp_kind(engine: Any) -> ProblemKind:
+    """Return what an engine's kind (a UP engine class) becomes with compilers and motions."""
+    kind = engine.supported_kind()  # which engines may share: it is not changed
+    if getattr(engine, "has_sessions", False):  # nothing is compiled for it
+        return ProblemKind({*kind.features, "SAMP"}, version=kind.version)
+    own = {f for f in PASSED_ON if f in kind.features}
+    return ProblemKind({*COMPILED, *own, "SAMP"}, version=kind.version)
+
+
+def proves_optima(problem_kind: ProblemKind) -> bool:
+    """Return whether optima of such problems are proven: with motions, of the makespan alone."""
+    features = problem_kind.features
+    return "SAMP" not in features or not any(m in features for m in _OTHER_METRICS)
+
 
 # schedulers, motion planners and the validator are imported when a problem is solved: UP imports
 # this module when it is asked for its engines

@@ -1,16 +1,14 @@
 """Plans that survive the floor: what depends on what, and what to do now."""
 
 from up_samp.execution.build import Dependencies, coarse, dependencies_of
-from up_samp.execution.commands import Command, Do, Go, Hold
-from up_samp.execution.delays import Delays
 from up_samp.execution.executor import Executor
 from up_samp.execution.files import dependencies_from_plan, dependency_faults, with_dependencies
 from up_samp.execution.graph import At, Bound, Edge, Event, Graph, PlannedTask
+from up_samp.execution.remaining import Remaining, Surprise
 from up_samp.execution.reorder import Reorderer
 from up_samp.execution.replan import Incident, Journey, simulate_replanned, solve_remaining
-from up_samp.execution.reports import Heard, Overrun, Reply
-from up_samp.execution.simulate import Simulation, simulate
-from up_samp.execution.surprise import Remaining, Surprise
+from up_samp.execution.reports import Command, Do, Go, Heard, Hold, Overrun, Reply
+from up_samp.execution.simulate import Delays, Simulation, simulate
 from up_samp.model.execution_tuning import ExecutionTuning
 
 __all__ = [

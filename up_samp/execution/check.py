@@ -15,12 +15,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from up_samp.execution.draft import why_of
-from up_samp.execution.graph import ORIGIN, At, Edge, Event, Graph, PlannedTask
-from up_samp.execution.lives import Drive, Life, in_turn
-from up_samp.execution.meetings import Meeting
-from up_samp.execution.reduce import MEETING
-from up_samp.execution.staircase import steps_of
+from up_samp.execution.build import why_of
+from up_samp.execution.graph import MEETING, ORIGIN, At, Edge, Event, Graph, PlannedTask
+from up_samp.execution.lives import DriveCells, Life, in_turn
+from up_samp.execution.meetings import Meeting, steps_of
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.plan_dict import PlanDict
 from up_samp.io.shape import distance, number, text
@@ -210,7 +208,7 @@ def place_faults(plan: PlanDict, lives: Mapping[str, Life], events: Iterable[Eve
     return [*found, *dict.fromkeys(_lost(events, drives))]
 
 
-def _lost(events: Iterable[Event], drives: Mapping[tuple[str, str], Drive]) -> Iterator[str]:
+def _lost(events: Iterable[Event], drives: Mapping[tuple[str, str], DriveCells]) -> Iterator[str]:
     for event in events:
         if event.at not in (At.REACH, At.LEAVE):
             continue

@@ -11,17 +11,19 @@ from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.plans import Schedule
 
 from up_samp.execution.build import Dependencies, dependencies_of, with_sides
-from up_samp.execution.commands import Command, Do, Go, Hold
 from up_samp.execution.files import dependencies_from_plan, event_from_list, event_to_list
 from up_samp.execution.forecast import Forecast, forecast, routes_of
 from up_samp.execution.graph import At, Event, Graph
 from up_samp.execution.meetings import Narrow
-from up_samp.execution.pace import Pace
-from up_samp.execution.remaining import remaining_problem
-from up_samp.execution.reorder import Proposal, adopt, propose
+from up_samp.execution.remaining import Remaining, Surprise, remaining_problem
+from up_samp.execution.reorder import Proposal, adopt, planned_sides, propose
 from up_samp.execution.reports import (
     TAKEN,
+    Command,
+    Do,
+    Go,
     Heard,
+    Hold,
     Overrun,
     Reply,
     clock_doubt,
@@ -29,9 +31,7 @@ from up_samp.execution.reports import (
     is_number,
     kept_away,
 )
-from up_samp.execution.sides import planned_sides
-from up_samp.execution.state import Phase, Squeezed, State, Way
-from up_samp.execution.surprise import Remaining, Surprise
+from up_samp.execution.state import FloorState, MotionUnderWay, RobotPace, Squeezed, TaskPhase
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import Along, along
 from up_samp.io.floors import map_number, side_by_side
@@ -81,10 +81,10 @@ class Executor:
         graph = self.dependencies.graph
         if localisation is None:
             localisation = self.dependencies.localisation or TOLERANCES.localisation
-        self.state = State(graph, self.dependencies.travels, tolerance, localisation)
+        self.state = FloorState(graph, self.dependencies.travels, tolerance, localisation)
         self.routes = routes_of(graph, self.state.ways)
         self.tuning = tuning or ExecutionTuning()
-        self.pace = Pace(self.tuning.pace)
+        self.pace = RobotPace(self.tuning.pace)
         self.sides: dict[tuple[str, str, int], bool] = {}
         """Components that are passed on another side than planned (see ``reorder``)."""
         self.turned: frozenset[int] = frozenset()
@@ -239,7 +239,7 @@ class Executor:
         self._told[robot] = now
         return self._take(way, progress)
 
-    def _take(self, way: Way, progress: float) -> Reply:
+    def _take(self, way: MotionUnderWay, progress: float) -> Reply:
         self._held.pop(way.object, None)
         self.pace.told(way, progress, self.state.now, self.state.until(way))
         self.state.move(way, progress)
@@ -264,13 +264,15 @@ class Executor:
         self.state.tick(now)
         return None
 
-    def _other_motion(self, robot: str, way: Way | None, motion: str | None) -> Reply | None:
+    def _other_motion(
+        self, robot: str, way: MotionUnderWay | None, motion: str | None
+    ) -> Reply | None:
         """Return an answer to what is told of another motion than the one under way."""
         if motion is None or (way is not None and way.activity == motion):
             return None
         if (motion, robot) not in self.state.ways:
             return Reply(Heard.IGNORED, f"the plan has no motion '{motion}' of '{robot}'")
-        if self.state.phase[motion] is Phase.DONE:
+        if self.state.phase[motion] is TaskPhase.DONE:
             return Reply(Heard.IGNORED, f"'{motion}' is over")
         if way is None:
             return None
@@ -289,8 +291,8 @@ class Executor:
         self._held[robot] = "it drives, but no motion of it is under way"
         return Reply(Heard.HELD, self._held[robot])
 
-    def _over(self, way: Way) -> bool:
-        return self.state.phase[way.activity] is Phase.DONE
+    def _over(self, way: MotionUnderWay) -> bool:
+        return self.state.phase[way.activity] is TaskPhase.DONE
 
     def progress_of(self, activity: str, robot: str, pose: Sequence[float]) -> Along:
         """Return how far along its path a robot is that stands at ``pose`` (x, y, theta; the plan's
@@ -315,7 +317,7 @@ class Executor:
         frames = side_by_side(self.plan)[1]
         return {(m["activity"], m["object"]): frames[map_number(m)] for m in self.plan["motions"]}
 
-    def _placed(self, way: Way, pose: Sequence[float]) -> float | Reply:
+    def _placed(self, way: MotionUnderWay, pose: Sequence[float]) -> float | Reply:
         if not isinstance(pose, Sequence) or len(pose) != 3 or not all(map(is_number, pose)):
             return Reply(Heard.AGAIN, f"a pose cannot be {pose!r}: three finite numbers")
         place = self.progress_of(way.activity, way.object, pose)
@@ -336,16 +338,16 @@ class Executor:
         timed = None if now is None else self._time(now, -math.inf)
         if timed is not None:
             return timed
-        if state.phase[activity] is Phase.DONE:
+        if state.phase[activity] is TaskPhase.DONE:
             return Reply(Heard.IGNORED, f"'{activity}' is over already")
-        if state.phase[activity] is Phase.WAITING:
+        if state.phase[activity] is TaskPhase.WAITING:
             return Reply(Heard.AGAIN, f"'{activity}' cannot be over: it has not begun")
         end = state.end_number[activity]
         if state.graph.tasks[activity].moves:
             for way in state.ways_of[activity]:
                 way.at_end = True
             self._finish_motion(activity)
-            if state.phase[activity] is Phase.DONE:
+            if state.phase[activity] is TaskPhase.DONE:
                 return TAKEN
             if all(state.arrived(w) for w in state.ways_of[activity]):
                 waits = ", ".join(self._missing(end))
@@ -359,7 +361,7 @@ class Executor:
         self._end(activity)
         return TAKEN
 
-    def _way_of(self, robot: str) -> Way | None:
+    def _way_of(self, robot: str) -> MotionUnderWay | None:
         return self.state.of_object.get(robot)
 
     def _finish_motion(self, activity: str) -> None:
@@ -370,7 +372,7 @@ class Executor:
             self._end(activity)
 
     def _end(self, activity: str) -> None:
-        self.state.phase[activity] = Phase.DONE
+        self.state.phase[activity] = TaskPhase.DONE
         for way in self.state.ways_of[activity]:
             self.state.finish(way)
             self.state.of_object.pop(way.object, None)
@@ -434,14 +436,14 @@ class Executor:
                 continue
             del self._ready[name]
             self._running[name] = None
-            state.phase[name] = Phase.RUNNING
+            state.phase[name] = TaskPhase.RUNNING
             state.fire(state.start_number[name], state.now)
             for way in ways:
                 state.of_object[way.object] = way
                 way.since = self._told[way.object] = state.now
                 state.move(way, 0.0)
 
-    def _drive(self, way: Way) -> Command:
+    def _drive(self, way: MotionUnderWay) -> Command:
         state = self.state
         if way.object in self._astray:
             return Hold((str(self._astray[way.object]),))
@@ -500,7 +502,7 @@ class Executor:
         """How many activities have not begun, and how many are under way."""
         return len(self._ready), len(self._running)
 
-    def phase(self, activity: str) -> Phase:
+    def phase(self, activity: str) -> TaskPhase:
         """Return how far an activity is."""
         return self.state.phase[activity]
 
@@ -587,7 +589,7 @@ FORMAT, VERSION = "up-samp-execution", 1
 def saved(executor: Executor) -> dict[str, Any]:
     """Return an executor's state as JSON would hold it."""
     state = executor.state
-    begun = [w for w in state.ways.values() if state.phase[w.activity] is not Phase.WAITING]
+    begun = [w for w in state.ways.values() if state.phase[w.activity] is not TaskPhase.WAITING]
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -596,7 +598,7 @@ def saved(executor: Executor) -> dict[str, Any]:
         "tolerance": state.tolerance,
         "localisation": state.localisation,
         "running": list(executor._running),
-        "done": [n for n, phase in state.phase.items() if phase is Phase.DONE],
+        "done": [n for n, phase in state.phase.items() if phase is TaskPhase.DONE],
         "fired": [[event_to_list(event), time] for event, time in state.fired.items()],
         "motions": [
             {
@@ -661,7 +663,7 @@ def _begun(executor: Executor, running: Collection[str], done: Collection[str]) 
     state = executor.state
     for name in (*running, *done):
         del executor._ready[name]
-        state.phase[name] = Phase.RUNNING if name in running else Phase.DONE
+        state.phase[name] = TaskPhase.RUNNING if name in running else TaskPhase.DONE
     executor._running = dict.fromkeys(running)
     state.of_object = {w.object: w for name in running for w in state.ways_of[name]}
 
@@ -711,7 +713,9 @@ def join(
     executor._bar()
 
 
-def _where(executor: Executor, way: Way, told: Mapping[str, Sequence[float] | float]) -> float:
+def _where(
+    executor: Executor, way: MotionUnderWay, told: Mapping[str, Sequence[float] | float]
+) -> float:
     """Return the progress (m) of a robot under way."""
     at = told.get(way.object)
     if at is None:
@@ -748,7 +752,7 @@ def _as_planned(executor: Executor, done: Collection[str]) -> None:
             continue
         if first.at is At.REACH and first.activity not in done:
             way = state.ways[first.activity, first.object]
-            running = state.phase[first.activity] is Phase.RUNNING
+            running = state.phase[first.activity] is TaskPhase.RUNNING
             if running and way.told + state.localisation >= first.progress:
                 continue
         raise ProblemError(f"{then} cannot be told: {first} comes before it ({edge.why})")

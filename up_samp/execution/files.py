@@ -21,13 +21,21 @@ from up_samp.execution.check import (
     shape_faults,
 )
 from up_samp.execution.check import named as faults_named
-from up_samp.execution.graph import At, Bound, Choice, Edge, Event, Graph, PlannedTask, Precedence
-from up_samp.execution.lives import Drive, lives_of
+from up_samp.execution.graph import (
+    MEETING,
+    At,
+    Bound,
+    Choice,
+    Edge,
+    Event,
+    Graph,
+    PlannedTask,
+    Precedence,
+)
+from up_samp.execution.lives import DriveCells, lives_of
 from up_samp.execution.meetings import Narrow, meetings_of
-from up_samp.execution.reduce import MEETING
 from up_samp.execution.tolerances import TOLERANCES
-from up_samp.io.plan_dict import PlanDict, snapshot_of
-from up_samp.io.versions import VERSIONS
+from up_samp.io.plan_dict import VERSIONS, PlanDict, snapshot_of
 from up_samp.model import ProblemError, SampError
 from up_samp.model.snapshot import Snapshot
 from up_samp.upio.movers import named_as_planned
@@ -66,7 +74,7 @@ def with_dependencies(
     return data
 
 
-def _with_progress(motion: Mapping[str, Any], drive: Drive | None) -> dict[str, Any]:
+def _with_progress(motion: Mapping[str, Any], drive: DriveCells | None) -> dict[str, Any]:
     if drive is None:  # it goes nowhere
         return {**motion, "progress": [0.0] * len(motion["samples"])}
     progress = np.maximum.accumulate(drive.path.natural_s)
@@ -258,7 +266,7 @@ def _as_told(plan: PlanDict) -> Dependencies:
 def _graph(
     data: Mapping[str, Any],
     tasks: Mapping[str, PlannedTask],
-    drives: Mapping[tuple[str, str], Drive],
+    drives: Mapping[tuple[str, str], DriveCells],
     free: Collection[tuple[Event, Event]],
     problem: str,
 ) -> Graph:
@@ -294,7 +302,7 @@ def _graph(
 
 
 def _planned(
-    event: Event, tasks: Mapping[str, PlannedTask], drives: Mapping[tuple[str, str], Drive]
+    event: Event, tasks: Mapping[str, PlannedTask], drives: Mapping[tuple[str, str], DriveCells]
 ) -> float:
     if event.at is At.ORIGIN:
         return 0.0

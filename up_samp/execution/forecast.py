@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from up_samp.execution.graph import At, Event, Graph
-from up_samp.execution.state import Phase, State, Way
+from up_samp.execution.state import FloorState, MotionUnderWay, TaskPhase
 
 
 @dataclass(frozen=True)
-class Routes:
+class ObjectRoutes:
     """What a graph's events follow by themselves, with the times these take without disturbance:
     ``before[k]`` are (event, s, robot); ``speed[k]`` (m/s) is lost if one must stop at ``k``.
     """
@@ -27,7 +27,7 @@ class Forecast:
     graph: Graph
     now: float
     times: tuple[float, ...]
-    routes: Routes
+    routes: ObjectRoutes
     pace: Mapping[str, float]
 
     @cached_property
@@ -56,7 +56,7 @@ class Forecast:
         return self.latest[end] - self.times[end]
 
 
-def routes_of(graph: Graph, ways: Mapping[tuple[str, str], Way]) -> Routes:
+def routes_of(graph: Graph, ways: Mapping[tuple[str, str], MotionUnderWay]) -> ObjectRoutes:
     """Return travel times between neighbouring events."""
     before: list[list[tuple[int, float, str]]] = [[] for _ in graph.events]
     loss = [0.0] * len(graph.events)
@@ -87,10 +87,10 @@ def routes_of(graph: Graph, ways: Mapping[tuple[str, str], Way]) -> Routes:
             seconds = at_time[then] - at_time.get(first, 0.0)
             who = two.object
         before[then].append((first, seconds, who))
-    return Routes(tuple(map(tuple, before)), tuple(loss))
+    return ObjectRoutes(tuple(map(tuple, before)), tuple(loss))
 
 
-def forecast(state: State, routes: Routes, pace: Mapping[str, float]) -> Forecast:
+def forecast(state: FloorState, routes: ObjectRoutes, pace: Mapping[str, float]) -> Forecast:
     """Return when everything happens from now on; ``pace`` scales each robot's speed (1: full)."""
     graph, now = state.graph, state.now
     count = len(graph.events)
@@ -122,11 +122,11 @@ def forecast(state: State, routes: Routes, pace: Mapping[str, float]) -> Forecas
     return Forecast(graph, now, tuple(times), routes, paces)
 
 
-def _since_now(state: State, pace: Mapping[str, float]) -> dict[int, float]:
+def _since_now(state: FloorState, pace: Mapping[str, float]) -> dict[int, float]:
     """Return when motions under way come to their next events, and tasks under way end."""
     found = {}
     for way in state.ways.values():
-        if state.phase[way.activity] is not Phase.RUNNING:
+        if state.phase[way.activity] is not TaskPhase.RUNNING:
             continue
         speed = pace.get(way.object, 1.0)
         here = way.travel.time_at(way.progress)
@@ -145,7 +145,7 @@ def _since_now(state: State, pace: Mapping[str, float]) -> dict[int, float]:
 
 
 def _latest(
-    graph: Graph, routes: Routes, times: Sequence[float], pace: Mapping[str, float]
+    graph: Graph, routes: ObjectRoutes, times: Sequence[float], pace: Mapping[str, float]
 ) -> tuple[float, ...]:
     count = len(graph.events)
     horizon = max(times, default=0.0)

@@ -12,25 +12,66 @@ import math
 from collections.abc import Container, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from up_samp.execution.graph import At, Event
-from up_samp.execution.loads import hold_of, laden_bodies
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.floors import side_by_side
 from up_samp.io.sampling import rows_trajectory
 from up_samp.model import Body, Configuration, Kinematics, MotionModel, UnsupportedError
+from up_samp.motion.fleet.conflicts import Hull
 from up_samp.motion.fleet.paths import Path, hull_of, path_of, resting_path
-from up_samp.motion.fleet.swept import Hull
+from up_samp.upio.rides import laden_body
+
+
+class LoadHold(NamedTuple):
+    """From when (s, plan time) on a load stands nowhere in a ride, and from when on it does again;
+    with the events on the floor.
+    """
+
+    gone: float
+    leave: Event
+    back: float
+    enter: Event
+
+
+def laden_bodies(plan: Mapping[str, Any], bodies: Mapping[str, Body]) -> dict[Any, Body]:
+    """Return robot and loads as one body, by (activity, object), from a plan dictionary."""
+    loads: dict[tuple[str, str], list[Any]] = {}
+    for ride in plan.get("rides", ()):
+        offset = tuple(float(v) for v in ride["offset"])
+        loads.setdefault((ride["activity"], ride["carrier"]), []).append(
+            (bodies[ride["object"]], offset)
+        )
+    return {key: laden_body(bodies[key[1]], found) for key, found in loads.items()}
+
+
+def hold_of(drive: Any) -> LoadHold:
+    """Return when a load is off the ground in a ride (``drive``: its carrier's motion)."""
+    near = min(TOLERANCES.grip, drive.path.length / 2)
+    low, high = round(near, 6), round(drive.path.length - near, 6)
+    return LoadHold(
+        float(drive.reached(np.array([low]))[0]),
+        Event(At.REACH, drive.activity, drive.object, low),
+        float(drive.left(np.array([high]))[0]),
+        Event(At.LEAVE, drive.activity, drive.object, high),
+    )
+
+
+# ------------------ Every object's life as a row of cells: stretches of its paths, and where it res
+# The progress of two objects along their lives spans a plane (O'Donnell & Lozano-Perez, "Deadlock-
+# free and collision-free coordination of two robot manipulators", ICRA 1989); the cells cut it
+# into a grid.
+
 
 FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class DriveCells:
     """A motion: ``object`` follows ``path`` in ``activity``; ``avoid`` as in the problem."""
 
     activity: str
@@ -112,7 +153,7 @@ class Stay:
         return resting_path(self.body, self.pose)
 
 
-Piece = Drive | Stay
+Piece = DriveCells | Stay
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,9 +177,9 @@ class Life:
         return np.array([piece.path.box for piece in self.pieces]).reshape(-1, 4)
 
     @property
-    def drives(self) -> tuple[Drive, ...]:
+    def drives(self) -> tuple[DriveCells, ...]:
         """The motions."""
-        return tuple(p for p in self.pieces if isinstance(p, Drive))
+        return tuple(p for p in self.pieces if isinstance(p, DriveCells))
 
 
 def body_of(entry: Mapping[str, Any]) -> Body:
@@ -186,7 +227,7 @@ def _pieces(
     plan: Mapping[str, Any],
     name: str,
     body: Body,
-    drives: Mapping[tuple[str, str], Drive],
+    drives: Mapping[tuple[str, str], DriveCells],
     rides: Mapping[str, str],
 ) -> list[Piece]:
     unit = float(plan["seconds_per_unit"])
@@ -239,12 +280,12 @@ def in_turn(plan: Mapping[str, Any], name: str, rides: Container[str]) -> list[d
     return sorted(found, key=place)
 
 
-def _drive(item: Mapping[str, Any], body: Body) -> Drive:
+def _drive(item: Mapping[str, Any], body: Body) -> DriveCells:
     trajectory = rows_trajectory(item["samples"])
     listed = item.get("avoid")
     avoid = None if listed is None else frozenset(listed)
     path = path_of(trajectory, body)
-    return Drive(item["activity"], item["object"], path, trajectory.start, avoid)
+    return DriveCells(item["activity"], item["object"], path, trajectory.start, avoid)
 
 
 def heeds(avoid: frozenset[str] | None, name: str) -> bool:
@@ -272,7 +313,7 @@ def _aboard(load: Life, piece: Piece, drive: Piece) -> bool:
     """Return whether a motion carries a load, or is one of its carriers' motions all through a rest
     of the load: it may come to touch it, and keeps clear of it at whatever time.
     """
-    if not isinstance(drive, Drive) or drive.object not in load.rides.values():
+    if not isinstance(drive, DriveCells) or drive.object not in load.rides.values():
         return False
     if load.rides.get(drive.activity) == drive.object:
         return True
@@ -283,12 +324,12 @@ def _aboard(load: Life, piece: Piece, drive: Piece) -> bool:
     )
 
 
-def _near(life: Life, k: int) -> list[Drive]:
+def _near(life: Life, k: int) -> list[DriveCells]:
     piece = life.pieces[k]
-    if isinstance(piece, Drive):
+    if isinstance(piece, DriveCells):
         return [piece]
     around = life.pieces[max(0, k - 1) : k + 2]
-    return [p for p in around if isinstance(p, Drive)]
+    return [p for p in around if isinstance(p, DriveCells)]
 
 
 def pairs_of(lives: Mapping[str, Life]) -> list[tuple[Life, Life]]:

@@ -3,41 +3,339 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
+import numpy as np
+from unified_planning.environment import Environment
 from unified_planning.model import FNode, TimepointKind
 from unified_planning.model.motion import (
     SE2,
     ActivityWaypoints,
     ConfigurationObject,
     MotionActivity,
+    MovableObject,
     SchedulingMotionProblem,
 )
+from unified_planning.model.scheduling import Activity
+from unified_planning.plans import Schedule
 
-from up_samp.execution.begun import begun
 from up_samp.execution.build import planned_of
 from up_samp.execution.graph import At, Event
-from up_samp.execution.involved import Involved
-from up_samp.execution.lives import Drive
-from up_samp.execution.places import Places
-from up_samp.execution.state import Phase, State
-from up_samp.execution.substitute import Substitution, later_by, names_in
-from up_samp.execution.surprise import Remaining, Surprise, check_names, rest_of_plan
+from up_samp.execution.lives import DriveCells
+from up_samp.execution.state import FloorState, TaskPhase
+from up_samp.execution.substitute import Substitution, ValuesNow, later_by, names_in
 from up_samp.execution.tolerances import TOLERANCES
-from up_samp.execution.values import ValuesNow
+from up_samp.io.floors import map_number, side_by_side
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import Configuration, ProblemError, UnsupportedError
+from up_samp.model.frames import Frame
+from up_samp.scheduling.partial_order.differences import Planned
 from up_samp.upio.movers import named_as_planned
-from up_samp.upio.whereabouts import whereabouts
+from up_samp.upio.whereabouts import brought, whereabouts
+
+
+class Involved:
+    """Who needs whom in a problem. An activity needs an object if
+
+    - it moves it, or a condition or effect of it speaks of it;
+    - a condition or effect of it speaks of a fluent that tells where the object is;
+    - it takes at its start what every drive of the object takes, and no other object's drive;
+    - it is kept apart from every drive of the object, pair by pair, and so of no other object.
+
+    Names of activities say nothing. ``told`` are the fluents that tell where objects are.
+    """
+
+    def __init__(
+        self, problem: SchedulingMotionProblem, told: Mapping[FNode, str] | None = None
+    ) -> None:
+        self.told = whereabouts(problem) if told is None else told
+        self.moved = {a.name: frozenset(brought(a)) for a in problem.activities}
+        self._of = {
+            a.name: {*self.moved[a.name], *(who for n in _spoken(a) for who in self.about(n))}
+            for a in problem.activities
+        }
+        drives: dict[str, set[str]] = {}
+        for activity in problem.motion_activities:
+            for constraint in activity.motion_constraints:
+                for who in self.moved[activity.name] & _objects(constraint.movable):
+                    drives.setdefault(who, set()).add(activity.name)
+        driving = set().union(*drives.values())
+        for takers in _takers(problem).values():
+            whole = _whole(takers, drives)
+            others = [d for d in drives if d not in whole and drives[d] & takers]
+            for name in takers - driving if len(whole) == 1 and not others else ():
+                self._of[name] |= whole
+        for name, rivals in _rivals(problem).items():
+            whole = _whole(rivals, drives)
+            if name not in driving and len(whole) == 1:
+                self._of[name] |= whole
+
+    def needs(self, activity: str, name: str) -> bool:
+        """Return whether an activity needs an object."""
+        return name in self._of.get(activity, ())
+
+    def moves(self, activity: str, name: str) -> bool:
+        """Return whether an activity drives an object or puts it elsewhere."""
+        return name in self.moved.get(activity, ())
+
+    def about(self, node: FNode) -> frozenset[str]:
+        """Return the movable objects that an expression speaks of, or of whose whereabouts."""
+        return _objects(node) | {self.told[n] for n in _parts(node) if n in self.told}
+
+
+def _spoken(activity: Activity) -> Iterator[FNode]:
+    for nodes in activity.conditions.values():
+        yield from nodes
+    for effects in activity.effects.values():
+        yield from (e.fluent for e in effects)
+
+
+def _parts(node: FNode) -> Iterator[FNode]:
+    stack = [node]
+    while stack:
+        item = stack.pop()
+        yield item
+        stack += item.args
+
+
+def _objects(node: FNode) -> frozenset[str]:
+    objects = (n.object() for n in _parts(node) if n.is_object_exp())
+    return frozenset(o.name for o in objects if isinstance(o, MovableObject))
+
+
+def _takers(problem: SchedulingMotionProblem) -> dict[FNode, set[str]]:
+    """Return which activities change a fluent as they start."""
+    found: dict[FNode, set[str]] = {}
+    for activity in problem.activities:
+        for timing, effects in activity.effects.items():
+            for effect in effects if timing.is_from_start() else ():
+                found.setdefault(effect.fluent, set()).add(activity.name)
+    return found
+
+
+def _rivals(problem: SchedulingMotionProblem) -> dict[str, set[str]]:
+    """Return by activity those that are kept apart from it, by a constraint on just the two that
+    speaks of the start and the end of both.
+    """
+    found: dict[str, set[str]] = {}
+    owners: list[tuple[str | None, Any]] = [(None, problem._base)]
+    owners += [(a.name, a) for a in problem.activities]
+    for owner, chronicle in owners:
+        for constraint, _ in chronicle._constraints:
+            pair = names_in(constraint) | ({owner} if owner else set())
+            points = {
+                (n.timing().timepoint.container or owner, n.timing().is_from_start())
+                for n in _parts(constraint)
+                if n.is_timing_exp()
+            }
+            if len(pair) == 2 and len(points) == 4:
+                for name in pair:
+                    found.setdefault(name, {name}).update(pair)
+    return found
+
+
+def _whole(members: set[str], drives: Mapping[str, set[str]]) -> set[str]:
+    """Return the objects of which every drive is among some activities."""
+    return {who for who, mine in drives.items() if mine <= members}
+
+
+# ------------------ What is left of an activity that has begun
+
+
+def begun(activity: Activity, values: ValuesNow, environment: Environment) -> Activity:
+    """Return an activity that has begun: mandatory, and only what is left of it."""
+    name, state, unit = activity.name, values.state, values.unit
+    drives = isinstance(activity, MotionActivity)
+    kind = MotionActivity if drives else Activity
+    copy = kind(name, 1, False, _env=environment)
+    activity._clone_to(copy)
+    start = state.fired[Event(At.START, name)]
+    gone = values.since * unit - start
+    if state.graph.tasks[name].moves:
+        upper = activity.duration.upper
+        most = None
+        if upper.is_int_constant():
+            most = upper.int_constant_value() - math.floor(gone / unit)
+        whole = max(1, most if most is not None else 1)
+        longest = max(w.travel.whole for w in state.ways_of[name])
+        copy.set_duration_bounds(1, max(whole, 2 * math.ceil(longest / unit) + 10))
+    else:
+        left = state.graph.tasks[name].expected - gone
+        copy.set_fixed_duration(max(1, math.ceil(left / unit - 1e-9)))
+    copy._effects = {
+        t: e for t, e in activity.effects.items() if t.timepoint.kind != TimepointKind.START
+    }
+    # what was asked at the start was so; it is kept where it still is, for schedulers that
+    # find their way by it
+    copy._conditions = {}
+    for span, nodes in activity.conditions.items():
+        at_start = span.upper.timepoint.kind == TimepointKind.START
+        kept = [n for n in nodes if not at_start or values.holds(n)]
+        if kept:
+            copy._conditions[span] = kept
+    if drives:
+        copy._motion_constraints = list(activity._motion_constraints)
+        copy._motion_constraints_set = set(activity._motion_constraints_set)
+        copy._motion_effects = dict(activity._motion_effects)
+    return copy
+
+
+# ------------------ What has changed on the floor, and what is left of the problem then
+
+
+Pose = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Surprise:
+    """What has changed on the floor. ``broken`` maps robots that are out of order to where they
+    stand, ``cancelled`` and ``shut`` name activities, and objects that stay where they are; ``new``
+    are functions that add tasks to the problem. ``same_choices``: who does what stays as planned
+    (optional activities that the plan leaves out stay out), which is much quicker to solve.
+    """
+
+    broken: Mapping[str, Pose] = field(default_factory=dict)
+    cancelled: Sequence[str] = ()
+    shut: Sequence[str] = ()
+    new: Sequence[Callable[[SchedulingMotionProblem], None]] = ()
+    same_choices: bool = False
+
+
+@dataclass(frozen=True)
+class Remaining:
+    """``problem`` starts at ``since`` (units of the old clock), with robots standing at ``poses``.
+
+    Robots under way stop there: these are the points at which they can. ``hint`` is what is left of
+    the old plan, as a UP schedule of the new problem. ``notes`` say which constraints fell away.
+    ``params`` are parameters of an engine that the new plan has to have in common with the old one:
+    the length of a unit, and the clearance.
+    """
+
+    problem: SchedulingMotionProblem
+    since: int
+    poses: Mapping[str, Configuration]
+    stops: Mapping[str, float]
+    """How far robots under way still go in the motion that they are in (m), before they stand."""
+    hint: Schedule | None
+    notes: tuple[str, ...]
+    params: Mapping[str, float] = field(default_factory=dict)
+
+
+def check_names(surprise: Surprise, source: SchedulingMotionProblem, state: FloorState) -> None:
+    """Raise :class:`ProblemError` where a surprise speaks of what is not there, or has begun."""
+    activities = {a.name for a in source.activities}
+    objects = {o.name for o in source.all_objects}
+    for name in surprise.cancelled:
+        if name not in activities:
+            raise ProblemError(f"cancelled '{name}' is no activity of '{source.name}'")
+        if state.phase.get(name) in (TaskPhase.DONE, TaskPhase.RUNNING):
+            raise ProblemError(f"'{name}' cannot be cancelled: it has begun")
+    for name in (*surprise.broken, *surprise.shut):
+        if name not in objects:
+            raise ProblemError(f"'{name}' is no object of '{source.name}'")
+
+
+def rest_of_plan(
+    target: SchedulingMotionProblem, planned: Planned, state: FloorState, since: int
+) -> Schedule | None:
+    """Return the rest of the old plan on the new clock, to begin from (it need not be valid);
+    ``None`` where it lacks something that has to be done.
+    """
+    here = [a for a in target.activities if a.name in planned.times]
+    wanted = {a.name for a in target.activities if not a.optional}
+    if not wanted <= {a.name for a in here}:
+        return None
+    if any(a.parameters for a in here) or target.base_variables:
+        return None
+    assignment: dict[Any, Any] = {}
+    for activity in here:
+        start, end = planned.times[activity.name]
+        begun = state.phase[activity.name] is TaskPhase.RUNNING
+        first = 0 if begun else max(0, start - since)
+        assignment[activity.start] = first
+        assignment[activity.end] = first + (max(1, end - since) if begun else end - start)
+    return Schedule(here, assignment, target.environment)
+
+
+# ------------------ Where everybody stands when a new clock starts: at rest, or where they can stop
+
+
+Place = tuple[Configuration, Any]
+"""A pose, and the type of configurations that it is one of (which says on which map)."""
+
+
+class Places:
+    """Poses by what has happened so far."""
+
+    def __init__(
+        self,
+        problem: SchedulingMotionProblem,
+        plan: PlanDict,
+        state: FloorState,
+        drives: Mapping[tuple[str, str], DriveCells],
+    ):
+        self.plan, self.state, self.drives = plan, state, drives
+        self.frames = side_by_side(plan)[1]
+        self.map_of = {(m["activity"], m["object"]): map_number(m) for m in plan["motions"]}
+        self.first: dict[str, Place] = {}
+        for movable, place in problem.initial_configuration:
+            pose = tuple(float(v) for v in place.object().configuration)
+            self.first[movable.object().name] = pose, place.object().type
+        self.goals: dict[tuple[str, str], Any] = {}
+        """Types of the configurations that activities bring objects to."""
+        for activity in problem.motion_activities:
+            for movable, value in activity.motion_effects.items():
+                self.goals[activity.name, movable.object().name] = value.type
+            for constraint in activity.motion_constraints:
+                key = activity.name, constraint.movable.object().name
+                self.goals[key] = constraint.waypoints[-1].type
+
+    def of(self, name: str, stops: Mapping[str, float], broken: Mapping[str, Any]) -> Place:
+        """Return where an object stands. ``stops`` says how far (m) robots under way still go, and
+        ``broken`` where (x, y, theta) those are that are out of order.
+        """
+        for ride in self.plan.get("rides", ()):
+            key = ride["activity"], ride["carrier"]
+            if ride["object"] == name and self.state.phase[key[0]] is TaskPhase.RUNNING:
+                carrier, type_ = self.of(key[1], stops, broken)
+                return Frame(*carrier).of(ride["offset"]), type_
+        pose, type_ = self._last(name, stops)
+        if name in broken:
+            return tuple(float(v) for v in broken[name]), type_
+        return pose, type_
+
+    def _last(self, name: str, stops: Mapping[str, float]) -> Place:
+        """Return where the last motion or change of an object has brought it."""
+        (pose, type_), since = self.first[name], -math.inf
+        for (activity, who), drive in self.drives.items():
+            phase = self.state.phase[activity]
+            begun = self.state.fired.get(Event(At.START, activity), -math.inf)
+            if who != name or phase is TaskPhase.WAITING or begun < since:
+                continue
+            over = phase is TaskPhase.DONE or name not in stops
+            at = drive.path.length if over else stops[name]
+            home = self.frames[self.map_of[activity, who]].inverse
+            since, type_ = begun, self.goals[activity, who]
+            pose = home.of(drive.path.poses_at(np.array([at]))[0])
+        for change in self.plan["changes"]:
+            when = self.state.fired.get(Event(At.END, change["activity"]), -math.inf)
+            if change["object"] == name and when > since:
+                since, type_ = when, self.goals[change["activity"], name]
+                pose = tuple(float(v) for v in change["configuration"])
+        return pose, type_
+
+
+# ------------------ What is left of a problem: an ordinary UP problem from now on, with what has be
 
 
 def remaining_problem(
     problem: SchedulingMotionProblem,
     plan: PlanDict,
-    state: State,
-    drives: Mapping[tuple[str, str], Drive],
+    state: FloorState,
+    drives: Mapping[tuple[str, str], DriveCells],
     surprise: Surprise | None = None,
 ) -> Remaining:
     """Return what is left to do from now on.
@@ -60,8 +358,8 @@ class _Builder:
         self,
         problem: SchedulingMotionProblem,
         plan: PlanDict,
-        state: State,
-        drives: Mapping[tuple[str, str], Drive],
+        state: FloorState,
+        drives: Mapping[tuple[str, str], DriveCells],
         surprise: Surprise,
         involved: Involved,
     ):
@@ -87,7 +385,7 @@ class _Builder:
         """Return where robots under way can stop: progress (m) and when they stand there (s)."""
         found = {}
         for way in self.state.ways.values():
-            if self.state.phase[way.activity] is not Phase.RUNNING:
+            if self.state.phase[way.activity] is not TaskPhase.RUNNING:
                 continue
             if way.object in self.surprise.broken:
                 continue
@@ -103,8 +401,8 @@ class _Builder:
         """Return the activities that cannot happen any more."""
         found = set(self.surprise.cancelled)
         for activity in self.source.activities:
-            phase = self.state.phase.get(activity.name, Phase.WAITING)
-            if phase is Phase.DONE:
+            phase = self.state.phase.get(activity.name, TaskPhase.WAITING)
+            if phase is TaskPhase.DONE:
                 continue
             if self.surprise.same_choices and activity.name not in self.state.phase:
                 found.add(activity.name)
@@ -112,11 +410,11 @@ class _Builder:
             chosen = {
                 v
                 for k, v in self.planned.values.items()
-                if phase is Phase.RUNNING and k.startswith(f"{name}.")
+                if phase is TaskPhase.RUNNING and k.startswith(f"{name}.")
             }
             if any(self.involved.needs(name, r) or r in chosen for r in self.surprise.broken):
                 found.add(name)
-            if phase is Phase.WAITING and any(
+            if phase is TaskPhase.WAITING and any(
                 self.involved.moves(name, d) for d in self.surprise.shut
             ):
                 found.add(name)
@@ -126,11 +424,11 @@ class _Builder:
         """Return starts and ends that are over (units, rounded down)."""
         found: dict[str, tuple[int, int | None]] = {}
         for name, phase in self.state.phase.items():
-            if phase is Phase.WAITING or name in self.gone:
+            if phase is TaskPhase.WAITING or name in self.gone:
                 continue
             start = self.state.fired[Event(At.START, name)]
             end = self.state.fired.get(Event(At.END, name))
-            if phase is Phase.DONE and end is not None:
+            if phase is TaskPhase.DONE and end is not None:
                 found[name] = (self._units(start), self._units(end))
         return found
 
@@ -148,7 +446,9 @@ class _Builder:
         return math.floor(seconds / self.unit + 1e-9)
 
     def _running(self) -> list[str]:
-        return [n for n, p in self.state.phase.items() if p is Phase.RUNNING and n not in self.gone]
+        return [
+            n for n, p in self.state.phase.items() if p is TaskPhase.RUNNING and n not in self.gone
+        ]
 
     # ------------------------------------------------------------------ the new problem
 
@@ -321,7 +621,7 @@ class _Builder:
             found[name] = place
             target._initial_configuration.append((movable, self.m.ObjectExp(place)))
         for activity in target._motion_activities:
-            if self.state.phase.get(activity.name) is Phase.RUNNING:
+            if self.state.phase.get(activity.name) is TaskPhase.RUNNING:
                 self._go_on(activity, found)
         return found
 

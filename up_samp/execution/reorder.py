@@ -1,28 +1,416 @@
-"""Who goes first, decided again: sides of components and orders of activities as binaries (CP-SAT).
-
-The idea of the switchable action dependency graph in a receding horizon (Berndt, van Duijkeren,
-Palmieri, Kleiner & Keviczky, "Receding horizon re-ordering of multi-agent execution schedules",
-IEEE T-RO 40, 2024; switchable dependencies also in Jiang, Lin & Li, arXiv 2412.15908, and Su,
-Veerapaneni & Li, arXiv 2401.00315), here over the components of continuous obstacles, and over
-the orders in which machines, places and unary resources are used. An order is changed only where
-no robot is committed yet, and only if the new graph has no cycle and is forecast to be better.
+"""Who goes first, decided again: what is decided, what of it is still open, and when everything
+would happen then.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple, Protocol
 
 from ortools.sat.python import cp_model
 
-from up_samp.execution.build import with_sides
-from up_samp.execution.decisions import Decision, Followed, can_wait, open_decisions
-from up_samp.execution.forecast import Forecast, routes_of
-from up_samp.execution.graph import Graph, Precedence
-from up_samp.execution.sides import Key
-from up_samp.execution.times import SCALE, tied
-from up_samp.model import ProblemError
+from up_samp.execution.build import Dependencies, steps_by, with_sides
+from up_samp.execution.forecast import Forecast, ObjectRoutes, routes_of
+from up_samp.execution.graph import MEETING, At, Event, Graph, Precedence, topological
+from up_samp.execution.lives import Stay
+from up_samp.execution.meetings import Meeting, Step, steps_of, switched
+from up_samp.execution.state import FloorState, RobotPace, TaskPhase
+from up_samp.model import MotionModel, ProblemError
+from up_samp.model.execution_tuning import ExecutionTuning
+
+Key = tuple[str, str, int]
+"""A component: the two objects and its number."""
+
+
+def planned_sides(dependencies: Dependencies) -> dict[Key, bool]:
+    """Return the components that could be passed on either side, with the plan's side."""
+    parts: dict[Key, list[Meeting]] = {}
+    for meeting in dependencies.meetings:
+        for component in meeting.components:
+            parts.setdefault((*meeting.pair, component), []).append(meeting)
+    found = {}
+    for key, meetings in parts.items():
+        sides = {bool(s) for m in meetings for s in m.one_first[m.component == key[2]]}
+        if len(sides) == 1 and all(_free(m) for m in meetings):
+            found[key] = sides.pop()
+    return found
+
+
+def _free(meeting: Meeting) -> bool:
+    """Return whether a meeting fixes no side by itself: no rest without beginning or end, nothing
+    that is put elsewhere, no body that cannot wait on its way.
+    """
+    for life, piece in ((meeting.one, meeting.a), (meeting.other, meeting.b)):
+        if life.body.kinematics.model is MotionModel.CONTROL or not life.drives:
+            return False
+        if isinstance(piece, Stay) and (
+            math.isinf(piece.since) or math.isinf(piece.until) or piece.enter or piece.leave
+        ):
+            return False
+    return True
+
+
+# ------------------ Who goes first: what is decided, and what of it is still open
+
+
+REACTION = 0.5
+"""Seconds that pass before a robot obeys a new command."""
+
+
+class Followed(Protocol):
+    """What the orders of a plan under way hang on: an executor is one."""
+
+    dependencies: Dependencies
+    state: FloorState
+    routes: ObjectRoutes
+    tuning: ExecutionTuning
+    pace: RobotPace
+    sides: dict[Key, bool]
+    turned: frozenset[int]
+
+    @property
+    def now(self) -> float:
+        """The latest time told (s)."""
+        ...
+
+    @property
+    def open_sides(self) -> dict[Key, bool]:
+        """The components that could be passed on either side, with the plan's side."""
+        ...
+
+    def retime(self) -> Forecast:
+        """Return when everything happens as soon as possible from now on."""
+        ...
+
+    def predicted_makespan(self) -> float:
+        """Return when the last activity will end (s)."""
+        ...
+
+    def reorder(self) -> int:
+        """Decide again who goes first, at once; return how many decisions changed."""
+        ...
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Something that may be one way (``True``) or the other: the side of a component (``True``: the
+    pair's first object goes first), or a choice by its number (``True``: as planned).
+    """
+
+    key: Key | int
+    now: bool
+    """How it is so far."""
+    needs: Mapping[bool, tuple[Precedence, ...]]
+
+
+def open_decisions(
+    executor: Followed, ahead: Forecast, horizon: float, most: int
+) -> list[Decision]:
+    """Return the ``most`` open decisions that come up first, within ``horizon`` s."""
+    found = [*_components(executor), *_choices(executor)]
+    timed = []
+    for decision in found:
+        times = [ahead.span(p.then.activity)[0] for needs in decision.needs.values() for p in needs]
+        due = min(times, default=math.inf)
+        if due <= executor.now + horizon and _is_open(executor.state, decision):
+            timed.append((due, str(decision.key), decision))
+    timed.sort(key=lambda t: t[:2])
+    return [decision for _, _, decision in timed[:most]]
+
+
+def _components(executor: Followed) -> list[Decision]:
+    parts: dict[Key, list[Meeting]] = {}
+    for meeting in executor.dependencies.meetings:
+        if _over(executor.state, meeting):
+            continue
+        for component in meeting.components:
+            key = (*meeting.pair, component)
+            if key in executor.open_sides:
+                parts.setdefault(key, []).append(meeting)
+    found = []
+    for key, meetings in parts.items():
+        needs = {
+            side: tuple(_need(s) for m in meetings for s in switched(m, key[2], side))
+            for side in (True, False)
+        }
+        found.append(Decision(key, executor.sides.get(key, executor.open_sides[key]), needs))
+    return found
+
+
+def _choices(executor: Followed) -> list[Decision]:
+    return [
+        Decision(k, k not in executor.turned, {True: (c.ways[0],), False: (c.ways[1],)})
+        for k, c in enumerate(executor.dependencies.choices)
+    ]
+
+
+def _is_open(state: FloorState, decision: Decision) -> bool:
+    """Return whether it can still be the other way, and is not settled by what has happened."""
+    other = all(can_wait(state, p) for p in decision.needs[not decision.now])
+    return other and any(not happened(state, p.first) for p in decision.needs[decision.now])
+
+
+def _need(step: Step) -> Precedence:
+    return Precedence(step.first, step.then, 0.0)
+
+
+def _over(state: FloorState, meeting: Meeting) -> bool:
+    names = (getattr(piece, "activity", None) for piece in (meeting.a, meeting.b))
+    return all(name is not None and state.phase[name] is TaskPhase.DONE for name in names)
+
+
+def happened(state: FloorState, event: Event) -> bool:
+    """Return whether an event has happened, also one that the graph does not watch."""
+    if event in state.fired:
+        return True
+    if event.at is At.REACH:
+        return state.reached(state.ways[event.activity, event.object], event.progress)
+    return False
+
+
+def can_wait(state: FloorState, need: Precedence) -> bool:
+    """Return whether a precedence can still be kept: its first has happened, or who waits can still
+    stop.
+    """
+    if happened(state, need.first):
+        return need.lag <= 0.0 or need.then not in state.fired
+    event = need.then
+    if event.at is not At.LEAVE:
+        return event not in state.fired
+    phase = state.phase[event.activity]
+    if phase is TaskPhase.WAITING:
+        return True
+    if phase is TaskPhase.DONE:
+        return False
+    way = state.ways[event.activity, event.object]
+    speed = max(way.travel.speed_at(way.progress), way.travel.speed_at(way.progress + 0.5))
+    brake = speed * speed / (2 * way.travel.accel) + speed * REACTION + 0.05
+    # a robot at rest at a gate goes nowhere
+    committed = min(way.progress + brake, state.until(way))
+    return max(0.0, event.progress - state.localisation) >= committed - 1e-9
+
+
+def settled(executor: Followed, open_: set[Key | int]) -> list[Precedence]:
+    """Return all precedences but those of the decisions ``open_``."""
+    graph = executor.dependencies.graph
+    found = [
+        Precedence(graph.events[e.first], graph.events[e.then], e.lag)
+        for e in graph.edges
+        if e.kind != MEETING and not e.free
+    ]
+    for k, choice in enumerate(executor.dependencies.choices):
+        if k not in open_:
+            found.append(choice.ways[int(k in executor.turned)])
+    for meeting in executor.dependencies.meetings:
+        if _over(executor.state, meeting):
+            continue
+        mine = {c for c in meeting.components if (*meeting.pair, c) in open_}
+        sides = {
+            (*meeting.pair, c): executor.sides[(*meeting.pair, c)]
+            for c in meeting.components
+            if (*meeting.pair, c) in executor.sides and c not in mine
+        }
+        if not mine:
+            steps = steps_by(meeting, sides)
+        else:
+            changed = {k[2] for k in sides}
+            steps = steps_of(meeting, without=mine | changed)
+            for key, side in sides.items():
+                steps += switched(meeting, key[2], side)
+        found += [_need(s) for s in steps]
+    return found
+
+
+# ------------------ Times of events to come, tied by what driving and doing take and by who waits f
+# variables of CP-SAT no more of them than have to be told apart.
+
+
+SCALE = 100
+"""Ticks a second in the model."""
+
+NOW = -1
+"""The number of an event that stands for now."""
+
+
+class Tie(NamedTuple):
+    """Event number ``then`` comes ``ticks`` after event number ``first`` or later, where
+    ``only_if`` holds: 0 always, k + 1 where decision k is ``True``, -(k + 1) where it is not.
+    """
+
+    first: int
+    then: int
+    ticks: int
+    only_if: int
+
+
+class Times:
+    """Times of events to come, in ticks from now."""
+
+    def __init__(self, executor: Followed):
+        self.state, self.pace = executor.state, executor.pace
+        self.number: dict[Event, int] = {}
+        self.ties: list[Tie] = []
+        self.on_way: dict[tuple[str, str], list[Event]] = {}
+
+    def event(self, event: Event) -> int:
+        """Return the number of an event that has not happened."""
+        if event not in self.number:
+            self.number[event] = len(self.number)
+            if event.at in (At.REACH, At.LEAVE):
+                self.on_way.setdefault((event.activity, event.object), []).append(event)
+        return self.number[event]
+
+    # ------------------------------------------------------------------ what is tied
+
+    def all_after(self, needs: Iterable[Precedence], only_if: int = 0) -> None:
+        """State precedences, where ``only_if`` holds, but those that say nothing new.
+
+        Of a staircase these are the first step, the last, and the one that holds the second robot
+        back for longest when nothing else stops the two. The times are a forecast: what is decided
+        by them is looked at again with the whole graph.
+        """
+        stairs: dict[tuple[str, str, str, str], list[Precedence]] = {}
+        for need in needs:
+            first, then = need.first, need.then
+            if first.at is At.REACH and then.at is At.LEAVE:
+                key = (first.activity, first.object, then.activity, then.object)
+                stairs.setdefault(key, []).append(need)
+            else:
+                self.after(need, only_if)
+        for steps in stairs.values():
+            steps.sort(key=lambda n: (n.then.progress, n.first.progress))
+            for need in dict.fromkeys((steps[0], max(steps, key=self._push), steps[-1])):
+                self.after(need, only_if)
+
+    def _push(self, need: Precedence) -> float:
+        """Return by how much later (s) than the first robot the second has to begin."""
+        return self._driving(need.first) - self._driving(need.then)
+
+    def _driving(self, event: Event) -> float:
+        way = self.state.ways[event.activity, event.object]
+        return way.travel.time_at(event.progress) / self.pace.get(way.object, 1.0)
+
+    def after(self, need: Precedence, only_if: int = 0) -> None:
+        """State a precedence, where ``only_if`` holds."""
+        first, then, lag = need.first, need.then, need.lag
+        if happened(self.state, then) or self._passed(then):
+            return
+        if happened(self.state, first):
+            since = self.state.fired.get(first, self.state.now)
+            left = math.ceil((since + lag - self.state.now) * SCALE)
+            if left > 0:
+                self.ties.append(Tie(NOW, self.event(then), left, only_if))
+            return
+        ticks = math.ceil(lag * SCALE)
+        self.ties.append(Tie(self.event(first), self.event(then), ticks, only_if))
+
+    def _passed(self, event: Event) -> bool:
+        if event.at is not At.LEAVE:
+            return False
+        way = self.state.ways[event.activity, event.object]
+        begun = self.state.phase[event.activity] is not TaskPhase.WAITING
+        early = self.state.tolerance - self.state.localisation
+        return begun and way.progress > event.progress + early
+
+    def chain(self) -> None:
+        """Tie each activity's events together by the times that driving and doing take."""
+        state = self.state
+        for name, task in state.graph.tasks.items():
+            if state.phase[name] is TaskPhase.DONE:
+                continue
+            start, end = Event(At.START, name), Event(At.END, name)
+            if not task.moves:
+                begun = state.fired.get(start)
+                if begun is None:
+                    self.after(Precedence(start, end, task.expected))
+                else:
+                    left = max(0.0, begun + task.expected - state.now)
+                    self.ties.append(Tie(NOW, self.event(end), math.ceil(left * SCALE), 0))
+            for way in state.ways_of[name]:
+                self._drive((way.activity, way.object), start, end)
+
+    def _drive(self, key: tuple[str, str], start: Event, end: Event) -> None:
+        way = self.state.ways[key]
+        pace = self.pace.get(way.object, 1.0)
+        events = sorted(self.on_way.get(key, ()), key=lambda e: (e.progress, e.at is At.LEAVE))
+        begun = self.state.phase[way.activity] is TaskPhase.RUNNING
+        here = way.travel.time_at(way.progress) if begun else 0.0
+        last = NOW if begun else self.event(start)
+        for event in [*events, end]:
+            there = way.travel.whole if event is end else way.travel.time_at(event.progress)
+            number = self.event(event)
+            ticks = max(0, round((there - here) / pace * SCALE))
+            self.ties.append(Tie(last, number, ticks, 0))
+            last, here = number, there
+
+    # ------------------------------------------------------------------ what follows
+
+    def earliest(self) -> list[int]:
+        """Return the earliest time of each event, whatever is decided."""
+        always = [t for t in self.ties if t.only_if == 0 and t.first != NOW]
+        count = len(self.number)
+        order = topological(count, [(t.first, t.then) for t in always], [0.0] * count)
+        if order is None:
+            raise ProblemError("the dependencies have a cycle: nobody could go first")
+        after: list[list[Tie]] = [[] for _ in range(count)]
+        low = [0] * count
+        for tie in always:
+            after[tie.first].append(tie)
+        for tie in self.ties:
+            if tie.only_if == 0 and tie.first == NOW:
+                low[tie.then] = max(low[tie.then], tie.ticks)
+        for k in order:
+            for tie in after[k]:
+                low[tie.then] = max(low[tie.then], low[k] + tie.ticks)
+        return low
+
+    def variables(
+        self,
+        model: cp_model.CpModel,
+        low: list[int],
+        latest: int,
+        literals: list[cp_model.IntVar],
+    ) -> list[cp_model.LinearExprT]:
+        """Return the events' times in a model with all ties; ``literals`` are the decisions.
+
+        What only follows one other event has that one's variable.
+        """
+        into: list[list[Tie]] = [[] for _ in low]
+        for tie in self.ties:
+            if tie.only_if or tie.first != NOW:
+                into[tie.then].append(tie)
+        always = [(t.first, t.then) for t in self.ties if t.only_if == 0 and t.first != NOW]
+        found: list[cp_model.LinearExprT] = [0] * len(low)
+        for k in topological(len(low), always, [0.0] * len(low)) or ():
+            only = into[k][0] if len(into[k]) == 1 else None
+            if only is not None and not only.only_if and low[k] == low[only.first] + only.ticks:
+                found[k] = found[only.first] + only.ticks
+            else:
+                found[k] = model.new_int_var(min(low[k], latest), latest, "")
+        for k, ties in enumerate(into):
+            for tie in ties if isinstance(found[k], cp_model.IntVar) else ():
+                first = 0 if tie.first == NOW else found[tie.first]
+                stated = model.add(found[k] >= first + tie.ticks)
+                if tie.only_if:
+                    literal = literals[abs(tie.only_if) - 1]
+                    stated.only_enforce_if(literal if tie.only_if > 0 else literal.negated())
+        return found
+
+
+def tied(executor: Followed, decisions: Sequence[Decision]) -> tuple[Times, list[int]]:
+    """Return the times of events to come with all their ties, those of ``decisions`` by what is
+    decided, and the numbers of the ends to come.
+    """
+    times = Times(executor)
+    times.all_after(settled(executor, {d.key for d in decisions}))
+    for k, decision in enumerate(decisions):
+        times.all_after(decision.needs[True], k + 1)
+        times.all_after(decision.needs[False], -k - 1)
+    times.chain()
+    left = [name for name, phase in executor.state.phase.items() if phase is not TaskPhase.DONE]
+    return times, [times.event(Event(At.END, name)) for name in left]
 
 
 @dataclass(frozen=True)

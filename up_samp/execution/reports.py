@@ -1,4 +1,6 @@
-"""What robots tell, before it is believed: what cannot be is not, and the answer says why."""
+"""What robots are told (drive on, wait, do something), and what they tell: what cannot be is not
+believed.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +12,42 @@ from typing import Any
 
 import numpy as np
 
-from up_samp.execution.lives import Drive, Life, Stay
+from up_samp.execution.lives import DriveCells, Life, Stay
 from up_samp.execution.meetings import Meeting
-from up_samp.execution.state import Phase, State, Way
+from up_samp.execution.state import FloorState, MotionUnderWay, TaskPhase
 from up_samp.execution.tolerances import TOLERANCES
+
+
+@dataclass(frozen=True)
+class Go:
+    """Drive along the path of ``motion`` (an activity), not beyond ``until`` (m of its path).
+
+    The robot must be able to stand at ``until``: it brakes before, unless told a larger one.
+    """
+
+    motion: str
+    until: float
+
+
+@dataclass(frozen=True)
+class Hold:
+    """Stay where you are; ``waiting_for`` says why (empty: there is nothing left to do)."""
+
+    waiting_for: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Do:
+    """Do ``activity`` now (it drives nobody). It may not be over before ``may_end``."""
+
+    activity: str
+    may_end: bool = True
+
+
+Command = Go | Hold | Do
+
+
+# ------------------ What robots tell, before it is believed: what cannot be is not, and the answer
 
 
 class Heard(enum.Enum):
@@ -80,7 +114,7 @@ def clock_doubt(now: float, known: float) -> str:
     return f"its clock is {abs(ahead):.1f} s {way}"
 
 
-def doubt(way: Way, progress: float, seconds: float, error: float) -> str:
+def doubt(way: MotionUnderWay, progress: float, seconds: float, error: float) -> str:
     """Return why a robot cannot be at ``progress`` (m), ``seconds`` s after it told something that
     is believed (``""``: it can): it is not on the path, or no robot is so fast. ``error`` (m) is
     what every report may be wrong by.
@@ -96,7 +130,7 @@ def doubt(way: Way, progress: float, seconds: float, error: float) -> str:
 
 
 def kept_away(
-    state: State, meetings: Iterable[Meeting], way: Way
+    state: FloorState, meetings: Iterable[Meeting], way: MotionUnderWay
 ) -> tuple[tuple[str, ...], tuple[str, ...], dict[tuple[str, str], float]]:
     """Return who has to be kept away from a robot that is astray, who may touch it already, and how
     far (m) their motions may go (by activity and object): as far as they keep clear of wherever the
@@ -118,8 +152,8 @@ def kept_away(
                 met[life.object] = None
             continue
         other = state.ways[piece.key]
-        running = state.phase[other.activity] is Phase.RUNNING
-        if state.phase[other.activity] is Phase.DONE or (running and other.told - error > high):
+        running = state.phase[other.activity] is TaskPhase.RUNNING
+        if state.phase[other.activity] is TaskPhase.DONE or (running and other.told - error > high):
             continue
         inside = running and other.told + error >= low
         (met if inside else held)[life.object] = None
@@ -129,7 +163,7 @@ def kept_away(
 
 
 def _in_the_way(
-    meetings: Iterable[Meeting], way: Way, low: float, high: float
+    meetings: Iterable[Meeting], way: MotionUnderWay, low: float, high: float
 ) -> Iterator[tuple[Life, int, float, float]]:
     """Yield (life, piece, from, to) where others would meet a motion between ``low`` and ``high``
     (m): they between ``from`` and ``to`` (m) of their piece.
@@ -142,7 +176,7 @@ def _in_the_way(
             (meeting.b, meeting.path_b, meeting.one, meeting.k, meeting.path_a,
              rows[:, 1], rows[:, 2], rows[:, 0], rows[:, 0]),
         ):  # fmt: skip
-            if not isinstance(mine, Drive) or mine.key != (way.activity, way.object):
+            if not isinstance(mine, DriveCells) or mine.key != (way.activity, way.object):
                 continue
             hit = (path.edges[first] <= high) & (path.edges[last + 1] >= low)
             if not np.any(hit):
@@ -154,9 +188,13 @@ def _in_the_way(
                 yield life, m, float(theirs.edges[j]), float(theirs.edges[k + 1])
 
 
-def _stands(state: State, life: Life, m: int) -> bool:
+def _stands(state: FloorState, life: Life, m: int) -> bool:
     """Return whether an object rests where it does in its piece ``m``."""
     before, after = life.pieces[:m], life.pieces[m + 1 :]
-    over = all(state.phase[p.activity] is Phase.DONE for p in before if isinstance(p, Drive))
-    later = all(state.phase[p.activity] is Phase.WAITING for p in after if isinstance(p, Drive))
+    over = all(
+        state.phase[p.activity] is TaskPhase.DONE for p in before if isinstance(p, DriveCells)
+    )
+    later = all(
+        state.phase[p.activity] is TaskPhase.WAITING for p in after if isinstance(p, DriveCells)
+    )
     return over and later

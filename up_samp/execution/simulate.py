@@ -2,22 +2,278 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+import math
+import random
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from up_samp.execution.build import Dependencies
-from up_samp.execution.commands import Do, Go, Hold
-from up_samp.execution.delays import Delays, Luck, draw
 from up_samp.execution.executor import Executor
-from up_samp.execution.judge import Contact, broken_rules, contacts_of
-from up_samp.execution.record import Drivings, record_of
+from up_samp.execution.judge import Contact, Drivings, broken_rules, contacts_of, record_of
 from up_samp.execution.reorder import Reorderer
-from up_samp.execution.robot import Robot
-from up_samp.execution.state import Phase
+from up_samp.execution.reports import Do, Go, Hold
+from up_samp.execution.state import TaskPhase
 from up_samp.execution.timetable import Timetable
+from up_samp.execution.tolerances import TOLERANCES
+from up_samp.execution.travel import TravelProfile
 from up_samp.io.plan_dict import PlanDict
+from up_samp.model import ProblemError
 from up_samp.model.execution_tuning import ExecutionTuning, FloorTuning
+
+
+@dataclass(frozen=True)
+class Delays:
+    """Delays as the field's benchmarks draw them.
+
+    ``slow``: each robot drives at a share of its speed drawn from [1 - slow, 1].
+    ``stops``: random stops, on average so many for a minute of driving, each of a length drawn
+    from an exponential distribution with mean ``stop_seconds``.
+    ``long_stop``: one robot stops once for so many seconds, at a random time.
+    ``late``: tasks that drive nothing take up to this share longer.
+
+    What robots tell is wrong, too: by a constant of up to ``bias`` m (each robot's own, either
+    sign), by up to ``noise`` m more that is drawn anew for each report, and it is told ``lag`` s
+    late. Some drive by what they tell, some better than that (others tell where they are).
+    """
+
+    slow: float = 0.0
+    stops: float = 0.0
+    stop_seconds: float = 5.0
+    long_stop: float = 0.0
+    late: float = 0.0
+    bias: float = 0.0
+    noise: float = 0.0
+    lag: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.slow < 1.0:
+            raise ProblemError(f"delays: 'slow' must be at least 0 and below 1, not {self.slow}")
+        for name in ("stops", "stop_seconds", "long_stop", "late", "bias", "noise", "lag"):
+            if getattr(self, name) < 0.0:
+                raise ProblemError(f"delays: '{name}' must not be negative")
+
+    @staticmethod
+    def of_share(share: float) -> Delays:
+        """Return delays of all kinds that grow with ``share`` (0.3: delays of 30 %)."""
+        return Delays(slow=share, stops=2.0 * share, stop_seconds=5.0, late=share)
+
+    @staticmethod
+    def parse(text: str) -> Delays:
+        """Read ``30%`` or ``slow=0.3,stops=1,stop_seconds=5,long_stop=20,late=0.5``."""
+        delays = Delays()
+        for part in filter(None, (p.strip() for p in text.split(","))):
+            key, equals, value = part.partition("=")
+            try:
+                if not equals and key.endswith("%"):
+                    delays = Delays.of_share(float(key[:-1]) / 100)
+                elif equals and key in Delays.__dataclass_fields__:
+                    delays = replace(delays, **{key: float(value)})
+                else:
+                    raise ValueError(part)
+            except ValueError as error:
+                known = ", ".join(Delays.__dataclass_fields__)
+                raise ProblemError(
+                    f"delays '{part}': write a share such as 30%, or NAME=NUMBER of {known}"
+                ) from error
+        return delays
+
+
+@dataclass(frozen=True)
+class Senses:
+    """How wrong reports are: ``bias`` (m, told minus true progress), ``noise`` (m, drawn from
+    [-noise, noise] by a generator of ``seed``) and ``lag`` (s). A ``tracked`` robot drives by the
+    truth, and others tell where it is; a ``silent`` one does not say that it has come to its end.
+    """
+
+    bias: float = 0.0
+    noise: float = 0.0
+    lag: float = 0.0
+    tracked: bool = False
+    silent: bool = False
+    seed: str = ""
+
+
+@dataclass(frozen=True)
+class Luck:
+    """One draw: what will go wrong, by robot and by task, the same for every way of execution.
+
+    ``pace`` (share of the speed), ``stops`` (lists of (after so many seconds of driving, length)),
+    ``halt`` (robot, time, length), ``longer`` (factor on a task's duration) and ``senses``.
+    """
+
+    pace: Mapping[str, float] = field(default_factory=dict)
+    stops: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
+    halt: tuple[str, float, float] | None = None
+    longer: Mapping[str, float] = field(default_factory=dict)
+    senses: Mapping[str, Senses] = field(default_factory=dict)
+
+
+def draw(
+    delays: Delays, robots: Iterable[str], tasks: Iterable[str], makespan: float, seed: int
+) -> Luck:
+    """Draw one run's delays. Every robot and task has a generator of its own."""
+    names = sorted(robots)
+    pace, stops = {}, {}
+    for name in names:
+        rng = random.Random(f"robot {name} {seed}")
+        pace[name] = 1.0 - delays.slow * rng.random()
+        stops[name] = tuple(_stops(delays, rng, 4 * makespan))
+    longer = {
+        name: 1.0 + delays.late * random.Random(f"task {name} {seed}").random() for name in tasks
+    }
+    halt = None
+    if delays.long_stop > 0.0 and names:
+        rng = random.Random(f"halt {seed}")
+        halt = (rng.choice(names), rng.uniform(0.05, 0.6) * makespan, delays.long_stop)
+    senses = {name: _senses(delays, name, seed) for name in names}
+    return Luck(pace, stops, halt, longer, senses)
+
+
+def _senses(delays: Delays, name: str, seed: int) -> Senses:
+    rng = random.Random(f"senses {name} {seed}")
+    bias = rng.choice((-1.0, 1.0)) * delays.bias * rng.choice((1.0, 1.0, rng.random()))
+    tracked, silent = rng.random() < 0.5, rng.random() < 0.5
+    return Senses(bias, delays.noise, delays.lag, tracked, silent, f"noise {name} {seed}")
+
+
+def _stops(delays: Delays, rng: random.Random, horizon: float) -> list[tuple[float, float]]:
+    found: list[tuple[float, float]] = []
+    if delays.stops <= 0.0 or delays.stop_seconds <= 0.0:
+        return found
+    at = rng.expovariate(delays.stops / 60.0)
+    while at < horizon:
+        found.append((at, rng.expovariate(1.0 / delays.stop_seconds)))
+        at += rng.expovariate(delays.stops / 60.0)
+    return found
+
+
+# ------------------ A simulated robot on its path: bounded speed and acceleration, always able to s
+# What it tells of where it is may be wrong, and so may be what it drives by.
+
+
+class SimulatedRobot:
+    """One motion after the other. ``trace`` holds (time, progress) of the motion under way."""
+
+    def __init__(
+        self,
+        name: str,
+        pace: float,
+        stops: Sequence[tuple[float, float]],
+        halt: tuple[float, float] | None,
+        senses: Senses | None = None,
+    ):
+        self.name, self.pace = name, pace
+        self.senses = senses or Senses()
+        self._noise = random.Random(self.senses.seed)
+        self.stops = deque(stops)
+        self.halt = halt
+        self.driven = 0.0
+        """Seconds of driving so far, without stops."""
+        self.held_until = -math.inf
+        self.overruns = 0
+        self.motion: str | None = None
+        self.trace: list[tuple[float, float]] = []
+        self.s = self.v = self.until = 0.0
+        """True progress (m), speed (m/s), and how far it has been told that it may go (m)."""
+        self.wrong = 0.0
+        """Told minus true progress (m)."""
+        self.hold = False
+        """Whether it has been told to stay where it is."""
+        self.known: deque[tuple[float, float]] = deque()
+        """(time, progress) that is still to be told."""
+
+    def begin(self, motion: str, travel: TravelProfile, now: float) -> None:
+        """Take up a motion, at rest."""
+        self.motion, self.travel = motion, travel
+        self.s = self.v = self.until = 0.0
+        self.length = travel.length
+        self.next_stop = 0
+        self.trace = [(now, 0.0)]
+        self.known.clear()
+        self._look()
+
+    def _look(self) -> None:
+        spread = self.senses.noise
+        self.wrong = self.senses.bias + (self._noise.uniform(-spread, spread) if spread else 0.0)
+
+    @property
+    def believed(self) -> float:
+        """Progress (m) by which it drives."""
+        return self.s if self.senses.tracked else self.s + self.wrong
+
+    def told(self, now: float) -> float | None:
+        """Return the progress (m) that it tells at ``now`` (``None``: nothing yet)."""
+        self.known.append((now, self.s + self.wrong))
+        found = None
+        while self.known and self.known[0][0] <= now - self.senses.lag + 1e-9:
+            found = self.known.popleft()[1]
+        return found
+
+    @property
+    def arrived(self) -> bool:
+        """Whether it takes itself to be at the end of its motion, or has come to it, and stands."""
+        at_end = max(self.believed, self.s) >= self.length - TOLERANCES.step
+        return self.v == 0.0 and self.until >= self.length - TOLERANCES.step and at_end
+
+    def step(self, now: float, dt: float, ceiling: float = math.inf) -> None:
+        """Drive for ``dt`` s from ``now`` on: not beyond ``until`` (m, as it believes), where it
+        can stop, and not beyond ``ceiling`` (m) at the step's end, as far as its brakes allow.
+        """
+        a = self.travel.accel
+        self._disturb(now)
+        stops = self.travel.stops
+        while self.next_stop < len(stops) - 1 and self.s >= stops[self.next_stop] - 1e-9:
+            self.next_stop += 1
+        until = self.until if self.senses.tracked else self.until - self.wrong
+        goal = min(max(until, self.s), stops[self.next_stop], self.length)
+        left = goal - self.s
+        if now < self.held_until or self.hold:
+            wish = 0.0
+        elif left <= TOLERANCES.step and self.v <= 2 * TOLERANCES.step / dt:
+            # the last bit in one go
+            self.s, self.v = max(self.s, goal), 0.0
+            self._note(now + dt)
+            self._look()
+            return
+        else:
+            wish = self.pace * self.travel.cap_at(self.s)
+            wish = min(wish, 2 * (ceiling - self.s) / dt - self.v)
+        # the largest speed at the step's end from which it stops before the goal:
+        # (v + w) dt / 2 + w^2 / (2 a) = left
+        room = left - 0.5 * self.v * dt
+        brake = -0.5 * a * dt + math.sqrt(max(0.0, 0.25 * a * a * dt * dt + 2 * a * room))
+        hard = self.v - a * dt
+        if brake < hard - 1e-6 and self.v > 1e-9 and not self.hold and not self.senses.noise:
+            self.overruns += 1
+        w = max(0.0, hard, min(wish, brake, self.v + a * dt))
+        went = 0.5 * (self.v + w) * dt
+        if w == 0.0 and hard < 0.0:
+            went = min(went, self.v * self.v / (2 * a) if wish <= 0.0 else went)
+        self.driven += dt if now >= self.held_until else 0.0
+        self.s = min(self.s + max(0.0, went), max(goal, self.s))
+        self.v = w
+        self._note(now + dt)
+        self._look()
+
+    def _disturb(self, now: float) -> None:
+        while self.stops and self.driven >= self.stops[0][0]:
+            self.held_until = max(self.held_until, now + self.stops.popleft()[1])
+        if self.halt is not None and now >= self.halt[0]:
+            self.held_until = max(self.held_until, now + self.halt[1])
+            self.halt = None
+
+    def _note(self, now: float) -> None:
+        last = self.trace[-1]
+        if len(self.trace) >= 2 and self.trace[-2][1] == last[1] == self.s:
+            self.trace[-1] = (now, self.s)  # it still stands
+        else:
+            self.trace.append((now, self.s))
+
+
+# ------------------ Plans on a simulated floor with delays: how long it takes, who waits, who colli
+
 
 Policy = Literal["timed", "coarse", "staircase", "reorder"]
 
@@ -77,14 +333,16 @@ class Floor:
 
     def __post_init__(self) -> None:
         self.travels = self.dependencies.travels
-        self.robots: dict[str, Robot] = {}
+        self.robots: dict[str, SimulatedRobot] = {}
         for life in self.dependencies.lives.values():
             if life.drives:
                 name = life.object
                 halt = self.luck.halt
                 mine = None if halt is None or halt[0] != name else (halt[1], halt[2])
                 pace, stops = self.luck.pace.get(name, 1.0), self.luck.stops.get(name, ())
-                self.robots[name] = Robot(name, pace, stops, mine, self.luck.senses.get(name))
+                self.robots[name] = SimulatedRobot(
+                    name, pace, stops, mine, self.luck.senses.get(name)
+                )
         self.waiting: dict[str, float] = dict.fromkeys(self.robots, 0.0)
         self.last: dict[str, float] = dict.fromkeys(self.robots, 0.0)
 
@@ -120,7 +378,7 @@ class Floor:
         still = not disturbed and not self.ends and before == self._state()
         self.idle = self.idle + self.tick if still else 0.0
 
-    def _tell(self, robot: Robot) -> None:
+    def _tell(self, robot: SimulatedRobot) -> None:
         """Let a robot tell where it takes itself to be, and that it has come to its end."""
         progress = robot.told(self.now) if robot.motion is not None else None
         if progress is None or robot.motion is None:
@@ -131,13 +389,13 @@ class Floor:
         executive.update(name, progress=progress, now=self.now, motion=motion)
         if isinstance(executive, Timetable) or not robot.arrived or robot.senses.silent:
             return
-        if executive.phase(motion) is not Phase.DONE:
+        if executive.phase(motion) is not TaskPhase.DONE:
             executive.done(motion, self.now)
 
     def _state(self) -> tuple[Any, ...]:
         return self.executive.left, tuple((r.motion, r.s) for r in self.robots.values())
 
-    def _drive(self, robot: Robot, command: Any) -> None:
+    def _drive(self, robot: SimulatedRobot, command: Any) -> None:
         name, executive = robot.name, self.executive
         if isinstance(command, Go):
             if robot.motion != command.motion:
@@ -158,7 +416,7 @@ class Floor:
         elif self.now >= robot.held_until:
             self._wait(robot, command)
 
-    def _wait(self, robot: Robot, command: Any) -> None:
+    def _wait(self, robot: SimulatedRobot, command: Any) -> None:
         if isinstance(command, Do):
             self.last[robot.name] = self.now
             return
@@ -172,7 +430,7 @@ class Floor:
             else:
                 self.waits.append([robot.name, self.now, self.now + self.tick, whom])
 
-    def keep(self, robot: Robot) -> None:
+    def keep(self, robot: SimulatedRobot) -> None:
         """Put what a robot has driven on record."""
         if robot.motion is not None:
             self.drivings[robot.motion, robot.name] = list(robot.trace)

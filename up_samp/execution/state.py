@@ -11,15 +11,80 @@ from __future__ import annotations
 import enum
 import heapq
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from up_samp.execution.graph import ORIGIN, At, Edge, Event, Graph, chained, entangled
 from up_samp.execution.tolerances import TOLERANCES
-from up_samp.execution.travel import Travel
+from up_samp.execution.travel import TravelProfile
+from up_samp.model.execution_tuning import RobotPaceTuning
 
 
-class Phase(enum.Enum):
+class RobotPace(Mapping[str, float]):
+    """Each robot's pace, from what it told while nothing held it up (1: as fast as allowed)."""
+
+    def __init__(self, tuning: RobotPaceTuning | None = None) -> None:
+        self._tuning = tuning or RobotPaceTuning()
+        self._driven: dict[str, float] = {}
+        self._needed: dict[str, float] = {}
+        self._speed: dict[str, float] = {}
+        self._last: dict[str, tuple[str, float, float]] = {}
+
+    def told(self, way: MotionUnderWay, progress: float, now: float, until: float) -> None:
+        """Take in where a robot is. What it drives on its way to a closed gate does not count."""
+        name = way.object
+        before = self._last.get(name)
+        self._last[name] = (way.activity, progress, now)
+        if before is None or before[0] != way.activity or now <= before[2]:
+            return
+        speed = (progress - before[1]) / (now - before[2])
+        rising = speed > 1.02 * self._speed.get(name, 0.0)
+        self._speed[name] = speed
+        if rising or speed < 1e-3:
+            return  # a stop, and getting going again, say nothing of how fast it drives
+        brake = way.travel.speed_at(progress) ** 2 / (2 * way.travel.accel)
+        if until < way.length and progress + 1.5 * brake + 0.5 >= until:
+            return
+        ideal = way.travel.time_at(progress) - way.travel.time_at(before[1])
+        seconds = now - before[2]
+        memory = self._tuning.memory
+        fade = max(0.0, 1.0 - seconds / memory)
+        self._driven[name] = fade * self._driven.get(name, memory / 4) + ideal
+        self._needed[name] = fade * self._needed.get(name, memory / 4) + seconds
+
+    def saved(self) -> dict[str, Any]:
+        """Return all that it knows, as JSON would hold it."""
+        last = {name: list(told) for name, told in self._last.items()}
+        known = {"driven": self._driven, "needed": self._needed, "speed": self._speed}
+        return {**{k: dict(v) for k, v in known.items()}, "last": last}
+
+    def load(self, known: Mapping[str, Any]) -> None:
+        """Take over what another one knew."""
+        self._driven, self._needed = dict(known["driven"]), dict(known["needed"])
+        self._speed = dict(known["speed"])
+        self._last = {n: (str(a), float(p), float(t)) for n, (a, p, t) in known["last"].items()}
+
+    def __getitem__(self, name: str) -> float:
+        if name not in self._driven:
+            raise KeyError(name)
+        return min(1.0, max(self._tuning.least, self._driven[name] / self._needed[name]))
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._driven)
+
+    def __len__(self) -> int:
+        return len(self._driven)
+
+
+# ------------------ What has happened so far: which events, where everybody is, what may happen nex
+# Reported progress is not believed progress. A robot that tells p is somewhere in [p - L, p + L],
+# where L is the localisation error. So *reach* counts late: a robot has surely come to x once it
+# tells x + L; and *leave* counts early: it may have left x as soon as it tells more than x - L,
+# which is why it is told to go no farther. A closed gate stays closed whatever is told.
+
+
+class TaskPhase(enum.Enum):
     """How far an activity is."""
 
     WAITING = "waiting"
@@ -28,7 +93,7 @@ class Phase(enum.Enum):
 
 
 @dataclass
-class Way:
+class MotionUnderWay:
     """A motion under way. ``marks`` and ``gates`` are (told progress, event), by progress: from
     where on it has surely come to a point, and up to where it has surely not left one.
     """
@@ -36,7 +101,7 @@ class Way:
     activity: str
     object: str
     length: float
-    travel: Travel
+    travel: TravelProfile
     marks: list[tuple[float, int]] = field(default_factory=list)
     gates: list[tuple[float, int]] = field(default_factory=list)
     progress: float = 0.0
@@ -51,7 +116,7 @@ class Way:
     gate: int = 0
 
 
-class State:
+class FloorState:
     """Counts, for every event, what it still waits for. Cost of an event: its edges.
 
     ``tolerance`` (m) is rounding: by how much less than a point may be told of one who stands
@@ -61,17 +126,19 @@ class State:
     def __init__(
         self,
         graph: Graph,
-        travels: Mapping[tuple[str, str], Travel],
+        travels: Mapping[tuple[str, str], TravelProfile],
         tolerance: float,
         localisation: float = 0.0,
     ):
         self.tolerance, self.localisation = tolerance, localisation
         self.now = 0.0
-        self.phase = dict.fromkeys(graph.tasks, Phase.WAITING)
+        self.phase = dict.fromkeys(graph.tasks, TaskPhase.WAITING)
         self.fired: dict[Event, float] = {}
-        self.ways = {key: Way(*key, length, travels[key]) for key, length in graph.lengths.items()}
-        self.of_object: dict[str, Way] = {}
-        self.ways_of: dict[str, list[Way]] = {name: [] for name in graph.tasks}
+        self.ways = {
+            key: MotionUnderWay(*key, length, travels[key]) for key, length in graph.lengths.items()
+        }
+        self.of_object: dict[str, MotionUnderWay] = {}
+        self.ways_of: dict[str, list[MotionUnderWay]] = {name: [] for name in graph.tasks}
         for way in self.ways.values():
             self.ways_of[way.activity].append(way)
         self.bars: dict[tuple[str, str], float] = {}
@@ -136,14 +203,14 @@ class State:
         while self.timers and self.timers[0][0] <= self.now + 1e-9:
             self.missing[heapq.heappop(self.timers)[1]] -= 1
 
-    def move(self, way: Way, told: float) -> None:
+    def move(self, way: MotionUnderWay, told: float) -> None:
         """Note what was told of a motion. It never goes back, and whatever is told, it is believed
         to be no farther than its closed gate allows.
         """
         way.told = told
         self.follow(way)
 
-    def follow(self, way: Way) -> None:
+    def follow(self, way: MotionUnderWay) -> None:
         """Believe what was told of a motion last, as far as its gates are open."""
         gate = self.closed(way)
         most = way.length if gate is None else self._nominal(gate) + self.localisation
@@ -157,8 +224,8 @@ class State:
     def _nominal(self, number: int) -> float:
         return self.graph.events[number].progress
 
-    def _pass(self, way: Way) -> None:
-        if self.phase[way.activity] is Phase.WAITING:
+    def _pass(self, way: MotionUnderWay) -> None:
+        if self.phase[way.activity] is TaskPhase.WAITING:
             return
         while way.gate < len(way.gates):
             place, number = way.gates[way.gate]
@@ -177,7 +244,7 @@ class State:
             self.fire(number, self.now)
             way.mark += 1
 
-    def closed(self, way: Way) -> int | None:
+    def closed(self, way: MotionUnderWay) -> int | None:
         """Return the event of a motion's next closed gate."""
         for k in range(way.gate, len(way.gates)):
             number = way.gates[k][1]
@@ -185,7 +252,7 @@ class State:
                 return number
         return None
 
-    def until(self, way: Way) -> float:
+    def until(self, way: MotionUnderWay) -> float:
         """Return how far a motion may go by what its robot tells: up to its next closed gate, less
         the localisation error; and not where somebody is astray.
         """
@@ -197,14 +264,14 @@ class State:
                 break
         return min(found, self.bars.get((way.activity, way.object), found))
 
-    def reached(self, way: Way, progress: float) -> bool:
+    def reached(self, way: MotionUnderWay, progress: float) -> bool:
         """Return whether a motion has surely come to a point (m) of its path."""
-        if self.phase[way.activity] is Phase.WAITING:
+        if self.phase[way.activity] is TaskPhase.WAITING:
             return False
-        over = self.phase[way.activity] is Phase.DONE
+        over = self.phase[way.activity] is TaskPhase.DONE
         return over or way.progress >= progress + self.localisation - self.tolerance
 
-    def arrived(self, way: Way) -> bool:
+    def arrived(self, way: MotionUnderWay) -> bool:
         """Return whether a motion is at its end: its robot tells so much, or tells no less than
         the error allows of one that is there, and says that it is, or stands.
         """
@@ -215,7 +282,7 @@ class State:
         near = way.progress >= way.length - self.localisation - self.tolerance
         return near and (way.at_end or self.now >= way.since + TOLERANCES.settled)
 
-    def finish(self, way: Way) -> None:
+    def finish(self, way: MotionUnderWay) -> None:
         """Note that a motion is at its end: all of its points have been come to, and left."""
         way.progress = max(way.progress, way.length - self.localisation)
         for places in (way.marks, way.gates):
@@ -224,7 +291,7 @@ class State:
         way.mark, way.gate = len(way.marks), len(way.gates)
         self.bars.pop((way.activity, way.object), None)
 
-    def astray(self, way: Way) -> float:
+    def astray(self, way: MotionUnderWay) -> float:
         """Return by how much (m) a motion is where it cannot have been led by its commands: surely
         beyond a closed gate (positive), or surely behind where it has been (negative).
         """

@@ -10,8 +10,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from up_samp.execution.build import Dependencies
-from up_samp.execution.commands import Command, Do, Go, Hold
 from up_samp.execution.graph import PlannedTask
+from up_samp.execution.reports import Command, Do, Go, Hold
 
 
 class Timetable:

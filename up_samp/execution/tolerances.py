@@ -8,7 +8,7 @@ from up_samp.io.precision import PRECISION
 
 
 @dataclass(frozen=True)
-class Tolerances:
+class ExecutionTolerances:
     """Times in seconds, distances in metres, angles in radians."""
 
     same_time: float = 1e-6
@@ -44,4 +44,4 @@ class Tolerances:
     it does not."""
 
 
-TOLERANCES = Tolerances()
+TOLERANCES = ExecutionTolerances()

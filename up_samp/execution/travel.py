@@ -24,7 +24,7 @@ looked at more closely."""
 
 
 @dataclass(frozen=True, eq=False)
-class Travel:
+class TravelProfile:
     """The fastest drive along a path, rest to rest: arrays over ``progress`` (m): ``speed`` (m/s),
     ``time`` (s). ``cap`` bounds the speed where the body may not choose it freely.
     """
@@ -120,7 +120,7 @@ def along(path: Path, pose: Sequence[float], window: tuple[float, float] | None 
         at = np.linspace(max(low, at[k] - step), min(high, at[k] + step), 41)
 
 
-def travel_of(path: Path) -> Travel:
+def travel_of(path: Path) -> TravelProfile:
     """Return the fastest drive along a path within the body's limits (forward and backward pass).
 
     Where the body's speed cannot be chosen freely (hard bends, equations of its own) it is bounded
@@ -145,12 +145,12 @@ def travel_of(path: Path) -> Travel:
     mean = 0.5 * (speed[1:] + speed[:-1])
     slow = np.sqrt(kin.a_max * gaps) / 2  # from rest to rest within one stretch
     time = np.concatenate([[0.0], np.cumsum(gaps / np.maximum(mean, slow))])
-    return Travel(grid, speed, time, cap, kin.a_max, stops)
+    return TravelProfile(grid, speed, time, cap, kin.a_max, stops)
 
 
-def travels_of(lives: Mapping[str, Life]) -> dict[tuple[str, str], Travel]:
+def travels_of(lives: Mapping[str, Life]) -> dict[tuple[str, str], TravelProfile]:
     """Return the fastest drives of all motions, by activity and object."""
-    known: dict[Path, Travel] = {}
+    known: dict[Path, TravelProfile] = {}
     found = {}
     for life in lives.values():
         for drive in life.drives:

@@ -21,7 +21,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class PathPiece:
     """A stretch of a motion between two rests or changes of direction.
 
     ``rows`` are ``[t, x, y, theta]`` (n, 4). ``direction``: ``"forward"``, ``"backward"``,
@@ -44,7 +44,7 @@ class Piece:
         return float(np.max(steps / np.diff(self.rows[:, 0]), initial=0.0))
 
 
-def pieces_of(motion: dict[str, Any]) -> list[Piece]:
+def pieces_of(motion: dict[str, Any]) -> list[PathPiece]:
     """Return the pieces of one entry of a plan's ``motions``, in order; rests are left out.
 
     Raises :class:`UnsupportedError` for motions in space.
@@ -56,12 +56,12 @@ def pieces_of(motion: dict[str, Any]) -> list[Piece]:
             "plane only"
         )
     kinds = [_direction(a, b) for a, b in itertools.pairwise(rows)]
-    pieces: list[Piece] = []
+    pieces: list[PathPiece] = []
     begin = 0
     for i in range(1, len(kinds) + 1):
         if i == len(kinds) or kinds[i] != kinds[begin]:
             if kinds[begin] != "rest":
-                pieces.append(Piece(motion["activity"], rows[begin : i + 1], kinds[begin]))
+                pieces.append(PathPiece(motion["activity"], rows[begin : i + 1], kinds[begin]))
             begin = i
     return pieces
 

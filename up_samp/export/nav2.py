@@ -16,7 +16,7 @@ import yaml
 
 from up_samp.export.legs import FloatArray, quaternion
 from up_samp.export.precision import PRECISION
-from up_samp.export.steps import Step, steps_of
+from up_samp.export.steps import RobotStep, steps_of
 from up_samp.export.vda5050 import file_names
 from up_samp.io import PlanDict
 
@@ -35,7 +35,7 @@ def export(plan: PlanDict, folder: Path) -> list[Path]:
     return written
 
 
-def _leg(number: int, step: Step) -> dict[str, Any]:
+def _leg(number: int, step: RobotStep) -> dict[str, Any]:
     leg: dict[str, Any] = {
         "leg": number,
         "activity": step.activity,

@@ -16,14 +16,14 @@ from typing import Any
 import numpy as np
 
 from up_samp.execution.files import dependencies_from_plan
-from up_samp.export.legs import FloatArray, Piece, pieces_of
+from up_samp.export.legs import FloatArray, PathPiece, pieces_of
 from up_samp.export.precision import PRECISION
 from up_samp.io import PlanDict
 from up_samp.model import ProblemError
 
 
 @dataclass(frozen=True)
-class Wait:
+class StepWait:
     """An event that has to come first, and for how long (s) at least.
 
     ``event`` is as in the plan file: ``("end", activity)``, ``("reach", activity, object, m)``.
@@ -35,7 +35,7 @@ class Wait:
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class RobotStep:
     """``piece`` is None for an activity on the spot, which then lasts ``seconds``.
 
     ``happens`` are the events, in the plan file's words, that are true when the step is done;
@@ -44,14 +44,14 @@ class Step:
 
     robot: str
     activity: str
-    waits: tuple[Wait, ...]
+    waits: tuple[StepWait, ...]
     begins: tuple[tuple[Any, ...], ...]
     happens: tuple[tuple[Any, ...], ...]
-    piece: Piece | None = None
+    piece: PathPiece | None = None
     seconds: float = 0.0
 
 
-def steps_of(plan: PlanDict) -> dict[str, list[Step]]:
+def steps_of(plan: PlanDict) -> dict[str, list[RobotStep]]:
     """Return each robot's steps in order; under "" the activities that no robot does.
 
     Raises :class:`ProblemError` for plans without dependencies: nobody could follow them safely
@@ -63,16 +63,16 @@ def steps_of(plan: PlanDict) -> dict[str, list[Step]]:
             "unsafe; solve the problem again, or add them with up_samp.execution"
         )
     dependencies_from_plan(plan)  # refuses those that cannot be followed
-    return _Reader(plan).read()
+    return _StepReader(plan).read()
 
 
-class _Reader:
+class _StepReader:
     """Reads one plan."""
 
     def __init__(self, plan: PlanDict) -> None:
         self.plan = plan
         self.unit = float(plan["seconds_per_unit"])
-        self.waits: dict[tuple[Any, ...], list[Wait]] = {}
+        self.waits: dict[tuple[Any, ...], list[StepWait]] = {}
         self.points: dict[tuple[str, str], set[float]] = {}
         self.tasks = {t["activity"]: t for t in plan["dependencies"]["tasks"]}
         self.motions: dict[str, list[Mapping[str, Any]]] = {}
@@ -80,7 +80,7 @@ class _Reader:
             self.motions.setdefault(motion["activity"], []).append(motion)
         for edge in plan["dependencies"]["edges"]:
             if not self._kept_anyway(edge):
-                wait = Wait(tuple(edge["first"]), float(edge["lag"]), edge["why"])
+                wait = StepWait(tuple(edge["first"]), float(edge["lag"]), edge["why"])
                 self.waits.setdefault(tuple(edge["then"]), []).append(wait)
             for event in (edge["first"], edge["then"]):
                 if event[0] in ("reach", "leave"):
@@ -106,9 +106,9 @@ class _Reader:
         moves = {m["object"] for m in self.motions.get(event[1], ())}
         return frozenset(moves | set(self.tasks[event[1]]["who"]))
 
-    def read(self) -> dict[str, list[Step]]:
-        found: dict[str, list[Step]] = {}
-        late: dict[str, list[Wait]] = {}
+    def read(self) -> dict[str, list[RobotStep]]:
+        found: dict[str, list[RobotStep]] = {}
+        late: dict[str, list[StepWait]] = {}
         for activity in sorted(self.plan["activities"], key=lambda a: (a["start"], a["end"])):
             name = activity["name"]
             moves = {m["object"] for m in self.motions.get(name, ())}
@@ -120,23 +120,23 @@ class _Reader:
                 late[robot] = self.waits.get(("end", name), [])
         return found
 
-    def _steps(self, robot: str, activity: Mapping[str, Any]) -> list[Step]:
+    def _steps(self, robot: str, activity: Mapping[str, Any]) -> list[RobotStep]:
         name = activity["name"]
         motion = next((m for m in self.motions.get(name, ()) if m["object"] == robot), None)
         seconds = float(self.tasks[name]["expected"])
         begin = tuple(self.waits.get(("start", name), ()))
         started, done = ("start", name), ("end", name)
         if motion is None:
-            return [Step(robot, name, begin, (started,), (done,), None, seconds)]
-        steps: list[Step] = []
+            return [RobotStep(robot, name, begin, (started,), (done,), None, seconds)]
+        steps: list[RobotStep] = []
         for piece, low, high in _stretches(motion, self.points.get((name, robot), set())):
             waits = () if steps else begin
             waits += self._at("leave", name, robot, low)
             begins = tuple(self._events("leave", name, robot, low))
             happens = tuple(self._events("reach", name, robot, high))
-            steps.append(Step(robot, name, waits, begins, happens, piece))
+            steps.append(RobotStep(robot, name, waits, begins, happens, piece))
         if not steps:  # it stays where it is
-            return [Step(robot, name, begin, (started,), (done,), None, seconds)]
+            return [RobotStep(robot, name, begin, (started,), (done,), None, seconds)]
         steps[0] = replace(steps[0], begins=(started, *steps[0].begins))
         steps[-1] = replace(steps[-1], happens=(*steps[-1].happens, done))
         return steps
@@ -145,12 +145,14 @@ class _Reader:
         points = self.points.get((name, robot), ())
         return [(kind, name, robot, p) for p in sorted(points) if abs(p - at) <= PRECISION.near]
 
-    def _at(self, kind: str, name: str, robot: str, at: float) -> tuple[Wait, ...]:
+    def _at(self, kind: str, name: str, robot: str, at: float) -> tuple[StepWait, ...]:
         events = self._events(kind, name, robot, at)
         return tuple(w for e in events for w in self.waits.get(e, ()))
 
 
-def _stretches(motion: Mapping[str, Any], points: set[float]) -> list[tuple[Piece, float, float]]:
+def _stretches(
+    motion: Mapping[str, Any], points: set[float]
+) -> list[tuple[PathPiece, float, float]]:
     """Return the pieces of a motion, cut at ``points`` (m of progress), with their ends (m)."""
     rows = np.asarray(motion["samples"], dtype=np.float64)
     progress = np.asarray(motion["progress"], dtype=np.float64)
@@ -161,7 +163,7 @@ def _stretches(motion: Mapping[str, Any], points: set[float]) -> list[tuple[Piec
         for a, b in itertools.pairwise([low, *inner, high]):
             found.append(
                 (
-                    Piece(
+                    PathPiece(
                         piece.activity,
                         _between(piece.rows, rows[:, 0], progress, a, b),
                         piece.direction,

@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from up_samp.export.legs import FloatArray, Piece, simplified, wrapped
+from up_samp.export.legs import FloatArray, PathPiece, simplified, wrapped
 from up_samp.export.precision import PRECISION
-from up_samp.export.steps import Step, Wait, steps_of
+from up_samp.export.steps import RobotStep, StepWait, steps_of
 from up_samp.io import PlanDict
 from up_samp.model import ProblemError
 
@@ -42,7 +42,7 @@ class _Order:
     robot: str
     nodes: list[Message] = field(default_factory=list)
     edges: list[Message] = field(default_factory=list)
-    steps: list[Step] = field(default_factory=list)
+    steps: list[RobotStep] = field(default_factory=list)
 
 
 def export(plan: PlanDict, folder: Path, version: str = VERSION) -> list[Path]:
@@ -109,7 +109,7 @@ def _write(path: Path, data: Any) -> Path:
 
 
 # ------------------------------------------------------------------------------ nodes and edges
-def _order(plan: PlanDict, robot: str, steps: Sequence[Step], map_id: str) -> _Order:
+def _order(plan: PlanDict, robot: str, steps: Sequence[RobotStep], map_id: str) -> _Order:
     order = _Order(robot)
     entry = next((o for o in plan["objects"] if o["name"] == robot), None)
     first = next((s.piece.rows[0, 1:] for s in steps if s.piece is not None), None)
@@ -146,7 +146,7 @@ def _node(robot: str, number: int, pose: FloatArray, map_id: str) -> Message:
     }
 
 
-def _action(step: Step) -> Message:
+def _action(step: RobotStep) -> Message:
     return {
         "actionType": step.activity,
         "actionId": f"{step.robot}:{step.activity}",
@@ -155,7 +155,7 @@ def _action(step: Step) -> Message:
     }
 
 
-def _edge(robot: str, number: int, piece: Piece | None) -> Message:
+def _edge(robot: str, number: int, piece: PathPiece | None) -> Message:
     edge: Message = {
         "edgeId": f"{robot}-e{number}",
         "sequenceId": 2 * number - 1,
@@ -195,7 +195,7 @@ def nurbs(points: FloatArray) -> Message:
 
 
 # ---------------------------------------------------------------------------------- messages
-def _messages(order: _Order, problem: str) -> list[tuple[int, Message, tuple[Wait, ...]]]:
+def _messages(order: _Order, problem: str) -> list[tuple[int, Message, tuple[StepWait, ...]]]:
     """Return (number, message, what it waits for): the order first, then its updates.
 
     The order releases what waits for nothing; each update releases one more stretch, up to the
@@ -204,7 +204,7 @@ def _messages(order: _Order, problem: str) -> list[tuple[int, Message, tuple[Wai
     gates = [k for k, s in enumerate(order.steps) if s.waits]
     cuts = [*gates, len(order.steps)]
     messages = [(0, _message(order, problem, 0, 0, cuts[0]), ())]
-    found: list[tuple[int, Message, tuple[Wait, ...]]] = list(messages)
+    found: list[tuple[int, Message, tuple[StepWait, ...]]] = list(messages)
     for number, (gate, until) in enumerate(zip(gates, cuts[1:], strict=True), start=1):
         message = _message(order, problem, number, gate, until)
         found.append((number, message, order.steps[gate].waits))
@@ -235,7 +235,7 @@ class _Release:
     file: str
     robot: str
     last: int
-    waits: tuple[Wait, ...]
+    waits: tuple[StepWait, ...]
 
 
 @dataclass(frozen=True)
@@ -265,7 +265,7 @@ def _where_seen(orders: Sequence[_Order]) -> dict[Event, list[_Seen]]:
 
 
 def _sorted(
-    releases: Sequence[_Release], seen: dict[Event, list[_Seen]], others: Sequence[Step]
+    releases: Sequence[_Release], seen: dict[Event, list[_Seen]], others: Sequence[RobotStep]
 ) -> list[_Release]:
     """Return the messages in an order in which each waits only for what earlier ones release.
 
@@ -309,7 +309,7 @@ def _listed(release: _Release, seen: dict[Event, list[_Seen]]) -> Message:
     }
 
 
-def _condition(wait: Wait, seen: dict[Event, list[_Seen]]) -> Message:
+def _condition(wait: StepWait, seen: dict[Event, list[_Seen]]) -> Message:
     """Return what has to be seen before a message may be sent."""
     signs = []
     for sign in seen.get(wait.event, ()):

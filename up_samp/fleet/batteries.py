@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from up_samp.fleet.loads import load_of, place_of, ridden, with_load
-from up_samp.fleet.meanings import Kind, Written
 from up_samp.fleet.outlines import body_of, still
 from up_samp.fleet.records import Battery, Charger, FleetRecords
+from up_samp.fleet.statements import Kind, Written
 from up_samp.geometry import load_map
 from up_samp.io.sampling import rows_trajectory
 from up_samp.model import Deadline, PathQuery, Placed, Trajectory

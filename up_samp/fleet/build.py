@@ -14,12 +14,10 @@ from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.shortcuts import MinimizeMakespan
 
 from up_samp.fleet.drives import Drives
-from up_samp.fleet.hands import add_loads
-from up_samp.fleet.jobs import JobRules
-from up_samp.fleet.meanings import Written
+from up_samp.fleet.jobs import JobRules, add_loads
 from up_samp.fleet.records import FleetRecords
 from up_samp.fleet.site import Site
-from up_samp.fleet.statements import one_at_a_time
+from up_samp.fleet.statements import Written, one_at_a_time
 from up_samp.fleet.work import Work
 
 

@@ -9,12 +9,10 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import Equals
 
 from up_samp.fleet.batteries import Meter
-from up_samp.fleet.crowds import Passing
 from up_samp.fleet.loads import is_stand_of, is_under, load_name, loads_of, place_of, ridden
-from up_samp.fleet.meanings import Kind, Meaning
 from up_samp.fleet.records import RobotType
-from up_samp.fleet.site import Site
-from up_samp.fleet.statements import at_start
+from up_samp.fleet.site import Passing, Site
+from up_samp.fleet.statements import Kind, Meaning, at_start
 from up_samp.fleet.visits import Successions, moves_needed
 from up_samp.fleet.work import Work
 from up_samp.geometry import load_map

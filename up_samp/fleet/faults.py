@@ -14,10 +14,36 @@ from shapely.geometry import Polygon
 from shapely.validation import explain_validity
 
 from up_samp.fleet.abilities import able, carries, needs_robot, with_skills
-from up_samp.fleet.limits import FIGURES
-from up_samp.fleet.records import Attached, FleetRecords, Order, Outline, Stop, Task, corners_of
-from up_samp.fleet.sequence import earlier_than
+from up_samp.fleet.records import (
+    FIGURES,
+    Attached,
+    FleetRecords,
+    Order,
+    Outline,
+    Stop,
+    Task,
+    corners_of,
+)
 from up_samp.model import ProblemError
+
+
+def earlier_than(records: FleetRecords, job: Order | Task) -> tuple[str, ...]:
+    """Return what has ended before a job begins: what it names, who has put down the load that it
+    takes on, the task whose part it fetches, and who brings parts to it.
+    """
+    found = list(job.after)
+    if isinstance(job, Order):
+        if isinstance(job.attached, str):
+            found.append(job.attached)
+        if job.pickup.task is not None:
+            found.append(job.pickup.task)
+    else:
+        found += [o.id for o in records.bringers.get(job.id, ())]
+    return tuple(dict.fromkeys(found))
+
+
+# ------------------ What is wrong with the records of a fleet problem, told with its place and what
+
 
 Path = tuple[str | int, ...]
 """Where in a problem file: keys and indices from its top."""

@@ -16,10 +16,8 @@ from up_samp.fleet.batteries import tell_levels
 from up_samp.fleet.build import write_problem
 from up_samp.fleet.checks import Finding, check_fleet
 from up_samp.fleet.faults import NO_ROBOT, Fault, FleetError, find_faults, same_names
-from up_samp.fleet.files import read_problem_file, write_problem_file
-from up_samp.fleet.meanings import Written
+from up_samp.fleet.files import read_problem_file, read_record, write_problem_file
 from up_samp.fleet.picture import draw_fleet
-from up_samp.fleet.reading import read_record
 from up_samp.fleet.records import (
     Door,
     FleetRecords,
@@ -32,6 +30,7 @@ from up_samp.fleet.records import (
     Zone,
 )
 from up_samp.fleet.result import FleetResult, saved, solve_problem
+from up_samp.fleet.statements import Written
 from up_samp.io.precision import PRECISION
 
 Names = str | Sequence[str]

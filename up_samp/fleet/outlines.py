@@ -12,7 +12,7 @@ from unified_planning.shortcuts import MovableType
 
 from up_samp.fleet.records import Outline, Pose, RobotType, corners_of
 from up_samp.model import Body, Kinematics, MotionModel
-from up_samp.upio.read_movable import read_movable
+from up_samp.upio.read_maps import read_movable
 
 MODELS = {
     "car": MotionModels.REEDSSHEPP,

@@ -17,8 +17,7 @@ from up_samp.fleet.loads import load_pose, loads_of
 from up_samp.fleet.outlines import placed
 from up_samp.fleet.records import FleetRecords, Outline, Pose
 from up_samp.plotting.background import background_of
-from up_samp.plotting.colors import FIXTURE, INK, color_of, mixed
-from up_samp.plotting.labels import Label, place_labels
+from up_samp.plotting.style import FIXTURE, INK, PlacedLabel, color_of, mixed, place_labels
 
 WRONG = "#c1121f"
 
@@ -49,14 +48,14 @@ def draw_fleet(
     return ax
 
 
-def _draw_fixtures(ax: Axes, records: FleetRecords) -> list[Label]:
+def _draw_fixtures(ax: Axes, records: FleetRecords) -> list[PlacedLabel]:
     """Draw zones, doors and loads; return what they are called."""
-    labels: list[Label] = []
+    labels: list[PlacedLabel] = []
     for name, zone in records.zones.items():
         here = np.asarray(zone.polygon, dtype=np.float64)
         ax.add_patch(Polygon(here, fc=mixed(WRONG, 0.8), ec=WRONG, lw=0.8, ls=":", alpha=0.6))
         x, y = (float(v) for v in here.mean(axis=0))
-        labels.append(Label(name, x, y, WRONG, False, (0.3, 0.3)))
+        labels.append(PlacedLabel(name, x, y, WRONG, False, (0.3, 0.3)))
     for name, door in records.doors.items():
         leaf, opened = placed(door.leaf, door.closed), placed(door.leaf, door.open)
         ax.add_patch(Polygon(opened, fc="none", ec=FIXTURE, ls="--"))
@@ -69,9 +68,9 @@ def _draw_fixtures(ax: Axes, records: FleetRecords) -> list[Label]:
     return labels
 
 
-def _draw_places(ax: Axes, records: FleetRecords, bad: set[str]) -> list[Label]:
+def _draw_places(ax: Axes, records: FleetRecords, bad: set[str]) -> list[PlacedLabel]:
     """Draw places, with the robots that start there; return what they are called."""
-    labels: list[Label] = []
+    labels: list[PlacedLabel] = []
     starts = {r.start: name for name, r in records.robots.items()}
     order = list(records.robots)
     shape = _usual(records)
@@ -119,6 +118,6 @@ def _usual(records: FleetRecords) -> Outline:
     return records.robot_types[most].footprint
 
 
-def _label(text: str, pose: Pose, outline: npt.NDArray[np.float64], color: str) -> Label:
+def _label(text: str, pose: Pose, outline: npt.NDArray[np.float64], color: str) -> PlacedLabel:
     reach = np.abs(outline - pose[:2]).max(axis=0)
-    return Label(text, pose[0], pose[1], color, False, (float(reach[0]), float(reach[1])))
+    return PlacedLabel(text, pose[0], pose[1], color, False, (float(reach[0]), float(reach[1])))

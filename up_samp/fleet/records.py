@@ -13,9 +13,54 @@ from typing import Annotated, Any, ClassVar, Literal
 from annotated_types import Ge, Gt, Le, MinLen
 from pydantic import BeforeValidator, ConfigDict, StringConstraints
 
-from up_samp.fleet.limits import FIGURES
 from up_samp.io.precision import PRECISION
-from up_samp.upio.limits import LIMITS
+from up_samp.upio.read_maps import LIMITS
+
+
+@dataclass(frozen=True)
+class FileLimits:
+    """Larger files and maps are refused before anything is built from them."""
+
+    file_bytes: int = 16_000_000
+    """Bytes of a file of problems."""
+    aliases: int = 1_000
+    """YAML aliases in one file: a few of them may stand for millions of nodes."""
+    depth: int = 40
+    """Tables in tables."""
+    cells: int = 40_000_000
+    """Cells of a map that is drawn from outlines."""
+    pieces: int = 200_000
+    """Elements and points of a drawing, each copy counted: a few lines may stand for millions."""
+
+
+FILE_LIMITS = FileLimits()
+
+
+@dataclass(frozen=True)
+class FigureLimits:
+    """Figures beyond them are refused by name: nothing real has them, and they cannot be counted
+    with.
+    """
+
+    largest: float = 1e9
+    """Of all figures without a limit of their own."""
+    least: float = 1e-6
+    """Of what has to be more than nothing."""
+    visits: int = 200
+    """How often a robot may come to a charger, a door, or a place to park: each visit is an
+    activity of its own."""
+    corners: int = 1_000
+    """Of a footprint, a door's leaf, or a zone: every pose that is looked at takes them all."""
+    shown: int = 20
+    """So many faults are told at a time."""
+
+
+FIGURES = FigureLimits()
+
+
+# ------------------ What a fleet problem says, as frozen records: the one source of ``Fleet`` and o
+# Lengths in m, angles in rad, times in s; poses are ``(x, y, theta)`` in the map's world frame.
+
 
 FORMAT = "up-samp-problem"
 VERSION = 1

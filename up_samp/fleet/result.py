@@ -19,7 +19,7 @@ from unified_planning.shortcuts import OneshotPlanner
 
 from up_samp.engines.factory import engine_named
 from up_samp.engines.registration import register
-from up_samp.fleet.meanings import Kind, Written
+from up_samp.fleet.statements import Kind, Written
 from up_samp.io import PlanDict, result_to_dict, write_plan
 from up_samp.model import SampError
 from up_samp.plotting import places_of, plot_gantt, plot_map, write_html

@@ -1,9 +1,14 @@
-"""What several parts of a fleet problem state of activities, in one way."""
+"""What the activities of a fleet's UP problem stand for, and what several parts state of them in
+one way.
+"""
 
 from __future__ import annotations
 
+import enum
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 from unified_planning.model import FNode, TimePointInterval, Timing
 from unified_planning.model.motion import SchedulingMotionProblem
@@ -12,6 +17,47 @@ from unified_planning.model.timing import LeftOpenTimeInterval
 from unified_planning.shortcuts import LE, Not, Or
 
 from up_samp.fleet.loads import MARK
+
+
+class Kind(enum.Enum):
+    """What happens in an activity."""
+
+    MOVE = "move"
+    CARRY = "carry"
+    PICKUP = "pick"
+    DELIVERY = "deliver"
+    TASK = "task"
+    OPEN = "open"
+    CLOSE = "close"
+    CHARGE = "charge"
+    SKIP = "skip"
+    LEAVE = "leave out"
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """``what`` (an order, a task, a door, a charger's place; none for moves) happens, by ``robot``
+    (none: by no robot).
+    """
+
+    kind: Kind
+    what: str = ""
+    robot: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Written:
+    """A fleet's UP problem, and what its activities (by name) stand for."""
+
+    problem: SchedulingMotionProblem
+    meanings: Mapping[str, Meaning]
+
+    def happening(self, activities: Iterable[Mapping[str, Any]]) -> Iterator[tuple[Meaning, Any]]:
+        """Yield what a plan's ``activities`` (dictionaries) stand for, with each of them."""
+        return ((self.meanings[a["name"]], a) for a in activities)
+
+
+# ------------------ What several parts of a fleet problem state of activities, in one way
 
 
 def at_start(a: Activity) -> TimePointInterval:

@@ -12,9 +12,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from up_samp.fleet.abilities import able, carries, needs_robot
+from up_samp.fleet.faults import earlier_than
 from up_samp.fleet.loads import options_of, ridden
 from up_samp.fleet.records import Charger, FleetRecords, Order, RobotType
-from up_samp.fleet.sequence import earlier_than
 
 
 class Role(enum.Enum):

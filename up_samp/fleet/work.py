@@ -10,10 +10,17 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import Equals, Or
 
 from up_samp.fleet.batteries import step_of, steps_of
-from up_samp.fleet.meanings import Kind, Meaning
 from up_samp.fleet.records import Stop, Task
 from up_samp.fleet.site import Site
-from up_samp.fleet.statements import at_start, ends_before, only_with, present, while_there
+from up_samp.fleet.statements import (
+    Kind,
+    Meaning,
+    at_start,
+    ends_before,
+    only_with,
+    present,
+    while_there,
+)
 from up_samp.fleet.visits import WORK, Role, Visit, visits_of
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.geometry.compiled import inner, kernel
+from up_samp.geometry.records import inner, kernel
 from up_samp.model import check_time
 
 BoolArray = npt.NDArray[np.bool_]

@@ -14,8 +14,15 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.geometry.compiled import inner, kernel
-from up_samp.geometry.records import GridData, PolyData, ShapeData, WorldData, grid_along
+from up_samp.geometry.records import (
+    GridData,
+    PolyData,
+    ShapeData,
+    WorldData,
+    grid_along,
+    inner,
+    kernel,
+)
 
 Pose = tuple[float, float, float]
 

@@ -32,7 +32,7 @@ FORMATS = ("PNG", "PPM")
 
 
 @dataclass(frozen=True)
-class Sizes:
+class MapSizes:
     """What a map may be at most, and how much of it is worked on at a time."""
 
     pixels: int = 100_000_000
@@ -44,7 +44,7 @@ class Sizes:
     """Pixels that are turned into numbers at a time."""
 
 
-SIZES = Sizes()
+SIZES = MapSizes()
 
 MODES = ("trinary", "scale", "raw")
 KEYS = {"image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode"}

@@ -11,9 +11,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.geometry.compiled import inner, kernel
 from up_samp.geometry.kernels import Pose, advance, clearance
-from up_samp.geometry.records import ShapeData, WorldData
+from up_samp.geometry.records import ShapeData, WorldData, inner, kernel
 
 
 @kernel

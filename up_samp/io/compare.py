@@ -16,8 +16,13 @@ from unified_planning.model.motion import SchedulingMotionProblem
 from up_samp.geometry import load_map
 from up_samp.geometry.atlas import in_world
 from up_samp.io.floors import map_number, maps_of
-from up_samp.io.limits import LIMITS
-from up_samp.io.plan_dict import PlanDict, described_objects, described_rides, told_by_fluents
+from up_samp.io.plan_dict import (
+    LIMITS,
+    PlanDict,
+    described_objects,
+    described_rides,
+    told_by_fluents,
+)
 from up_samp.io.precision import PRECISION
 from up_samp.io.restore import plan_from_dict
 from up_samp.model import ProblemError

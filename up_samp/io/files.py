@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from up_samp.io.floors import map_entries
-from up_samp.io.plan_dict import FORMAT, PlanDict
+from up_samp.io.plan_dict import FORMAT, VERSIONS, PlanDict
 from up_samp.io.shape import check_shape
-from up_samp.io.versions import VERSIONS
 from up_samp.model import ProblemError
 from up_samp.model.errors import short
 from up_samp.system.files import write_whole

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Container, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from unified_planning.engines import PlanGenerationResult
@@ -16,7 +17,6 @@ from unified_planning.plans import Schedule
 from up_samp.io.floors import described_map
 from up_samp.io.precision import PRECISION
 from up_samp.io.sampling import path_trajectory, trajectory_rows
-from up_samp.io.versions import VERSIONS
 from up_samp.model import (
     Configuration,
     MotionModel,
@@ -28,6 +28,52 @@ from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermK
 from up_samp.upio.movers import named_as_planned
 from up_samp.upio.plan import trajectory_key
 from up_samp.upio.read import read_problem
+
+
+@dataclass(frozen=True)
+class PlanFileLimits:
+    """What is beyond them is refused: it cannot be meant."""
+
+    largest: float = 1e7
+    """Largest time (s or schedule units) and coordinate (m) in a plan file: more is a slip of the
+    pen, and nothing could be drawn or checked in bounded time.
+    """
+    name: int = 1000
+    """Characters of a name."""
+    turned: float = 1e4
+    """Largest heading, rad, that a motion may come to by turning."""
+
+
+LIMITS = PlanFileLimits()
+
+
+# ------------------ Versions of the plan format, by what they added
+
+
+@dataclass(frozen=True)
+class Versions:
+    """A file of another major version is refused; minor versions only add fields."""
+
+    major: int = 1
+    dependencies: int = 1
+    """Adds ``dependencies`` (see :mod:`up_samp.execution`) and ``rides`` (loads that travel with
+    robots)."""
+    maps: int = 2
+    """Adds maps with frames and heights, and several maps."""
+    choices: int = 3
+    """Adds ``choices`` to the dependencies: orders that could be the other way round, too."""
+    margin: int = 4
+    """Adds ``margin``: the clearance that motions were planned with."""
+    localisation: int = 5
+    """Adds ``localisation`` and ``narrow`` to the dependencies: how wrong robots may be about where
+    they are, and where the plan leaves less room than that."""
+
+
+VERSIONS = Versions()
+
+
+# ------------------ Plans as plain dictionaries, ready for JSON. The format is documented in docs/p
+
 
 FORMAT = "up-samp-plan"
 

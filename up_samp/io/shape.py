@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from up_samp.io.limits import LIMITS
+from up_samp.io.plan_dict import LIMITS
 from up_samp.model import MotionModel, ProblemError
 from up_samp.model.errors import short
 

@@ -39,7 +39,7 @@ ends is for the clock alone to say.
 
 
 @dataclass
-class Work:
+class CountedWork:
     """What was done, counted as seconds, for deadlines that do not go by the clock.
 
     ``total``: the seconds there are; ``until`` (of :func:`clock`): when all is over nevertheless.
@@ -65,7 +65,7 @@ class Deadline:
 
     at: float = math.inf
     started: float = field(default_factory=clock)
-    work: Work | None = field(default=None, compare=False)
+    work: CountedWork | None = field(default=None, compare=False)
 
     @staticmethod
     def after(seconds: float | None) -> Deadline:
@@ -87,7 +87,7 @@ class Deadline:
         """
         whole = Deadline.after(seconds)
         total = math.inf if seconds is None else float(seconds)
-        return Deadline(math.inf, whole.started, Work(total, whole.at))
+        return Deadline(math.inf, whole.started, CountedWork(total, whole.at))
 
     @staticmethod
     def never() -> Deadline:

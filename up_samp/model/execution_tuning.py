@@ -25,7 +25,7 @@ class ReorderTuning(Tunables):
 
 @dataclass(frozen=True)
 class RobotPaceTuning(Tunables):
-    """How robots' paces are learnt from what they tell (``execution/pace.py``)."""
+    """How robots' paces are learnt from what they tell (``execution/state.py``)."""
 
     memory: float = tunable(
         20.0, "s", "of free driving over which a robot's pace is averaged", least=0.1

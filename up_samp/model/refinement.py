@@ -31,7 +31,7 @@ class Layer(enum.Enum):
     GROUP = "group"
 
 
-class End(enum.Enum):
+class Anchor(enum.Enum):
     """Which timepoint of an activity."""
 
     START = "start"
@@ -43,17 +43,17 @@ class TimeRef:
     """The start or end of an activity."""
 
     activity: str
-    end: End
+    end: Anchor
 
 
 def start_of(activity: str) -> TimeRef:
     """Return the reference to an activity's start."""
-    return TimeRef(activity, End.START)
+    return TimeRef(activity, Anchor.START)
 
 
 def end_of(activity: str) -> TimeRef:
     """Return the reference to an activity's end."""
-    return TimeRef(activity, End.END)
+    return TimeRef(activity, Anchor.END)
 
 
 @dataclass(frozen=True)

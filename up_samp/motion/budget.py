@@ -8,7 +8,7 @@ from up_samp.model import Deadline
 
 
 @dataclass
-class Budget:
+class WorkBudget:
     """Counted work, and a deadline that only aborts.
 
     ``effort``: the work after which to give up (None: no such limit). ``used``: the work done.

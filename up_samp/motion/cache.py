@@ -73,7 +73,7 @@ def _digest(path: str, _modified: int, _size: int) -> str:
 
 
 @dataclass(frozen=True)
-class Entry:
+class CachedLeg:
     """A leg that was planned among the ``among`` obstacles (and keeps clear of them).
 
     ``complete``: its planner finished its search; otherwise it had ``limit`` seconds. ``corners``
@@ -107,7 +107,7 @@ class MotionCache:
 
     def __init__(self, folder: str | Path | None = None, size: int = 20_000) -> None:
         self.folder = None if folder is None else Path(folder)
-        self._entries: Memory[list[Entry]] = Memory(size)
+        self._entries: Memory[list[CachedLeg]] = Memory(size)
         self._writes = True
         self.hits = 0
         self.misses = 0
@@ -128,31 +128,31 @@ class MotionCache:
         swap = reversible and b < a
         return (FORMAT, *scope, body_key(body), *((b, a) if swap else (a, b))), swap
 
-    def get(self, key: PairKey) -> list[Entry]:
+    def get(self, key: PairKey) -> list[CachedLeg]:
         """Return all entries of a pair, those with fewest obstacles first."""
         known = self._entries.get(key)
         if known is None and self.folder is not None and _stable(key):
             known = self._entries.put(key, _read(self._path(key)))
         return known or []
 
-    def put(self, key: PairKey, entry: Entry) -> None:
+    def put(self, key: PairKey, entry: CachedLeg) -> None:
         """Remember an entry (the better one if there are two for the same obstacles)."""
         known = self.get(key)
         same = [e for e in known if e.among == entry.among]
         best = min([entry, *same], key=lambda e: e.rank)
         self._set(key, [*(e for e in known if e.among != entry.among), best])
 
-    def accept(self, key: PairKey, entry: Entry) -> Entry:
+    def accept(self, key: PairKey, entry: CachedLeg) -> CachedLeg:
         """Take an entry from a file for sound from now on."""
         sound = replace(entry, checked=True)
         self._entries.put(key, [sound if e is entry else e for e in self.get(key)])
         return sound
 
-    def drop(self, key: PairKey, entry: Entry) -> None:
+    def drop(self, key: PairKey, entry: CachedLeg) -> None:
         """Forget an entry that turned out to be wrong, on disk, too."""
         self._set(key, [e for e in self.get(key) if e is not entry])
 
-    def _set(self, key: PairKey, entries: list[Entry]) -> None:
+    def _set(self, key: PairKey, entries: list[CachedLeg]) -> None:
         entries = sorted(entries, key=lambda e: (len(e.among), e.rank))
         self._entries.put(key, entries)
         if self.folder is None or not self._writes or not _stable(key):
@@ -174,7 +174,7 @@ def _stable(key: PairKey) -> bool:
     return isinstance(body, tuple) and body[-1] is None
 
 
-def _read(path: Path) -> list[Entry]:
+def _read(path: Path) -> list[CachedLeg]:
     """Return the entries of a file; none if it is missing, damaged, or holds no motions."""
     try:
         if not path.is_file() or path.stat().st_size > LARGEST:
@@ -190,13 +190,13 @@ def _read(path: Path) -> list[Entry]:
         return []
 
 
-def _entry(arrays: np.lib.npyio.NpzFile, i: int) -> Entry:
+def _entry(arrays: np.lib.npyio.NpzFile, i: int) -> CachedLeg:
     rows = np.asarray(arrays[f"samples{i}"], dtype=np.float64)
     if rows.ndim != 2 or rows.shape[1] not in (4, 8) or not np.isfinite(rows).all():
         raise ValueError(f"motion {i} has no samples of a pose")
     corners = np.asarray(arrays[f"corners{i}"], dtype=np.float64).reshape(-1, 3)
     complete, limit = (float(x) for x in arrays[f"search{i}"])
-    return Entry(
+    return CachedLeg(
         frozenset(ast.literal_eval(str(arrays[f"among{i}"]))),
         Trajectory(rows[:, 0].copy(), rows[:, 1:].copy()),
         str(arrays[f"planner{i}"]),
@@ -207,7 +207,7 @@ def _entry(arrays: np.lib.npyio.NpzFile, i: int) -> Entry:
     )
 
 
-def _write(path: Path, entries: list[Entry]) -> None:
+def _write(path: Path, entries: list[CachedLeg]) -> None:
     arrays: dict[str, object] = {"count": len(entries)}
     for i, entry in enumerate(entries):
         arrays[f"samples{i}"] = np.column_stack([entry.trajectory.times, entry.trajectory.poses])

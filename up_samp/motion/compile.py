@@ -31,6 +31,27 @@ from up_samp.model import MotionModel
 from up_samp.system import child
 from up_samp.system.files import write_whole
 
+_done: set[MotionModel] = set()
+
+
+def warm_up(model: MotionModel) -> float:
+    """Compile what single motions of this kind need, if it is not compiled yet; return the
+    seconds. So that a first query does not spend its time limit on compiling.
+    """
+    if model in _done:
+        return 0.0
+    _done.add(model)
+    pass
+
+    return 0.0 if is_compiling() else precompile([model], several=False)
+
+
+# ------------------ Compile the kernels that a problem needs, before any time limit runs, side by s
+# They are kept on disk (``up_samp.geometry.kernel_cache``), so this happens once per machine and
+# version. A part that was compiled leaves a mark that lists its files: where one is gone or
+# damaged, the part is compiled again.
+
+
 log = logging.getLogger(__name__)
 
 _MOST_SECONDS = 600.0

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
 
 from up_samp.geometry import Scene, sweeps
 from up_samp.geometry.records import WorldData, open_plane
@@ -12,15 +17,19 @@ from up_samp.model import (
     Body,
     Configuration,
     Deadline,
+    Kinematics,
     MotionModel,
     Outcome,
+    PathQuery,
     PathReport,
     Placed,
     Trajectory,
 )
-from up_samp.motion.cache import Entry, MotionCache, obstacle_key
-from up_samp.motion.checks import is_sound
-from up_samp.motion.curves.trajectories import reversed_trajectory
+from up_samp.motion.cache import CachedLeg, MotionCache, obstacle_key
+from up_samp.motion.curves.blending import TINY
+from up_samp.motion.curves.passing import driven_through, flown_through, pivoted_through
+from up_samp.motion.curves.trajectories import at_rest, joined, reversed_trajectory
+from up_samp.motion.curves.twists import twists
 from up_samp.motion.proofs.certificates import Certifier
 from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
 from up_samp.motion.registry import (
@@ -30,13 +39,164 @@ from up_samp.motion.registry import (
 )
 from up_samp.motion.tuning import LegsTuning, PlannersTuning
 
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Allowance:
+    """What is allowed. Limits may be exceeded by a ``share``: less than the validator allows;
+    positions (m) and angles (rad) may be off by ``noise``, the ends by ``end`` only.
+    """
+
+    share: float = 0.005
+    noise: float = 1e-6
+    end: float = 1e-9
+
+
+ALLOWED = Allowance()
+
+
+def is_sound(scene: Scene, query: LegQuery, trajectory: Trajectory) -> bool:
+    """Return whether a trajectory answers a query: its ends, its limits, swept clearance."""
+    ends = trajectory.poses[0], trajectory.poses[-1]
+    if trajectory.times[0] != 0.0 or len(ends[0]) != len(query.start):
+        return False
+    if not all(_same(a, b) for a, b in zip(ends, (query.start, query.goal), strict=True)):
+        return False
+    return keeps_limits(trajectory, query.body.kinematics) and _is_clear(scene, query, trajectory)
+
+
+def _same(pose: FloatArray, wanted: Configuration) -> bool:
+    off = pose - np.array(wanted)
+    if len(pose) == 3:
+        off[2] = math.remainder(float(off[2]), 2 * math.pi)
+    return float(np.abs(off).max()) < ALLOWED.end
+
+
+def _is_clear(scene: Scene, query: LegQuery, trajectory: Trajectory) -> bool:
+    poses = trajectory.poses.copy()  # numba compiles anew for arrays that cannot be written
+    if query.body.kinematics.model is MotionModel.SE3:
+        from up_samp.motion.planners.flyer import FlyerWorld
+
+        air = FlyerWorld(scene, query.body, (query.start, query.goal), query.obstacles)
+        if not air.fit_margin() or any(air.swallowed(p) for p in (query.start, query.goal)):
+            return False
+        return all(air.edge_free(a, b) for a, b in itertools.pairwise(poses))
+    world = scene.world(shape_of(query.body, 0.0), query.obstacles)
+    return bool(sweeps.samples_free(world, poses, ALLOWED.noise) < 0)
+
+
+def keeps_limits(trajectory: Trajectory, kinematics: Kinematics) -> bool:
+    """Return whether a motion from rest to rest keeps the speeds and the acceleration of its model.
+
+    By mean speeds between samples, which a motion within its limits never exceeds.
+    """
+    if len(trajectory.times) == 1:
+        return True
+    dt = np.diff(trajectory.times)
+    d = np.diff(trajectory.poses, axis=0)
+    if kinematics.model is MotionModel.REEDSSHEPP:
+        speed, bends = _car_speeds(trajectory.poses, dt, kinematics)
+    elif kinematics.model is MotionModel.PIVOT:
+        speed, bends = _pivot_speeds(trajectory.poses, dt, kinematics)
+    else:
+        size = 2 if d.shape[1] == 3 else 3
+        speed = d[:, :size] / dt[:, None]
+        turn = np.abs(d[:, 2]) if size == 2 else _angles(trajectory.poses)
+        bends = bool(np.any(turn > kinematics.omega_max * (1 + ALLOWED.share) * dt + ALLOWED.noise))
+    if bends:
+        return False
+    size = np.linalg.norm(speed, axis=1)
+    if np.any(size * dt > kinematics.v_max * (1 + ALLOWED.share) * dt + ALLOWED.noise):
+        return False
+    moving = np.where(size * dt > ALLOWED.noise, Trajectory.MAX_STEP, math.inf)
+    if np.any(dt > 1.01 * moving):
+        return False
+    fuzz = 2 * ALLOWED.noise / dt
+    half = dt / 2
+    change = np.linalg.norm(np.diff(speed, axis=0), axis=1)
+    allowed = kinematics.a_max * (1 + ALLOWED.share)
+    inner = change <= allowed * (half[1:] + half[:-1]) + fuzz[1:] + fuzz[:-1]
+    ends = size[[0, -1]] <= allowed * half[[0, -1]] + fuzz[[0, -1]]
+    return bool(inner.all() and ends.all())
+
+
+def _car_speeds(
+    poses: FloatArray, dt: FloatArray, kinematics: Kinematics
+) -> tuple[FloatArray, bool]:
+    """Return a car's signed speeds (n - 1, 1), and whether it slips sideways or bends too much."""
+    along, across, turn = twists(poses).T
+    way = np.hypot(along, across)
+    tight = np.abs(turn) > way / kinematics.turning_radius * (1 + ALLOWED.share) + ALLOWED.noise
+    return np.copysign(way, along)[:, None] / dt[:, None], bool(
+        np.any(tight) or np.any(np.abs(across) > 10 * ALLOWED.noise)
+    )
+
+
+def _pivot_speeds(
+    poses: FloatArray, dt: FloatArray, kinematics: Kinematics
+) -> tuple[FloatArray, bool]:
+    """Return the signed speeds (n - 1, 1) of a body that drives or turns on the spot, and whether
+    it slips sideways or turns too fast.
+    """
+    along, across, turn = twists(poses).T
+    fast = np.abs(turn) > kinematics.omega_max * (1 + ALLOWED.share) * dt + ALLOWED.noise
+    return along[:, None] / dt[:, None], bool(
+        np.any(fast) or np.any(np.abs(across) > 10 * ALLOWED.noise)
+    )
+
+
+def _angles(poses: FloatArray) -> FloatArray:
+    q = poses[:, 3:] / np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
+    near = np.minimum(
+        np.linalg.norm(q[1:] - q[:-1], axis=1), np.linalg.norm(q[1:] + q[:-1], axis=1)
+    )
+    return np.asarray(4 * np.arcsin(np.clip(near / 2, 0, 1)))
+
+
+# ------------------ Legs strung together to one motion, without needless stops at the poses between
+
+
+def strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Trajectory, bool]:
+    """Return the motion along all ``legs`` of a query, from time 0, and whether it stops between
+    them only where it has to.
+
+    A car stops where its direction changes, and what turns on the spot where it turns; bodies that
+    can turn their velocity should stop only to turn back, and with their own law of motion nobody
+    knows.
+    """
+    kinematics = query.body.kinematics
+    parts = [leg.trajectory for leg in legs if leg.trajectory is not None]
+    if len(parts) < 2:
+        return (parts[0] if parts else at_rest(query.poses[0])), True
+    if kinematics.model is MotionModel.REEDSSHEPP:
+        return driven_through(parts, kinematics), True
+    if kinematics.model is MotionModel.PIVOT:
+        return pivoted_through(parts, kinematics), True
+    if kinematics.model is MotionModel.SE3:
+        return flown_through(parts, kinematics)
+    whole = joined(parts)
+    if kinematics.model is MotionModel.SE2:
+        from up_samp.motion.planners.gliding import glide_through
+
+        ways = [leg.corners for leg in legs if leg.corners is not None]
+        if len(ways) == len(legs):
+            gliding = glide_through(scene, query.body, query.poses, ways, query.obstacles)
+            if gliding is not None and gliding[0].duration <= whole.duration + TINY:
+                return gliding
+    return whole, False
+
+
+# ------------------ Legs from the cache or from planners, asked one after the other, with proofs in
+
+
 PLANAR = (MotionModel.REEDSSHEPP, MotionModel.PIVOT, MotionModel.SE2)
 
 Prove = Callable[[Body, Sequence[Configuration], Sequence[Placed]], PathReport | None]
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundLeg:
     """A leg with the name of its ``planner``, or the ``report`` that says why there is none."""
 
     leg: Leg | None
@@ -45,7 +205,7 @@ class Found:
 
 
 @dataclass(frozen=True)
-class Settings:
+class LegSettings:
     """Who plans, and how long, the same for all legs of a service."""
 
     planner: str
@@ -64,7 +224,7 @@ class Legs:
     def __init__(
         self,
         scene: Scene,
-        settings: Settings,
+        settings: LegSettings,
         cache: MotionCache,
         certifier: Certifier,
         prove: Prove,
@@ -76,14 +236,14 @@ class Legs:
         self.prove = prove
         self._planners: dict[str, MotionPlanner] = {}
 
-    def find(self, query: LegQuery, deadline: Deadline) -> Found:
+    def find(self, query: LegQuery, deadline: Deadline) -> FoundLeg:
         """Return a leg from the cache or from the first planner that finds one."""
         names = planner_names(self.settings.planner, query.body)
         for name in names:
             known = self._usable(name, query, deadline)
             if known is not None:
                 self.cache.hits += 1
-                return Found(known, name)
+                return FoundLeg(known, name)
         self.cache.misses += 1
         reasons, complete = [], True
         for name in names:
@@ -108,9 +268,9 @@ class Legs:
             planner=names[0],
             complete=complete,
         )
-        return Found(None, names[0], report)
+        return FoundLeg(None, names[0], report)
 
-    def _lazily(self, name: str, query: LegQuery, deadline: Deadline, complete: bool) -> Found:
+    def _lazily(self, name: str, query: LegQuery, deadline: Deadline, complete: bool) -> FoundLeg:
         """Plan among the obstacles that prove to matter only (so that more queries share a leg).
 
         ``complete``: whether those asked before have finished their searches.
@@ -126,12 +286,12 @@ class Legs:
                 limit = deadline.remaining()
                 answer = self._ask(name, part, deadline)
                 if isinstance(answer, PathReport):
-                    return Found(None, name, answer)
+                    return FoundLeg(None, name, answer)
                 leg = replace(answer, complete=answer.complete and complete)
                 if leg.trajectory is None:
                     old = self._known(name, part)
                     if old is None:
-                        return Found(leg, name)
+                        return FoundLeg(leg, name)
                     leg = _leg_of(old)
                 else:
                     self.remember(name, part, leg, limit)
@@ -145,8 +305,8 @@ class Legs:
             chosen = tuple(p for p in obstacles if p in chosen or p in hit)
             proof = self.prove(body, (query.start, query.goal), chosen)
             if proof is not None:
-                return Found(None, name, proof)
-        return Found(leg, name)
+                return FoundLeg(None, name, proof)
+        return FoundLeg(leg, name)
 
     def _ask(self, name: str, query: LegQuery, deadline: Deadline) -> Leg | PathReport:
         """Ask a planner, always in the direction that is remembered: what a motion and its reverse
@@ -187,7 +347,7 @@ class Legs:
         corners = leg.corners[::-1] if swap and leg.corners is not None else leg.corners
         among = obstacle_key(query.obstacles)
         limit = 0.0 if leg.complete else limit
-        self.cache.put(key, Entry(among, stored, name, leg.complete, limit, corners))
+        self.cache.put(key, CachedLeg(among, stored, name, leg.complete, limit, corners))
 
     def _usable(self, name: str, query: LegQuery, deadline: Deadline) -> Leg | None:
         """Return a remembered leg that is not worth another search: its planner finished, or it had
@@ -199,7 +359,7 @@ class Legs:
         enough = self.settings.tuning.more_time * entry.limit
         return _leg_of(entry) if entry.complete or deadline.remaining() <= enough else None
 
-    def _known(self, name: str, query: LegQuery) -> Entry | None:
+    def _known(self, name: str, query: LegQuery) -> CachedLeg | None:
         """Return a remembered leg that was planned among a part of the obstacles and clears all."""
         body, obstacles = query.body, query.obstacles
         key, swap = self._key(name, query)
@@ -266,7 +426,7 @@ class Legs:
         return self._planners[name]
 
 
-def _leg_of(entry: Entry) -> Leg:
+def _leg_of(entry: CachedLeg) -> Leg:
     return Leg(entry.trajectory, complete=entry.complete, corners=entry.corners)
 
 

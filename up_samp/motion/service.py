@@ -24,13 +24,12 @@ from up_samp.model import (
     Trajectory,
 )
 from up_samp.motion.cache import MotionCache
-from up_samp.motion.legs import Legs, Settings, parking_clears
-from up_samp.motion.proofs.bounds import Bounds
+from up_samp.motion.compile import warm_up
+from up_samp.motion.legs import Legs, LegSettings, parking_clears, strung
+from up_samp.motion.proofs.bounds import DurationBounds
 from up_samp.motion.proofs.certificates import Certifier
 from up_samp.motion.protocol import Leg, LegQuery
-from up_samp.motion.stringing import strung
 from up_samp.motion.tuning import MotionTuning
-from up_samp.motion.warm import warm_up
 
 
 class MotionService:
@@ -63,8 +62,8 @@ class MotionService:
         self.cache = MotionCache() if cache is None else cache
         self._flat: Memory[tuple[Placed, ...]] = Memory(self.tuning.fleet.memory.shadows)
         self.certifier = Certifier(self.scene)
-        self.bounds = Bounds(self.scene, self.certifier)
-        settings = Settings(planner, seed, self.tuning.legs, self.tuning.planners)
+        self.bounds = DurationBounds(self.scene, self.certifier)
+        settings = LegSettings(planner, seed, self.tuning.legs, self.tuning.planners)
         self.legs = Legs(self.scene, settings, self.cache, self.certifier, self.certificate)
 
     def plan(self, query: PathQuery, deadline: Deadline) -> PathReport:

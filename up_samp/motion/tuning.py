@@ -154,7 +154,7 @@ class RoadmapTuning(Tunables):
 
 @dataclass(frozen=True)
 class KnotsTuning(Tunables):
-    """Knots undone by joint moves on roadmaps (``motion/fleet/knots.py``, ``lacam.py``)."""
+    """Knots undone by joint moves on roadmaps (``motion/fleet/deadlocks.py``, ``lacam.py``)."""
 
     short: int = tunable(
         150_000, "moves", "looked at in one search: most knots come undone soon", least=1
@@ -178,7 +178,7 @@ class KnotsTuning(Tunables):
 
 @dataclass(frozen=True)
 class CoupledTuning(Tunables):
-    """Few robots moved together by places aside (``motion/fleet/coupled.py``)."""
+    """Few robots moved together by places aside (``motion/fleet/priority_search.py``)."""
 
     robots: int = tunable(3, "robots", "that are coupled at most", least=0)
     aside: int = tunable(4, "places", "aside for each robot", least=0)

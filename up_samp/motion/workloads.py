@@ -112,7 +112,7 @@ def compile_groups() -> None:
 
 def compile_knots() -> None:
     """Run the search for joint moves, once: two that change places."""
-    from up_samp.motion.fleet.lacam import Agent, Joint
+    from up_samp.motion.fleet.deadlocks import Agent, Joint
     from up_samp.motion.fleet.roadmap import Roadmap
     from up_samp.motion.tuning import RoadmapTuning
 

@@ -1,4 +1,4 @@
-"""A plan as an animation: a web page that needs nothing else, or a GIF."""
+"""A plan, thinned out, as an animation: a web page that needs nothing else."""
 
 from __future__ import annotations
 
@@ -13,12 +13,110 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from up_samp.plotting.background import ground_of
-from up_samp.plotting.names import with_short_names
-from up_samp.plotting.scene import scene_of
-from up_samp.plotting.sizes import SIZES
-from up_samp.plotting.tracks import stops_of, tracks_of
+from up_samp.plotting.gantt import title_of
+from up_samp.plotting.rows import Row, rows_of
+from up_samp.plotting.style import FIXTURE, SIZES, color_of, ink_on, mixed, with_short_names
+from up_samp.plotting.tracks import FloatArray, ObjectTrack, horizon, stops_of, tracks_of
 from up_samp.system.files import write_whole
+
+
+def scene_of(plan: dict[str, Any]) -> dict[str, Any]:
+    """Return objects with key frames, rows with bars, the title and the length (s) of a plan.
+
+    Key frames are ``[t, x, y, yaw]``, between which the object moves linearly, true to 1 cm and
+    0.01 rad; a change of configuration in one instant is two key frames at the same time.
+    """
+    objects, movers = [], 0
+    for track in tracks_of(plan):
+        if track.initial is None and not track.moves and not track.changes:
+            continue
+        color = color_of(movers) if track.moves else FIXTURE
+        movers += track.moves
+        objects.append(
+            {
+                "name": track.name,
+                "color": color,
+                "ink": ink_on(color),
+                "moves": track.moves,
+                "footprint": [list(c) for c in track.footprint],
+                "keys": key_frames(track),
+            }
+        )
+    return {
+        "title": title_of(plan),
+        "problem": plan["problem"],
+        "horizon": round(horizon(plan), 3),
+        "objects": objects,
+        "rows": [_row(row) for row in rows_of(plan)],
+    }
+
+
+def _row(row: Row) -> dict[str, Any]:
+    changes = [] if row.track is None or row.track.moves else [t for t, _ in row.track.changes]
+    return {
+        "name": row.name,
+        "color": row.color,
+        "pale": mixed(row.color, 0.75),
+        "ink": ink_on(row.color),
+        "object": row.track is not None,
+        "lanes": row.lanes,
+        "changes": changes,
+        "bars": [
+            {
+                "name": b.activity,
+                "labels": list(b.labels),
+                "span": [round(b.start, 3), round(b.end, 3)],
+                "lane": b.lane,
+                "driving": [[round(s, 3), round(e, 3)] for s, e in b.driving],
+                "motion": b.motion,
+            }
+            for b in row.bars
+        ],
+    }
+
+
+def key_frames(track: ObjectTrack, near: float = 0.01) -> list[list[float]]:
+    """Return ``[[t, x, y, yaw], ...]`` of an object, thinned to within ``near`` m and rad."""
+    events: list[tuple[float, FloatArray]] = [
+        (float(leg.times[0]), np.column_stack([leg.times, leg.poses])) for leg in track.legs
+    ]
+    events += [(t, np.array([[t, *pose]])) for t, pose in track.changes]
+    frames: list[list[float]] = []
+    if track.initial is not None:
+        frames.append([0.0, *track.initial])
+    for start, table in sorted(events, key=lambda e: e[0]):
+        if frames and frames[-1][0] < start:
+            frames.append([start, *frames[-1][1:]])
+        frames += [list(map(float, row)) for row in table[_needed(table, near)]]
+    return [[round(f[0], 3), *(round(v, 3) for v in f[1:3]), round(f[3], 4)] for f in frames]
+
+
+def _needed(table: FloatArray, near: float) -> list[int]:
+    """Return the rows to keep so that linear interpolation in time stays within ``near``.
+
+    Ramer (1972), Douglas & Peucker (1973), with the distance taken at equal times.
+    """
+    keep = {0, len(table) - 1}
+    open_spans = [(0, len(table) - 1)]
+    while open_spans:
+        a, b = open_spans.pop()
+        if b - a < 2:
+            continue
+        share = (table[a + 1 : b, 0] - table[a, 0]) / (table[b, 0] - table[a, 0])
+        line = table[a, 1:] + share[:, None] * (table[b, 1:] - table[a, 1:])
+        off = np.abs(table[a + 1 : b, 1:] - line).max(axis=1)
+        worst = int(off.argmax())
+        if off[worst] > near:
+            middle = a + 1 + worst
+            keep.add(middle)
+            open_spans += [(a, middle), (middle, b)]
+    return sorted(keep)
+
+
+# ------------------ A plan as an animation: a web page that needs nothing else, or a GIF
 
 
 def animation_html(

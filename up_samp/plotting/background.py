@@ -15,8 +15,8 @@ from up_samp.geometry.atlas import in_world
 from up_samp.geometry.maps import SIZES, OccupancyGrid
 from up_samp.io.floors import maps_of, side_by_side
 from up_samp.model.frames import Frame
-from up_samp.plotting.colors import FREE, OCCUPIED, UNKNOWN
-from up_samp.plotting.tracks import Track, tracks_of
+from up_samp.plotting.style import FREE, OCCUPIED, UNKNOWN
+from up_samp.plotting.tracks import ObjectTrack, tracks_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Background:
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
+class Backdrop:
     """A plan laid out for a picture: ``plan`` with its floors side by side, the ``background``
     under it, and ``shifts``, where the maps of each height went. ``labels`` name floors, with the
     point (m) of their upper left corner; with one floor there is none.
@@ -49,7 +49,7 @@ class Ground:
     labels: tuple[tuple[str, tuple[float, float]], ...] = ()
 
     def places(self, given: Mapping[str, tuple[float, ...]] | None) -> dict[str, Sequence[float]]:
-        """Return named poses (with the height of their map, see ``Place``) where they are drawn."""
+        """Return named poses (see ``NamedPlace``) where they are drawn."""
         found: dict[str, Sequence[float]] = {}
         for name, pose in (given or {}).items():
             shift = self.shifts.get(getattr(pose, "height", 0.0), Frame())
@@ -57,20 +57,20 @@ class Ground:
         return found
 
 
-class Place(tuple[float, ...]):
+class NamedPlace(tuple[float, ...]):
     """A pose that knows how high (m) its map is."""
 
     height: float = 0.0
 
     @classmethod
-    def at(cls, pose: Iterable[float], height: float) -> Place:
+    def at(cls, pose: Iterable[float], height: float) -> NamedPlace:
         """Return a pose on a map ``height`` m up."""
         place = cls(pose)
         place.height = height
         return place
 
 
-def ground_of(plan: dict[str, Any]) -> Ground:
+def ground_of(plan: dict[str, Any]) -> Backdrop:
     """Return a plan laid out for a picture, with the picture of its maps: free white, occupied
     dark, unknown light grey.
 
@@ -79,10 +79,10 @@ def ground_of(plan: dict[str, Any]) -> Ground:
     """
     maps = maps_of(plan)
     if not maps:
-        return Ground(plan, _blank(tracks_of(plan)), {})
+        return Backdrop(plan, _blank(tracks_of(plan)), {})
     drawn = [_drawn(in_world(placed)) for placed in maps]
     if len(maps) == 1:
-        return Ground(plan, drawn[0], {})
+        return Backdrop(plan, drawn[0], {})
     boxes = [(e[0], e[2], e[1], e[3]) for e in (d.extent for d in drawn)]
     laid, frames = side_by_side(plan, boxes)
     for k, (one, frame) in enumerate(zip(drawn, frames, strict=True)):
@@ -91,7 +91,7 @@ def ground_of(plan: dict[str, Any]) -> Ground:
         drawn[k] = Background(one.pixels, extent)
     labels = tuple((m.label, (d.extent[0], d.extent[3])) for m, d in zip(maps, drawn, strict=True))
     shifts = {m.height: frame for m, frame in zip(maps, frames, strict=True)}
-    return Ground(laid, _joined(drawn), shifts, labels)
+    return Backdrop(laid, _joined(drawn), shifts, labels)
 
 
 def background_of(plan: dict[str, Any]) -> Background:
@@ -156,7 +156,7 @@ def _turned(
     return Background(pixels[::-1], (float(low[0]), float(right), float(low[1]), float(top)))
 
 
-def _blank(tracks: list[Track]) -> Background:
+def _blank(tracks: list[ObjectTrack]) -> Background:
     points = [
         corner
         for track in tracks
@@ -168,7 +168,7 @@ def _blank(tracks: list[Track]) -> Background:
     return Background(pixels, (float(low[0]), float(high[0]), float(low[1]), float(high[1])))
 
 
-def _poses(track: Track) -> list[tuple[float, float, float]]:
+def _poses(track: ObjectTrack) -> list[tuple[float, float, float]]:
     poses = [] if track.initial is None else [track.initial]
     poses += [pose for _, pose in track.changes]
     poses += [(float(p[0]), float(p[1]), float(p[2])) for leg in track.legs for p in leg.poses]

@@ -11,9 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import MaxNLocator
 
-from up_samp.plotting.colors import INK, OTHER, color_of, mixed
 from up_samp.plotting.rows import Row, rows_of
-from up_samp.plotting.sizes import SIZES
+from up_samp.plotting.style import INK, OTHER, SIZES, color_of, mixed
 from up_samp.plotting.tracks import horizon
 
 WAIT = "#C1121F"

@@ -10,11 +10,8 @@ from matplotlib.patches import Patch, Rectangle
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
-from up_samp.plotting.colors import INK, OTHER, ink_on, mixed
-from up_samp.plotting.labels import drawn
-from up_samp.plotting.names import with_short_names
 from up_samp.plotting.rows import Bar, Row, rows_of
-from up_samp.plotting.sizes import SIZES
+from up_samp.plotting.style import INK, OTHER, SIZES, drawn, ink_on, mixed, with_short_names
 from up_samp.plotting.tracks import horizon
 
 

@@ -9,10 +9,8 @@ from typing import Any
 from PIL import Image, ImageDraw, ImageFont
 
 from up_samp.plotting.background import Background, ground_of
-from up_samp.plotting.colors import FIXTURE, INK, color_of, mixed
-from up_samp.plotting.names import with_short_names
-from up_samp.plotting.sizes import SIZES
-from up_samp.plotting.tracks import Track, horizon, tracks_of
+from up_samp.plotting.style import FIXTURE, INK, SIZES, color_of, mixed, with_short_names
+from up_samp.plotting.tracks import ObjectTrack, horizon, tracks_of
 from up_samp.system.files import whole
 
 
@@ -62,7 +60,7 @@ def _pixel(ground: Background, picture: Image.Image, x: float, y: float) -> tupl
     )
 
 
-def _draw_paths(still: Image.Image, ground: Background, tracks: list[Track]) -> None:
+def _draw_paths(still: Image.Image, ground: Background, tracks: list[ObjectTrack]) -> None:
     pen = ImageDraw.Draw(still)
     for i, track in enumerate(t for t in tracks if t.moves):
         for leg in track.legs:
@@ -71,7 +69,7 @@ def _draw_paths(still: Image.Image, ground: Background, tracks: list[Track]) -> 
 
 
 def _frame(
-    still: Image.Image, ground: Background, tracks: list[Track], t: float, end: float
+    still: Image.Image, ground: Background, tracks: list[ObjectTrack], t: float, end: float
 ) -> Image.Image:
     frame = Image.new("RGB", (still.width, still.height + SIZES.strip), "white")
     frame.paste(still, (0, 0))

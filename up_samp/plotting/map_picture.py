@@ -13,12 +13,18 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 from matplotlib.transforms import Bbox
 
-from up_samp.plotting.background import Place, ground_of
-from up_samp.plotting.colors import FIXTURE, INK, color_of, mixed
+from up_samp.plotting.background import NamedPlace, ground_of
 from up_samp.plotting.gantt import title_of
-from up_samp.plotting.labels import Label, place_labels
-from up_samp.plotting.names import with_short_names
-from up_samp.plotting.tracks import FloatArray, Track, TrackPiece, stops_of, tracks_of
+from up_samp.plotting.style import (
+    FIXTURE,
+    INK,
+    PlacedLabel,
+    color_of,
+    mixed,
+    place_labels,
+    with_short_names,
+)
+from up_samp.plotting.tracks import FloatArray, ObjectTrack, TrackPiece, stops_of, tracks_of
 
 _Pose = tuple[float, float, float]
 
@@ -58,7 +64,7 @@ def plot_map(
     tracks = tracks_of(plan)
     movers = [t for t in tracks if t.moves]
     step = footprint_every or _spacing(movers, max(right - left, top - bottom))
-    labels: list[Label] = []
+    labels: list[PlacedLabel] = []
     for i, track in enumerate(movers):
         _draw_mover(ax, track, color_of(i), step)
         if track.initial is not None:
@@ -90,17 +96,17 @@ def places_of(problem: Any) -> dict[str, tuple[float, ...]]:
         if configuration is not None and "@" not in obj.name:
             frame = tuple(obj.type.occupancy_map.reference_frame)
             height = float(frame[2]) if len(frame) == 7 else 0.0
-            found[obj.name] = Place.at((float(v) for v in configuration), height)
+            found[obj.name] = NamedPlace.at((float(v) for v in configuration), height)
     return found
 
 
-def _spacing(movers: list[Track], longest: float) -> float:
+def _spacing(movers: list[ObjectTrack], longest: float) -> float:
     """Return a distance between footprints at which they stay apart and do not clutter, m."""
     sizes = [np.ptp(np.asarray(t.footprint), axis=0).max() for t in movers if t.footprint]
     return float(max([longest / 30, *(2.0 * s for s in sizes)]))
 
 
-def _draw_mover(ax: Axes, track: Track, color: str, step: float) -> None:
+def _draw_mover(ax: Axes, track: ObjectTrack, color: str, step: float) -> None:
     casing = [patheffects.Stroke(linewidth=3.4, foreground="white"), patheffects.Normal()]
     for leg in track.legs:
         ax.plot(
@@ -117,7 +123,7 @@ def _draw_mover(ax: Axes, track: Track, color: str, step: float) -> None:
         _draw_body(ax, track, track.initial, fc=color, ec=INK, lw=1.2, zorder=5)
 
 
-def _draw_rides(ax: Axes, track: Track, step: float) -> None:
+def _draw_rides(ax: Axes, track: ObjectTrack, step: float) -> None:
     """Draw where a load is on its robot's way."""
     for leg in track.legs:
         for pose in _along(leg, step):
@@ -126,7 +132,7 @@ def _draw_rides(ax: Axes, track: Track, step: float) -> None:
             ax.add_patch(Polygon(outline, closed=True, zorder=1.9, **style))
 
 
-def _draw_body(ax: Axes, track: Track, pose: _Pose, **style: Any) -> None:
+def _draw_body(ax: Axes, track: ObjectTrack, pose: _Pose, **style: Any) -> None:
     """Draw a footprint with a stroke from its centre to its front."""
     outline = track.outline(pose)
     ax.add_patch(Polygon(outline, closed=True, **style))
@@ -175,7 +181,7 @@ def _draw_direction(ax: Axes, leg: TrackPiece, color: str) -> None:
     )  # fmt: skip
 
 
-def _draw_still(ax: Axes, track: Track) -> list[Label]:
+def _draw_still(ax: Axes, track: ObjectTrack) -> list[PlacedLabel]:
     """Draw an object that nobody drives: solid where it starts, outlined where it is put."""
     assert track.initial is not None
     ax.add_patch(
@@ -193,13 +199,15 @@ def _draw_still(ax: Axes, track: Track) -> list[Label]:
     return labels
 
 
-def _named(track: Track, text: str, pose: _Pose, color: str, *, bold: bool = False) -> Label:
+def _named(
+    track: ObjectTrack, text: str, pose: _Pose, color: str, *, bold: bool = False
+) -> PlacedLabel:
     """Return a label that stays outside the footprint at ``pose``."""
     reach = np.abs(track.outline(pose) - pose[:2]).max(axis=0)
-    return Label(text, pose[0], pose[1], color, bold, (float(reach[0]), float(reach[1])))
+    return PlacedLabel(text, pose[0], pose[1], color, bold, (float(reach[0]), float(reach[1])))
 
 
-def _stops(ax: Axes, movers: list[Track]) -> list[Bbox]:
+def _stops(ax: Axes, movers: list[ObjectTrack]) -> list[Bbox]:
     """Return what labels must not cover: the places where motions start and end, display units."""
     boxes = []
     for track in movers:
@@ -210,7 +218,7 @@ def _stops(ax: Axes, movers: list[Track]) -> list[Bbox]:
     return boxes
 
 
-def _legend(ax: Axes, movers: list[Track], still: list[Track]) -> None:
+def _legend(ax: Axes, movers: list[ObjectTrack], still: list[ObjectTrack]) -> None:
     keys: list[Any] = [
         Line2D([], [], color=color_of(i), lw=2.4, label=t.name) for i, t in enumerate(movers)
     ]

@@ -6,9 +6,8 @@ import re
 from dataclasses import dataclass, field
 from typing import Any
 
-from up_samp.plotting.colors import FIXTURE, OTHER, color_of
-from up_samp.plotting.sizes import SIZES
-from up_samp.plotting.tracks import Track, tracks_of
+from up_samp.plotting.style import FIXTURE, OTHER, SIZES, color_of
+from up_samp.plotting.tracks import ObjectTrack, tracks_of
 
 
 @dataclass(frozen=True)
@@ -33,7 +32,7 @@ class Row:
 
     name: str
     color: str
-    track: Track | None = None
+    track: ObjectTrack | None = None
     bars: list[Bar] = field(default_factory=list)
 
     @property
@@ -80,7 +79,7 @@ def mentions(text: str, name: str) -> bool:
 
 
 def _homes(
-    activity: dict[str, Any], movers: list[Track], changes: list[dict[str, Any]]
+    activity: dict[str, Any], movers: list[ObjectTrack], changes: list[dict[str, Any]]
 ) -> list[str]:
     given = {str(v) for v in activity.get("parameters", {}).values()}
     named = [t.name for t in movers if t.name in given or mentions(activity["name"], t.name)]

@@ -37,7 +37,7 @@ class TrackPiece:
 
 
 @dataclass(frozen=True)
-class Track:
+class ObjectTrack:
     """An object over time. It rests at its last configuration; ``changes`` are instantaneous.
 
     ``moves`` tells robots from doors: the plan drives it, or another object of its type.
@@ -89,7 +89,7 @@ def flat(row: Sequence[float]) -> tuple[float, float, float]:
     return float(row[0]), float(row[1]), yaw
 
 
-def tracks_of(plan: dict[str, Any]) -> list[Track]:
+def tracks_of(plan: dict[str, Any]) -> list[ObjectTrack]:
     """Return a track for each object of a plan dictionary, in its order."""
     types = {o["name"]: o["type"] for o in plan["objects"]}
     driven = {types[m["object"]] for m in plan["motions"]}
@@ -104,7 +104,7 @@ def tracks_of(plan: dict[str, Any]) -> list[Track]:
             if c["object"] == name
         ]
         tracks.append(
-            Track(
+            ObjectTrack(
                 name,
                 entry["type"],
                 tuple((float(x), float(y)) for x, y in entry["footprint"]),
@@ -118,17 +118,19 @@ def tracks_of(plan: dict[str, Any]) -> list[Track]:
 
 
 @dataclass(frozen=True)
-class Stop:
+class TrackStop:
     """A place where ``track``'s object stands before or after a motion, and its names."""
 
-    track: Track
+    track: ObjectTrack
     pose: tuple[float, float, float]
     names: tuple[str, ...]
 
 
-def stops_of(tracks: Sequence[Track], places: Mapping[str, Sequence[float]]) -> list[Stop]:
+def stops_of(
+    tracks: Sequence[ObjectTrack], places: Mapping[str, Sequence[float]]
+) -> list[TrackStop]:
     """Return where motions start and end among ``places`` (names to poses); one entry a point."""
-    found: dict[tuple[float, float], Stop] = {}
+    found: dict[tuple[float, float], TrackStop] = {}
     for track in tracks:
         for leg in track.legs:
             for i in (0, -1):
@@ -137,9 +139,9 @@ def stops_of(tracks: Sequence[Track], places: Mapping[str, Sequence[float]]) -> 
                     if math.hypot(x - place[0], y - place[1]) > 1e-2:
                         continue
                     key = (round(place[0], 2), round(place[1], 2))
-                    stop = found.get(key, Stop(track, (x, y, yaw), ()))
+                    stop = found.get(key, TrackStop(track, (x, y, yaw), ()))
                     if name not in stop.names:
-                        stop = Stop(stop.track, stop.pose, (*stop.names, name))
+                        stop = TrackStop(stop.track, stop.pose, (*stop.names, name))
                     found[key] = stop
     return list(found.values())
 

@@ -7,11 +7,11 @@ from collections.abc import Callable, Collection, Iterable
 from up_samp.model import CandidateSchedule
 from up_samp.model.refinement import (
     Absent,
+    Anchor,
     Apart,
     Clause,
     Differs,
     Elsewhere,
-    End,
     Exclusive,
     FirstUsed,
     Lasts,
@@ -109,4 +109,4 @@ def _overlaps(literal: Overlap, schedule: CandidateSchedule) -> bool:
 
 def _time(ref: TimeRef, schedule: CandidateSchedule) -> int:
     start, end = schedule.times[ref.activity]
-    return start if ref.end is End.START else end
+    return start if ref.end is Anchor.START else end

@@ -177,7 +177,7 @@ class EngineScheduler:
         """Return the best schedule of the class that seeks no proof, asked for shorter and shorter
         ones: some problems crash the prover in whatever way they are told.
         """
-        from up_samp.scheduling.compilers.expressions import end, integer
+        from up_samp.scheduling.compilers.plain import end, integer
         from up_samp.scheduling.process import OverrunError
 
         engine, problem = _satisficing(runner), compiled.problem

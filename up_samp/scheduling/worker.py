@@ -25,9 +25,63 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import IO, Any
 
+from unified_planning.grpc.proto_writer import ProtobufWriter
+from unified_planning.model.scheduling import SchedulingProblem
+
+from up_samp.model import UnsupportedError
 from up_samp.scheduling.compilers.plain import PlainProblem
 from up_samp.scheduling.patience import PATIENCE
 from up_samp.system import child
+
+
+class SlimWriter:
+    """Wraps UP's protobuf writer: a scheduling problem is measured against ``limit`` bytes.
+
+    UP writes every base constraint twice (plain and scoped). Engines that read the plain ones get
+    only those.
+    """
+
+    def __init__(self, writer: ProtobufWriter, limit: int):
+        self._writer = writer
+        self.limit = limit
+        self._last: tuple[SchedulingProblem, Any] | None = None
+
+    def convert(self, value: Any, *args: Any) -> Any:
+        """Return the protobuf message.
+
+        Raises:
+            UnsupportedError: the message is larger than the limit.
+        """
+        if self._last is not None and self._last[0] is value:
+            return self._last[1]
+        message = self._writer.convert(value, *args)
+        if isinstance(value, SchedulingProblem):
+            del message.scheduling_extension.scoped_constraints[:]
+            size = message.ByteSize()
+            if size > self.limit:
+                raise UnsupportedError(
+                    f"a problem of {size:,} bytes after compilation: the engine's server takes at "
+                    f"most {self.limit:,} bytes"
+                )
+            self._last = (value, message)
+        return message
+
+
+def slim_down(engine: Any, problem: SchedulingProblem, limit: int) -> None:
+    """Make ``engine`` (one that keeps UP's writer in ``_writer``) send small messages, and write
+    that for ``problem`` now: it takes a while that the engine does not count as its own time.
+    """
+    if not isinstance(engine._writer, SlimWriter):
+        engine._writer = SlimWriter(engine._writer, limit)
+    engine._writer.convert(problem)
+
+
+# ------------------ Runs UP engines in a process of its own (started by ``process.WorkerProcess``)
+# The parent sends a ``WorkerTask`` and gets a ``WorkerAnswer`` back, one after the other, as
+# pickles with a length in front, over the worker's standard input and output (what an engine
+# prints goes to standard error). When the parent goes away, however that happens, the worker ends
+# its whole process group, removes its temporary folder and so leaves nothing behind.
+
 
 _LENGTH = struct.Struct("!Q")
 
@@ -116,7 +170,7 @@ def run(task: WorkerTask, engines: _Engines) -> WorkerAnswer:
         engine = engines.get(task)
         problem = write_problem(task.problem)
         if task.message_limit is not None:
-            from up_samp.scheduling.messages import slim_down
+            pass
 
             slim_down(engine, problem, task.message_limit)
         lacking = sorted(problem.kind.features - engine.supported_kind().features)

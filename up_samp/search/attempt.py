@@ -8,14 +8,13 @@ from dataclasses import dataclass, replace
 
 from up_samp.model import CandidateSchedule, ScheduleReport
 from up_samp.model.refinement import Refinement
-from up_samp.search.bounds import Incumbent
 from up_samp.search.check import Check
-from up_samp.search.cuts.exact import rejects
+from up_samp.search.cuts.protocol import rejects
 from up_samp.search.cuts.refused import cuts_from
 from up_samp.search.events import Phase
-from up_samp.search.history import Round
+from up_samp.search.history import BUILDING, CHECKING, LEARNING, REPAIRING, Round
+from up_samp.search.knowledge import Incumbent
 from up_samp.search.search import Search
-from up_samp.search.stages import BUILDING, CHECKING, LEARNING, REPAIRING
 from up_samp.upio import Itinerary, read_itinerary
 
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Protocol
 
 from up_samp.model import Deadline
-from up_samp.search.tuning import BudgetTuning
+from up_samp.model.refinement import Refinement
+from up_samp.search.tuning import BudgetTuning, PaceTuning, RestartTuning
 
 
 @dataclass
@@ -63,3 +65,106 @@ class Budget:
         finally:
             self.seconds_motion += time.monotonic() - started
             self._asking = False
+
+
+# ------------------ How long the scheduler may take for its next answer, and what it is asked for
+
+
+class SchedulerPace(Protocol):
+    """When the scheduler has to answer. ``planned``: there is a plan already."""
+
+    @property
+    def staged(self) -> bool:
+        """Whether a first plan is sought before any proof."""
+        ...
+
+    def deadline(self, budget: Budget, *, planned: bool, proving: bool) -> Deadline:
+        """Return by when it has to answer."""
+        ...
+
+    def more(self, *, planned: bool) -> bool:
+        """Give the scheduler more time after an answer that came too late; return whether it gets
+        any.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class AtOnce:
+    """All of the time for each answer: another's scheduler would begin anew after a limit."""
+
+    staged: bool = False
+
+    def deadline(self, budget: Budget, *, planned: bool, proving: bool) -> Deadline:
+        """Return the search's deadline."""
+        return budget.deadline
+
+    def more(self, *, planned: bool) -> bool:
+        """Say that there is no more time to be had."""
+        return False
+
+
+@dataclass
+class Staged:
+    """A first plan before any proof, then proofs with more and more time: for a scheduler that goes
+    on from what it knows.
+    """
+
+    proof_seconds: float = PaceTuning.first_proof
+    """Limit (s) of the next attempt at a proof."""
+    share: float = PaceTuning.schedule_share
+    """Share for the next schedule; all of the time once a share was not enough for any."""
+    staged: bool = True
+
+    def deadline(self, budget: Budget, *, planned: bool, proving: bool) -> Deadline:
+        """Return by when the scheduler has to answer."""
+        if proving:
+            return budget.deadline.within(self.proof_seconds)
+        if not planned:
+            return budget.deadline.within(self.share * budget.deadline.remaining())
+        return budget.deadline
+
+    def more(self, *, planned: bool) -> bool:
+        """Double the time for proofs, or give all of it for the first schedule."""
+        if not planned and self.share >= 1:
+            return False
+        if planned:
+            self.proof_seconds *= 2
+        else:
+            self.share = 1.0
+        return True
+
+
+# ------------------ Restarts without what was only guessed, from other random numbers (lines 17 to
+
+
+@dataclass
+class Restarts:
+    """``limit``: so many at most (None: without a plan as long as there is time, with one as long
+    as they bring anything new).
+
+    ``stale``: how many in a row guessed nothing new.
+    """
+
+    limit: int | None = None
+    tuning: RestartTuning = field(default_factory=RestartTuning)
+    done: int = 0
+    stale: int = 0
+    _before: set[frozenset[object]] = field(default_factory=set)
+
+    def may_begin(self, budget: Budget, *, planned: bool) -> bool:
+        """Return whether another attempt is worth it. Without a plan it is while there is time: the
+        next random numbers may be the lucky ones.
+        """
+        if self.limit is not None:
+            return self.done < self.limit
+        if budget.unlimited:
+            return self.done < self.tuning.untimed
+        return not planned or self.stale < self.tuning.stale
+
+    def begin(self, guesses: Sequence[Refinement]) -> None:
+        """Count a restart that drops these guesses."""
+        known = frozenset(r.statement for r in guesses)
+        self.done += 1
+        self.stale = self.stale + 1 if known in self._before else 0
+        self._before.add(known)

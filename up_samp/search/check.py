@@ -14,12 +14,10 @@ from up_samp.model import GroupQuery, GroupReport, Outcome, PathQuery, Scheduled
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.motion.crew import can_be_sent
 from up_samp.refinement import rules, timed
-from up_samp.search.cases import MotionCase
-from up_samp.search.cuts.exact import rejects
-from up_samp.search.cuts.protocol import Alone, Cuts, Failure
+from up_samp.search.cuts.protocol import Alone, Cuts, Failure, rejects
 from up_samp.search.cuts.small import blocked
 from up_samp.search.events import Phase, Telling
-from up_samp.search.facts import Facts
+from up_samp.search.facts import Facts, MotionCase
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
 from up_samp.search.world import group_query, groups_of, instant_obstacles, motion_key

@@ -1,17 +1,24 @@
-"""What a search tells those who observe it: one named event for each thing that happens."""
+"""What a search tells those who observe it, one named event for each thing that happens, and the
+observers that write it: a line of text an event, or one readable file a round.
+"""
 
 from __future__ import annotations
 
 import enum
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+from up_samp.model.refinement import Refinement
+from up_samp.search.history import ProgressEvent
+from up_samp.system.files import write_whole
 
 if TYPE_CHECKING:
     from up_samp.model import Refusal, ScheduleReport
     from up_samp.model.refinement import Refinement
-    from up_samp.search.bounds import Incumbent
     from up_samp.search.history import History
+    from up_samp.search.knowledge import Incumbent
 
 
 @dataclass(frozen=True)
@@ -184,3 +191,101 @@ class Telling:
         """Tell of a new beginning."""
         for observer in self.observers:
             observer.on_restart(RestartEvent(self.state(), query_seconds))
+
+
+# ------------------ Progress displays: every event of a search as one line of text
+
+
+_TEXTS: dict[Phase, Callable[[StageEvent], str]] = {
+    Phase.PREPARE: lambda e: e.name if not e.total else f"{e.name} {e.count}/{e.total}",
+    Phase.SCHEDULE: lambda e: "scheduling",
+    Phase.MOTIONS: lambda e: f"checking {e.count} motions",
+    Phase.GROUP: lambda e: f"{e.count} motions together",
+    Phase.REPAIR: lambda e: "giving motions the time they need",
+    Phase.PROOF: lambda e: f"trying {e.count} proven facts alone",
+    Phase.NEIGHBOURHOOD: lambda e: f"deciding anew for {e.count} robots ({e.name})",
+    Phase.TIDY: lambda e: "leaving out motions that nothing needs",
+}
+
+
+class ProgressObserver(Observer):
+    """Calls ``show`` with a :class:`ProgressEvent` for each step."""
+
+    def __init__(self, show: Callable[[ProgressEvent], None]) -> None:
+        self.show = show
+
+    def _tell(self, state: State, phase: str, message: str) -> None:
+        bounds = state.lower_bound, state.upper_bound
+        self.show(ProgressEvent(state.rounds, phase, message, *bounds, state.elapsed))
+
+    def on_stage(self, event: StageEvent) -> None:
+        """Show what begins."""
+        self._tell(event.state, event.phase.value, _TEXTS[event.phase](event))
+
+    def on_round(self, event: RoundEvent) -> None:
+        """Show what a candidate told."""
+        if event.report is not None:
+            count = len(event.rejecting)
+            message = f"{count} refinements" if count else "candidate fits"
+            self._tell(event.state, "round", message)
+
+    def on_plan(self, event: PlanEvent) -> None:
+        """Show a plan's makespan."""
+        makespan = event.incumbent.schedule.makespan
+        self._tell(event.state, "plan", f"plan with makespan {makespan}")
+
+    def on_refusal(self, event: RefusalEvent) -> None:
+        """Show what the validator had against a plan."""
+        first = event.refusals[0]
+        self._tell(event.state, "refused", f"{first.kind}: {first.what}")
+
+    def on_restart(self, event: RestartEvent) -> None:
+        """Show that the search begins anew."""
+        message = f"motion queries may take {event.query_seconds:g} s now"
+        self._tell(event.state, "restart", message)
+
+
+# ------------------ A readable trace: every candidate schedule and every refinement, one text file
+
+
+class TraceObserver(Observer):
+    """Writes ``round-NNN.txt`` into a folder, and the history so far."""
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+
+    def on_round(self, event: RoundEvent) -> None:
+        """Write what a candidate was and what was learned from it."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        number = len(event.history.rounds)
+        lines = [*_candidate(event, number), ""]
+        if event.report is not None:
+            lines += _listed(event.rejecting, "that the candidate breaks")
+        kept = [r for r in event.learned if r not in event.rejecting]
+        first = event.report is None
+        lines += _listed(kept, "stated before the first schedule" if first else "more")
+        write_whole(self.folder / f"round-{number:03d}.txt", "\n".join(lines) + "\n")
+        event.history.write_json(self.folder / "history.json")
+        event.history.write_csv(self.folder / "rounds.csv")
+
+
+def _candidate(event: RoundEvent, number: int) -> list[str]:
+    report, state = event.report, event.state
+    if report is None:
+        return ["before the first schedule"]
+    best = "none" if state.upper_bound is None else f"makespan {state.upper_bound}"
+    lines = [
+        f"round {number}: schedule {report.status.value}, lower bound {state.lower_bound}, "
+        f"best plan: {best}"
+    ]
+    if report.schedule is not None:
+        lines += ["", f"candidate schedule, makespan {report.schedule.makespan}:"]
+        times = report.schedule.times.items()
+        for name, (start, end) in sorted(times, key=lambda item: (item[1], item[0])):
+            lines.append(f"  [{start:5d}, {end:5d}]  {name}")
+    return lines
+
+
+def _listed(refinements: Sequence[Refinement], which: str) -> list[str]:
+    noun = "refinement" if len(refinements) == 1 else "refinements"
+    return [f"{len(refinements)} {noun} {which}", *(f"  {r}" for r in refinements)]

@@ -2,16 +2,66 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 from up_samp.model import Body, Configuration, Placed, ScheduledMotion
-from up_samp.model.snapshot import Snapshot, Term, TermKind
-from up_samp.search.cases import MotionCase, case_of, cases_of
+from up_samp.model.refinement import Given
+from up_samp.model.snapshot import MotionTask, Snapshot, Term, TermKind
 from up_samp.search.tuning import DurationsTuning
-from up_samp.upio import Choice
+from up_samp.upio import ConfigurationChoice
+
+Choices = Mapping[tuple[str, Term, bool], ConfigurationChoice]
+
+
+@dataclass(frozen=True)
+class MotionCase:
+    """A motion task between known ``configurations`` (names): so it is under the decisions
+    ``given`` (none: always).
+    """
+
+    task: MotionTask
+    configurations: tuple[str, ...]
+    given: Given = ()
+
+    @property
+    def activity(self) -> str:
+        """The activity that makes the motion."""
+        return self.task.activity
+
+
+def cases_of(task: MotionTask, choices: Choices, most: int) -> list[MotionCase]:
+    """Return all cases of a task; none where there are more than ``most``."""
+    terms = [_choice(task, t, choices) for t in task.terms]
+    domains = {c.variable: c.values for c in terms if c.variable is not None}
+    if math.prod(len(values) for values in domains.values()) > most:
+        return []
+    found = []
+    for values in itertools.product(*domains.values()):
+        chosen = dict(zip(domains, values, strict=True))
+        names = tuple(c.values[0] if c.variable is None else chosen[c.variable] for c in terms)
+        found.append(MotionCase(task, names, tuple(sorted(chosen.items()))))
+    return found
+
+
+def _choice(task: MotionTask, term: Term, choices: Choices) -> ConfigurationChoice:
+    if term.kind is TermKind.CONSTANT:
+        return ConfigurationChoice(None, (term.name,))
+    return choices[task.activity, term, False]
+
+
+def case_of(snapshot: Snapshot, motion: ScheduledMotion) -> MotionCase:
+    """Return the case that a scheduled motion is."""
+    tasks = snapshot.tasks_of(motion.activity)
+    task = next(t for t in tasks if t.index == motion.constraint)
+    return MotionCase(task, motion.configurations, motion.given)
+
+
+# ------------------ Facts of the problem: what no search changes
+
 
 Signature = tuple[Body, tuple[Configuration, ...]]
 """What a motion is to the motion planner: motions of equal signatures are equivalent."""
@@ -29,7 +79,7 @@ class Facts:
     """
 
     snapshot: Snapshot
-    choices: Mapping[tuple[str, Term, bool], Choice]
+    choices: Mapping[tuple[str, Term, bool], ConfigurationChoice]
     most_cases: int = DurationsTuning.cases
 
     # ------------------------------------------------------------------ units

@@ -20,7 +20,6 @@ from up_samp.search.attempt import (
     shaped,
     try_candidate,
 )
-from up_samp.search.bounds import Incumbent
 from up_samp.search.conclusion import (
     SearchResult,
     conclude,
@@ -31,9 +30,10 @@ from up_samp.search.conclusion import (
     stands,
 )
 from up_samp.search.events import Phase
+from up_samp.search.history import SCHEDULING, STATING
+from up_samp.search.knowledge import Incumbent
 from up_samp.search.resolve import begin_near, motions_of
 from up_samp.search.search import Search
-from up_samp.search.stages import SCHEDULING, STATING
 from up_samp.upio import read_itinerary
 
 

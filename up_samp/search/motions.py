@@ -18,11 +18,11 @@ from up_samp.model import (
 )
 from up_samp.model.refinement import Strength
 from up_samp.motion.fleet import earliest_arrival
-from up_samp.motion.fleet.precedence import order_decides
+from up_samp.motion.fleet.coordination import order_decides
 from up_samp.motion.proofs.after_opening import AfterOpening
 from up_samp.search.budget import Budget
 from up_samp.search.facts import Facts
-from up_samp.search.settled import Where, surely_there
+from up_samp.search.world import Where, surely_there
 
 if TYPE_CHECKING:
     from up_samp.motion import MotionService

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from up_samp.model.errors import ProblemError, short
 from up_samp.search.events import Observer
 from up_samp.search.history import ProgressEvent
-from up_samp.search.stopping import Stop
+from up_samp.search.stopping import StopCriterion
 
 if TYPE_CHECKING:
     from up_samp.search.search import Components
@@ -55,7 +55,7 @@ class Parameters:
     progress: Callable[[ProgressEvent], None] | None = None
     observers: Sequence[Observer] = ()
     """Told of every event (:class:`up_samp.search.events.Observer`)."""
-    stop: Stop | None = None
+    stop: StopCriterion | None = None
     """Stops the search after a round (:mod:`up_samp.search.stopping`); by time: ``timeout``."""
     components: Components | None = None
     """What the search is made of, instead of what the preset and its switches say."""

@@ -13,6 +13,7 @@ from typing import TypeVar
 from up_samp.model import Body, Configuration, PathReport, Placed
 from up_samp.model.refinement import Refinement
 from up_samp.motion import MotionService
+from up_samp.search.budget import AtOnce, Staged
 from up_samp.search.check import CheckAlone, check_duration, check_path
 from up_samp.search.cuts.handovers import handover_cuts
 from up_samp.search.cuts.paper import PaperCuts
@@ -22,9 +23,8 @@ from up_samp.search.cuts.resting import door_cuts, rest_cuts
 from up_samp.search.cuts.small import Attempt, SmallCuts
 from up_samp.search.events import Phase
 from up_samp.search.facts import Facts, just_this
-from up_samp.search.in_order import InOrder
+from up_samp.search.fleet.sequential import InOrder
 from up_samp.search.neighbourhoods import Descent
-from up_samp.search.pace import AtOnce, Staged
 from up_samp.search.params import SWITCHES, Parameters
 from up_samp.search.resolve import (
     PruneCandidate,

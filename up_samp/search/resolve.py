@@ -28,10 +28,10 @@ from up_samp.model import CandidateSchedule, Deadline, ProblemError, ScheduledMo
 from up_samp.model.snapshot import TermKind
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.schedules import to_candidate
-from up_samp.search.bounds import Incumbent
 from up_samp.search.check import Check
 from up_samp.search.cuts.handovers import leaves_for
 from up_samp.search.events import Phase
+from up_samp.search.knowledge import Incumbent
 from up_samp.search.motions import Motions
 from up_samp.search.search import Search
 from up_samp.search.tuning import RepairTuning, SlackTuning, TidyTuning, TurnsTuning

@@ -13,20 +13,16 @@ from up_samp.model.refinement import Refinement, Strength
 from up_samp.scheduling import Scheduler
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.tuning import CpsatTuning
-from up_samp.search.bounds import Bounds, Incumbent
-from up_samp.search.budget import Budget
+from up_samp.search.budget import Budget, Restarts, SchedulerPace
 from up_samp.search.check import Check, CheckAlone, Checker
 from up_samp.search.cuts.protocol import Cuts
 from up_samp.search.events import Telling
 from up_samp.search.facts import Facts
-from up_samp.search.history import History
-from up_samp.search.knowledge import Knowledge
+from up_samp.search.history import VALIDATING, History
+from up_samp.search.knowledge import Bounds, Incumbent, Knowledge
 from up_samp.search.motions import Motions
-from up_samp.search.pace import Pace
 from up_samp.search.proof import Prover
-from up_samp.search.restarts import Restarts
-from up_samp.search.stages import VALIDATING
-from up_samp.search.stopping import Stop
+from up_samp.search.stopping import StopCriterion
 from up_samp.search.tuning import SearchTuning
 from up_samp.system.workers import Workers
 from up_samp.upio import Itinerary, Relaxation, SampSchedule, write_refinement
@@ -67,7 +63,7 @@ class Components:
     statements: tuple[Statement, ...]
     layers: tuple[CheckAlone, ...]
     cuts: Cuts
-    pace: Pace
+    pace: SchedulerPace
     shapers: tuple[Shaper, ...] = ()
     builders: tuple[Builder, ...] = ()
     repairs: tuple[Repair, ...] = ()
@@ -112,7 +108,7 @@ class Search:
     components: Components
     restarts: Restarts
     tell: Telling
-    stop: Stop | None = None
+    stop: StopCriterion | None = None
     seed: int = 0
     tuning: SearchTuning = field(default_factory=SearchTuning)
     cpsat: CpsatTuning = field(default_factory=CpsatTuning)

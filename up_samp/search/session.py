@@ -13,7 +13,9 @@ from unified_planning.plans import Plan, Schedule
 from up_samp.geometry import OccupancyGrid, lay_out
 from up_samp.model import (
     CandidateSchedule,
+    Configuration,
     Deadline,
+    Placed,
     ProblemError,
     Refusal,
     Trajectory,
@@ -22,31 +24,68 @@ from up_samp.model.snapshot import Snapshot
 from up_samp.motion import MotionCache, MotionService
 from up_samp.motion.crew import Crew
 from up_samp.scheduling import Scheduler, open_scheduler
-from up_samp.search.bounds import Bounds, Incumbent
-from up_samp.search.budget import Budget
+from up_samp.search.budget import Budget, Restarts
 from up_samp.search.check import Checker
 from up_samp.search.conclusion import SearchResult
-from up_samp.search.events import Observer, State, Telling
+from up_samp.search.events import Observer, ProgressObserver, State, Telling, TraceObserver
 from up_samp.search.facts import Facts
-from up_samp.search.history import History
-from up_samp.search.knowledge import Knowledge
-from up_samp.search.large import large_of, solve_large
+from up_samp.search.fleet.solve import large_of, solve_large
+from up_samp.search.history import READING, History, Stages
+from up_samp.search.knowledge import Bounds, Incumbent, Knowledge
 from up_samp.search.loop import solve
 from up_samp.search.motions import Motions
 from up_samp.search.params import GROUP_PLANNERS, Parameters
 from up_samp.search.presets import components_of, motion_service_of
-from up_samp.search.progress import ProgressObserver
 from up_samp.search.proof import Prover
 from up_samp.search.resolve import start_of
-from up_samp.search.restarts import Restarts
 from up_samp.search.search import Problem, Search
-from up_samp.search.stages import READING, Stages
-from up_samp.search.start_poses import check_start_poses
 from up_samp.search.stopping import runtime_of
-from up_samp.search.trace import TraceObserver
 from up_samp.system.workers import Workers
 from up_samp.tuning import tuning_of
 from up_samp.upio import Relaxation, SampSchedule, build_plan, read_problem, relax, trajectory_key
+
+
+def check_start_poses(snapshot: Snapshot, service: MotionService) -> None:
+    """Raise :class:`ProblemError` where a robot starts in a wall or in another object."""
+    drivers = sorted({t.object for t in snapshot.tasks})
+    for name in drivers:
+        body = snapshot.objects[name].body
+        pose = snapshot.configurations[snapshot.initial[name]]
+        in_wall, _ = service.pose_blockers(body, pose, ())
+        if in_wall:
+            raise ProblemError(
+                f"object '{name}' starts at '{snapshot.initial[name]}' {_show(pose)}, which is in "
+                f"a wall or outside the map '{snapshot.map_file}'"
+            )
+        heeded = _heeded(snapshot, name)
+        others = tuple(
+            Placed(o, snapshot.objects[o].body, snapshot.configurations[place])
+            for o, place in snapshot.initial.items()
+            if o != name and (heeded is None or o in heeded)
+        )
+        _, hit = service.pose_blockers(body, pose, others)
+        if hit:
+            raise ProblemError(
+                f"object '{name}' overlaps '{min(hit)}' at the start; move one of them "
+                f"('{name}' starts at '{snapshot.initial[name]}' {_show(pose)})"
+            )
+
+
+def _show(pose: Configuration) -> str:
+    return "(" + ", ".join(f"{v:g}" for v in pose) + ")"
+
+
+def _heeded(snapshot: Snapshot, name: str) -> frozenset[str] | None:
+    """Return the obstacles that all motions of ``name`` heed (None: all objects)."""
+    heeded: frozenset[str] | None = None
+    for task in snapshot.tasks:
+        if task.object == name and task.avoid is not None:
+            heeded = task.avoid if heeded is None else heeded & task.avoid
+    return heeded
+
+
+# ------------------ Set a search up for a UP problem and run it: the entry from the engines
+
 
 NEEDED = ("lower bounds on motions",)
 """What is stated before a plan of a thinned problem is sought."""

@@ -14,7 +14,7 @@ from up_samp.model.errors import ProblemError, short
 from up_samp.search.events import State
 
 
-class Stop(Protocol):
+class StopCriterion(Protocol):
     """A stopping criterion; any callable from a search's state will do."""
 
     def __call__(self, state: State) -> bool:
@@ -22,7 +22,7 @@ class Stop(Protocol):
         ...
 
 
-def runtime_of(stop: Stop | None) -> float:
+def runtime_of(stop: StopCriterion | None) -> float:
     """Return the longest that a search may take (s) by a criterion."""
     return stop.runtime if isinstance(stop, Criterion) else math.inf
 
@@ -47,7 +47,7 @@ class Criterion:
         """Return whether the search is to stop."""
         raise NotImplementedError
 
-    def __or__(self, other: Stop) -> AnyOf:
+    def __or__(self, other: StopCriterion) -> AnyOf:
         return AnyOf((self, other))
 
 
@@ -55,7 +55,7 @@ class Criterion:
 class AnyOf(Criterion):
     """Stops as soon as one of several criteria does."""
 
-    criteria: tuple[Stop, ...]
+    criteria: tuple[StopCriterion, ...]
 
     @property
     def runtime(self) -> float:
@@ -66,7 +66,7 @@ class AnyOf(Criterion):
         """Return whether one is met."""
         return any(c(state) for c in self.criteria)
 
-    def __or__(self, other: Stop) -> AnyOf:
+    def __or__(self, other: StopCriterion) -> AnyOf:
         return AnyOf((*self.criteria, other))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from up_samp.model.tunable import Tunables, effort_of, share_of, tunable
-from up_samp.search.large_tuning import (
+from up_samp.search.fleet.tuning import (
     DealsTuning,
     InOrderTuning,
     LargeTuning,
@@ -28,7 +28,7 @@ class BudgetTuning(Tunables):
 
 @dataclass(frozen=True)
 class PaceTuning(Tunables):
-    """How long our own scheduler may take for an answer (``search/pace.py``)."""
+    """How long our own scheduler may take for an answer (``search/budget.py``)."""
 
     first_proof: float = tunable(
         15.0,
@@ -45,7 +45,7 @@ class PaceTuning(Tunables):
 
 @dataclass(frozen=True)
 class RestartTuning(Tunables):
-    """How often a search begins anew (``search/restarts.py``)."""
+    """How often a search begins anew (``search/budget.py``)."""
 
     untimed: int = tunable(3, "restarts", "where there is no time limit", least=0)
     stale: int = tunable(

@@ -2,13 +2,29 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from up_samp.model import GroupQuery, Placed, Rest, ScheduledMotion, TimedMotion
-from up_samp.model.snapshot import Snapshot
-from up_samp.search.facts import Facts
+from up_samp.model import (
+    Body,
+    Configuration,
+    GroupQuery,
+    MotionModel,
+    Placed,
+    Rest,
+    ScheduledMotion,
+    TimedMotion,
+)
+from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
+from up_samp.search.facts import Facts, MotionCase
 from up_samp.upio import Itinerary
+
+if TYPE_CHECKING:
+    from up_samp.motion import MotionService
 
 
 def motion_key(motion: ScheduledMotion) -> str:
@@ -193,3 +209,187 @@ def places_between(
         if since + 1 <= last and first <= until:
             found.add(place)
     return found
+
+
+# ------------------ Where the objects of a candidate rest, and who has to be gone before another on
+
+
+@dataclass(frozen=True)
+class PlaceVisit:
+    """An object rests at a pose, from its motion ``arrival`` (None: from the start) until its
+    motion ``departure`` (None: for good). ``since`` is when it arrives in the candidate (units).
+    """
+
+    object: str
+    body: Body
+    pose: Configuration
+    arrival: str | None
+    departure: str | None
+    since: int
+
+
+def visits_of(facts: Facts, itinerary: Itinerary) -> list[PlaceVisit]:
+    """Return where the objects that drive rest, in a candidate."""
+    by_object: dict[str, list[ScheduledMotion]] = defaultdict(list)
+    for motion in itinerary.motions:
+        by_object[motion.object].append(motion)
+    snapshot = facts.snapshot
+    found = []
+    for name in sorted(facts.drivers):
+        body = snapshot.objects[name].body
+        chain = by_object[name]
+        pose = snapshot.configurations[snapshot.initial[name]]
+        arrival, since = None, -1
+        for motion in chain:
+            found.append(PlaceVisit(name, body, pose, arrival, motion.activity, since))
+            arrival, since, pose = motion.activity, motion.end, motion.poses[-1]
+        found.append(PlaceVisit(name, body, pose, arrival, None, since))
+    return found
+
+
+def others_first(facts: Facts, service: MotionService, itinerary: Itinerary) -> dict[str, set[str]]:
+    """Return for each motion to a place where its object stays for good which motions of others
+    have to leave that place before.
+
+    Who leaves again keeps nobody away for long: there, whoever can come first does.
+    """
+    found: dict[str, set[str]] = defaultdict(set)
+    avoid = {m.activity: m.avoid for m in itinerary.motions}
+    for pair in _meeting(service, visits_of(facts, itinerary)):
+        for one, other in (pair, pair[::-1]):
+            if one.departure is not None or one.arrival is None or other.departure is None:
+                continue
+            listed = avoid[one.arrival]
+            if listed is None or other.object in listed:
+                found[one.arrival].add(other.departure)
+    return found
+
+
+def contested(facts: Facts, service: MotionService, itinerary: Itinerary) -> set[str]:
+    """Return the motions that end where another object has to be, too, at some time."""
+    pairs = _meeting(service, visits_of(facts, itinerary))
+    return {visit.arrival for pair in pairs for visit in pair if visit.arrival is not None}
+
+
+def _meeting(
+    service: MotionService, visits: list[PlaceVisit]
+) -> list[tuple[PlaceVisit, PlaceVisit]]:
+    """Return the pairs of visits of two objects whose poses overlap."""
+    at: dict[tuple[Body, Configuration], list[PlaceVisit]] = defaultdict(list)
+    for visit in visits:
+        at[visit.body, visit.pose].append(visit)
+    found: list[tuple[PlaceVisit, PlaceVisit]] = []
+    for (key, some), (other, others) in itertools.combinations_with_replacement(at.items(), 2):
+        if not near(*key, *other) or not service.overlap(*key, *other):
+            continue
+        if key == other:
+            found += itertools.combinations(some, 2)
+        else:
+            found += itertools.product(some, others)
+    return [(a, b) for a, b in found if a.object != b.object]
+
+
+def near(body: Body, pose: Configuration, other: Body, there: Configuration) -> bool:
+    """Return whether two placed bodies may overlap at all: a cheap test before the exact one."""
+    if MotionModel.SE3 in (body.kinematics.model, other.kinematics.model):
+        return True
+    reach = sum(max(math.hypot(*p) for p in b.footprint) for b in (body, other))
+    return math.hypot(pose[0] - there[0], pose[1] - there[1]) <= reach
+
+
+# ------------------ What surely rests where while a motion lasts: doors that its own robot has come
+# A door that is opened and never shut again is open for good. Whoever is at a place to which no
+# way leads while the door is shut has come through it, so whenever it leaves that place the door
+# is open. A door that is a static obstacle and would block the way is open from the motion's start
+# on. Cuts that hold while such a door stands open then hold always.
+
+
+Where = Mapping[MotionTask, Mapping[str, str]]
+"""Motions -> objects, and where they surely are from its start to its end."""
+
+
+def surely_there(facts: Facts, service: MotionService) -> Where:
+    """Return what surely rests where all through each motion: what its driver has come through, and
+    static obstacles that it would not get past elsewise.
+
+    Assumes: a thing is moved to one other place only, and a driver comes to places by its drives
+    alone.
+    """
+    snapshot = facts.snapshot
+    found: dict[MotionTask, dict[str, str]] = {}
+    for thing, then in _once_and_for_all(facts):
+        for driver in sorted(facts.drivers):
+            tasks = [t for t in snapshot.tasks if t.object == driver]
+            if any(t.kind is not TermKind.CONSTANT for task in tasks for t in task.terms):
+                continue
+            shut = [task for task in tasks if _is_shut(facts, service, task, thing)]
+            for task in _from_behind(snapshot, driver, tasks, shut):
+                found.setdefault(task, {})[thing] = then
+            for task in shut:
+                if thing in (task.static or ()):
+                    found.setdefault(task, {})[thing] = then
+    return found
+
+
+def _from_behind(
+    snapshot: Snapshot, driver: str, tasks: list[MotionTask], shut: list[MotionTask]
+) -> list[MotionTask]:
+    """Return the motions of a driver that begin where it only comes to by those that are shut at
+    first; none where something else may take it elsewhere.
+    """
+    other = snapshot.moved_otherwise
+    once = len({t.activity for t in tasks}) == len(tasks)
+    if driver in other or not once:
+        return []
+    ends = {task: (task.terms[0].name, task.terms[-1].name) for task in tasks}
+    passable = {ends[t] for t in set(tasks).difference(shut)}
+    ways = set(ends.values())
+    behind = sealed(snapshot.initial[driver], ways, ways - passable)
+    return [task for task in tasks if ends[task][0] in behind]
+
+
+def sealed(
+    first: str, ways: Collection[tuple[str, str]], shut: Collection[tuple[str, str]]
+) -> set[str]:
+    """Return the places to which nobody comes from ``first`` on but by a way that is ``shut`` at
+    first, at one step or another.
+    """
+    reached, todo = {first}, [first]
+    while todo:
+        here = todo.pop()
+        after = {b for a, b in ways if a == here and (a, b) not in shut} - reached
+        reached |= after
+        todo += sorted(after)
+    return {place for way in ways for place in way} - reached
+
+
+def remaining(places: Mapping[str, str], case: MotionCase, there: Where) -> dict[str, str]:
+    """Return which of the ``places`` (object -> configuration) do not go without saying while the
+    motion of a case lasts.
+    """
+    sure = there.get(case.task, {})
+    return {name: place for name, place in places.items() if sure.get(name) != place}
+
+
+def _once_and_for_all(facts: Facts) -> Iterator[tuple[str, str]]:
+    """Yield objects that change their configuration for one other only, with that."""
+    snapshot = facts.snapshot
+    for thing in sorted(facts.instant):
+        terms = [c.term for c in snapshot.changes if c.object == thing]
+        names = {t.name for t in terms}
+        if all(t.kind is TermKind.CONSTANT for t in terms) and len(names) == 1:
+            (then,) = names
+            if then != snapshot.initial[thing]:
+                yield thing, then
+
+
+def _is_shut(facts: Facts, service: MotionService, task: MotionTask, thing: str) -> bool:
+    """Return whether it is proven that a motion cannot be made before a thing is moved."""
+    if task.avoid is not None and thing not in task.avoid:
+        return False
+    closed = facts.placed(thing, facts.snapshot.initial[thing])
+    body = facts.snapshot.body(task.activity, task.index, task.object)
+    poses = tuple(facts.snapshot.configurations[t.name] for t in task.terms)
+    if body.flies or closed.body.flies:
+        return False
+    return service.certificate(body, poses, (closed,)) is not None

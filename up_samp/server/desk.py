@@ -15,8 +15,8 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from up_samp.server.jobs import WORKER, Limits, close_pipes, started
-from up_samp.system.child import Group
+from up_samp.server.jobs import WORKER, JobLimits, close_pipes, started
+from up_samp.system.child import ProcessGroup
 
 
 class DeskError(Exception):
@@ -26,10 +26,10 @@ class DeskError(Exception):
 class Desk:
     """Answers one question at a time. Use it as a context: leaving it ends its process."""
 
-    def __init__(self, limits: Limits) -> None:
+    def __init__(self, limits: JobLimits) -> None:
         self.limits = limits
         self._lock = threading.Lock()
-        self._group: Group | None = None
+        self._group: ProcessGroup | None = None
         self._folder: Path | None = None
         self._closed = False
 
@@ -73,7 +73,7 @@ class Desk:
             finally:
                 overdue.cancel()
 
-    def _come(self) -> Group:
+    def _come(self) -> ProcessGroup:
         if self._closed:
             raise DeskError("the service ends")
         if self._group is None or self._group.process.returncode is not None:

@@ -25,13 +25,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from up_samp.system.child import Group
+from up_samp.system.child import ProcessGroup
 
 Event = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Limits:
+class JobLimits:
     """What a server allows. Times in s, sizes in bytes."""
 
     running: int = 1
@@ -70,7 +70,7 @@ class Limits:
                 raise ValueError(f"limit '{name}' must be at least {least}")
 
 
-class State(str, enum.Enum):
+class JobState(str, enum.Enum):
     """Where a job is."""
 
     WAITING = "waiting"
@@ -80,7 +80,7 @@ class State(str, enum.Enum):
     STOPPED = "stopped"
 
 
-ENDED = frozenset({State.DONE, State.FAILED, State.STOPPED})
+ENDED = frozenset({JobState.DONE, JobState.FAILED, JobState.STOPPED})
 
 
 class QueueFullError(Exception):
@@ -97,14 +97,14 @@ class Job:
     body: bytes
     seconds: float
     id: str = field(default_factory=lambda: uuid.uuid4().hex)
-    state: State = State.WAITING
+    state: JobState = JobState.WAITING
     events: list[Event] = field(default_factory=list)
     plan: bytes | None = None
     """The best plan, JSON."""
     told: Event = field(default_factory=dict)
     """What the best plan's event said."""
     end: Event | None = None
-    group: Group | None = None
+    group: ProcessGroup | None = None
     changed: threading.Condition = field(default_factory=threading.Condition)
 
     @property
@@ -161,7 +161,7 @@ class Job:
             self.events.append(event)
             self.changed.notify_all()
 
-    def ended(self, state: State) -> None:
+    def ended(self, state: JobState) -> None:
         """Say how it ended."""
         with self.changed:
             if self.state not in ENDED:
@@ -172,12 +172,12 @@ class Job:
 class JobQueue:
     """All jobs of a server. Use it as a context: leaving it ends them all.
 
-    ``Limits.running`` threads take the jobs that wait, one each at a time: however many clients
+    ``JobLimits.running`` threads take the jobs that wait, one each at a time: however many clients
     come and go, there are no more threads, processes or folders than that.
     """
 
-    def __init__(self, limits: Limits | None = None, command: tuple[str, ...] = ()) -> None:
-        self.limits = limits or Limits()
+    def __init__(self, limits: JobLimits | None = None, command: tuple[str, ...] = ()) -> None:
+        self.limits = limits or JobLimits()
         self._command = command or WORKER
         self._jobs: OrderedDict[str, Job] = OrderedDict()
         self._lock = threading.Lock()
@@ -253,7 +253,7 @@ class JobQueue:
                 self._waiting.remove(job)
         with job.changed:
             group = None if job.state in ENDED else job.group
-            job.ended(State.STOPPED)
+            job.ended(JobState.STOPPED)
         if group is not None:
             group.end()
 
@@ -282,7 +282,7 @@ class JobQueue:
                 self._run(job)
             except Exception as error:  # whatever happens, the job ends and says so
                 job.add({"event": "end", "status": "ERROR", "message": str(error)})
-                job.ended(State.FAILED)
+                job.ended(JobState.FAILED)
             finally:
                 with self._lock:
                     self._busy -= 1
@@ -292,15 +292,15 @@ class JobQueue:
         folder = Path(tempfile.mkdtemp(prefix="up-samp-job-"))
         try:
             with job.changed:
-                if job.state is not State.WAITING:
+                if job.state is not JobState.WAITING:
                     return
-                job.state = State.RUNNING
+                job.state = JobState.RUNNING
                 group = job.group = started(self._command, str(self.limits.memory), folder)
             self._follow(job, group)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
 
-    def _follow(self, job: Job, group: Group) -> None:
+    def _follow(self, job: Job, group: ProcessGroup) -> None:
         """Follow the job's process to its end and take in what it tells."""
         limits = self.limits
         overdue = threading.Timer(job.seconds + limits.grace, group.end)
@@ -313,12 +313,12 @@ class JobQueue:
             overdue.cancel()
             code = group.end()
             close_pipes(group.process)
-        if job.end is None and job.state is not State.STOPPED:
+        if job.end is None and job.state is not JobState.STOPPED:
             job.add({"event": "end", "status": "ERROR", "message": _why(code)})
         failed = (job.end or {}).get("status") == "ERROR" and job.plan is None
-        job.ended(State.FAILED if failed else State.DONE)
+        job.ended(JobState.FAILED if failed else JobState.DONE)
 
-    def _converse(self, job: Job, group: Group) -> None:
+    def _converse(self, job: Job, group: ProcessGroup) -> None:
         process = group.process
         assert process.stdin is not None
         assert process.stdout is not None
@@ -351,9 +351,9 @@ WORKER = (sys.executable, "-m", "up_samp.server.worker")
 """The process of a job; what it may take of memory is its argument."""
 
 
-def started(command: tuple[str, ...], argument: str, folder: Path) -> Group:
+def started(command: tuple[str, ...], argument: str, folder: Path) -> ProcessGroup:
     """Start a process that works in ``folder`` alone."""
-    return Group(
+    return ProcessGroup(
         [*command, argument],
         cwd=folder,
         stdin=subprocess.PIPE,

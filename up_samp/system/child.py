@@ -107,7 +107,7 @@ def die_with(descriptor: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-class Group:
+class ProcessGroup:
     """A process in a process group of its own, which is ended with all that it started.
 
     It is signalled only while its end has not been taken in (until then no other process can have

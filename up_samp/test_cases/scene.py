@@ -20,8 +20,7 @@ from unified_planning.plans import MotionSchedule
 from unified_planning.shortcuts import MovableType
 
 from up_samp.benchmarks.maps import hall_map
-from up_samp.benchmarks.on_map import ProblemOnMap
-from up_samp.benchmarks.places import Door, Pose, box
+from up_samp.benchmarks.places import FamilyDoor, Pose, ProblemOnMap, box
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ class DriveLimits:
 PACE = DriveLimits()
 
 
-DOOR = Door("door", box(1, 5), (20.0, 10.0, 0.0), (20.0, 4.0, 0.0), (10.0, 10.0, 0.0))
+DOOR = FamilyDoor("door", box(1, 5), (20.0, 10.0, 0.0), (20.0, 4.0, 0.0), (10.0, 10.0, 0.0))
 """Closes the opening between the two rooms; open it rests in the wall."""
 
 

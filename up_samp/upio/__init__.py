@@ -9,12 +9,12 @@ from up_samp.upio.plan import (
     trajectory_key,
 )
 from up_samp.upio.read import read_problem
-from up_samp.upio.relaxation import Choice, Relaxation
+from up_samp.upio.relaxation import ConfigurationChoice, Relaxation
 from up_samp.upio.relaxing import relax
 from up_samp.upio.write import write_refinement
 
 __all__ = [
-    "Choice",
+    "ConfigurationChoice",
     "Itinerary",
     "Relaxation",
     "SampSchedule",

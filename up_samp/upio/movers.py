@@ -24,8 +24,8 @@ from unified_planning.model.scheduling import Activity, SchedulingProblem
 from unified_planning.model.timing import DurationInterval
 
 from up_samp.model import ProblemError, UnsupportedError
-from up_samp.upio.limits import LIMITS
 from up_samp.upio.plan import SampSchedule
+from up_samp.upio.read_maps import LIMITS
 from up_samp.upio.spans import with_timings
 
 
@@ -180,7 +180,7 @@ def _fresh(activity: MotionActivity, chosen: Mapping[Parameter, Object], names: 
     return name
 
 
-class _Put:
+class _PutMover:
     """Puts objects in place of the parameters that name them, and a copy in its original's."""
 
     def __init__(self, activity: MotionActivity, name: str, chosen: Mapping[Parameter, Object]):
@@ -233,7 +233,7 @@ def _without_motions(activity: MotionActivity, parameters: list[Parameter]) -> A
     plain._constraints += activity._constraints
     # any object shows what speaks of them
     stand_in = {p: Object("?", p.type, activity._environment) for p in parameters}
-    put = _Put(activity, activity.name, stand_in)
+    put = _PutMover(activity, activity.name, stand_in)
     for span, conditions in activity.conditions.items():
         rest = [c for c in conditions if not put.speaks([c])]
         if rest:
@@ -251,7 +251,7 @@ def _copy(
     """Return the activity of one choice: its motions, and what is said of what it moves (all that
     is said, if ``whole``).
     """
-    put = _Put(activity, name, chosen)
+    put = _PutMover(activity, name, chosen)
     copy = MotionActivity(name, 1, activity.optional or not whole, _env=activity._environment)
     if whole:
         copy._parameters.update(activity._parameters)

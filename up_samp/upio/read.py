@@ -29,11 +29,9 @@ from up_samp.model import (
 from up_samp.model.errors import short
 from up_samp.model.frames import PlacedMap
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
-from up_samp.upio.limits import LIMITS
-from up_samp.upio.read_maps import check_flat, map_driven, read_maps
-from up_samp.upio.read_movable import read_movable
+from up_samp.upio.read_maps import LIMITS, check_flat, map_driven, read_maps, read_movable
 from up_samp.upio.relaxing import told_by
-from up_samp.upio.rides import Floor, find_rides, laden_bodies
+from up_samp.upio.rides import RideFloor, find_rides, laden_bodies
 
 
 def read_problem(problem: SchedulingMotionProblem, seconds_per_unit: float = 1.0) -> Snapshot:
@@ -56,7 +54,7 @@ def read_problem(problem: SchedulingMotionProblem, seconds_per_unit: float = 1.0
     _check_dimensions(parts)
     check_flat(maps, objects)
     heights = {name: maps[number].height for name, number in map_of.items()}
-    floor = Floor(objects, configurations, initial, heights)
+    floor = RideFloor(objects, configurations, initial, heights)
     tasks, changes = find_rides(tasks, changes, floor)
     return Snapshot(
         name=problem.name or "problem",

@@ -1,7 +1,5 @@
-"""Read occupancy maps and their frames of reference.
-
-Poses are in the world frame. A map's reference frame is where the map's own frame, in which its
-YAML states the ``origin``, lies in the world: the map is moved by it, the poses are not.
+"""Read occupancy maps with their frames, and what moves: footprint or mesh, limits, and the law of
+its motion.
 """
 
 from __future__ import annotations
@@ -9,14 +7,46 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
-from unified_planning.model.motion import SchedulingMotionProblem
+from unified_planning.model.motion import MotionModels, MovableObject, SchedulingMotionProblem
 
-from up_samp.model import Configuration, MotionModel, Movable, ProblemError, UnsupportedError
+from up_samp.model import (
+    Body,
+    Configuration,
+    ControlLaw,
+    Kinematics,
+    MotionModel,
+    Movable,
+    ProblemError,
+    UnsupportedError,
+)
 from up_samp.model.errors import short
 from up_samp.model.frames import Frame, PlacedMap
-from up_samp.upio.limits import LIMITS
+
+
+@dataclass(frozen=True)
+class ProblemLimits:
+    """What is beyond them is refused by name: results would be wrong, or never come."""
+
+    farthest: float = 1e7
+    """Largest coordinate, of a configuration or a map's frame, m: further out, floating-point
+    numbers do not tell 1 cm from 0."""
+    turned: float = 1e4
+    """Largest heading, rad."""
+    movers: int = 200
+    """Most choices of objects that one activity may move."""
+    footprint: float = 1e5
+    """Largest coordinate of a footprint, m."""
+
+
+LIMITS = ProblemLimits()
+
+
+# ------------------ Read occupancy maps and their frames of reference
+# Poses are in the world frame. A map's reference frame is where the map's own frame, in which its
+# YAML states the ``origin``, lies in the world: the map is moved by it, the poses are not.
 
 
 def read_maps(
@@ -82,3 +112,183 @@ def _frame(type_name: str, given: Any) -> tuple[Frame, float]:
     if max(abs(qx), abs(qy)) > 1e-9:
         raise UnsupportedError(f"{what} is tilted: only turns about the upright axis are supported")
     return Frame(x, y, 2.0 * math.atan2(qz, qw)), z
+
+
+# ------------------ Read what moves: footprint or mesh, limits, and the law of its motion
+
+
+_MODELS = {
+    MotionModels.REEDSSHEPP: MotionModel.REEDSSHEPP,
+    MotionModels.SE2: MotionModel.SE2,
+    MotionModels.SE3: MotionModel.SE3,
+}
+_PARAMETERS = ("turning_radius", "v_max", "a_max", "omega_max")
+_HEIGHT = "height"
+_BICYCLE = {"v_min", "v_max", "phi_min", "phi_max"}
+
+
+def read_movable(obj: MovableObject) -> Movable:
+    """Return the body of a movable object (footprint in m, in its own frame; or a mesh file).
+
+    :raises ProblemError: where the model, the footprint or a parameter is wrong.
+    :raises UnsupportedError: where it is right but beyond this package.
+    """
+    if obj.motion_model not in _MODELS:
+        raise ProblemError(f"object '{obj.name}': unknown motion model {obj.motion_model!r}")
+    model = _MODELS[obj.motion_model]
+    footprint = obj.footprint
+    if footprint is None and model is not MotionModel.SE3:
+        raise ProblemError(f"object '{obj.name}' needs a footprint to move in the plane")
+    corners = _corners(obj.name, footprint or ())
+    if footprint is not None and (
+        len(corners) < 3 or not all(math.isfinite(v) for c in corners for v in c)
+    ):
+        raise ProblemError(f"object '{obj.name}': a footprint needs three or more finite corners")
+    mesh = obj.geometric_model
+    if mesh is not None and model is MotionModel.SE3 and not os.path.isfile(mesh):
+        raise ProblemError(f"object '{obj.name}': geometric model '{mesh}' is not a file")
+    body = Body(corners, _read_kinematics(obj, model), mesh, _read_height(obj, model))
+    return Movable(obj.name, obj.type.name, body)
+
+
+def _read_height(obj: MovableObject, model: MotionModel) -> float:
+    """Return how high (m) a body that moves in the plane is: to the sky where it is not said."""
+    height = (obj.motion_parameters or {}).get(_HEIGHT, math.inf)
+    if _HEIGHT in (obj.motion_parameters or {}) and model is MotionModel.SE3:
+        raise ProblemError(f"object '{obj.name}': its mesh tells its height, not '{_HEIGHT}'")
+    try:
+        value = float(height)
+    except (TypeError, ValueError, OverflowError):
+        value = math.nan
+    if not value > 0:
+        raise ProblemError(
+            f"object '{obj.name}': its height is a positive number of m, not {short(height)}"
+        )
+    return value
+
+
+def _corners(name: str, footprint: Any) -> tuple[tuple[float, float], ...]:
+    """Return a footprint as plain numbers."""
+    try:
+        corners = tuple((float(x), float(y)) for x, y in footprint)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ProblemError(
+            f"object '{name}': a footprint is a list of corners (x, y), not {short(footprint)}"
+        ) from error
+    if any(abs(v) > LIMITS.footprint for corner in corners for v in corner):
+        raise ProblemError(f"object '{name}': its footprint is larger than {LIMITS.footprint:g} m")
+    return corners
+
+
+def _read_kinematics(obj: MovableObject, model: MotionModel) -> Kinematics:
+    given = {k: v for k, v in (obj.motion_parameters or {}).items() if k != _HEIGHT}
+    if obj.control_model is None:
+        # UP's own examples put the turning radius there
+        given = {**(obj.control_parameters or {}), **given}
+    unknown = sorted(set(given) - set(_PARAMETERS))
+    if unknown:
+        raise ProblemError(
+            f"object '{obj.name}': unknown motion parameter '{unknown[0]}' "
+            f"(known: {', '.join((*_PARAMETERS, _HEIGHT))})"
+        )
+    try:
+        numbers: dict[str, Any] = {k: float(v) for k, v in given.items()}
+        if model is MotionModel.REEDSSHEPP and numbers.get("turning_radius") == 0.0:
+            if obj.control_model is not None:
+                raise ProblemError(
+                    f"object '{obj.name}': turning_radius 0 (turns on the spot) and a control "
+                    "model contradict each other"
+                )
+            del numbers["turning_radius"]
+            model = MotionModel.PIVOT
+        limits = Kinematics(model, **numbers)
+    except (TypeError, ValueError) as error:
+        raise ProblemError(f"object '{obj.name}': {error}") from error
+    if obj.control_model is None:
+        return limits
+    return _read_control(obj, limits)
+
+
+def _read_control(obj: MovableObject, limits: Kinematics) -> Kinematics:
+    """Return limits under a control model: a car where it is a bicycle, else a free ODE."""
+    given = dict(obj.control_parameters or {})
+    bounds = _control_bounds(obj.name, given)
+    if set(given) <= _BICYCLE and {"v_max", "phi_max"} <= set(given):
+        curvature = _bicycle_curvature(obj.name, obj.control_model, given)
+        if curvature is not None:
+            if curvature <= 0:
+                raise ProblemError(f"object '{obj.name}': its control model cannot turn")
+            return _bicycle(obj, limits, curvature, given)
+    law = ControlLaw(obj.control_model, bounds, obj.name)
+    return Kinematics(
+        MotionModel.CONTROL,
+        limits.turning_radius,
+        limits.v_max,
+        limits.a_max,
+        limits.omega_max,
+        law,
+    )
+
+
+def _bicycle(
+    obj: MovableObject, limits: Kinematics, curvature: float, given: Mapping[str, Any]
+) -> Kinematics:
+    """Return a car's limits. The model can reverse, at ``-v_min`` at most where that is negative
+    (one top speed is used for both ways); a positive ``v_min`` is a speed, not a direction.
+    """
+    own = obj.motion_parameters or {}
+    speed = float(given["v_max"])
+    if float(given.get("v_min", -speed)) < 0:
+        speed = min(speed, -float(given.get("v_min", -speed)))
+    radius = 1.0 / curvature
+    # a bicycle drives along its heading: a body that could move anywhere is a car with it
+    return Kinematics(
+        MotionModel.REEDSSHEPP if limits.model is MotionModel.SE2 else limits.model,
+        turning_radius=max(limits.turning_radius, radius) if "turning_radius" in own else radius,
+        v_max=min(limits.v_max, speed) if "v_max" in own else speed,
+        a_max=limits.a_max,
+        omega_max=limits.omega_max,
+    )
+
+
+def _control_bounds(name: str, given: Mapping[str, Any]) -> tuple[tuple[str, float, float], ...]:
+    stems = [k[: -len("_max")] for k in given if k.endswith("_max")]
+    bounds = []
+    for stem in stems:
+        low = float(given.get(f"{stem}_min", -float(given[f"{stem}_max"])))
+        high = float(given[f"{stem}_max"])
+        if not low <= high:
+            raise ProblemError(f"object '{name}': {stem}_min is above {stem}_max")
+        bounds.append((stem, low, high))
+    known = {f"{s}_max" for s in stems} | {f"{s}_min" for s in stems}
+    unknown = sorted(set(given) - known)
+    if unknown:
+        raise ProblemError(f"object '{name}': unknown control parameter '{unknown[0]}'")
+    return tuple(bounds)
+
+
+def _bicycle_curvature(name: str, function: Any, given: Mapping[str, Any]) -> float | None:
+    """Return the largest curvature both ways (1/m) if ``function`` is a kinematic bicycle."""
+    largest = []
+    steer = (float(given.get("phi_min", -given["phi_max"])), float(given["phi_max"]))
+    for phi in steer:
+        for theta in (0.0, 0.7, -2.1):
+            for speed in (1.0, 0.4):
+                rate = [0.0, 0.0, 0.0]
+                try:
+                    function([0.3, -0.2, theta], [speed, phi], rate)
+                except (TypeError, IndexError):
+                    return None
+                except Exception as error:  # a user's code may raise anything
+                    raise ProblemError(
+                        f"object '{name}': its control_model raised {type(error).__name__}: {error}"
+                    ) from error
+                straight = (speed * math.cos(theta), speed * math.sin(theta))
+                miss = math.hypot(rate[0] - straight[0], rate[1] - straight[1])
+                if not (miss <= 1e-9 and math.isfinite(rate[2])):
+                    return None
+                largest.append(abs(rate[2]) / speed)
+    by_phi = largest[:6], largest[6:]
+    if any(max(part) - min(part) > 1e-9 for part in by_phi):
+        return None
+    return min(by_phi[0][0], by_phi[1][0])

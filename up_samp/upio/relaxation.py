@@ -28,7 +28,7 @@ from up_samp.upio.rewrite import Rewriter
 
 
 @dataclass(frozen=True)
-class Choice:
+class ConfigurationChoice:
     """The decision variable that a configuration comes from (its full name) and the names that it
     may be; ``None``: nothing changes it, and it is always the one value.
     """
@@ -52,7 +52,7 @@ class Relaxation:
     state: dict[str, FNode]
     activities: dict[str, Activity] = field(default_factory=dict)
     elsewhere: dict[tuple[str, str, str], Activity] = field(default_factory=dict)
-    choices: dict[tuple[str, Term, bool], Choice] = field(default_factory=dict)
+    choices: dict[tuple[str, Term, bool], ConfigurationChoice] = field(default_factory=dict)
     variables: dict[str, Parameter] = field(default_factory=dict)
     early: dict[str, int] = field(default_factory=dict)
     reachable: dict[FNode, tuple[str, ...]] = field(default_factory=dict)
@@ -149,13 +149,13 @@ def choose(
     return manager.ParameterExp(relaxation.variable(known.variable))
 
 
-def _of_parameter(relaxation: Relaxation, activity: Activity, name: str) -> Choice:
+def _of_parameter(relaxation: Relaxation, activity: Activity, name: str) -> ConfigurationChoice:
     problem = relaxation.problem
     parameter = relaxation.variable(name)
     values = _possible(relaxation, parameter)
     owner = next((a for a in problem.activities if parameter in a.parameters), None)
     if owner is None or owner is activity:
-        return Choice(name, values)
+        return ConfigurationChoice(name, values)
     mine = _add_parameter(relaxation, activity, name, parameter.type)
     manager = problem.environment.expression_manager
     problem.add_constraint(
@@ -164,24 +164,24 @@ def _of_parameter(relaxation: Relaxation, activity: Activity, name: str) -> Choi
     if owner.optional:
         # who is absent decides nothing
         problem.add_constraint(owner.present, [activity.present] if activity.optional else [])
-    return Choice(mine.name, values)
+    return ConfigurationChoice(mine.name, values)
 
 
 def _of_fluent(
     relaxation: Relaxation, activity: Activity, text: str, *, at_end: bool, state: FNode | None
-) -> Choice:
+) -> ConfigurationChoice:
     problem = relaxation.problem
     fluent = _fluent(relaxation, activity, text)
     ground = [f for f in relaxation.given_values if _may_be(fluent, f)]
     values = tuple(sorted({v for f in ground for v in _reachable(relaxation, f)}))
     if len(values) == 1:
-        return Choice(None, values)
+        return ConfigurationChoice(None, values)
     mine = _add_parameter(relaxation, activity, text, fluent.type)
     manager = problem.environment.expression_manager
     if fluent != state:
         point = activity.end if at_end else activity.start
         activity.add_condition(TimePointInterval(Timing(0, point)), manager.Equals(fluent, mine))
-    return Choice(mine.name, values)
+    return ConfigurationChoice(mine.name, values)
 
 
 def _add_parameter(relaxation: Relaxation, activity: Activity, what: str, tpe: Any) -> Parameter:

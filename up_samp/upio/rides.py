@@ -43,7 +43,7 @@ STAY = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class Floor:
+class RideFloor:
     """What a problem says of objects and configurations (``heights``: of their maps, m)."""
 
     objects: Mapping[str, Movable]
@@ -57,7 +57,7 @@ class Floor:
 
 
 def find_rides(
-    tasks: Sequence[MotionTask], changes: Sequence[ChangeTask], floor: Floor
+    tasks: Sequence[MotionTask], changes: Sequence[ChangeTask], floor: RideFloor
 ) -> tuple[list[MotionTask], list[ChangeTask]]:
     """Return the tasks with the loads that travel with them, and the changes that are no rides.
 
@@ -88,7 +88,7 @@ def find_rides(
     return laden, left
 
 
-def laden_bodies(tasks: Iterable[MotionTask], floor: Floor) -> dict[tuple[str, int], Body]:
+def laden_bodies(tasks: Iterable[MotionTask], floor: RideFloor) -> dict[tuple[str, int], Body]:
     """Return robot and loads as one body, for each task (activity, index) with loads."""
     found = {}
     for task in tasks:
@@ -128,7 +128,7 @@ def _check_lists(tasks: Sequence[MotionTask]) -> None:
 
 
 def _rides(
-    task: MotionTask, change: ChangeTask, changes: Sequence[ChangeTask], floor: Floor
+    task: MotionTask, change: ChangeTask, changes: Sequence[ChangeTask], floor: RideFloor
 ) -> list[Ride]:
     """Return the ride that a task and a motion effect of its activity make, if they do."""
     load = change.object
@@ -154,7 +154,7 @@ def _rides(
     return []
 
 
-def _places(load: str, changes: Sequence[ChangeTask], floor: Floor) -> list[Term]:
+def _places(load: str, changes: Sequence[ChangeTask], floor: RideFloor) -> list[Term]:
     """Return where a load may be: at first, and where motion effects put it."""
     found = [c.term for c in changes if c.object == load]
     if load in floor.initial:
@@ -162,7 +162,9 @@ def _places(load: str, changes: Sequence[ChangeTask], floor: Floor) -> list[Term
     return list(dict.fromkeys(found))
 
 
-def _offsets(base: Term, others: Iterable[Term], floor: Floor) -> list[tuple[Configuration, Term]]:
+def _offsets(
+    base: Term, others: Iterable[Term], floor: RideFloor
+) -> list[tuple[Configuration, Term]]:
     """Return the poses of ``others`` in the frame of ``base``, for all that these may be."""
     found = []
     for one in _names(base, floor):
@@ -175,7 +177,7 @@ def _offsets(base: Term, others: Iterable[Term], floor: Floor) -> list[tuple[Con
     return list(dict.fromkeys(found))
 
 
-def _names(term: Term, floor: Floor) -> list[str]:
+def _names(term: Term, floor: RideFloor) -> list[str]:
     if term.kind is not TermKind.CONSTANT:
         return [n for n, pose in floor.configurations.items() if len(pose) == 3]
     if term.name not in floor.configurations:

@@ -14,11 +14,11 @@ from unified_planning.model.timing import (
 
 from up_samp.model.refinement import (
     Absent,
+    Anchor,
     Apart,
     Clause,
     Differs,
     Elsewhere,
-    End,
     Exclusive,
     FirstUsed,
     Lasts,
@@ -197,7 +197,7 @@ def _differs(relaxation: Relaxation, literal: Differs) -> FNode:
 
 def _timepoint(relaxation: Relaxation, ref: TimeRef) -> Any:
     activity = relaxation.activities[ref.activity]
-    return activity.start if ref.end is End.START else activity.end
+    return activity.start if ref.end is Anchor.START else activity.end
 
 
 def _with_presence(relaxation: Relaxation, expression: FNode, names: set[str]) -> FNode:

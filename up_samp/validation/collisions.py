@@ -26,7 +26,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Shape:
+class JudgedShape:
     """A footprint polygon in the body frame, and the same one thinner by
     ``TOLERANCES.penetration``; what is above its ``height`` (m over the floor) does not meet it.
     """
@@ -81,7 +81,7 @@ def first_contact(
 
 
 def hits_map(
-    shape: Shape, track: Track, blocked: BlockedMap, low: float, high: float
+    shape: JudgedShape, track: Track, blocked: BlockedMap, low: float, high: float
 ) -> float | None:
     """Return a time in [low, high] at which a moving body meets the map's blocked part."""
 
@@ -92,7 +92,12 @@ def hits_map(
 
 
 def hits_body(
-    shape: Shape, track: Track, other: Shape, other_track: Track, low: float, high: float
+    shape: JudgedShape,
+    track: Track,
+    other: JudgedShape,
+    other_track: Track,
+    low: float,
+    high: float,
 ) -> float | None:
     """Return a time in [low, high] at which two bodies meet."""
     radii = shape.radius + other.radius

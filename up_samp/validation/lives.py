@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.validation.collisions import Shape
+from up_samp.validation.collisions import JudgedShape
 from up_samp.validation.judged import JudgedMotion, Jump
 from up_samp.validation.paths import pose_gap
-from up_samp.validation.rides import Ride, between, carried_along
+from up_samp.validation.rides import CarriedLoad, between, carried_along
 from up_samp.validation.scene import JudgedScene
 from up_samp.validation.se3 import AnyTrack, SpaceTrack, track_of
 from up_samp.validation.tolerances import TOLERANCES
@@ -44,7 +44,7 @@ class Piece:
     """
     height: float = 0.0
     """Of the map (m) that it is on."""
-    shape: Shape | None = None
+    shape: JudgedShape | None = None
     """The body, where it is another one than the object's own (with what holds its load)."""
 
     def level(self, other: Piece) -> bool:
@@ -60,7 +60,7 @@ class Piece:
 
 
 @dataclass(frozen=True)
-class _Event:
+class _LifeEvent:
     """A drive ``[start, end]`` (``task``; ``ride``: as its load) or a jump (``start == end``), in
     units.
     """
@@ -69,7 +69,7 @@ class _Event:
     end: int
     task: JudgedMotion | None = None
     jump: Jump | None = None
-    ride: Ride | None = None
+    ride: CarriedLoad | None = None
 
     @property
     def activity(self) -> str:
@@ -83,15 +83,15 @@ def build_lives(
     scene: JudgedScene, motions: Motions, seconds: float, found: list[Violation]
 ) -> dict[str, list[Piece]]:
     """Return the pieces of each object's life in order; breaks in it are added to ``found``."""
-    events: dict[str, list[_Event]] = defaultdict(list)
+    events: dict[str, list[_LifeEvent]] = defaultdict(list)
     for task in scene.tasks:
-        events[task.object].append(_Event(task.start, task.end, task=task))
+        events[task.object].append(_LifeEvent(task.start, task.end, task=task))
     tasks = {task.name: task for task in scene.tasks}
     for ride in scene.rides:
         task = tasks[ride.task]
-        events[ride.load].append(_Event(task.start, task.end, task=task, ride=ride))
+        events[ride.load].append(_LifeEvent(task.start, task.end, task=task, ride=ride))
     for jump in scene.jumps:
-        events[jump.object].append(_Event(jump.time, jump.time, jump=jump))
+        events[jump.object].append(_LifeEvent(jump.time, jump.time, jump=jump))
     lives = {}
     for name in scene.movables:
         ordered = sorted(events[name], key=lambda e: (e.start, e.end, e.task is None))
@@ -100,7 +100,7 @@ def build_lives(
     return lives
 
 
-def _overlaps(name: str, events: list[_Event]) -> Iterator[Violation]:
+def _overlaps(name: str, events: list[_LifeEvent]) -> Iterator[Violation]:
     """Rule 16: one activity at a time moves an object. Two drives may touch."""
     for i, one in enumerate(events):
         for other in events[i + 1 :]:
@@ -112,7 +112,7 @@ def _overlaps(name: str, events: list[_Event]) -> Iterator[Violation]:
                 yield Violation("overlap", text, activities, (name,), float(other.start))
 
 
-def _clash(name: str, one: _Event, other: _Event) -> str | None:
+def _clash(name: str, one: _LifeEvent, other: _LifeEvent) -> str | None:
     """Return what is wrong with two events of an object that are not apart, ``other`` the later."""
     if one.task is not None and other.task is not None:
         if other.start == one.end:
@@ -131,7 +131,7 @@ def _clash(name: str, one: _Event, other: _Event) -> str | None:
 
 def _live(
     name: str,
-    events: list[_Event],
+    events: list[_LifeEvent],
     scene: JudgedScene,
     motions: Motions,
     seconds: float,
@@ -179,15 +179,15 @@ def _live(
         yield Piece(resting(here, radius), since, math.inf, None, height=height)
 
 
-def _held(scene: JudgedScene, task: JudgedMotion) -> Shape | None:
+def _held(scene: JudgedScene, task: JudgedMotion) -> JudgedShape | None:
     """Return what holds loads to the object of a task where they are not one polygon."""
     loads = []
     for ride in scene.rides:
         shape = scene.shapes[ride.load]
-        if ride.task == task.name and isinstance(shape, Shape):
+        if ride.task == task.name and isinstance(shape, JudgedShape):
             loads.append((shape, ride.offset))
     carrier = scene.shapes[task.object]
-    return between(carrier, loads) if loads and isinstance(carrier, Shape) else None
+    return between(carrier, loads) if loads and isinstance(carrier, JudgedShape) else None
 
 
 @dataclass(frozen=True)
@@ -204,7 +204,7 @@ class _Departure:
         return self.here is not None and pose_gap(self.here, self.first) > tolerance
 
 
-def _taken(ride: Ride, departure: _Departure) -> Iterator[Violation]:
+def _taken(ride: CarriedLoad, departure: _Departure) -> Iterator[Violation]:
     """A load is taken from where it stands."""
     task, here, first = departure.task, departure.here, departure.first
     elsewhere = departure.off(2 * TOLERANCES.pose) or not same_height(*departure.heights)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from up_samp.model import ProblemError, Trajectory, check_time
-from up_samp.validation.collisions import Shape, hits_map
+from up_samp.validation.collisions import JudgedShape, hits_map
 from up_samp.validation.judged import JudgedMotion, Obstacle
 from up_samp.validation.kinematics import motion_violations
 from up_samp.validation.lives import (
@@ -296,9 +296,9 @@ def _keeps_clear(
 
 
 def _hits_map(
-    shape: Shape | Solid, track: AnyTrack, blocked: BlockedMap, low: float, high: float
+    shape: JudgedShape | Solid, track: AnyTrack, blocked: BlockedMap, low: float, high: float
 ) -> float | None:
-    if isinstance(shape, Shape) and isinstance(track, Track):
+    if isinstance(shape, JudgedShape) and isinstance(track, Track):
         return hits_map(shape, track, blocked, low, high)
     assert isinstance(shape, Solid)
     return hits_map_from_space(shape, track, blocked, low, high)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from up_samp.validation.collisions import Shape, placed
+from up_samp.validation.collisions import JudgedShape, placed
 from up_samp.validation.tolerances import TOLERANCES
 
 FloatArray = npt.NDArray[np.float64]
@@ -18,7 +18,7 @@ Pose = tuple[float, ...]
 
 
 @dataclass(frozen=True)
-class Ride:
+class CarriedLoad:
     """``load`` travels with the carrier of the task ``task``: it stands at ``offset`` in the
     carrier's frame all the while, and at configuration ``goal`` after that.
     """
@@ -56,7 +56,7 @@ def carried_along(poses: FloatArray, offset: Pose) -> FloatArray:
     )
 
 
-def between(carrier: Shape, loads: Sequence[tuple[Shape, Pose]]) -> Shape | None:
+def between(carrier: JudgedShape, loads: Sequence[tuple[JudgedShape, Pose]]) -> JudgedShape | None:
     """Return what holds a carrier and its loads together, in the carrier's frame: nothing where
     they are one polygon without holes, else their convex hull.
     """
@@ -70,7 +70,7 @@ def between(carrier: Shape, loads: Sequence[tuple[Shape, Pose]]) -> Shape | None
         return None
     hull = shapely.union_all(parts).convex_hull
     height = max(carrier.height, *(shape.height for shape, _ in loads))
-    return Shape(f"{carrier.name} with its load", np.array(hull.exterior.coords)[:-1], height)
+    return JudgedShape(f"{carrier.name} with its load", np.array(hull.exterior.coords)[:-1], height)
 
 
 def configurations_of(values: Iterable[str | None], all_of_them: Sequence[str]) -> Iterator[str]:

@@ -16,11 +16,11 @@ from unified_planning.model.motion import (
 )
 
 from up_samp.model import ProblemError, UnsupportedError
-from up_samp.validation.collisions import Shape
+from up_samp.validation.collisions import JudgedShape
 from up_samp.validation.judged import JudgedMotion, Jump, Obstacle
 from up_samp.validation.limits import Limits, height_of, limits_of
 from up_samp.validation.maps import BlockedMap, Ground, ground_of
-from up_samp.validation.rides import Ride, configurations_of, is_same, offset_between
+from up_samp.validation.rides import CarriedLoad, configurations_of, is_same, offset_between
 from up_samp.validation.solids import Solid, load_solid
 from up_samp.validation.timeline import Reading, StateTimeline, show
 from up_samp.validation.tolerances import TOLERANCES
@@ -45,9 +45,9 @@ class JudgedScene:
         return {name: limits_of(item) for name, item in self.movables.items()}
 
     @cached_property
-    def shapes(self) -> dict[str, Shape | Solid]:
+    def shapes(self) -> dict[str, JudgedShape | Solid]:
         """Footprints by object; meshes of those that move in space."""
-        shapes: dict[str, Shape | Solid] = {}
+        shapes: dict[str, JudgedShape | Solid] = {}
         for name, item in self.movables.items():
             if item.motion_model.name == "SE3":
                 shapes[name] = load_solid(name, item.geometric_model)
@@ -55,7 +55,7 @@ class JudgedScene:
             if item.footprint is None:
                 raise UnsupportedError(f"object {name} moves in the plane but has no footprint")
             height = height_of(item)
-            shapes[name] = Shape(name, np.array(item.footprint, dtype=float), height)
+            shapes[name] = JudgedShape(name, np.array(item.footprint, dtype=float), height)
         return shapes
 
     @cached_property
@@ -123,7 +123,7 @@ class JudgedScene:
         return [task for activity in self._present() for task in self._tasks_of(activity)]
 
     @cached_property
-    def rides(self) -> list[Ride]:
+    def rides(self) -> list[CarriedLoad]:
         """All loads that travel with what an activity drives (rule 18)."""
         found = []
         for effect in self._settings:
@@ -136,7 +136,7 @@ class JudgedScene:
             found += mine
         return found
 
-    def _ride(self, task: JudgedMotion, effect: Jump) -> Ride | None:
+    def _ride(self, task: JudgedMotion, effect: Jump) -> CarriedLoad | None:
         if effect.object == task.object or any(
             self.movables[name].motion_model.name == "SE3" for name in (effect.object, task.object)
         ):
@@ -149,7 +149,7 @@ class JudgedScene:
         stands = (offset_between(start, pose) for pose in self._stands(effect.object, floor))
         if not any(is_same(offset, other) for other in stands):
             return None
-        return Ride(task.activity, task.name, effect.object, effect.place, offset)
+        return CarriedLoad(task.activity, task.name, effect.object, effect.place, offset)
 
     def _stands(self, name: str, floor: float) -> list[tuple[float, ...]]:
         """Return all poses on a floor that the problem gives an object that is carried."""

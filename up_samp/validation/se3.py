@@ -18,7 +18,7 @@ import numpy.typing as npt
 import shapely
 
 from up_samp.model import UnsupportedError
-from up_samp.validation.collisions import Shape, first_contact, hits_body, placed
+from up_samp.validation.collisions import JudgedShape, first_contact, hits_body, placed
 from up_samp.validation.maps import BlockedMap
 from up_samp.validation.solids import FloatArray, Solid, matrices, mesh_distance, swallowed
 from up_samp.validation.tracks import Track
@@ -117,24 +117,24 @@ def hits_map_from_space(
 
 
 def hits(
-    shape: Shape | Solid,
+    shape: JudgedShape | Solid,
     track: AnyTrack,
-    other: Shape | Solid,
+    other: JudgedShape | Solid,
     other_track: AnyTrack,
     low: float,
     high: float,
 ) -> float | None:
     """Return a time in [low, high] at which two bodies meet, in the plane or in space."""
-    if isinstance(shape, Shape) and isinstance(other, Shape):
+    if isinstance(shape, JudgedShape) and isinstance(other, JudgedShape):
         if isinstance(track, Track) and isinstance(other_track, Track):
             return hits_body(shape, track, other, other_track, low, high)
         raise UnsupportedError("bodies without a mesh move in the plane")
     if not isinstance(shape, Solid):
         return hits(other, other_track, shape, track, low, high)
     radii = shape.radius + other.radius
-    flat = 2 if isinstance(other, Shape) else 3
+    flat = 2 if isinstance(other, JudgedShape) else 3
     body = other
-    if isinstance(other, Shape) and math.isfinite(other.height):
+    if isinstance(other, JudgedShape) and math.isfinite(other.height):
         body = prism(other, _lowest(track) - 2 * shape.radius - 1.0)
 
     def gap(times: FloatArray) -> FloatArray:
@@ -170,7 +170,7 @@ def _lowest(track: AnyTrack) -> float:
     return min(0.0, float(track.poses[:, 2].min()))
 
 
-def prism(shape: Shape, bottom: float) -> Solid:
+def prism(shape: JudgedShape, bottom: float) -> Solid:
     """Return a body of a height that moves in the plane, from far below to its height (m)."""
     corners, after = shape.corners, np.roll(shape.corners, -1, axis=0)
     caps = shapely.get_parts(shapely.constrained_delaunay_triangles(shapely.Polygon(corners)))
@@ -185,7 +185,9 @@ def prism(shape: Shape, bottom: float) -> Solid:
     return Solid(shape.name, np.array(triangles), True)
 
 
-def _gap_at(solid: Solid, pose: FloatArray, other: Shape | Solid, other_pose: FloatArray) -> float:
+def _gap_at(
+    solid: Solid, pose: FloatArray, other: JudgedShape | Solid, other_pose: FloatArray
+) -> float:
     if isinstance(other, Solid):
         return mesh_distance(solid, pose, other, upright(other_pose))
     polygon = shapely.Polygon(placed(other.corners, other_pose[None])[0])

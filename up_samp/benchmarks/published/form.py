@@ -18,11 +18,11 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
-from unified_planning.model import Fluent, GlobalEndTiming, TimePointInterval, Timing
+from unified_planning.model import Fluent, FNode, GlobalEndTiming, TimePointInterval, Timing
 from unified_planning.model.motion import (
     ActivityWaypoints,
     ConfigurationObject,
@@ -43,11 +43,124 @@ from unified_planning.shortcuts import (
     Or,
 )
 
-from up_samp.benchmarks.on_map import ProblemOnMap
-from up_samp.benchmarks.places import ROBOT_FOOTPRINT, Door, duration_bounds
-from up_samp.benchmarks.published.bicycle import Bicycle
-from up_samp.benchmarks.published.members import Leaf, Need, Robot
+from up_samp.benchmarks.places import ROBOT_FOOTPRINT, FamilyDoor, ProblemOnMap, duration_bounds
 from up_samp.model import ProblemError
+
+
+@dataclass(frozen=True)
+class Bicycle:
+    """``qdot = f(q, u)`` of a car ``length`` m long: q = (x, y, theta), u = (speed, steering)."""
+
+    length: float
+
+    def __call__(self, q: Sequence[float], u: Sequence[float], qdot: Any) -> None:
+        """Fill ``qdot`` (m/s, m/s, rad/s)."""
+        speed, steering = u
+        qdot[0] = speed * math.cos(q[2])
+        qdot[1] = speed * math.sin(q[2])
+        qdot[2] = speed * math.tan(steering) / self.length
+
+
+# ------------------ What a problem in a published form is made of: robots, doors, and what activiti
+
+
+@dataclass(frozen=True)
+class Need:
+    """What an activity needs, and who gives and takes it (for the form without fluents).
+
+    ``helpers`` make it true, ``rivals`` may undo it; ``initially``: it holds from the beginning.
+    """
+
+    activity: Activity
+    helpers: Sequence[Activity]
+    rivals: Sequence[Activity]
+    initially: bool = False
+
+    def formula(self) -> FNode:
+        """Return the constraint over starts, ends and presences that says it."""
+        a = self.activity
+        rivals = [(r, r.present, GE(r.start, a.end)) for r in self.rivals if r is not a]
+        ways = []
+        for h in self.helpers:
+            if h is a:
+                continue
+            begin = h.start
+            kept = [
+                Implies(present, Or(LE(r.end, begin), after))
+                for r, present, after in rivals
+                if r is not h
+            ]
+            ways.append(And([h.present, LE(h.end, a.start), *kept]))
+        if self.initially:
+            ways.append(And([Implies(present, after) for _, present, after in rivals]))
+        return Or(ways)
+
+
+@dataclass
+class PublishedRobot:
+    """A robot of the problem and all that it may do."""
+
+    body: MovableObject
+    start: ConfigurationObject
+    at: Fluent | None
+    token: Fluent | None
+    moves: list[tuple[MotionActivity, ConfigurationObject, ConfigurationObject]] = field(
+        default_factory=list
+    )
+    busy: list[Activity] = field(default_factory=list)
+    stands: list[tuple[Activity, Sequence[ConfigurationObject]]] = field(default_factory=list)
+
+    @property
+    def name(self) -> str:
+        """The object's name."""
+        return str(self.body.name)
+
+    def moves_to(self, places: Iterable[ConfigurationObject]) -> list[MotionActivity]:
+        """Return its moves that end at one of ``places``."""
+        names = {p.name for p in places}
+        return [a for a, _, to in self.moves if to.name in names]
+
+    def moves_from(self, place: ConfigurationObject) -> list[MotionActivity]:
+        """Return its moves that leave ``place``."""
+        return [a for a, origin, _ in self.moves if origin.name == place.name]
+
+    def preconditions(self) -> Iterator[Need]:
+        """Yield what each thing needs that it does at a place: that it has come there."""
+        moves = [a for a, _, _ in self.moves]
+        for a, places in self.stands:
+            helpers = self.moves_to(places)
+            same = {id(h) for h in helpers}
+            rivals = [m for m in moves if id(m) not in same]
+            initially = any(p.name == self.start.name for p in places)
+            yield Need(a, helpers, rivals, initially)
+
+
+@dataclass
+class Leaf:
+    """A door of the problem, and the activities that open it."""
+
+    body: MovableObject
+    opened: ConfigurationObject
+    button: ConfigurationObject
+    at: Fluent | None
+    token: Fluent | None
+    openings: list[Activity] = field(default_factory=list)
+
+
+# ------------------ How published SAMP problems are written, whatever the family
+# The authors of the paper (Tosello et al., ICAPS 2026) write their problems in plain calls of
+# Unified Planning. This module says the same in code of its own:
+#
+# - Every object has one fluent without parameters (``robot0_at``, ``door0_at``), every move a
+#   condition on it at its start and an effect on it at ``end - 1`` (or at ``end``). Nothing
+#   happens at a move's start: while a robot drives, its fluent says where it came from.
+# - *With fluents* obstacles are dicts ``{object: fluent}``. *Without fluents* they are lists, and
+#   what a condition asked is one constraint per activity, over helpers (who make it true), rivals
+#   (who undo it).
+# - One thing at a time is said by a disjunction for each pair of activities, or by resources
+#   (``uses``); a third way adds one resource that everything uses (one activity after another).
+# - Robots have a motion model and a control model (a bicycle as long as the footprint).
+
 
 Published = Literal[
     "fluents",
@@ -112,12 +225,12 @@ class Form(ProblemOnMap):
             else None
         )
         self.robot_type, self.door_type = MovableType("robot"), MovableType("door")
-        self.robots: list[Robot] = []
+        self.robots: list[PublishedRobot] = []
         self.doors: list[Leaf] = []
         self.needs: list[Need] = []
 
     # ---------------------------------------------------------------- objects
-    def robot(self, start: ConfigurationObject) -> Robot:
+    def robot(self, start: ConfigurationObject) -> PublishedRobot:
         """Add a robot that stands at ``start``."""
         name = f"robot{len(self.robots)}"
         xs = [x for x, _ in ROBOT_FOOTPRINT]
@@ -137,11 +250,11 @@ class Form(ProblemOnMap):
         )
         self.problem.add_object(body)
         self.problem.set_initial_configuration(body, start)
-        robot = Robot(body, start, self._at(name, start), self._token(name))
+        robot = PublishedRobot(body, start, self._at(name, start), self._token(name))
         self.robots.append(robot)
         return robot
 
-    def door(self, door: Door) -> Leaf:
+    def door(self, door: FamilyDoor) -> Leaf:
         """Add a closed door."""
         name = f"door{len(self.doors)}"
         body = MovableObject(
@@ -171,7 +284,7 @@ class Form(ProblemOnMap):
 
     # ------------------------------------------------------------- activities
     def move(
-        self, robot: Robot, origin: ConfigurationObject, to: ConfigurationObject
+        self, robot: PublishedRobot, origin: ConfigurationObject, to: ConfigurationObject
     ) -> MotionActivity:
         """Add the optional move of ``robot`` from ``origin`` to ``to``, once all objects exist."""
         name = f"move_{robot.name}_{origin.name}_to_{to.name}"
@@ -196,7 +309,7 @@ class Form(ProblemOnMap):
         low, _ = duration_bounds(a, b, self.manner.guess)
         return low, max(low, math.ceil(round(math.dist(a[:2], b[:2]) / FIGURES.v_min, 9)))
 
-    def _obstacles(self, things: Sequence[Robot] | Sequence[Leaf]) -> Any:
+    def _obstacles(self, things: Sequence[PublishedRobot] | Sequence[Leaf]) -> Any:
         if self.with_fluents:
             return {thing.body: thing.at for thing in things}
         return [thing.body for thing in things]
@@ -210,21 +323,23 @@ class Form(ProblemOnMap):
         """Let ``a`` need ``what`` at its start."""
         a.add_condition(TimePointInterval(Timing(0, a.start)), what)
 
-    def occupy(self, robot: Robot, a: Activity) -> None:
+    def occupy(self, robot: PublishedRobot, a: Activity) -> None:
         """Let ``a`` be among the things that ``robot`` does one at a time."""
         robot.busy.append(a)
         if robot.token is not None:
             a.uses(robot.token)
 
     def work(
-        self, robot: Robot, name: str, places: Sequence[ConfigurationObject], duration: int
+        self, robot: PublishedRobot, name: str, places: Sequence[ConfigurationObject], duration: int
     ) -> Activity:
         """Add something optional that ``robot`` does at one of ``places``."""
         a = self.problem.add_activity(name, duration=duration, optional=True)
         self.stand(robot, a, places)
         return a
 
-    def stand(self, robot: Robot, a: Activity, places: Sequence[ConfigurationObject]) -> None:
+    def stand(
+        self, robot: PublishedRobot, a: Activity, places: Sequence[ConfigurationObject]
+    ) -> None:
         """Let ``robot`` do ``a`` at one of ``places``."""
         if robot.at is not None:
             self.needs_at_start(a, Or([Equals(robot.at, p) for p in places]))

@@ -10,12 +10,12 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import GE, And, Implies
 
 from up_samp.benchmarks.maps import job_shop_map
-from up_samp.benchmarks.places import Door, Shop
+from up_samp.benchmarks.places import FamilyDoor, Shop
 from up_samp.benchmarks.published.form import Form, Manner, Published
 
 
 def published_job_shop(
-    name: str, shop: Shop, doors: Sequence[Door], encoding: Published, metric: bool
+    name: str, shop: Shop, doors: Sequence[FamilyDoor], encoding: Published, metric: bool
 ) -> SchedulingMotionProblem:
     """Build a job shop in a published form (what it asks: ``job_shop``)."""
     form = Form(name, Manner(str(job_shop_map(len(doors))), guess=1.0), encoding, metric)

@@ -10,16 +10,20 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import FALSE, LE, TRUE, And, BoolType, Or
 
 from up_samp.benchmarks.maps import logistics_map
-from up_samp.benchmarks.places import Door, Layout
-from up_samp.benchmarks.published.form import FIGURES, Form, Manner, Published
-from up_samp.benchmarks.published.members import Need, Robot
+from up_samp.benchmarks.places import FamilyDoor, Layout
+from up_samp.benchmarks.published.form import FIGURES, Form, Manner, Need, Published, PublishedRobot
 
 Shelves = list[list[ConfigurationObject]]
 """The poses from which each item can be picked."""
 
 
 def published_logistics(
-    name: str, spots: Layout, door: Door | None, both_sides: bool, encoding: Published, metric: bool
+    name: str,
+    spots: Layout,
+    door: FamilyDoor | None,
+    both_sides: bool,
+    encoding: Published,
+    metric: bool,
 ) -> SchedulingMotionProblem:
     """Build a logistics problem in a published form (what it asks: ``logistics``)."""
     form = Form(name, Manner(str(logistics_map()), guess=0.5), encoding, metric)
@@ -46,7 +50,7 @@ def published_logistics(
 
 def _moves(
     form: Form,
-    robot: Robot,
+    robot: PublishedRobot,
     poses: Sequence[ConfigurationObject],
     buttons: Sequence[ConfigurationObject],
 ) -> None:
@@ -59,7 +63,7 @@ def _moves(
         form.move(robot, place, robot.start)
 
 
-def _picks(form: Form, robot: Robot, shelves: Shelves) -> list[Activity]:
+def _picks(form: Form, robot: PublishedRobot, shelves: Shelves) -> list[Activity]:
     """Add the robot's picks; its hands must be free, and are so again when it comes home."""
     picks = [
         form.work(robot, f"pick_{robot.name}_item{i}", poses, FIGURES.handling)

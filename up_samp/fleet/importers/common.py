@@ -11,13 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from up_samp.fleet.faults import FleetError, find_faults
-from up_samp.fleet.files import write_problem_file
-from up_samp.fleet.limits import LIMITS
-from up_samp.fleet.reading import read_record
-from up_samp.fleet.records import FleetRecords
+from up_samp.fleet.files import read_record, write_problem_file
+from up_samp.fleet.records import FILE_LIMITS, FleetRecords
 from up_samp.model import ProblemError
 from up_samp.model.errors import short
-from up_samp.upio.limits import LIMITS as WORLD
+from up_samp.upio.read_maps import LIMITS as WORLD
 
 
 @dataclass(frozen=True)
@@ -80,8 +78,8 @@ def check_size(source: Path) -> Path:
     """
     if not source.is_file():
         raise ProblemError(f"there is no file '{source}'")
-    if source.stat().st_size > LIMITS.file_bytes:
-        raise wrong(source, None, f"larger than {LIMITS.file_bytes // 1_000_000} MB")
+    if source.stat().st_size > FILE_LIMITS.file_bytes:
+        raise wrong(source, None, f"larger than {FILE_LIMITS.file_bytes // 1_000_000} MB")
     return source
 
 

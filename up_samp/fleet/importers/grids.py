@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from up_samp.fleet.importers.assumptions import ASSUMED
 from up_samp.fleet.importers.common import Imported, Options, finish, json_of, text_of, wrong
-from up_samp.fleet.limits import LIMITS
+from up_samp.fleet.records import FILE_LIMITS
 from up_samp.geometry.maps import write_map
 from up_samp.model import UnsupportedError
 from up_samp.model.errors import short
@@ -124,7 +124,7 @@ def _grid(source: Path, folder: Path, options: Options) -> dict[str, Any]:
     """Write the map and return the data of a problem file without robots and jobs."""
     blocked = read_movingai_map(source)
     cells = max(1, round(options.cell / 0.25))
-    if blocked.size * cells**2 > LIMITS.cells:
+    if blocked.size * cells**2 > FILE_LIMITS.cells:
         raise wrong(source, None, f"{blocked.size} cells of {options.cell:g} m are too many")
     fine = np.kron(blocked[::-1], np.ones((cells, cells), dtype=np.bool_))
     write_map(folder, "map", fine, options.cell / cells)

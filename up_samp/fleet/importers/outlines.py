@@ -18,7 +18,7 @@ from shapely.ops import unary_union
 
 from up_samp.fleet.importers.assumptions import ASSUMED
 from up_samp.fleet.importers.common import Imported, Options, check_size, finish, number_of, wrong
-from up_samp.fleet.limits import LIMITS
+from up_samp.fleet.records import FILE_LIMITS
 from up_samp.geometry.maps import write_map
 from up_samp.model import ProblemError, UnsupportedError
 
@@ -36,7 +36,7 @@ def map_from_polygons(
     left, low, right, top = free.bounds
     origin = (left - cell, low - cell)
     cols, rows = math.ceil((right - left) / cell) + 2, math.ceil((top - low) / cell) + 2
-    if cols * rows > LIMITS.cells:
+    if cols * rows > FILE_LIMITS.cells:
         raise ProblemError(f"{cols} x {rows} cells of {cell:g} m are too many; take a larger cell")
     shapely.prepare(free)
     xs = origin[0] + cell * np.arange(cols)
@@ -77,8 +77,8 @@ def import_dxf(source: Path, folder: Path, options: Options) -> Imported:
             number_of(scale * v.x), number_of(scale * v.y)  # before many points are made of them
         points = [(scale * v.x, scale * v.y) for v in path.flattening(0.01 / scale)]
         made += len(points)
-        if made > LIMITS.pieces:
-            raise wrong(source, None, f"its lines have more than {LIMITS.pieces} points")
+        if made > FILE_LIMITS.pieces:
+            raise wrong(source, None, f"its lines have more than {FILE_LIMITS.pieces} points")
         (rings if path.is_closed else lines).append(points)
     return _finish(source, folder, rings, lines, notes)
 
@@ -114,24 +114,24 @@ def _check_pieces(source: Path, root: ElementTree.Element) -> None:
 
     def measured(element: ElementTree.Element, depth: int) -> tuple[int, int]:
         """Return how many pieces an element stands for, and how deeply they are nested."""
-        if element not in known and depth <= LIMITS.depth:
+        if element not in known and depth <= FILE_LIMITS.depth:
             parts = list(element)
             if element.tag.rpartition("}")[2] == "use":
                 href = (element.get("href") or element.get(_XLINK) or "")[1:]
                 parts += [named[href]] if href in named else []
             inner = [measured(part, depth + 1) for part in parts]
             outline = (element.get("d") or "") + (element.get("points") or "")
-            figures = islice(_FIGURE.finditer(outline), 2 * LIMITS.pieces + 2)
+            figures = islice(_FIGURE.finditer(outline), 2 * FILE_LIMITS.pieces + 2)
             own = 1 + sum(1 for _ in figures) // 2
             height = 1 + max((h for _, h in inner), default=0)
             known[element] = own + sum(n for n, _ in inner), height
-        if depth + known.get(element, (0, 1))[1] > LIMITS.depth + 1:
-            text = f"nested more than {LIMITS.depth} deep, or <use> copies what it is part of"
+        if depth + known.get(element, (0, 1))[1] > FILE_LIMITS.depth + 1:
+            text = f"nested more than {FILE_LIMITS.depth} deep, or <use> copies what it is part of"
             raise wrong(source, None, text)
         return known[element]
 
-    if measured(root, 0)[0] > LIMITS.pieces:
-        text = f"more than {LIMITS.pieces} elements and points, with what <use> copies"
+    if measured(root, 0)[0] > FILE_LIMITS.pieces:
+        text = f"more than {FILE_LIMITS.pieces} elements and points, with what <use> copies"
         raise wrong(source, None, text)
 
 

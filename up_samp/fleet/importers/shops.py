@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from up_samp.fleet.importers.common import Imported, Options, finish, number_of, text_of, wrong
-from up_samp.fleet.limits import LIMITS
+from up_samp.fleet.records import FILE_LIMITS
 from up_samp.geometry.maps import write_map
 from up_samp.model import ProblemError
 
@@ -152,7 +152,7 @@ def _work(ways: Ways) -> dict[str, Any]:
 def _hall(folder: Path, machines: int) -> float:
     """Write the hall's map; return its width, m."""
     width = 10.0 + APART * max(2, math.ceil(machines / 2))
-    if width * DEEP > LIMITS.cells * CELL**2:
+    if width * DEEP > FILE_LIMITS.cells * CELL**2:
         raise ProblemError(f"{machines} machines are too many for one hall")
     occupied = np.zeros((round(DEEP / CELL), round(width / CELL)), dtype=np.bool_)
     occupied[:2], occupied[-2:], occupied[:, :2], occupied[:, -2:] = True, True, True, True

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.geometry.compiled import kernel
 from up_samp.geometry.kernels import advance
+from up_samp.geometry.records import kernel
 from up_samp.motion.curves.reeds_shepp import TINY, run_time
 
 FloatArray = npt.NDArray[np.float64]

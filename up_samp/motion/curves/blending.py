@@ -152,7 +152,7 @@ def profile(
     return peak, rise, cruise, fall
 
 
-class _Writer:
+class _BlendWriter:
     """Collects samples of pieces, each given as a function of the time since its start."""
 
     def __init__(self, start: FloatArray) -> None:
@@ -175,7 +175,7 @@ def _grid(seconds: float) -> FloatArray:
 def timed(chain: Chain, speeds: FloatArray) -> tuple[Trajectory, list[int]]:
     """Return the motion from time 0, and for each sample the node whose blend it is in or near."""
     nodes = chain.nodes
-    writer = _Writer(nodes[0])
+    writer = _BlendWriter(nodes[0])
     for i in range(len(chain.lengths)):
         start, end = nodes[i], nodes[i + 1]
         length = float(chain.lengths[i])
@@ -196,7 +196,9 @@ def timed(chain: Chain, speeds: FloatArray) -> tuple[Trajectory, list[int]]:
     return Trajectory(times[keep], rows[keep]), owners
 
 
-def _spin(writer: _Writer, start: FloatArray, end: FloatArray, omega: float, owner: int) -> None:
+def _spin(
+    writer: _BlendWriter, start: FloatArray, end: FloatArray, omega: float, owner: int
+) -> None:
     turn = end[2] - start[2]
     seconds = abs(float(turn)) / omega
     if seconds > TINY:
@@ -205,7 +207,7 @@ def _spin(writer: _Writer, start: FloatArray, end: FloatArray, omega: float, own
 
 
 def _straight(
-    writer: _Writer, chain: Chain, i: int, first: float, last: float, speeds: FloatArray
+    writer: _BlendWriter, chain: Chain, i: int, first: float, last: float, speeds: FloatArray
 ) -> None:
     start, step = chain.nodes[i], chain.nodes[i + 1] - chain.nodes[i]
     length = float(chain.lengths[i])
@@ -224,7 +226,7 @@ def _straight(
         done = float(driven[-1])
 
 
-def _blend(writer: _Writer, chain: Chain, i: int, reach: float, speed: float) -> None:
+def _blend(writer: _BlendWriter, chain: Chain, i: int, reach: float, speed: float) -> None:
     """Turn from piece i - 1 into piece i by a parabola from ``reach`` m before node i to after."""
     seconds = 2 * reach / speed
     before = chain.nodes[i] - chain.nodes[i - 1]

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.geometry.compiled import inner, kernel
+from up_samp.geometry.records import inner, kernel
 
 FloatArray = npt.NDArray[np.float64]
 Pose = tuple[float, float, float]

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.geometry.compiled import kernel
 from up_samp.geometry.kernels import advance
+from up_samp.geometry.records import kernel
 from up_samp.model import Configuration, Kinematics, Trajectory
 from up_samp.motion.curves.arcs import nodes_of
 from up_samp.motion.curves.reeds_shepp import CarLimits, run_time

@@ -1,24 +1,173 @@
-"""Compiled conflict geometry of two bodies on fixed paths, safe between samples.
-
-Two pieces (see :mod:`up_samp.motion.fleet.swept`) are apart if for one edge normal of the convex
-parts the gap at the middle poses exceeds what both can move and the margin (conservative
-advancement along separating axes). Pieces that are neither apart nor overlapping in the middle are
-split; what stays undecided at the finest level counts as a conflict.
+"""What bodies sweep on fixed paths, and the compiled conflict geometry of two of them, safe between
+samples.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.geometry.compiled import inner, kernel
+from up_samp.geometry.records import inner, kernel
+from up_samp.geometry.scene import Scene
 from up_samp.model import check_time
-from up_samp.motion.fleet.swept import Hull, Piece, Swept, piece, reach_of, standing
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+
+DEPTH = 2
+"""Times that a cell may be halved."""
+
+
+class Hull(NamedTuple):
+    """A planar body's convex parts: ``verts`` (p, m, 2) padded by repeating the last corner,
+    ``counts`` (p,), circumscribed ``radius`` and inscribed radius ``core`` about the reference
+    point (m).
+    """
+
+    verts: FloatArray
+    counts: IntArray
+    radius: float
+    core: float
+
+
+class Swept(NamedTuple):
+    """A body on its path: the ``table`` (see :func:`sweep_table`) and its ``hull``."""
+
+    table: FloatArray
+    hull: Hull
+
+
+class SweptPiece(NamedTuple):
+    """A stretch of a path: the pose in its middle (``x``, ``y`` in m, ``cos`` and ``sin`` of the
+    heading), the direction of travel ``tx``, ``ty`` there per unit of ``s``, the largest ``turn``
+    per unit of ``s``, ``half`` its length, and the displacement (m) that jumps of the direction
+    inside it may add.
+    """
+
+    x: float
+    y: float
+    cos: float
+    sin: float
+    tx: float
+    ty: float
+    turn: float
+    half: float
+    jump: float
+
+
+@inner
+def piece(row: FloatArray) -> SweptPiece:
+    """Return the piece in a row (9,) of a table."""
+    return SweptPiece(row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8])
+
+
+@inner
+def standing(x: float, y: float, heading: float) -> SweptPiece:
+    """Return the piece of a body that rests at a pose."""
+    at = float(x), float(y)  # poses of whole numbers, too
+    return SweptPiece(at[0], at[1], np.cos(heading), np.sin(heading), 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@inner
+def reach_of(p: SweptPiece, radius: float) -> float:
+    """Return how far (m) any point of a body can be from where it is in the middle of a piece."""
+    return p.half * (1.0 + p.turn * (radius + 0.5 * p.half)) + p.jump
+
+
+@kernel
+def sweep_table(s: FloatArray, poses: FloatArray, edges: FloatArray) -> FloatArray:
+    """Return the pieces of all extended cells as rows, shape (cells + 2, 2 ** (DEPTH + 1), 9).
+
+    Row 1 of an extended cell is the whole cell, rows 2k and 2k + 1 are the halves of row k. The
+    rests have ``half = 0``.
+    """
+    cells = len(edges) - 1
+    rows = 1 << (DEPTH + 1)
+    table = np.zeros((cells + 2, rows, 9))
+    n = len(s)
+    for cell in range(cells + 2):
+        rest = cell == 0 or cell == cells + 1
+        low = edges[0] if cell == 0 else edges[min(cell - 1, cells)]
+        high = low if rest else edges[cell]
+        for row in range(1, rows):
+            level = 0
+            while (1 << (level + 1)) <= row:
+                level += 1
+            share = (row - (1 << level)) / (1 << level)
+            a = low + (high - low) * share
+            b = a + (high - low) / (1 << level)
+            middle = 0.5 * (a + b)
+            i = max(0, min(n - 2, np.searchsorted(s, middle, side="right") - 1))
+            at = _piece_at(s, poses, i, middle)
+            tx, ty, turn, half, jump = 0.0, 0.0, 0.0, 0.0, 0.0
+            if not rest and n > 1:
+                tx, ty, half = at.tx, at.ty, 0.5 * (b - a)
+                k = i
+                while k > 0 and s[k] > a:
+                    k -= 1
+                while k < n - 1 and s[k] < b:
+                    turn = max(turn, abs(poses[k + 1, 2] - poses[k, 2]) / (s[k + 1] - s[k]))
+                    if s[k] > a:
+                        jump += half * _jump(s, poses, k)
+                    k += 1
+            out = table[cell, row]
+            out[0], out[1], out[2], out[3], out[4] = at.x, at.y, at.cos, at.sin, tx
+            out[5], out[6], out[7], out[8] = ty, turn, half, jump
+    return table
+
+
+@inner
+def _jump(s: FloatArray, poses: FloatArray, k: int) -> float:
+    """Return how much the direction of travel per unit of ``s`` jumps at the inner sample ``k``."""
+    ends = np.empty((2, 2))
+    for side in range(2):
+        i = k - 1 + side
+        dx, dy = poses[i + 1, 0] - poses[i, 0], poses[i + 1, 1] - poses[i, 1]
+        half = 0.5 * (poses[i + 1, 2] - poses[i, 2])
+        grow = 1.0 if abs(half) < 1e-9 else half / np.sin(half)
+        angle = half if side == 0 else -half
+        c, q = np.cos(angle), np.sin(angle)
+        step = grow / (s[i + 1] - s[i])
+        ends[side, 0], ends[side, 1] = step * (c * dx - q * dy), step * (q * dx + c * dy)
+    return np.hypot(ends[1, 0] - ends[0, 0], ends[1, 1] - ends[0, 1])
+
+
+@inner
+def _piece_at(s: FloatArray, poses: FloatArray, i: int, at: float) -> SweptPiece:
+    """Return the pose and the direction of travel at parameter ``at`` of sample interval ``i``."""
+    if len(s) == 1 or at <= s[0]:
+        return standing(poses[0, 0], poses[0, 1], poses[0, 2])
+    share = min(1.0, (at - s[i]) / (s[i + 1] - s[i]))
+    dx, dy = poses[i + 1, 0] - poses[i, 0], poses[i + 1, 1] - poses[i, 1]
+    turn = poses[i + 1, 2] - poses[i, 2]
+    half = 0.5 * turn
+    if abs(half) < 1e-9:
+        scale, angle, grow = share, 0.0, 1.0
+    else:
+        scale = np.sin(share * half) / np.sin(half)
+        angle = (share - 1.0) * half
+        grow = half / np.sin(half)
+    c, q = np.cos(angle), np.sin(angle)
+    x = poses[i, 0] + scale * (c * dx - q * dy)
+    y = poses[i, 1] + scale * (q * dx + c * dy)
+    theta = poses[i, 2] + share * turn
+    # direction of travel: the chord turned by what is missing to the arc's tangent here
+    c, q = np.cos(share * turn - half), np.sin(share * turn - half)
+    step = grow / (s[i + 1] - s[i])
+    tx, ty = step * (c * dx - q * dy), step * (q * dx + c * dy)
+    return SweptPiece(x, y, np.cos(theta), np.sin(theta), tx, ty, 0.0, 0.0, 0.0)
+
+
+# ------------------ Compiled conflict geometry of two bodies on fixed paths, safe between samples
+# Two pieces (see ``up_samp.motion.fleet.conflicts``) are apart if for one edge normal of the convex
+# parts the gap at the middle poses exceeds what both can move and the margin (conservative
+# advancement along separating axes). Pieces that are neither apart nor overlapping in the middle
+# are split; what stays undecided at the finest level counts as a conflict.
 
 
 class Part(NamedTuple):
@@ -31,7 +180,7 @@ class Part(NamedTuple):
     radius: float
 
 
-class Frame(NamedTuple):
+class PathFrame(NamedTuple):
     """Where a body is in the frame of another one: ``x``, ``y`` (m), ``cos`` and ``sin`` of the
     heading.
     """
@@ -48,10 +197,10 @@ def _part(hull: Hull, i: int) -> Part:
 
 
 @inner
-def _frame(p: Piece, q: Piece) -> Frame:
+def _frame(p: SweptPiece, q: SweptPiece) -> PathFrame:
     """Return where ``q`` is in the frame of ``p`` (in their middles)."""
     dx, dy = q.x - p.x, q.y - p.y
-    return Frame(
+    return PathFrame(
         p.cos * dx + p.sin * dy,
         -p.sin * dx + p.cos * dy,
         p.cos * q.cos + p.sin * q.sin,
@@ -60,7 +209,7 @@ def _frame(p: Piece, q: Piece) -> Frame:
 
 
 @inner
-def _edge_gap(mine: Part, i: int, other: Part, at: Frame) -> tuple[float, float, float]:
+def _edge_gap(mine: Part, i: int, other: Part, at: PathFrame) -> tuple[float, float, float]:
     """Return the gap (m) along the normal of an edge of ``mine`` to the ``other`` part, which is
     ``at`` a place in its frame, and the normal.
     """
@@ -79,7 +228,7 @@ def _edge_gap(mine: Part, i: int, other: Part, at: Frame) -> tuple[float, float,
 
 
 @inner
-def apart(a: Piece, mine: Part, b: Piece, other: Part, margin: float) -> int:
+def apart(a: SweptPiece, mine: Part, b: SweptPiece, other: Part, margin: float) -> int:
     """Return 2 if two convex parts stay apart in both pieces, 1 if they are apart in the middle
     only, 0 if they are not (all with ``margin``).
     """
@@ -106,7 +255,7 @@ def apart(a: Piece, mine: Part, b: Piece, other: Part, margin: float) -> int:
 
 
 @inner
-def verdict(a: Piece, g: Hull, b: Piece, h: Hull, margin: float) -> int:
+def verdict(a: SweptPiece, g: Hull, b: SweptPiece, h: Hull, margin: float) -> int:
     """Return the least verdict of :func:`apart` over all pairs of convex parts."""
     dx, dy = a.x - b.x, a.y - b.y
     reach = g.radius + h.radius + a.half + b.half + margin
@@ -153,7 +302,7 @@ def pieces_conflict(ta: FloatArray, g: Hull, tb: FloatArray, h: Hull, margin: fl
 
 
 @inner
-def _gap(a: Piece, g: Hull, b: Piece, h: Hull) -> float:
+def _gap(a: SweptPiece, g: Hull, b: SweptPiece, h: Hull) -> float:
     """Return the largest gap (m) along an edge normal at the middles of two pieces, least over the
     pairs of convex parts: not more than the distance, or minus the depth of the overlap.
     """
@@ -280,3 +429,97 @@ def separation(p: FloatArray, g: Hull, q: FloatArray, h: Hull, enough: float) ->
                 low = high
             worst = min(worst, low)
     return worst
+
+
+# ------------------ How much clearance two bodies keep from each other
+
+
+@dataclass(frozen=True)
+class Clearances:
+    """``margin``: clearance (m) kept where the service has no scene that tells another one;
+    ``room``: what bodies at rest have to spare of theirs, so that one of them may drive off.
+    """
+
+    margin: float = 0.01
+    room: float = 0.02
+
+
+CLEARANCES = Clearances()
+
+
+def wished(scene: Scene | None) -> float:
+    """Return the clearance (m) asked for: that of the scene, from walls and from others alike."""
+    return CLEARANCES.margin if scene is None else scene.margin
+
+
+def eased(wish: float, gap: float) -> float:
+    """Return the clearance (m) that two bodies keep which rest ``gap`` m apart at an end: ``wish``,
+    or less where they could not drive off with so much.
+    """
+    return min(wish, max(0.5 * gap, gap - CLEARANCES.room))
+
+
+def kept(wish: float, a: Iterable[FloatArray], g: Hull, b: Iterable[FloatArray], h: Hull) -> float:
+    """Return the clearance (m) that two bodies keep: ``wish``, less where poses at which they rest
+    (``a`` and ``b``, (3,) each) are closer to each other than that.
+    """
+    margin = wish
+    for p, q in product(a, b):
+        gap = separation(p, g, q, h, margin + CLEARANCES.room)
+        if gap > 0.0:
+            margin = eased(margin, gap)
+    return margin
+
+
+# ------------------ Compiled conflicts of two short moves: driven in step, or one after the other i
+# Two robots drive *in step* when each is at the same share of its own move at every instant. A
+# robot may then follow right behind another, or several may turn in a ring that is full.
+
+
+@inner
+def _moved(p: SweptPiece, tx: float, ty: float) -> SweptPiece:
+    """Return a piece with another direction of travel."""
+    return SweptPiece(p.x, p.y, p.cos, p.sin, tx, ty, p.turn, p.half, p.jump)
+
+
+@kernel
+def swept_in_step(one: Swept, other: Swept, margin: float) -> bool:
+    """Return whether two moves, driven in step, are not shown to keep ``margin`` m apart.
+
+    Their tables have the same number of cells. What counts between two pieces of the same share is
+    how far one moves relative to the other.
+    """
+    ta, tb = one.table, other.table
+    half = ta.shape[1] // 2
+    stack = np.empty(64, dtype=np.int64)
+    for cell in range(1, len(ta) - 1):
+        top = 1
+        stack[0] = 1
+        while top > 0:
+            top -= 1
+            row = stack[top]
+            a, b = piece(ta[cell, row]), piece(tb[cell, row])
+            # all of the relative motion is given to one of the two
+            x, y = a.half * a.tx - b.half * b.tx, a.half * a.ty - b.half * b.ty
+            if a.half > 0.0:
+                a, b = _moved(a, x / a.half, y / a.half), _moved(b, 0.0, 0.0)
+            elif b.half > 0.0:
+                a, b = _moved(a, 0.0, 0.0), _moved(b, x / b.half, y / b.half)
+            said = verdict(a, one.hull, b, other.hull, margin)
+            if said == 2:
+                continue
+            if said == 0 or row >= half or (a.half <= 0.0 and b.half <= 0.0):
+                return True
+            stack[top], stack[top + 1] = 2 * row, 2 * row + 1
+            top += 2
+    return False
+
+
+@kernel
+def sweeps_meet(one: Swept, other: Swept, margin: float) -> bool:
+    """Return whether any part of one move is not shown to be apart from any part of the other."""
+    for i in range(1, len(one.table) - 1):
+        for j in range(1, len(other.table) - 1):
+            if pieces_conflict(one.table[i], one.hull, other.table[j], other.hull, margin):
+                return True
+    return False

@@ -16,8 +16,7 @@ from up_samp.motion.curves.blending import pieces
 from up_samp.motion.curves.reeds_shepp import CarLimits, fastest
 from up_samp.motion.curves.rolling import rolled, rolling_radius, rows_of, thinned
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
-from up_samp.motion.fleet.abilities import abilities_of
-from up_samp.motion.fleet.paths import Path, path_of
+from up_samp.motion.fleet.paths import Path, abilities_of, path_of
 from up_samp.motion.planners.car_shortcuts import settle
 from up_samp.motion.planners.gliding import Glider
 

@@ -24,13 +24,13 @@ from up_samp.motion.curves.trapezoid import (
     trajectory_of,
 )
 from up_samp.motion.curves.twists import partway
-from up_samp.motion.fleet.abilities import abilities_of
+from up_samp.motion.fleet.paths import abilities_of
 
 FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Move:
+class ShortMove:
     """A short move from rest to rest: poses ``rows`` (k, 3) with a constant twist between
     (theta continuous), the ``seconds`` it takes, and a car's ``arcs``.
     """
@@ -44,32 +44,32 @@ class Move:
         """Whether it needs no stop between its ends."""
         return len(self.rows) == 2 or (self.arcs is not None and len(runs_of(self.arcs)) == 1)
 
-    def back(self) -> Move:
+    def back(self) -> ShortMove:
         """Return the same move from its end to its start."""
         arcs = None if self.arcs is None else reversed_arcs(self.arcs)
-        return Move(np.ascontiguousarray(self.rows[::-1]), self.seconds, arcs)
+        return ShortMove(np.ascontiguousarray(self.rows[::-1]), self.seconds, arcs)
 
 
-def straight_move(start: FloatArray, goal: FloatArray, kinematics: Kinematics) -> Move:
+def straight_move(start: FloatArray, goal: FloatArray, kinematics: Kinematics) -> ShortMove:
     """Return the move along a line, or the turn on the spot, between two poses (3,)."""
     end = goal.copy()
     end[2] = start[2] + math.remainder(goal[2] - start[2], 2 * math.pi)
-    return Move(np.array([start, end]), leg_profile(start, end, kinematics)[0])
+    return ShortMove(np.array([start, end]), leg_profile(start, end, kinematics)[0])
 
 
-def arc_moves(start: FloatArray, arcs: FloatArray, kinematics: Kinematics) -> list[Move]:
+def arc_moves(start: FloatArray, arcs: FloatArray, kinematics: Kinematics) -> list[ShortMove]:
     """Return a car's drive along ``arcs``, one move for each run between its cusps."""
     _, v, a = limits_of(kinematics)
     moves = []
     for run in runs_of(arcs):
         run = np.ascontiguousarray(run)
         rows = nodes_of(start, run)
-        moves.append(Move(rows, float(run_time(length_of(run), v, a)), run))
+        moves.append(ShortMove(rows, float(run_time(length_of(run), v, a)), run))
         start = np.ascontiguousarray(rows[-1])
     return moves
 
 
-def steer(body: Body, start: Configuration, goal: Configuration) -> list[Move]:
+def steer(body: Body, start: Configuration, goal: Configuration) -> list[ShortMove]:
     """Return moves that lead from one pose to another one nearby, among nothing."""
     kin, able = body.kinematics, abilities_of(body)
     p, q = (np.array(pose[:3], dtype=np.float64) for pose in (start, goal))
@@ -84,7 +84,7 @@ def steer(body: Body, start: Configuration, goal: Configuration) -> list[Move]:
             way += math.pi  # backwards turns less
         marks += [np.array([p[0], p[1], way]), np.array([q[0], q[1], way])]
     marks.append(q)
-    moves: list[Move] = []
+    moves: list[ShortMove] = []
     for a, b in itertools.pairwise(marks):
         here = moves[-1].rows[-1] if moves else a
         move = straight_move(here, b, kin)
@@ -93,7 +93,7 @@ def steer(body: Body, start: Configuration, goal: Configuration) -> list[Move]:
     return moves
 
 
-def drive(moves: Sequence[Move], kinematics: Kinematics) -> Trajectory:
+def drive(moves: Sequence[ShortMove], kinematics: Kinematics) -> Trajectory:
     """Return moves one after the other, from time 0, with as few rests as the moves allow."""
     arcs = [move.arcs for move in moves if move.arcs is not None]
     if len(arcs) == len(moves):
@@ -104,7 +104,7 @@ def drive(moves: Sequence[Move], kinematics: Kinematics) -> Trajectory:
     return timed_chain(corners_of(moves), kinematics)
 
 
-def in_step(moves: Sequence[Move], kinematics: Sequence[Kinematics]) -> list[Trajectory]:
+def in_step(moves: Sequence[ShortMove], kinematics: Sequence[Kinematics]) -> list[Trajectory]:
     """Return steady moves of several robots driven at the same share of each at every instant,
     from time 0, as fast as all of them can.
     """
@@ -134,7 +134,7 @@ def in_step(moves: Sequence[Move], kinematics: Sequence[Kinematics]) -> list[Tra
     return found
 
 
-def _shares_of(move: Move, kinematics: Kinematics) -> tuple[float, float]:
+def _shares_of(move: ShortMove, kinematics: Kinematics) -> tuple[float, float]:
     """Return top speed and acceleration of a move with one twist, in shares of it."""
     if kinematics.model is MotionModel.PIVOT:
         rolls = rolls_of(move.rows, kinematics)
@@ -170,7 +170,7 @@ def _shared_profile(
     return times, shares
 
 
-def corners_of(moves: Sequence[Move]) -> FloatArray:
+def corners_of(moves: Sequence[ShortMove]) -> FloatArray:
     """Return the poses (n, 3) at which the direction of a chain of moves changes, and its ends."""
     nodes = [moves[0].rows[0]]
     for move in moves:

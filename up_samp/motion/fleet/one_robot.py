@@ -27,12 +27,11 @@ from up_samp.model import (
     TimedMotion,
     UnsupportedError,
 )
-from up_samp.motion.fleet.below import flat
 from up_samp.motion.fleet.detours import is_good, met_at_full_speed, with_detours, with_lanes
-from up_samp.motion.fleet.flyers import earliest_flight
+from up_samp.motion.fleet.flyers import earliest_flight, flat
 from up_samp.motion.fleet.paths import Path
+from up_samp.motion.fleet.speed import Window, fit, parked_all_the_time
 from up_samp.motion.fleet.timed_path import TimedPath, fixed_run
-from up_samp.motion.fleet.waiting import Window, fit, parked_all_the_time
 from up_samp.motion.fleet.workspace import PathPlanner, Workspace, rest_run, workspace_of
 
 FloatArray = npt.NDArray[np.float64]

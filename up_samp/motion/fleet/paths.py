@@ -1,9 +1,6 @@
-"""Fixed paths, cut into short cells: the geometry that speed tuning and conflict checks share.
-
-A path keeps the shape of a planner's trajectory and forgets its timing. Its parameter ``s`` (m) is
-driven length for cars, and for bodies that turn on the spot where they drive; for omnidirectional
-bodies, and on the spot, it is the larger of the length and the turn scaled by ``v_max /
-omega_max``, so that ``|ds/dt| <= v_max`` bounds speed and turn rate at once.
+"""Fixed paths, cut into short cells: the geometry that speed tuning and conflict checks share,
+where paths bend, and what a body in the plane can do (the coordination asks for this, never for
+a motion model).
 """
 
 from __future__ import annotations
@@ -13,28 +10,433 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from up_samp.geometry.records import inner, kernel
 from up_samp.geometry.shapes import Shape, shape_of
 from up_samp.model import Body, Configuration, MotionModel, Trajectory
-from up_samp.motion.curves.twists import partway
-from up_samp.motion.fleet.abilities import abilities_of
-from up_samp.motion.fleet.bends import (
-    CUT,
-    bends_hard,
-    kept_samples,
-    kinks_and_stops,
-    path_steps,
-    top_speeds,
-)
-from up_samp.motion.fleet.cell_times import occupancy
-from up_samp.motion.fleet.swept import Hull, Swept, sweep_table
+from up_samp.motion.curves.rolling import FINE, rolls_of
+from up_samp.motion.curves.twists import partway, twists
+from up_samp.motion.fleet.conflicts import Hull, Swept, sweep_table
+
+
+@dataclass(frozen=True)
+class Abilities:
+    """``sideways``: it moves in any direction at any heading. ``pivots``: it turns on the spot.
+    ``radius``: the tightest turn while driving (m; 0 where it pivots). ``free``: none of this is
+    known, the body has its own equations of motion.
+    """
+
+    sideways: bool
+    pivots: bool
+    radius: float
+    free: bool = False
+
+
+def abilities_of(body: Body) -> Abilities:
+    """Return what a planar body can do."""
+    kin = body.kinematics
+    if kin.model is MotionModel.SE2:
+        return Abilities(sideways=True, pivots=True, radius=0.0)
+    if kin.model is MotionModel.PIVOT:
+        return Abilities(sideways=False, pivots=True, radius=0.0)
+    if kin.model is MotionModel.REEDSSHEPP:
+        return Abilities(sideways=False, pivots=False, radius=kin.turning_radius)
+    return Abilities(sideways=False, pivots=False, radius=kin.turning_radius, free=True)
+
+
+# ------------------ Compiled bookkeeping in time: who is in which cell when, and what that leaves f
+# ``occupied`` of a run has shape (cells + 3,): extended cell ``i`` is held during ``[occupied[i],
+# occupied[i + 1]]``. A body that waits between two cells counts as being in the one behind it.
+
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+
+
+class CellTimes(NamedTuple):
+    """What counts as nothing in time, all in seconds: times closer than ``same`` are equal;
+    ``near`` is the rounding that adds up over the cells of a path; samples nearer than ``close`` to
+    a stop, and shorter waits, are left out; ``on_time`` is lateness that does not count; ``pad`` is
+    kept free before and after a moving body's visit to a cell.
+    """
+
+    same: float = 1e-9
+    near: float = 1e-7
+    close: float = 1e-4
+    on_time: float = 1e-6
+    pad: float = 0.01
+
+
+TIMES = CellTimes()
+
+A_AVOIDS = 1
+"""Bit of a pair's flags: the first body, moving, must keep clear of the second."""
+B_AVOIDS = 2
+"""Bit of a pair's flags: the second body, moving, must keep clear of the first."""
+
+
+class Safe(NamedTuple):
+    """When cells are free: cell ``i`` in ``intervals[head[i]:head[i + 1]]`` (rows begin, end)."""
+
+    head: IntArray
+    intervals: FloatArray
+
+
+@kernel
+def occupancy(
+    times: FloatArray, s: FloatArray, edges: FloatArray, since: float, until: float
+) -> FloatArray:
+    """Return when each extended cell is entered and, last, when the final rest ends.
+
+    ``s`` (n,) is non-decreasing over the sample ``times`` (n,) and linear in between.
+    """
+    m = len(edges) - 1
+    out = np.empty(m + 3)
+    n = len(times)
+    k = 0
+    for j in range(m):
+        # the last time at which s <= edges[j]
+        while k + 1 < n and s[k + 1] <= edges[j] + TIMES.same:
+            k += 1
+        at = times[k]
+        if k + 1 < n and s[k] < edges[j]:
+            share = (edges[j] - s[k]) / (s[k + 1] - s[k])
+            at += share * (times[k + 1] - times[k])
+        out[j + 1] = at
+    arrival = times[n - 1]
+    for i in range(n - 1, -1, -1):
+        if s[i] < edges[m] - TIMES.same:
+            break
+        arrival = times[i]
+    out[m + 1] = arrival
+    out[0] = min(since, out[1])
+    out[m + 2] = max(until, arrival)
+    return out
+
+
+@kernel
+def forbidden(
+    runs: IntArray, cells: int, held: FloatArray, flags: int, out: FloatArray, used: int
+) -> int:
+    """Append rows (cell, from, until) in which a second body's visits forbid a first body's cells.
+
+    ``runs`` are rows (i, j first, j last) of conflicting cells, ``held`` is the second body's
+    occupancy, ``cells`` the first body's number of cells (its own rests are cells 0 and cells + 1).
+    ``out`` must have room for ``len(runs)`` more rows. Returns the number of rows now in use.
+    """
+    last = len(held) - 2
+    for r in range(len(runs)):
+        i, j0, j1 = runs[r, 0], runs[r, 1], runs[r, 2]
+        resting = i == 0 or i == cells + 1
+        if resting or not flags & A_AVOIDS:
+            # only the second body's own motion matters
+            if not flags & B_AVOIDS:
+                continue
+            j0, j1 = max(j0, 1), min(j1, last - 1)
+            if j0 > j1:
+                continue
+        low, high = held[j0], held[j1 + 1]
+        if not resting:
+            # sampling moves a crossing by about a millisecond; a rest begins and ends exactly
+            low -= TIMES.pad if j0 > 0 else 0.0
+            high += TIMES.pad if j1 < last else 0.0
+        if high - low > TIMES.same:
+            out[used, 0], out[used, 1], out[used, 2] = i, low, high
+            used += 1
+    return used
+
+
+@inner
+def _moment(times: FloatArray, poses: FloatArray, t: float) -> tuple[float, float]:
+    """Return the position at time ``t`` (rest before and after), along chords."""
+    n = len(times)
+    if t <= times[0] or n == 1:
+        return poses[0, 0], poses[0, 1]
+    if t >= times[n - 1]:
+        return poses[n - 1, 0], poses[n - 1, 1]
+    low, high = 0, n - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if times[middle] <= t:
+            low = middle
+        else:
+            high = middle
+    share = (t - times[low]) / (times[high] - times[low])
+    x = poses[low, 0] + share * (poses[high, 0] - poses[low, 0])
+    return x, poses[low, 1] + share * (poses[high, 1] - poses[low, 1])
+
+
+@kernel
+def stay_far(
+    ta: FloatArray,
+    a: FloatArray,
+    tb: FloatArray,
+    b: FloatArray,
+    low: float,
+    high: float,
+    reach: float,
+    speed: float,
+) -> bool:
+    """Return whether two trajectories (times, poses) certainly stay over ``reach`` m apart while
+    one of them moves during [low, high]; ``speed`` (m/s) bounds how fast they can approach.
+    """
+    t = max(low, min(ta[0], tb[0]))
+    high = min(high, max(ta[len(ta) - 1], tb[len(tb) - 1]))
+    while t <= high:
+        if t > ta[len(ta) - 1] and t < tb[0]:
+            t = tb[0]
+        if t > tb[len(tb) - 1] and t < ta[0]:
+            t = ta[0]
+        x, y = _moment(ta, a, t)
+        u, w = _moment(tb, b, t)
+        gap = np.sqrt((x - u) ** 2 + (y - w) ** 2) - reach
+        if gap <= 0.0:
+            return False
+        t += max(1e-3, gap / speed)
+    return True
+
+
+@kernel
+def first_meeting(
+    runs: IntArray, a: FloatArray, b: FloatArray, flags: int
+) -> tuple[float, int, int]:
+    """Return (time, cell of a, cell of b) of the first conflict of two runs (time inf: none)."""
+    best, at_i, at_j = np.inf, -1, -1
+    end_a, end_b = len(a) - 2, len(b) - 2
+    for r in range(len(runs)):
+        i, j0, j1 = runs[r, 0], runs[r, 1], runs[r, 2]
+        if a[i] >= b[j1 + 1] or a[i + 1] <= b[j0]:
+            continue
+        for j in range(j0, j1 + 1):
+            low, high = max(a[i], b[j]), min(a[i + 1], b[j + 1])
+            if high - low <= TIMES.same or low >= best:
+                continue
+            a_moves, b_moves = 0 < i < end_a, 0 < j < end_b
+            if (a_moves and flags & A_AVOIDS) or (b_moves and flags & B_AVOIDS):
+                best, at_i, at_j = low, i, j
+    return best, at_i, at_j
+
+
+@kernel
+def shared_stretch(runs: IntArray, a: FloatArray, b: FloatArray, after: float) -> tuple[int, int]:
+    """Return the first and last cell of ``a`` in which two runs conflict at some time, from the
+    first conflict (at ``after`` or later) on as long as they are no more than 2 s apart (-1: none).
+    """
+    low = np.empty(len(runs))
+    for r in range(len(runs)):
+        i, j0, j1 = runs[r, 0], runs[r, 1], runs[r, 2]
+        low[r] = max(a[i], b[j0])
+        if min(a[i + 1], b[j1 + 1]) - low[r] <= TIMES.same or low[r] < after - TIMES.same:
+            low[r] = np.inf
+    first, last = -1, -1
+    until = low.min() if len(low) > 0 else np.inf
+    grown = until < np.inf
+    while grown:
+        grown = False
+        for r in range(len(runs)):
+            if low[r] <= until and low[r] < np.inf:  # until may be endless
+                i = runs[r, 0]
+                first = i if first < 0 else min(first, i)
+                last = max(last, i)
+                until = max(until, min(a[i + 1], b[runs[r, 2] + 1]) + 2.0)
+                low[r] = np.inf
+                grown = True
+    return first, last
+
+
+@kernel
+def safe_intervals(rows: FloatArray, cells: int) -> Safe:
+    """Return the safe time intervals of all extended cells, ascending, outside of ``rows`` (cell,
+    from, until).
+    """
+    count = np.zeros(cells + 3, dtype=np.int64)
+    for r in range(len(rows)):
+        count[int(rows[r, 0]) + 1] += 1
+    start = np.zeros(cells + 3, dtype=np.int64)
+    fill = np.zeros(cells + 3, dtype=np.int64)
+    for cell in range(1, cells + 3):
+        start[cell] = fill[cell] = start[cell - 1] + count[cell]
+    order = np.empty(len(rows), dtype=np.int64)
+    for r in range(len(rows)):
+        cell = int(rows[r, 0])
+        # insertion keeps every cell's intervals sorted by their beginning
+        k = fill[cell]
+        while k > start[cell] and rows[order[k - 1], 1] > rows[r, 1]:
+            order[k] = order[k - 1]
+            k -= 1
+        order[k] = r
+        fill[cell] += 1
+    head = np.zeros(cells + 3, dtype=np.int64)
+    safe = np.empty((len(rows) + cells + 2, 2))
+    used = 0
+    for cell in range(cells + 2):
+        free_from = -np.inf
+        for k in range(start[cell], start[cell + 1]):
+            low, high = rows[order[k], 1], rows[order[k], 2]
+            if low > free_from + TIMES.same:
+                safe[used, 0], safe[used, 1] = free_from, low
+                used += 1
+            free_from = max(free_from, high)
+        if free_from < np.inf:
+            safe[used, 0], safe[used, 1] = free_from, np.inf
+            used += 1
+        head[cell + 1] = used
+    return Safe(head, safe[:used])
+
+
+@kernel
+def forbidden_starts(
+    rows: FloatArray, held: FloatArray, release: float, until: float
+) -> tuple[FloatArray, float, float]:
+    """Return start times at which driving with a fixed timing collides, and the window for it.
+
+    ``rows`` are forbidden (cell, from, until), ``held`` the occupancy when it starts at time 0.
+    The open intervals (k, 2) are unsorted. The start must lie in the returned [earliest, latest]:
+    after its ends it must be able to rest until ``until``, before it rests at its first pose.
+    """
+    end = len(held) - 2
+    out = np.empty((len(rows), 2))
+    used = 0
+    earliest, latest = release, np.inf
+    for r in range(len(rows)):
+        cell, low, high = int(rows[r, 0]), rows[r, 1], rows[r, 2]
+        if cell == 0:
+            if high > release:
+                latest = min(latest, low)
+        elif cell == end:
+            if low < until:
+                earliest = max(earliest, high - held[end])
+        else:
+            out[used, 0], out[used, 1] = low - held[cell + 1], high - held[cell]
+            used += 1
+    return out[:used], earliest, latest
+
+
+@kernel
+def first_gap(blocked: FloatArray, earliest: float, latest: float) -> float:
+    """Return the first time in [earliest, latest] outside the open intervals (inf: none).
+
+    ``blocked`` (k, 2) is sorted by its first column.
+    """
+    at = earliest
+    for k in range(len(blocked)):
+        if blocked[k, 0] >= at:
+            break
+        if blocked[k, 1] > at:
+            at = blocked[k, 1]
+    return at if at <= latest else np.inf
+
+
+# ------------------ Where paths bend: their parameter, where they kink, where the body must rest or
+
+
 BoolArray = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class PathCut:
+    """How paths are cut. Steps shorter than ``tiny`` (m) carry no shape of their own; a change of
+    the direction of the twist by ``kink`` ends a stretch of constant curvature; where the direction
+    of an omnidirectional body changes by ``corner`` (rad) from sample to sample, it must stop;
+    ``bent`` is the share of the acceleration that a bend may take on a path whose speed is tuned
+    with all of it: the two are at right angles, so that together they take 0.5 % more; ``levels``:
+    speed levels that the tuning aims at (see :mod:`up_samp.motion.fleet.speed`); ``least``: those
+    below the top speed of a tight arc, at least.
+    """
+
+    tiny: float = 1e-7
+    kink: float = 1e-6
+    corner: float = 0.1
+    bent: float = 0.1
+    levels: int = 20
+    least: int = 2
+
+
+CUT = PathCut()
+
+
+def path_steps(poses: FloatArray, body: Body, radius: float) -> FloatArray:
+    """Return the steps of ``s`` (m) between samples of a body of this ``radius`` (m)."""
+    kin = body.kinematics
+    moves = twists(poses)
+    ways, turns = np.hypot(moves[:, 0], moves[:, 1]), np.abs(moves[:, 2])
+    if kin.model is MotionModel.PIVOT:
+        return np.where(ways < FINE.spot * turns, turns * kin.v_max / kin.omega_max, ways)
+    turn_metre = radius
+    if abilities_of(body).pivots:
+        turn_metre = kin.v_max / kin.omega_max
+    elif kin.model is MotionModel.REEDSSHEPP:
+        turn_metre = 0.0
+    return np.asarray(np.maximum(ways, turn_metre * turns))
+
+
+def top_speeds(poses: FloatArray, body: Body) -> FloatArray:
+    """Return the top speeds (m/s) between the poses of a path."""
+    tops = np.full(len(poses) - 1, body.kinematics.v_max)
+    if body.kinematics.model is MotionModel.PIVOT and len(poses) > 1:
+        rolls = rolls_of(poses, body.kinematics)
+        tops = np.where(np.abs(rolls.kinds) == 2, tops, rolls.tops)
+    return tops
+
+
+def kept_samples(s: FloatArray) -> IntArray:
+    """Return samples that lie at least a tiny step apart, always with the first and the last."""
+    if np.all(np.diff(s) >= CUT.tiny):
+        return np.arange(len(s), dtype=np.int64)
+    keep = [0]
+    for i in range(1, len(s)):
+        if s[i] - s[keep[-1]] >= CUT.tiny:
+            keep.append(i)
+    if keep[-1] != len(s) - 1 and len(keep) > 1:
+        keep[-1] = len(s) - 1
+    return np.array(keep, dtype=np.int64)
+
+
+def kinks_and_stops(poses: FloatArray, s: FloatArray, body: Body) -> tuple[BoolArray, BoolArray]:
+    """Return where the twist's direction jumps, and where the body must therefore rest."""
+    n, model = len(s), body.kinematics.model
+    kink, stop = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
+    kink[0] = kink[-1] = stop[0] = stop[-1] = True
+    if n > 2:
+        unit = twists(poses) / np.diff(s)[:, None]
+        kink[1:-1] = np.abs(np.diff(unit, axis=0)).max(axis=1) > CUT.kink
+        if model is MotionModel.REEDSSHEPP:
+            stop[1:-1] = unit[:-1, 0] * unit[1:, 0] < 0
+        elif model is MotionModel.PIVOT:  # it turns at will, but on the spot it rests
+            stop[1:-1] = np.diff(rolls_of(poses, body.kinematics).kinds) != 0
+        else:
+            # a velocity may not jump: chords of smooth curves turn little from sample to sample
+            chord = np.diff(poses, axis=0) / np.diff(s)[:, None]
+            stop[1:-1] = np.abs(np.diff(chord, axis=0)).max(axis=1) > CUT.corner
+    return kink, stop
+
+
+def bends_hard(poses: FloatArray, s: FloatArray, stop: BoolArray, body: Body) -> bool:
+    """Return whether going on at full speed where the way bends, or where it begins to turn more or
+    less on its way, takes more acceleration than what speeding up or braking leaves over.
+    """
+    steps = np.diff(s)
+    way = np.diff(poses[:, :2], axis=0) / steps[:, None]
+    change = np.hypot(*np.diff(way, axis=0).T)
+    mean = 0.5 * (steps[1:] + steps[:-1])
+    moving = (steps[1:] > CUT.tiny) & (steps[:-1] > CUT.tiny) & ~stop[1:-1]
+    kin = body.kinematics
+    most = CUT.bent * kin.a_max / kin.v_max**2
+    # tuned motions follow constant twists: who turns on a straight way would sway from side to side
+    turn = np.where(np.hypot(*way.T) > 1e-6, np.abs(np.diff(poses[:, 2])) / steps, 0.0)
+    return bool(np.any(change[moving] > most * mean[moving]) or np.any(turn > most))
+
+
+# ------------------ Fixed paths, cut into short cells: the geometry that speed tuning and conflict
+# A path keeps the shape of a planner's trajectory and forgets its timing. Its parameter ``s`` (m)
+# is driven length for cars, and for bodies that turn on the spot where they drive; for
+# omnidirectional bodies, and on the spot, it is the larger of the length and the turn scaled by
+# ``v_max / omega_max``, so that ``|ds/dt| <= v_max`` bounds speed and turn rate at once.
+
 
 Ring = tuple[tuple[float, float], ...]
 

@@ -1,8 +1,5 @@
-"""A roadmap of one kind of body: places to rest at, and the short moves between them.
-
-The places are those of a lattice around everybody's ends, the ends themselves, and marks along the
-robots' own best paths, so that what is too tight for the lattice is on the map all the same. Every
-move is swept against the map and what rests for good.
+"""A roadmap of one kind of body: places to rest at (lattices), the short moves between them, and
+what these sweep.
 """
 
 from __future__ import annotations
@@ -10,7 +7,9 @@ from __future__ import annotations
 import heapq
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -18,17 +17,257 @@ import numpy.typing as npt
 from up_samp.geometry import Shape, sweeps
 from up_samp.geometry.scene import Scene
 from up_samp.geometry.shapes import shape_of
-from up_samp.model import Body, Configuration, Placed, check_time
-from up_samp.motion.fleet.abilities import abilities_of
-from up_samp.motion.fleet.edges import Edge, steps_of
+from up_samp.model import Body, Configuration, Kinematics, Placed, check_time
+from up_samp.motion.curves.arcs import length_of, nodes_of
+from up_samp.motion.curves.reeds_shepp import fastest
+from up_samp.motion.curves.trapezoid import limits_of, runs_of
+from up_samp.motion.fleet.conflicts import Hull, Swept, sweep_table
 from up_samp.motion.fleet.lanes import arcs_between
-from up_samp.motion.fleet.lattices import Box, Key, box_around, lattice_of
-from up_samp.motion.fleet.moves import Move, steer, straight_move
-from up_samp.motion.fleet.paths import Path, hull_of
+from up_samp.motion.fleet.moves import ShortMove, steer, straight_move
+from up_samp.motion.fleet.paths import Path, abilities_of, hull_of
 from up_samp.motion.guides.search_space import widest_shape
 from up_samp.motion.tuning import RoadmapTuning
 
 FloatArray = npt.NDArray[np.float64]
+Key = tuple[int, int, int]
+Box = tuple[float, float, float, float]
+
+QUARTERS = (0.0, math.pi / 2, math.pi, -math.pi / 2)
+
+
+def box_around(
+    ends: Iterable[Configuration], paths: Iterable[Path], radius: float, turning: float
+) -> Box:
+    """Return the region that the lattice covers: all ends and paths, and room to step aside."""
+    points = np.concatenate([np.array([p[:2] for p in ends]), *(p.poses[:, :2] for p in paths)])
+    reach = 6 * radius + 3 * turning
+    low, high = points.min(axis=0) - reach, points.max(axis=0) + reach
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def lattice_of(
+    body: Body, ends: Sequence[Configuration], box: Box, cell: float, tuning: RoadmapTuning
+) -> Tensor | LatticeState:
+    """Return the lattice for a body in a box."""
+    if not abilities_of(body).pivots:
+        x, y, _ = ends[0]
+        return LatticeState(body, (x, y), cell, tuning)
+    headings = dict.fromkeys(round(math.remainder(p[2], 2 * math.pi), 12) for p in ends)
+    near = [
+        h for h in headings if all(abs(math.remainder(h - q, 2 * math.pi)) > 1e-6 for q in QUARTERS)
+    ]
+    chosen = sorted([*QUARTERS, *near[: tuning.pivots - len(QUARTERS)]])
+    xs = _coordinates([p[0] for p in ends], box[0], box[2], cell)
+    ys = _coordinates([p[1] for p in ends], box[1], box[3], cell)
+    return Tensor(body, xs, ys, chosen)
+
+
+def _coordinates(marks: Iterable[float], low: float, high: float, cell: float) -> FloatArray:
+    """Return coordinates through the marks, where they are not too close, about ``cell`` apart."""
+    kept: list[float] = []
+    for mark in sorted(set(marks)):
+        if not kept or mark - kept[-1] >= 0.4 * cell:
+            kept.append(mark)
+    first = np.arange(kept[0], low, -cell)[:0:-1]
+    last = np.arange(kept[-1], high, cell)[1:]
+    parts = [first]
+    for a, b in itertools.pairwise(kept):
+        parts.append(np.linspace(a, b, max(1, round((b - a) / cell)) + 1)[:-1])
+    return np.concatenate([*parts, np.array(kept[-1:]), last])
+
+
+class Tensor:
+    """Places at all pairs of some coordinates, at some headings: for bodies that pivot.
+
+    A body moves to the next place along an axis (only along its heading unless it moves sideways)
+    or turns to the next heading.
+    """
+
+    def __init__(
+        self, body: Body, xs: FloatArray, ys: FloatArray, headings: Sequence[float]
+    ) -> None:
+        self.body = body
+        self.xs, self.ys = xs, ys
+        self.headings = np.array(headings)
+        self.sideways = abilities_of(body).sideways
+
+    def pose(self, key: Key) -> Configuration:
+        """Return the pose of a place."""
+        return float(self.xs[key[0]]), float(self.ys[key[1]]), float(self.headings[key[2]])
+
+    def near(self, x: float, y: float) -> list[Key]:
+        """Return the places around a point."""
+        cols, rows = (
+            [j for j in (i - 1, i) if 0 <= j < len(axis)]
+            for i, axis in (
+                (int(np.searchsorted(self.xs, x)), self.xs),
+                (int(np.searchsorted(self.ys, y)), self.ys),
+            )
+        )
+        return [(i, j, k) for i in cols for j in rows for k in range(len(self.headings))]
+
+    def moves(self, key: Key) -> list[tuple[Key, ShortMove]]:
+        """Return the moves from a place, map or no map."""
+        i, j, k = key
+        count = len(self.headings)
+        turns = [(i, j, n) for n in {(k + 1) % count, (k - 1) % count} - {k}]
+        ways = [(i + d, j) for d in (-1, 1) if 0 <= i + d < len(self.xs)]
+        ways += [(i, j + d) for d in (-1, 1) if 0 <= j + d < len(self.ys)]
+        if self.sideways:
+            return [(n, self._straight(key, n)) for n in (*turns, *((*way, k) for way in ways))]
+        found = [(n, self._straight(key, n)) for n in turns]
+        # turning and driving off is one move: who is pushed has to get away at once
+        for way in ways:
+            for n in self._along(0 if way[1] == j else 1):
+                drive = self._straight((i, j, n), (*way, n))
+                found.append(((*way, n), drive if n == k else self._turned(key, n, drive)))
+        return found
+
+    def _along(self, axis: int) -> list[int]:
+        """Return the headings along an axis."""
+        across = np.sin(self.headings) if axis == 0 else np.cos(self.headings)
+        return [int(n) for n in np.flatnonzero(np.abs(across) < 1e-9)]
+
+    def _straight(self, key: Key, there: Key) -> ShortMove:
+        start, goal = np.array(self.pose(key)), np.array(self.pose(there))
+        return straight_move(start, goal, self.body.kinematics)
+
+    def _turned(self, key: Key, heading: int, drive: ShortMove) -> ShortMove:
+        turn = self._straight(key, (key[0], key[1], heading))
+        rows = drive.rows.copy()
+        rows[:, 2] += turn.rows[-1, 2] - rows[0, 2]
+        return ShortMove(np.concatenate([turn.rows[:1], rows]), turn.seconds + drive.seconds)
+
+
+class LatticeState:
+    """A lattice of places and headings joined by drives that a car can do (Pivtoraiko, Knepper &
+    Kelly, *Differentially constrained mobile robot motion planning in state lattices*, 2009).
+    """
+
+    def __init__(
+        self, body: Body, origin: tuple[float, float], cell: float, tuning: RoadmapTuning
+    ) -> None:
+        self.body, self.origin, self.cell, self.tuning = body, origin, cell, tuning
+
+    def pose(self, key: Key) -> Configuration:
+        """Return the pose of a place."""
+        x, y = self.origin[0] + key[0] * self.cell, self.origin[1] + key[1] * self.cell
+        return x, y, math.remainder(key[2] * 2 * math.pi / self.tuning.headings, 2 * math.pi)
+
+    def near(self, x: float, y: float) -> list[Key]:
+        """Return the places around a point."""
+        i, j = round((x - self.origin[0]) / self.cell), round((y - self.origin[1]) / self.cell)
+        reach = math.ceil(1.5 * self.body.kinematics.turning_radius / self.cell)
+        span, headings = range(-reach, reach + 1), range(self.tuning.headings)
+        return [(i + a, j + b, k) for a in span for b in span for k in headings]
+
+    @property
+    def _primitives(self) -> tuple[tuple[Primitive, ...], ...]:
+        return _primitives(self.body.kinematics, self.cell, self.tuning)
+
+    def moves(self, key: Key) -> list[tuple[Key, ShortMove]]:
+        """Return the moves from a place, map or no map."""
+        i, j, k = key
+        here = np.array(self.pose(key))
+        found = []
+        for (di, dj, n), arcs, seconds in self._primitives[k]:
+            there = (i + di, j + dj, n)
+            found.append((there, ShortMove(nodes_of(here, arcs), seconds, arcs)))
+        return found
+
+
+Primitive = tuple[Key, FloatArray, float]
+
+
+@lru_cache(maxsize=64)
+def _primitives(
+    kin: Kinematics, cell: float, tuning: RoadmapTuning
+) -> tuple[tuple[Primitive, ...], ...]:
+    """Return the moves from each heading of a car's lattice: without a cusp, the shortest ones
+    straight on, into the lane beside and to the next heading, forwards and backwards.
+    """
+    found = []
+    headings, offsets = tuning.headings, range(-tuning.offsets, tuning.offsets + 1)
+    for k in range(headings):
+        start = (0.0, 0.0, k * 2 * math.pi / headings)
+        best: dict[tuple[int, bool, int], tuple[float, Primitive]] = {}
+        for i, j, turn in itertools.product(offsets, repeat=3):
+            if abs(turn) > 1 or (i, j) == (0, 0):
+                continue
+            n = (k + turn) % headings
+            goal = (i * cell, j * cell, n * 2 * math.pi / headings)
+            seconds, arcs = fastest(start, goal, *limits_of(kin))
+            length = length_of(arcs)
+            longest = tuning.straighter * math.hypot(i * cell, j * cell)
+            if len(runs_of(arcs)) != 1 or length > longest:
+                continue
+            side = -math.sin(start[2]) * i + math.cos(start[2]) * j
+            lane = 0 if abs(side) < 1e-9 else int(math.copysign(1, side))
+            sort = (turn, bool(arcs[0, 1] > 0), lane)
+            if sort not in best or length < best[sort][0] - 1e-9:
+                best[sort] = (length, ((i, j, n), arcs, float(seconds)))
+        found.append(tuple(primitive for _, primitive in best.values()))
+    return tuple(found)
+
+
+# ------------------ Moves between the places of a roadmap, and what they sweep
+
+
+CELLS = 4
+"""Cells of a move: two robots in step are compared cell by cell."""
+
+
+@dataclass(frozen=True, eq=False)
+class RoadmapEdge:
+    """A move between two places of a roadmap (a rest: from a place to itself)."""
+
+    number: int
+    source: int
+    target: int
+    move: ShortMove
+    hull: Hull
+    cost: float
+    """Seconds at top speed, and a little for each move."""
+
+    @cached_property
+    def swept(self) -> Swept:
+        """Swept bounds of the cells, all of them for rests, too."""
+        rows = self.move.rows
+        if len(rows) == 1:
+            one = sweep_table(np.zeros(1), rows, np.zeros(1))
+            table = np.ascontiguousarray(np.repeat(one[:1], CELLS + 2, axis=0))
+            return Swept(table, self.hull)
+        s = np.concatenate([[0.0], np.cumsum(steps_of(rows, self.hull.radius))])
+        return Swept(sweep_table(s, rows, np.linspace(0.0, s[-1], CELLS + 1)), self.hull)
+
+    @cached_property
+    def circle(self) -> tuple[float, float, float]:
+        """A disc (x, y, radius) around all that is swept."""
+        xy = self.move.rows[:, :2]
+        low, high = xy.min(axis=0), xy.max(axis=0)
+        # between two rows an arc may leave their box by less than half its length
+        bulge = 0.0
+        if len(xy) > 1:
+            turning = np.abs(np.diff(self.move.rows[:, 2])) > 1e-9
+            lengths = np.hypot(*np.diff(xy, axis=0).T)
+            bulge = 0.5 * float(np.max(lengths[turning], initial=0.0))
+        x, y = (float(v) for v in 0.5 * (low + high))
+        return x, y, float(0.5 * np.hypot(*(high - low))) + bulge + self.hull.radius
+
+
+def steps_of(rows: FloatArray, radius: float) -> FloatArray:
+    """Return the larger of way and turn times ``radius`` between poses (k, 3): shape (k - 1,)."""
+    d = np.diff(rows, axis=0)
+    half = 0.5 * np.abs(d[:, 2])
+    grow = np.where(half < 1e-9, 1.0, half / np.maximum(np.sin(np.minimum(half, 3.0)), 1e-9))
+    steps = np.maximum(np.hypot(d[:, 0], d[:, 1]) * grow, radius * np.abs(d[:, 2]))
+    return np.asarray(np.maximum(steps, 1e-9))
+
+
+# ------------------ A roadmap of one kind of body: places to rest at, and the short moves between t
+# The places are those of a lattice around everybody's ends, the ends themselves, and marks along
+# the robots' own best paths, so that what is too tight for the lattice is on the map all the same.
+# Every move is swept against the map and what rests for good.
 
 
 def cells_of(body: Body, tuning: RoadmapTuning) -> tuple[float, float, float, float]:
@@ -67,17 +306,17 @@ class Roadmap:
         self.shape: Shape = shape if shape is not None else scene.shape(body)
         self._world = scene.world(self.shape, static)
         self.poses: list[Configuration] = []
-        self.edges: list[Edge] = []
+        self.edges: list[RoadmapEdge] = []
         self._keys: dict[int, Key] = {}
         self._nodes: dict[Key, int] = {}
         self._extra: dict[int, list[int]] = {}
-        self._known: dict[int, list[Edge]] = {}
+        self._known: dict[int, list[RoadmapEdge]] = {}
         self._free: dict[Key, bool] = {}
         self.cell, self.tuning = cell, tuning
         self._box = box or box_around(ends, paths, self.hull.radius, abilities_of(body).radius)
         self.lattice = lattice_of(body, ends, self._box, self.cell, tuning)
         self.places: dict[Configuration, int] = {}
-        self._rests: dict[int, Edge] = {}
+        self._rests: dict[int, RoadmapEdge] = {}
         for pose in ends:
             self.place(pose)
         for path in paths:
@@ -104,13 +343,13 @@ class Roadmap:
                 self._link(node, there, moves)
                 self._join(there, self.tuning.links)
 
-    def rest(self, node: int) -> Edge:
+    def rest(self, node: int) -> RoadmapEdge:
         """Return the rest at a place."""
         if node not in self._rests:
-            self._rests[node] = self._edge(node, node, Move(np.array([self.poses[node]]), 0.0))
+            self._rests[node] = self._edge(node, node, ShortMove(np.array([self.poses[node]]), 0.0))
         return self._rests[node]
 
-    def out(self, node: int) -> list[Edge]:
+    def out(self, node: int) -> list[RoadmapEdge]:
         """Return the free moves from a place."""
         if node not in self._known:
             check_time()
@@ -139,15 +378,15 @@ class Roadmap:
         self,
         ends: tuple[int, int],
         estimate: Callable[[int], float],
-        allowed: Callable[[Edge], bool] | None = None,
+        allowed: Callable[[RoadmapEdge], bool] | None = None,
         limit: float = math.inf,
         most: int | None = None,
-    ) -> tuple[tuple[Edge, ...] | None, int]:
+    ) -> tuple[tuple[RoadmapEdge, ...] | None, int]:
         """Return a cheap way between two places (A*), and the places looked at (``most``: as many
         at most). ``estimate``: cost to go from a place; ``limit``: cost at most.
         """
         start, goal = ends
-        best: dict[int, tuple[float, Edge | None]] = {start: (0.0, None)}
+        best: dict[int, tuple[float, RoadmapEdge | None]] = {start: (0.0, None)}
         queue, closed = [(0.0, start)], set()
         while queue:
             _, node = heapq.heappop(queue)
@@ -169,14 +408,14 @@ class Roadmap:
                 heapq.heappush(queue, (ahead, edge.target))
         if goal not in best:
             return None, len(closed)
-        way: list[Edge] = []
+        way: list[RoadmapEdge] = []
         at = goal
         while (last := best[at][1]) is not None:
             way.append(last)
             at = last.source
         return tuple(way[::-1]), len(closed)
 
-    def _lattice_moves(self, node: int) -> list[Edge]:
+    def _lattice_moves(self, node: int) -> list[RoadmapEdge]:
         found = []
         for key, move in self.lattice.moves(self._keys[node]):
             if self._is_place(key) and self._sweeps_free(move.rows):
@@ -208,16 +447,16 @@ class Roadmap:
         self.poses.append(pose)
         return len(self.poses) - 1
 
-    def _edge(self, source: int, target: int, move: Move) -> Edge:
+    def _edge(self, source: int, target: int, move: ShortMove) -> RoadmapEdge:
         kin = self.body.kinematics
         way = float(steps_of(move.rows, 0.0).sum()) if len(move.rows) > 1 else 0.0
         turn = float(np.abs(np.diff(move.rows[:, 2])).sum()) if self._pivots else 0.0
         cost = max(way / kin.v_max, turn / kin.omega_max) + self.tuning.each
-        edge = Edge(len(self.edges), source, target, move, self.hull, cost)
+        edge = RoadmapEdge(len(self.edges), source, target, move, self.hull, cost)
         self.edges.append(edge)
         return edge
 
-    def _link(self, source: int, target: int, moves: Sequence[Move]) -> None:
+    def _link(self, source: int, target: int, moves: Sequence[ShortMove]) -> None:
         """Add moves between two places, and back, with places where one move ends."""
         nodes = [source, *(self._new(tuple(m.rows[-1].tolist())) for m in moves[:-1]), target]
         for (a, b), move in zip(itertools.pairwise(nodes), moves, strict=True):
@@ -270,7 +509,7 @@ class Roadmap:
         for node in nodes[1:-1]:
             self._join(node, 2)
 
-    def _along(self, path: Path, first: float, last: float) -> Move:
+    def _along(self, path: Path, first: float, last: float) -> ShortMove:
         """Return the move between two marks of a path, straight where the body can."""
         if abilities_of(self.body).sideways:
             start, goal = path.poses_at(np.array([first, last]))
@@ -284,7 +523,7 @@ def _pose(row: FloatArray) -> Configuration:
     return tuple(float(v) for v in row)
 
 
-def _part(path: Path, first: float, last: float) -> Move:
+def _part(path: Path, first: float, last: float) -> ShortMove:
     """Return the part of a path between two marks (m along it) as a move."""
     inside = path.s[(path.s > first + 1e-9) & (path.s < last - 1e-9)]
     rows = path.poses_at(np.concatenate([[first], inside, [last]]))
@@ -292,7 +531,7 @@ def _part(path: Path, first: float, last: float) -> Move:
     seconds = (last - first) / v + v / a
     able = abilities_of(path.body)
     arcs = None if able.pivots or able.free else arcs_between(path, first, last)
-    return Move(rows, seconds, arcs)
+    return ShortMove(rows, seconds, arcs)
 
 
 def _same(p: Configuration, q: Configuration) -> bool:

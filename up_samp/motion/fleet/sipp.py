@@ -16,8 +16,8 @@ from up_samp.motion.curves.reeds_shepp import Pose, fastest
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.fleet import sipp_kernel as search
 from up_samp.motion.fleet import strrt
-from up_samp.motion.fleet.margins import kept
-from up_samp.motion.fleet.movers import Fineness, Me, Movers
+from up_samp.motion.fleet.conflicts import kept
+from up_samp.motion.fleet.moving_obstacles import Me, MoverFineness, Movers
 from up_samp.motion.fleet.paths import Path, hull_of, path_of
 from up_samp.motion.fleet.timed_path import TimedPath, pair_flags
 from up_samp.motion.guides.cost_to_go import Fields
@@ -40,7 +40,7 @@ class SafeIntervalPlanner:
         self.scene = scene
         self.fields = Fields(scene)
         self._labels: dict[int, search.Labels] = {}
-        self._fine = Fineness(
+        self._fine = MoverFineness(
             tuning.pieces, float(tuning.piece), tuning.visits, float(tuning.guard)
         )
 

@@ -16,14 +16,15 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.geometry.compiled import inner, kernel
 from up_samp.geometry.kernels import advance
-from up_samp.geometry.records import WorldData
+from up_samp.geometry.records import WorldData, inner, kernel
 from up_samp.geometry.sweeps import arc_free
 from up_samp.motion.curves.reeds_shepp import Pose, connect
-from up_samp.motion.fleet.drives import (
+from up_samp.motion.fleet.moving_obstacles import (
+    ArcDrive,
     Begin,
-    Drive,
+    Me,
+    Movers,
     clash,
     delayed,
     new_drive,
@@ -31,8 +32,8 @@ from up_samp.motion.fleet.drives import (
     safe_until,
     sample,
     stop,
+    visits,
 )
-from up_samp.motion.fleet.movers import Me, Movers, visits
 from up_samp.motion.guides.cost_to_go import Field, field_value
 from up_samp.motion.guides.heap import pop, push
 
@@ -190,7 +191,7 @@ class Way(NamedTuple):
     """
 
     arcs: FloatArray
-    drive: Drive
+    drive: ArcDrive
     many: int
     run: float
     end: Pose

@@ -17,13 +17,20 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.geometry.compiled import inner, kernel
 from up_samp.geometry.kernels import advance
-from up_samp.geometry.records import WorldData
+from up_samp.geometry.records import WorldData, inner, kernel
 from up_samp.geometry.sweeps import arc_free
 from up_samp.motion.curves.reeds_shepp import Pose, connect
-from up_samp.motion.fleet.drives import Begin, Drive, clash, new_drive, sample
-from up_samp.motion.fleet.movers import Me, Movers, visits
+from up_samp.motion.fleet.moving_obstacles import (
+    ArcDrive,
+    Begin,
+    Me,
+    Movers,
+    clash,
+    new_drive,
+    sample,
+    visits,
+)
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -102,7 +109,7 @@ def _still(me: Me, movers: Movers, p: Pose, low: float, high: float) -> bool:
 
 
 @inner
-def _edge(growth: Growth, p: Vertex, q: Vertex, drive: Drive) -> bool:
+def _edge(growth: Growth, p: Vertex, q: Vertex, drive: ArcDrive) -> bool:
     """Return whether one can stand at ``p`` at its time and at ``q`` at its time."""
     me, movers = growth.me, growth.movers
     arcs = np.empty((5, 2))
@@ -255,7 +262,7 @@ def grow(forest: Forest, growth: Growth, rounds: int, seed: int) -> None:
 
 @inner
 def _stages(
-    forest: Forest, growth: Growth, at: tuple[int, int], q: Vertex, near: IntArray, drive: Drive
+    forest: Forest, growth: Growth, at: tuple[int, int], q: Vertex, near: IntArray, drive: ArcDrive
 ) -> None:
     """Insert ``q`` into a tree (``at``: the tree, and which vertex it is there already, or -1),
     rewire the goal tree to it, and join it with the other tree if that gives an earlier arrival.

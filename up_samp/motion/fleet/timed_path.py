@@ -1,31 +1,148 @@
-"""Runs: bodies on timed paths, and who of them has to keep clear of whom."""
+"""Timings of paths, and timed paths (runs): who of them has to keep clear of whom."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from up_samp.geometry.records import inner, kernel
 from up_samp.model import (
     Body,
     Configuration,
     FixedMotion,
     MotionModel,
     TimedMotion,
+    Trajectory,
     UnsupportedError,
 )
-from up_samp.motion.fleet.cell_times import (
-    A_AVOIDS,
-    B_AVOIDS,
-    occupancy,
-)
-from up_samp.motion.fleet.paths import Path, path_of
-from up_samp.motion.fleet.timings import Timing
+from up_samp.motion.fleet.paths import A_AVOIDS, B_AVOIDS, TIMES, Path, occupancy, path_of
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+
+
+class Speeds(NamedTuple):
+    """What a body may do along its path: top speed ``v`` (m/s), acceleration ``a`` (m/s^2)."""
+
+    v: float
+    a: float
+
+
+@inner
+def speed_of(level: int, can: Speeds, ds: float) -> float:
+    """Return the speed (m/s) at a level: one cell of ``ds`` m at full acceleration apart."""
+    return min(can.v, np.sqrt(2 * can.a * ds * level))
+
+
+class Levels(NamedTuple):
+    """How a path is driven: by vertex the speed ``level``, and when it is ``reached`` and ``left``
+    (s).
+    """
+
+    level: IntArray
+    reached: FloatArray
+    left: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Timing:
+    """A timing of a path: the trajectory and ``s`` at each of its samples."""
+
+    trajectory: Trajectory
+    s: FloatArray
+
+
+def natural_timing(path: Path, start: float) -> Timing:
+    """Return the planner's own timing, begun at ``start`` (s)."""
+    return Timing(path.natural.shifted(start), path.natural_s)
+
+
+def sampled(path: Path, levels: Levels, can: Speeds) -> Timing:
+    """Return the trajectory for speed levels and times per vertex."""
+    phases, forced = _phases(path.edges, levels, can)
+    t, s, v, acc = phases.T
+    # kinks must be samples: solve s + v dt + acc dt^2 / 2 = kink in the phase that passes it
+    kinks = path.s[path.kink][1:-1]
+    i = np.clip(np.searchsorted(s, kinks, side="right") - 1, 0, len(s) - 1)
+    ahead = np.maximum(kinks - s[i], 0.0)
+    root = v[i] + np.sqrt(np.maximum(v[i] ** 2 + 2 * acc[i] * ahead, 0.0))
+    crossed = t[i] + np.where(root > 0, 2 * ahead / np.where(root > 0, root, 1.0), 0.0)
+    near = np.searchsorted(forced, crossed)
+    close = np.minimum(
+        np.abs(crossed - forced[np.minimum(near, len(forced) - 1)]),
+        np.abs(crossed - forced[np.maximum(near - 1, 0)]),
+    )
+    marks = np.concatenate([forced, crossed[close > TIMES.close]])
+    marks.sort()
+    marks = marks[np.concatenate([[True], np.diff(marks) > TIMES.same])]
+    times = _filled(marks)
+    i = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 1)
+    dt = times - t[i]
+    at = np.maximum.accumulate(np.minimum(s[i] + dt * (v[i] + 0.5 * dt * acc[i]), path.length))
+    at[0], at[-1] = 0.0, path.length
+    # a wait is two samples in one place
+    keep = np.ones(len(at), dtype=np.bool_)
+    keep[1:-1] = (at[1:-1] > at[:-2]) | (at[2:] > at[1:-1])
+    times, at = times[keep], at[keep]
+    return Timing(Trajectory(times, path.poses_at(at)), at)
+
+
+@kernel
+def _phases(edges: FloatArray, levels: Levels, can: Speeds) -> tuple[FloatArray, FloatArray]:
+    """Return phases of constant acceleration (begin, s, v, acceleration; a wait has speed 0), shape
+    (k, 4), and the times at which it stops or starts.
+    """
+    level, left, a = levels.level, levels.left, can.a
+    m = len(edges) - 1
+    rows, forced = np.empty((3 * m, 4)), np.empty(2 * m + 1)
+    now = left[0]
+    forced[0] = now
+    n, stops = 0, 1
+    for i in range(1, m + 1):
+        ds = edges[i] - edges[i - 1]
+        v0, v1 = speed_of(level[i - 1], can, ds), speed_of(level[i], can, ds)
+        high = max(v0, v1)
+        ramp, length = abs(v1 - v0) / a, abs(v1 * v1 - v0 * v0) / (2 * a)
+        cruise = max(0.0, ds - length) / high
+        at = edges[i - 1]
+        for part in range(2):
+            # speed up first, slow down last
+            ramps = (part == 0) == (v1 >= v0)
+            lasts = ramp if ramps else cruise
+            if lasts > 0.0:
+                speed = v0 if ramps else high
+                push = (a if v1 >= v0 else -a) if ramps else 0.0
+                rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 3] = now, at, speed, push
+                n += 1
+                now += lasts
+                at += speed * lasts + 0.5 * push * lasts * lasts
+        if level[i] == 0:
+            forced[stops] = now
+            stops += 1
+            if i < m and left[i] - now > TIMES.close:
+                rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 3] = now, edges[i], 0.0, 0.0
+                n += 1
+                now = left[i]
+                forced[stops] = now
+                stops += 1
+    return rows[:n], forced[:stops]
+
+
+def _filled(marks: FloatArray) -> FloatArray:
+    """Return ``marks`` with evenly spread times in between, at most ``MAX_STEP`` s apart."""
+    gaps = np.diff(marks)
+    counts = np.maximum(1, np.ceil(gaps / Trajectory.MAX_STEP - TIMES.same).astype(np.int64))
+    which = np.repeat(np.arange(len(gaps)), counts)
+    first = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    share = (np.arange(len(which)) - first[which]) / counts[which]
+    return np.append(marks[which] + share * gaps[which], marks[-1])
+
+
+# ------------------ Runs: bodies on timed paths, and who of them has to keep clear of whom
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +161,7 @@ class TimedPath:
 
     @cached_property
     def held(self) -> FloatArray:
-        """When each extended cell is entered (see :mod:`up_samp.motion.fleet.cell_times`)."""
+        """When each extended cell is entered (see :mod:`up_samp.motion.fleet.paths`)."""
         if self.path.cells == 0:
             return np.array([self.since, self.since, self.until])
         times = self.timing.trajectory.times

@@ -29,28 +29,59 @@ from up_samp.model import (
     Rest,
     check_time,
 )
-from up_samp.motion.fleet.cell_times import (
+from up_samp.motion.fleet.conflicts import conflicting_cells, kept, wished
+from up_samp.motion.fleet.lanes import shifted_lane
+from up_samp.motion.fleet.paths import (
+    Path,
     first_meeting,
     forbidden,
+    path_of,
+    resting_path,
     stay_far,
 )
-from up_samp.motion.fleet.cleared import but_cleared, is_cleared
-from up_samp.motion.fleet.conflicts import conflicting_cells
-from up_samp.motion.fleet.lanes import shifted_lane
-from up_samp.motion.fleet.margins import kept, wished
-from up_samp.motion.fleet.paths import Path, path_of, resting_path
-from up_samp.motion.fleet.timed_path import NOBODY, TimedPath, pair_flags, planar
-from up_samp.motion.fleet.timings import Timing
+from up_samp.motion.fleet.timed_path import NOBODY, TimedPath, Timing, pair_flags, planar, pose_at
 from up_samp.motion.guides.search_space import widest_shape
+from up_samp.motion.legs import strung
 from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
-from up_samp.motion.stringing import strung
 from up_samp.motion.tuning import CarTuning, FleetTuning, MotionTuning, PivotTuning
 
 if TYPE_CHECKING:
     from up_samp.motion.fleet.sipp import SafeIntervalPlanner
 
-FloatArray = npt.NDArray[np.float64]
+
 IntArray = npt.NDArray[np.int64]
+
+
+def is_cleared(path: Path, rest: Path) -> bool:
+    """Return whether a path's planner has proven that it keeps clear of a body that rests."""
+    return rest.cells == 0 and (rest.body.footprint, pose_at(rest, 0)) in path.cleared
+
+
+def but_cleared(rows: IntArray, a: Path, b: Path) -> IntArray:
+    """Return conflicting cells without rests of one path that the other one's planner has proven it
+    keeps clear of: cells are coarser than that.
+    """
+    if len(rows) == 0 or not (a.cleared or b.cleared):
+        return rows
+    for rest, cell in zip(a.rests, (0, a.cells + 1), strict=True):
+        if rest in b.cleared:
+            rows = rows[rows[:, 0] != cell]
+    for number, rest in enumerate(b.rests):
+        if rest not in a.cleared or len(rows) == 0:
+            continue
+        rows = rows.copy()
+        if number == 0:
+            rows[:, 1] = np.maximum(rows[:, 1], 1)
+        else:
+            rows[:, 2] = np.minimum(rows[:, 2], b.cells)
+        rows = rows[rows[:, 1] <= rows[:, 2]]
+    return rows
+
+
+# ------------------ A workspace that remembers paths, and what they have to do with each other
+
+
+FloatArray = npt.NDArray[np.float64]
 
 
 CHORD = 0.1
@@ -76,7 +107,7 @@ def fleet_tuning(service: PathPlanner) -> FleetTuning:
 
 
 @dataclass
-class Ways:
+class KnownPaths:
     """Paths from pose to pose that were of use, by number, how often others were looked for, and
     whether ways past the places where others may stand were.
     """
@@ -103,7 +134,7 @@ class Workspace:
         self._drives: Memory[Path] = Memory(paths)
         self._lanes: Memory[Path | None] = Memory(paths)
         self._rests: Memory[Path] = Memory(paths)
-        self._ways: Memory[Ways] = Memory(paths)
+        self._ways: Memory[KnownPaths] = Memory(paths)
         self._conflicts: Memory[IntArray] = Memory(self.tuning.memory.diagrams)
 
     @property
@@ -152,9 +183,9 @@ class Workspace:
         self.truncated += 1
         return path
 
-    def ways(self, body: Body, poses: tuple[Configuration, ...]) -> Ways:
+    def ways(self, body: Body, poses: tuple[Configuration, ...]) -> KnownPaths:
         """Return the ways of a body from pose to pose that were of use."""
-        return self._ways.get_or((body, poses), Ways)
+        return self._ways.get_or((body, poses), KnownPaths)
 
     def detour(
         self,

@@ -10,9 +10,17 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry import Scene, Shape
-from up_samp.geometry.compiled import inner, kernel
 from up_samp.geometry.memory import Memory
-from up_samp.geometry.records import NO_FRAME, GridFrame, PolyData, along, grid_along, grid_point
+from up_samp.geometry.records import (
+    NO_FRAME,
+    GridFrame,
+    PolyData,
+    along,
+    grid_along,
+    grid_point,
+    inner,
+    kernel,
+)
 from up_samp.model import Placed
 from up_samp.motion.guides.visibility import sees
 

@@ -45,7 +45,7 @@ class Space(NamedTuple):
         return 2 * self.cols * self.rows * self.bins
 
 
-class Grain(NamedTuple):
+class SearchGrain(NamedTuple):
     """A resolution: ``cell`` (m), ``bins`` of headings."""
 
     cell: float
@@ -100,7 +100,7 @@ def pose_space(
     poses: Sequence[Configuration],
     obstacles: tuple[Placed, ...],
     reach: float,
-    grain: Grain,
+    grain: SearchGrain,
     guide: Guide,
 ) -> Space:
     """Return the box and the resolution of a search (the ``grain``, or coarser on large maps)."""

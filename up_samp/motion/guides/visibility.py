@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry.cells import shortest_ways
-from up_samp.geometry.compiled import kernel
 from up_samp.geometry.memory import Memory
+from up_samp.geometry.records import kernel
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]

@@ -12,12 +12,12 @@ from up_samp.geometry import Scene, Shape, sweeps
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.records import WorldData
 from up_samp.model import Deadline
-from up_samp.motion.budget import Budget
+from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.arcs import merged, path_time, reversed_arcs
 from up_samp.motion.curves.reeds_shepp import CarLimits, fastest
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.guides.cost_to_go import Fields, least_value
-from up_samp.motion.guides.search_space import Grain, Guide, pose_space, widest_shape
+from up_samp.motion.guides.search_space import Guide, SearchGrain, pose_space, widest_shape
 from up_samp.motion.planners import hybrid_astar as hybrid
 from up_samp.motion.planners.car_shortcuts import Effort, improve, settle
 from up_samp.motion.protocol import Leg, LegQuery
@@ -73,7 +73,7 @@ class CarPlanner:
 
     def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a fast motion between two poses among resting obstacles."""
-        budget = Budget(deadline, query.effort)
+        budget = WorkBudget(deadline, query.effort)
         arcs, reason = self.path(query, budget)
         complete = not budget.cut
         if arcs is None:
@@ -81,7 +81,7 @@ class CarPlanner:
         motion = trajectory_of((query.start, query.goal), (arcs,), query.body.kinematics)
         return Leg(motion, reason, budget.used, complete)
 
-    def path(self, query: LegQuery, budget: Budget) -> tuple[FloatArray | None, str]:
+    def path(self, query: LegQuery, budget: WorkBudget) -> tuple[FloatArray | None, str]:
         """Return arcs (n, 2) or None, and what happened."""
         body, start, goal, obstacles = query.body, query.start, query.goal, query.obstacles
         shape = widest_shape(self.scene, body, (start, goal), obstacles)
@@ -122,7 +122,7 @@ class CarPlanner:
         return best, ""
 
     def _search(
-        self, query: LegQuery, shape: Shape, level: int, budget: Budget
+        self, query: LegQuery, shape: Shape, level: int, budget: WorkBudget
     ) -> tuple[FloatArray | None, int, bool]:
         """Run hybrid A* at one resolution; return arcs or None, expansions, whether it ran dry."""
         problem = self._problem(query, shape, level)
@@ -159,7 +159,7 @@ class CarPlanner:
         reach = 8 * unit + 2 * shape.circumscribed
         bins = math.ceil(2 * math.pi / (finest / 1.5))
         guide = Guide(settings.extra, settings.near * unit, settings.weight)
-        space = pose_space(self.scene, ends, obstacles, reach, Grain(step / 1.5, bins), guide)
+        space = pose_space(self.scene, ends, obstacles, reach, SearchGrain(step / 1.5, bins), guide)
         steps = np.array(_primitives(car.radius, unit, finest))
         x, y, th = map(float, query.goal[:3])
         field = self.fields.toward(shape, query.goal, obstacles)

@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.geometry.compiled import inner, kernel
 from up_samp.geometry.kernels import advance
-from up_samp.geometry.records import WorldData
+from up_samp.geometry.records import WorldData, inner, kernel
 from up_samp.geometry.sweeps import first_blocked
 from up_samp.motion.curves.arcs import ends_of, merged, nodes_of, path_time
 from up_samp.motion.curves.reeds_shepp import TINY, CarLimits, Pose, connect, run_time
@@ -114,7 +113,7 @@ def _copy(source: FloatArray, n: int, target: FloatArray, at: int) -> None:
         target[at + k, 0], target[at + k, 1] = source[k, 0], source[k, 1]
 
 
-class Cut(NamedTuple):
+class Shortcut(NamedTuple):
     """Where a path is cut: ``part`` (signed, m) of ``arc`` lies before it; there the car is at
     ``pose``. On the side that stays: the signed length of the ``run`` at the cut, the ``time`` (s)
     of the complete runs beyond it.
@@ -128,7 +127,9 @@ class Cut(NamedTuple):
 
 
 @inner
-def _spliced(arcs: FloatArray, first: Cut, last: Cut, new: FloatArray, n: int) -> FloatArray:
+def _spliced(
+    arcs: FloatArray, first: Shortcut, last: Shortcut, new: FloatArray, n: int
+) -> FloatArray:
     """Return the path with everything between two cuts replaced."""
     i, j = first.arc, last.arc
     size = arcs.shape[0]
@@ -172,7 +173,12 @@ def _stretch(state: IntArray, r: int, total: float, radius: float) -> tuple[floa
 
 @inner
 def _over(
-    state: IntArray, middle: Cut, first: Cut, last: Cut, car: CarLimits, new: FloatArray
+    state: IntArray,
+    middle: Shortcut,
+    first: Shortcut,
+    last: Shortcut,
+    car: CarLimits,
+    new: FloatArray,
 ) -> tuple[float, int]:
     """Join two cuts over a pose near one between them, at random; fill ``new`` and return the time
     (s) with the runs at the cuts, and the number of arcs.
@@ -219,14 +225,14 @@ def improve(
         if q - p < 1e-3:
             continue
         i, part, pose = _cut(arcs, nodes, ends, p)
-        first = Cut(i, part, pose, *_side(arcs, i, part, False, car))
+        first = Shortcut(i, part, pose, *_side(arcs, i, part, False, car))
         i, part, pose = _cut(arcs, nodes, ends, q)
-        last = Cut(i, part, pose, *_side(arcs, i, arcs[i, 1] - part, True, car))
+        last = Shortcut(i, part, pose, *_side(arcs, i, arcs[i, 1] - part, True, car))
         if r % 2 == 0:
             time, n = connect(first.pose, last.pose, car, (first.run, last.run), new)
         else:
             i, part, pose = _cut(arcs, nodes, ends, p + random_share(state) * (q - p))
-            time, n = _over(state, Cut(i, part, pose, arcs[i, 1], 0.0), first, last, car, new)
+            time, n = _over(state, Shortcut(i, part, pose, arcs[i, 1], 0.0), first, last, car, new)
         sooner = first.time + time + last.time < best - 1e-4
         if sooner and first_blocked(world, first.pose, new, n) < 0:
             arcs = _spliced(arcs, first, last, new, n)

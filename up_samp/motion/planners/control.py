@@ -23,9 +23,9 @@ from up_samp.model import (
     ProblemError,
     Trajectory,
 )
-from up_samp.motion.budget import Budget
+from up_samp.motion.budget import WorkBudget
 from up_samp.motion.planners import ompl_edges as edges
-from up_samp.motion.planners.control_law import Piece, Roller, miss, total
+from up_samp.motion.planners.control_law import ControlPiece, Roller, miss, total
 from up_samp.motion.planners.ompl_planar import OmplSettings, PlanarWorld, state_of
 from up_samp.motion.planners.ompl_solve import (
     Counter,
@@ -74,7 +74,7 @@ class ControlWorld(PlanarWorld):
         """Return whether the swept motion through ``poses`` (n, 3) keeps the margin."""
         return bool(edges.sweep_edge(self.data, poses, self.hits))
 
-    def guesses(self, a: Configuration, b: Configuration, count: int) -> list[list[Piece]]:
+    def guesses(self, a: Configuration, b: Configuration, count: int) -> list[list[ControlPiece]]:
         """Return random pieces of about the right total duration."""
         low, high = self.roller.low, self.roller.high
         way = math.dist(a[:2], b[:2]) + self.near
@@ -82,15 +82,15 @@ class ControlWorld(PlanarWorld):
         for _ in range(count):
             seconds = way / self.speed * float(self.rng.uniform(0.8, 2.5)) / many
             draws = low + (high - low) * self.rng.random((many, len(low)))
-            found.append([Piece(tuple(u.tolist()), seconds) for u in draws])
+            found.append([ControlPiece(tuple(u.tolist()), seconds) for u in draws])
         return found
 
     def steer(
-        self, a: Configuration, b: Configuration, count: int, budget: Budget
-    ) -> list[Piece] | None:
+        self, a: Configuration, b: Configuration, count: int, budget: WorkBudget
+    ) -> list[ControlPiece] | None:
         """Return the quickest free shot from ``a`` to ``b`` out of ``count`` random guesses."""
 
-        def free(pieces: list[Piece]) -> bool:
+        def free(pieces: list[ControlPiece]) -> bool:
             return self.clear(self.roller.trajectory(a, pieces).poses)
 
         guesses = self.guesses(a, b, count)
@@ -99,7 +99,7 @@ class ControlWorld(PlanarWorld):
         return shots(shot, guesses, free, budget.spent)
 
 
-class _Validity(ob.StateValidityChecker):  # type: ignore[misc]
+class _ControlValidity(ob.StateValidityChecker):  # type: ignore[misc]
     """A state is valid if it is inside the box: steps that collide are thrown out of it."""
 
     def __init__(self, si: Any, low: FloatArray, high: FloatArray) -> None:
@@ -115,10 +115,10 @@ def _search(
     world: ControlWorld,
     start: Configuration,
     goal: Configuration,
-    budget: Budget,
+    budget: WorkBudget,
     name: str,
     seed: int,
-) -> tuple[list[Piece] | None, str]:
+) -> tuple[list[ControlPiece] | None, str]:
     """Return pieces that lead from the start to somewhere near the goal, by a control planner."""
     low, high = world.box()
     roller, counter = world.roller, Counter()
@@ -140,7 +140,7 @@ def _search(
         result.setY(y)
         result.setYaw((th + math.pi) % (2 * math.pi) - math.pi)
 
-    si.setStateValidityChecker(_Validity(si, low, high))
+    si.setStateValidityChecker(_ControlValidity(si, low, high))
     wrapped = getattr(oc, "StatePropagatorFn", lambda f: f)(propagate)  # OMPL 1.7 wants it typed
     si.setStatePropagator(wrapped)
     si.setPropagationStepSize(world.step)
@@ -158,7 +158,9 @@ def _search(
         return None, f"OMPL's control planner {name} found no path ({solved.status.lower()})"
     path = pdef.getSolutionPath()
     return [
-        Piece(tuple(path.getControl(i)[k] for k in range(width)), float(path.getControlDuration(i)))
+        ControlPiece(
+            tuple(path.getControl(i)[k] for k in range(width)), float(path.getControlDuration(i))
+        )
         for i in range(path.getControlCount())
     ], ""
 
@@ -186,9 +188,9 @@ def control_leg(
     if not world.fit_margin():
         reason = "the start or the goal touches the map or an obstacle"
         return OmplLeg(None, reason, world.blockers(), complete=True)
-    budget = Budget(deadline)
+    budget = WorkBudget(deadline)
     direct = world.steer(start, goal, world.tuning.direct, budget)
-    pieces: list[Piece] | None = direct
+    pieces: list[ControlPiece] | None = direct
     reason, attempt = "out of time", 0
     while pieces is None and not budget.spent():
         rough, reason = _search(world, start, goal, budget, name, seed + attempt)
@@ -205,7 +207,9 @@ def control_leg(
     return OmplLeg(trajectory, reason, world.blockers(), attempt, not budget.cut)
 
 
-def _nodes(world: ControlWorld, start: Configuration, pieces: list[Piece]) -> list[Configuration]:
+def _nodes(
+    world: ControlWorld, start: Configuration, pieces: list[ControlPiece]
+) -> list[Configuration]:
     """Return the states between pieces, from the start to the end."""
     nodes = [start]
     for piece in pieces:
@@ -218,9 +222,9 @@ def _arrive(
     world: ControlWorld,
     start: Configuration,
     goal: Configuration,
-    pieces: list[Piece],
-    budget: Budget,
-) -> list[Piece] | None:
+    pieces: list[ControlPiece],
+    budget: WorkBudget,
+) -> list[ControlPiece] | None:
     """Return the pieces with an end that leads exactly to the goal, from one of the last nodes."""
     nodes = _nodes(world, start, pieces)
     for back in (2, 1, 4, 0, 7, 11):
@@ -237,9 +241,9 @@ def _shortened(
     world: ControlWorld,
     start: Configuration,
     goal: Configuration,
-    pieces: list[Piece],
-    budget: Budget,
-) -> list[Piece]:
+    pieces: list[ControlPiece],
+    budget: WorkBudget,
+) -> list[ControlPiece]:
     """Return a way that is not slower, by shots between random nodes of it."""
     for attempt in range(world.tuning.shortcuts):
         nodes = [*_nodes(world, start, pieces)[:-1], goal]
@@ -261,7 +265,7 @@ def _shortened(
 
 
 def _exact(
-    world: ControlWorld, start: Configuration, goal: Configuration, pieces: list[Piece]
+    world: ControlWorld, start: Configuration, goal: Configuration, pieces: list[ControlPiece]
 ) -> Trajectory | None:
     """Return the timed motion with the goal as its last sample; None if it misses or collides."""
     found = world.roller.trajectory(start, pieces)

@@ -41,14 +41,14 @@ log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Piece:
+class ControlPiece:
     """Controls held constant for ``seconds``."""
 
     controls: tuple[float, ...]
     seconds: float
 
 
-def total(pieces: list[Piece]) -> float:
+def total(pieces: list[ControlPiece]) -> float:
     """Return the duration (s) of pieces one after the other."""
     return sum(p.seconds for p in pieces)
 
@@ -186,7 +186,7 @@ class Roller:
             best = max(best, float(np.hypot(rate[0], rate[1])))
         return best
 
-    def trajectory(self, start: Configuration, pieces: list[Piece]) -> Trajectory:
+    def trajectory(self, start: Configuration, pieces: list[ControlPiece]) -> Trajectory:
         """Return the motion under successive pieces, from time 0."""
         times = [np.zeros(1)]
         rows = [np.array([start[:3]], dtype=np.float64)]

@@ -36,7 +36,7 @@ from up_samp.model import (
     ProblemError,
     interpolate,
 )
-from up_samp.motion.budget import Budget
+from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.straight import leg_profile, timed_chain, turn_between
 from up_samp.motion.planners.ompl_solve import (
     Counter,
@@ -174,7 +174,7 @@ class FlyerWorld:
         return False
 
 
-class _Validity(ob.StateValidityChecker):  # type: ignore[misc]
+class _FlyerValidity(ob.StateValidityChecker):  # type: ignore[misc]
     def __init__(self, si: Any, world: FlyerWorld) -> None:
         super().__init__(si)
         self._world = world
@@ -183,7 +183,7 @@ class _Validity(ob.StateValidityChecker):  # type: ignore[misc]
         return self._world.pose_free(_read(state))
 
 
-class _Edges(ob.MotionValidator):  # type: ignore[misc]
+class _FlyerEdges(ob.MotionValidator):  # type: ignore[misc]
     def __init__(self, si: Any, world: FlyerWorld, counter: Counter) -> None:
         super().__init__(si)
         self._world = world
@@ -231,8 +231,8 @@ def flyer_leg(
     space = ob.SE3StateSpace()
     space.setBounds(box_bounds(world.low.tolist(), world.high.tolist()))
     si = ob.SpaceInformation(space)
-    si.setStateValidityChecker(_Validity(si, world))
-    si.setMotionValidator(_Edges(si, world, counter))
+    si.setStateValidityChecker(_FlyerValidity(si, world))
+    si.setMotionValidator(_FlyerEdges(si, world, counter))
     si.setup()
     pdef = ob.ProblemDefinition(si)
     pdef.setStartAndGoalStates(_state(si, start), _state(si, goal), 1e-9)
@@ -246,7 +246,7 @@ def flyer_leg(
         reason = f"OMPL's {name} found no path ({solved.status.lower()})"
         return OmplLeg(None, reason, blockers, counter.edges, not counter.cut)
     nodes = np.array([start, *solved.states[1:-1], goal], dtype=np.float64)
-    budget = Budget(deadline)
+    budget = WorkBudget(deadline)
     nodes = shorten(world, nodes, budget, seed, tuning or FlyerTuning())
     complete = not counter.cut and not budget.cut
     motion = timed_chain(nodes, body.kinematics)
@@ -254,7 +254,7 @@ def flyer_leg(
 
 
 def shorten(
-    world: FlyerWorld, nodes: FloatArray, budget: Budget, seed: int, tuning: FlyerTuning
+    world: FlyerWorld, nodes: FloatArray, budget: WorkBudget, seed: int, tuning: FlyerTuning
 ) -> FloatArray:
     """Return a chain that is not slower, by random shortcuts (Geraerts & Overmars 2007)."""
     rng = random.Random(seed)

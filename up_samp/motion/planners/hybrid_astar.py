@@ -14,9 +14,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.geometry.compiled import inner, kernel
 from up_samp.geometry.kernels import advance
-from up_samp.geometry.records import WorldData
+from up_samp.geometry.records import WorldData, inner, kernel
 from up_samp.geometry.sweeps import arc_free, first_blocked
 from up_samp.motion.curves.reeds_shepp import CarLimits, Pose, connect, run_time
 from up_samp.motion.guides.cost_to_go import Field, field_value

@@ -11,12 +11,12 @@ import numpy.typing as npt
 
 from up_samp.geometry import Scene, Shape
 from up_samp.model import Configuration, Deadline, Trajectory
-from up_samp.motion.budget import Budget
+from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.blending import chain_time, moved_corner, pieces
 from up_samp.motion.curves.reeds_shepp import run_time
 from up_samp.motion.curves.trajectories import reversed_trajectory
 from up_samp.motion.guides.cost_to_go import Fields, field_value
-from up_samp.motion.guides.search_space import Grain, Guide, pose_space, widest_shape
+from up_samp.motion.guides.search_space import Guide, SearchGrain, pose_space, widest_shape
 from up_samp.motion.planners import hybrid_astar as hybrid
 from up_samp.motion.planners.gliding import Glider
 from up_samp.motion.planners.omni_astar import (
@@ -91,7 +91,7 @@ class PlanarPlanner:
 
     def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a fast motion between two poses among resting obstacles."""
-        budget = Budget(deadline, query.effort)
+        budget = WorkBudget(deadline, query.effort)
         ends = query.start, query.goal
         shape = widest_shape(self.scene, query.body, ends, query.obstacles)
         if shape is None:
@@ -127,7 +127,7 @@ class PlanarPlanner:
         metres = float(field_value(field, x, y)) if len(field.values) else math.inf
         return slow(metres if math.isfinite(metres) else beeline)
 
-    def _one_way(self, query: LegQuery, shape: Shape, budget: Budget) -> Leg:
+    def _one_way(self, query: LegQuery, shape: Shape, budget: WorkBudget) -> Leg:
         """Return a motion by a search from the start."""
         body, goal, obstacles = query.body, query.goal, query.obstacles
         chain, shape, reason = self._chain(query, shape, budget)
@@ -142,7 +142,7 @@ class PlanarPlanner:
         return Leg(motion, "", budget.used, not budget.cut, chain)
 
     def _chain(
-        self, query: LegQuery, shape: Shape, budget: Budget
+        self, query: LegQuery, shape: Shape, budget: WorkBudget
     ) -> tuple[FloatArray | None, Shape, str]:
         """Return nodes (n, 3) of straight pieces, theta continuous, or None, the shape that they
         are free for, and why there are none.
@@ -166,7 +166,7 @@ class PlanarPlanner:
         return None, shape, "out of time" if budget.cut else reason
 
     def _search(
-        self, query: LegQuery, shape: Shape, grain: _Grain, budget: Budget
+        self, query: LegQuery, shape: Shape, grain: _Grain, budget: WorkBudget
     ) -> tuple[FloatArray | None, bool]:
         """Run A* at one resolution; return the chain or None, and whether it ran dry."""
         origin, target = (np.array(p[:3], dtype=np.float64) for p in (query.start, query.goal))
@@ -199,7 +199,7 @@ class PlanarPlanner:
         cell = min(step, CELL) if grain.tight else step
         guide = Guide(0, 0.0, self.settings.weight)
         reach = 16 * shape.circumscribed
-        space = pose_space(self.scene, ends, obstacles, reach, Grain(cell, bins), guide)
+        space = pose_space(self.scene, ends, obstacles, reach, SearchGrain(cell, bins), guide)
         moves = [(i * step, j * step, 0.0) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
         moves += [(0.0, 0.0, 2 * math.pi / bins), (0.0, 0.0, -2 * math.pi / bins)]
         (x, y, th), (gx, gy, gth) = (map(float, pose[:3]) for pose in ends)
@@ -220,7 +220,7 @@ class PlanarPlanner:
         nodes: FloatArray,
         goal: Configuration,
         motion: Trajectory,
-        budget: Budget,
+        budget: WorkBudget,
     ) -> tuple[Trajectory, FloatArray]:
         """Return a motion that is not slower, and its nodes: corners pushed outwards or cut in two.
 

@@ -12,9 +12,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.geometry.compiled import kernel
 from up_samp.geometry.kernels import advance, map_clearance, poly_distance
-from up_samp.geometry.records import WorldData
+from up_samp.geometry.records import WorldData, kernel
 from up_samp.geometry.sweeps import between, sweep_travel, travel_ratio
 from up_samp.motion.curves.reeds_shepp import CarLimits, Pose, connect
 

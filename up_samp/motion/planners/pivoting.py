@@ -18,16 +18,16 @@ import numpy.typing as npt
 
 from up_samp.geometry import Scene, Shape, sweeps
 from up_samp.model import Body, Deadline, MotionModel, Trajectory
-from up_samp.motion.budget import Budget
+from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.rolling import rolled, rolling_radius, rolling_time, rows_of
 from up_samp.motion.curves.straight import timed_chain
 from up_samp.motion.curves.trajectories import at_rest
-from up_samp.motion.fleet.moves import Move, corners_of, steer
+from up_samp.motion.fleet.moves import ShortMove, corners_of, steer
 from up_samp.motion.fleet.roadmap import Roadmap, cells_of
 from up_samp.motion.guides.cost_to_go import Fields, field_value
 from up_samp.motion.guides.search_space import search_box, widest_shape
 from up_samp.motion.planners.car import CarPlanner
-from up_samp.motion.planners.rounding import Rounding, Way
+from up_samp.motion.planners.rounding import RoundedWay, Rounding
 from up_samp.motion.protocol import Leg, LegQuery
 from up_samp.motion.tuning import CarTuning, PivotTuning, PlannersTuning
 
@@ -62,7 +62,7 @@ class PivotPlanner:
         if shape is None:
             reason = "the start or the goal touches the map or an obstacle"
             return Leg(None, reason, complete=True)
-        moves: Sequence[Move] | None = steer(body, *ends)
+        moves: Sequence[ShortMove] | None = steer(body, *ends)
         effort, cut = 0, False
         if not self._is_free(shape, query, moves or ()):
             moves, effort, cut = self._search(shape, query, deadline)
@@ -85,7 +85,7 @@ class PivotPlanner:
         self, shape: Shape, query: LegQuery, nodes: FloatArray, deadline: Deadline
     ) -> list[FloatArray]:
         """Return the chain through ``nodes``, and one with its corners driven round."""
-        way = Way.of(nodes)
+        way = RoundedWay.of(nodes)
         if way is None:
             return [nodes]
         rounding = Rounding(
@@ -105,14 +105,14 @@ class PivotPlanner:
         car = replace(
             kin, model=MotionModel.REEDSSHEPP, turning_radius=rolling_radius(kin), control=None
         )
-        budget = Budget(deadline, self.settings.arcs)
+        budget = WorkBudget(deadline, self.settings.arcs)
         arcs, _ = self._car.path(replace(query, body=replace(query.body, kinematics=car)), budget)
         start = np.array(query.start[:3], dtype=np.float64)
         return None if arcs is None else rows_of(start, arcs), budget.used
 
     def _search(
         self, shape: Shape, query: LegQuery, deadline: Deadline
-    ) -> tuple[list[Move] | None, int, bool]:
+    ) -> tuple[list[ShortMove] | None, int, bool]:
         """Return moves along a lattice, the places looked at, and whether time or work ended it."""
         body, ends = query.body, (query.start, query.goal)
         field = self.fields.toward(shape, query.goal, query.obstacles)
@@ -158,7 +158,7 @@ class PivotPlanner:
             i += 1
         return nodes
 
-    def _is_free(self, shape: Shape, query: LegQuery, moves: Sequence[Move]) -> bool:
+    def _is_free(self, shape: Shape, query: LegQuery, moves: Sequence[ShortMove]) -> bool:
         return all(self._sweeps_free(shape, query, m.rows) for m in moves)
 
     def _sweeps_free(self, shape: Shape, query: LegQuery, rows: FloatArray) -> bool:

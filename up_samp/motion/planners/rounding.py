@@ -42,7 +42,7 @@ SENSE = Sense()
 
 
 @dataclass(frozen=True)
-class Way:
+class RoundedWay:
     """Straight lines through ``points`` (m) from one heading to another (``ends``, rad), each
     driven ``ahead`` (1) or backwards (-1), with a radius (m) at each point: 0 where it rests and
     turns on the spot.
@@ -54,7 +54,7 @@ class Way:
     ends: tuple[float, float]
 
     @staticmethod
-    def of(nodes: FloatArray) -> Way | None:
+    def of(nodes: FloatArray) -> RoundedWay | None:
         """Return the way through ``nodes`` (n, 3), of lines and turns on the spot (None: it never
         drives).
         """
@@ -69,7 +69,9 @@ class Way:
         if not ahead:
             return None
         rests = (0.0,) * len(points)
-        return Way(tuple(points), tuple(ahead), rests, (float(nodes[0, 2]), float(nodes[-1, 2])))
+        return RoundedWay(
+            tuple(points), tuple(ahead), rests, (float(nodes[0, 2]), float(nodes[-1, 2]))
+        )
 
     @property
     def headings(self) -> list[float]:
@@ -152,7 +154,7 @@ class Rounding:
     is_free: Callable[[FloatArray], bool]
     stop: Callable[[], bool]
 
-    def rounded(self, way: Way) -> Way:
+    def rounded(self, way: RoundedWay) -> RoundedWay:
         """Return a free way that is not slower."""
         best, seconds = way, way.seconds(self.kinematics)
         for _ in range(self.tuning.rounds):
@@ -166,7 +168,9 @@ class Rounding:
                 break
         return best
 
-    def _better(self, others: Iterator[Way], limit: float) -> tuple[Way, float] | None:
+    def _better(
+        self, others: Iterator[RoundedWay], limit: float
+    ) -> tuple[RoundedWay, float] | None:
         """Return the fastest free one of some ways, if it is faster than ``limit`` (s)."""
         timed = ((way.seconds(self.kinematics), k, way) for k, way in enumerate(others))
         for seconds, _, way in sorted(item for item in timed if item[0] < limit - SENSE.gain):
@@ -174,7 +178,7 @@ class Rounding:
                 return way, seconds
         return None
 
-    def _others(self, way: Way, k: int) -> Iterator[Way]:
+    def _others(self, way: RoundedWay, k: int) -> Iterator[RoundedWay]:
         """Yield ways that are others at point ``k``."""
         radii = [share * rolling_radius(self.kinematics) for share in self.tuning.radii]
         if k in (0, len(way.points) - 1):
@@ -192,13 +196,13 @@ class Rounding:
             yield _cut_by(way, k, radius, share * cut)
 
 
-def _without(way: Way, k: int) -> Way:
+def _without(way: RoundedWay, k: int) -> RoundedWay:
     """Return a way that leaves out inner point ``k``."""
     points, radii = way.points[:k] + way.points[k + 1 :], way.radii[:k] + way.radii[k + 1 :]
     return replace(way, points=points, ahead=way.ahead[:k] + way.ahead[k + 1 :], radii=radii)
 
 
-def _cut_by(way: Way, k: int, radius: float, shift: float) -> Way:
+def _cut_by(way: RoundedWay, k: int, radius: float, shift: float) -> RoundedWay:
     """Return a way with inner point ``k`` pushed outwards by ``shift`` m, and cut by an arc."""
     (ax, ay), (x, y), (bx, by) = way.points[k - 1 : k + 2]
     before, after = math.hypot(x - ax, y - ay), math.hypot(bx - x, by - y)
@@ -210,7 +214,7 @@ def _cut_by(way: Way, k: int, radius: float, shift: float) -> Way:
     return replace(way, points=points, radii=(*way.radii[:k], radius, *way.radii[k + 1 :]))
 
 
-def _begun_in_an_arc(way: Way, radius: float) -> Way | None:
+def _begun_in_an_arc(way: RoundedWay, radius: float) -> RoundedWay | None:
     """Return a way that drives off at once, along its first heading, and bends into its way instead
     of turning on the spot at first (None: it need not turn, or there is no such arc).
     """
@@ -233,7 +237,7 @@ def _begun_in_an_arc(way: Way, radius: float) -> Way | None:
     )
 
 
-def _reversed(way: Way) -> Way:
+def _reversed(way: RoundedWay) -> RoundedWay:
     """Return a way from its end to its start."""
     ahead = tuple(-sign for sign in way.ahead[::-1])
-    return Way(way.points[::-1], ahead, way.radii[::-1], (way.ends[1], way.ends[0]))
+    return RoundedWay(way.points[::-1], ahead, way.radii[::-1], (way.ends[1], way.ends[0]))

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from up_samp.model import (
     Configuration,
 )
-from up_samp.motion.planners.control_law import Piece, Roller, miss, steps_of, total
+from up_samp.motion.planners.control_law import ControlPiece, Roller, miss, steps_of, total
 from up_samp.motion.tuning import ControlTuning
 
 FloatArray = npt.NDArray[np.float64]
@@ -45,16 +45,16 @@ class Shot:
             np.arange(len(high)) % self._width == self._width - 1, self._range, 0.0
         )
 
-    def pack(self, pieces: list[Piece]) -> FloatArray:
+    def pack(self, pieces: list[ControlPiece]) -> FloatArray:
         """Return the unknowns of given pieces (moved into the bounds)."""
         values = np.concatenate([np.append(p.controls, p.seconds) for p in pieces])
         share = (values - self._low) / np.where(self._range > 0, self._range, 1.0)
         return np.asarray(share.clip(0.0, 1.0))
 
-    def unpack(self, z: FloatArray) -> list[Piece]:
+    def unpack(self, z: FloatArray) -> list[ControlPiece]:
         """Return the pieces that unknowns stand for."""
         values = (self._low + self._range * z).reshape(-1, self._width)
-        return [Piece(tuple(v[:-1].tolist()), float(v[-1])) for v in values]
+        return [ControlPiece(tuple(v[:-1].tolist()), float(v[-1])) for v in values]
 
     def seconds(self, z: FloatArray) -> float:
         """Return the duration (s) that unknowns stand for."""
@@ -138,7 +138,7 @@ class Shot:
             free &= ~stuck
         return np.asarray(down)
 
-    def final(self, z: FloatArray) -> list[Piece] | None:
+    def final(self, z: FloatArray) -> list[ControlPiece] | None:
         """Return the pieces, exact for the steps that their trajectory will have."""
         self.counts = np.array([steps_of(p.seconds) for p in self.unpack(z)], dtype=np.int64)
         exact = self.restore(z)
@@ -148,16 +148,16 @@ class Shot:
 
 def shots(
     shot: Shot,
-    guesses: list[list[Piece]],
-    free: Callable[[list[Piece]], bool],
+    guesses: list[list[ControlPiece]],
+    free: Callable[[list[ControlPiece]], bool],
     stop: Callable[[], bool],
     best_of: int = 3,
-) -> list[Piece] | None:
+) -> list[ControlPiece] | None:
     """Return the quickest free way that grows out of the guesses (the ``best_of`` quickest hits are
     improved), or None.
     """
     hits = sorted(_hits(shot, guesses, free, stop), key=shot.seconds)
-    found: list[Piece] | None = None
+    found: list[ControlPiece] | None = None
     for z in hits[:best_of]:
         better = shot.quicken(z, lambda x: not stop() and free(shot.unpack(x)))
         for candidate in (better, z):
@@ -171,8 +171,8 @@ def shots(
 
 def _hits(
     shot: Shot,
-    guesses: list[list[Piece]],
-    free: Callable[[list[Piece]], bool],
+    guesses: list[list[ControlPiece]],
+    free: Callable[[list[ControlPiece]], bool],
     stop: Callable[[], bool],
 ) -> Iterator[FloatArray]:
     for guess in guesses:

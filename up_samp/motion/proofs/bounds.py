@@ -21,7 +21,7 @@ from up_samp.motion.guides.visibility import Visibility
 from up_samp.motion.proofs.certificates import Certifier
 
 
-class Bounds:
+class DurationBounds:
     """Lower bounds (s) on motions in one scene, cached by body size and obstacles."""
 
     def __init__(self, scene: Scene, certifier: Certifier | None = None, size: int = 64) -> None:

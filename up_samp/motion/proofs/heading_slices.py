@@ -18,8 +18,7 @@ import numpy.typing as npt
 import shapely
 
 from up_samp.geometry import Scene
-from up_samp.geometry.compiled import inner, kernel
-from up_samp.geometry.records import GridFrame, PolyData, along, grid_point
+from up_samp.geometry.records import GridFrame, PolyData, along, grid_point, inner, kernel
 from up_samp.geometry.shapes import shape_of
 from up_samp.model import Body, Configuration, Deadline, Placed
 from up_samp.motion.guides.cost_to_go import point_to_convex

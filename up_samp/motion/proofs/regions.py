@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.geometry.compiled import kernel
-from up_samp.geometry.records import GridFrame, PolyData, grid_along, grid_point
+from up_samp.geometry.records import GridFrame, PolyData, grid_along, grid_point, kernel
 from up_samp.motion.guides.cost_to_go import point_to_convex
 
 MOST_ALTERNATIVES = 16

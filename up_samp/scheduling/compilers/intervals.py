@@ -1,31 +1,322 @@
-"""Conditions over intervals that may be empty, for engines that do not take those as asking
-nothing.
-
-Where the duration decides whether the interval holds an instant, the condition moves to an
-auxiliary optional activity that spans just the interval and is present if that is not empty.
+"""Conditions over intervals, said so that engines read them as they are meant: half-open ones where
+time is dense, empty ones, those that only keep others away, and those that need one supporter.
 """
 
 from __future__ import annotations
 
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from up_samp.model import CandidateSchedule
-from up_samp.scheduling.compilers.expressions import (
+from up_samp.scheduling.compilers.fluents import least, never_empty
+from up_samp.scheduling.compilers.plain import (
+    LIMITS,
     TRUE,
+    Activity,
+    Compiled,
+    Condition,
+    Effect,
     Expr,
+    PlainProblem,
     conjunction,
     disjunction,
     end,
+    evaluate,
+    fresh,
     implies,
     integer,
+    later,
+    names_in_use,
     negation,
+    rewrite,
     start,
     subexpressions,
 )
-from up_samp.scheduling.compilers.fresh import fresh, names_in_use
-from up_samp.scheduling.compilers.ground import least, never_empty
-from up_samp.scheduling.compilers.limits import LIMITS
-from up_samp.scheduling.compilers.plain import Activity, Compiled, Condition, PlainProblem
+
+
+def compile_support(problem: PlainProblem) -> Compiled:
+    """State conditions that effects may renew so that one supporter each loses nothing; likewise
+    those over an interval that relate several fluents, which engines take for several conditions.
+
+    The result is not exact where an interval may be empty, and where what an effect leaves hangs
+    on other fluents and on whether it comes within.
+    """
+    conditions: list[Condition] = []
+    constraints: list[Expr] = []
+    exact = True
+    for condition in _conjuncts(problem.conditions):
+        behind = least(problem, condition.high, condition.low)
+        if behind is not None and behind > 0:
+            continue  # over nothing
+        read = {f[1] for f in _fluents(condition.expression)}
+        near = [e for e in problem.effects if e.fluent[1] in read]
+        instant = behind == 0  # or nothing
+        renewed = not instant and any(
+            _own(condition, e) and _renews(problem, condition, e) for e in near
+        )
+        wanted = renewed or (len(read) > 1 and not instant)
+        said = _effect_by_effect(problem, condition, near) if wanted else None
+        if said is None:
+            exact = exact and not renewed
+            conditions.append(condition)
+        else:
+            conditions += said[0]
+            constraints += said[1]
+    every = (*problem.constraints, *(c for c in constraints if c != TRUE))
+    found = replace(problem, conditions=tuple(dict.fromkeys(conditions)), constraints=every)
+    return Compiled(found, exact=exact)
+
+
+def _conjuncts(conditions: Iterable[Condition]) -> Iterator[Condition]:
+    for condition in conditions:
+        whole = condition.expression
+        for part in whole[1:] if whole[0] == "and" else (whole,):
+            yield replace(condition, expression=part)
+
+
+def _own(condition: Condition, effect: Effect) -> bool:
+    """Return whether the effect may come within the interval of the condition at all."""
+    return None in (condition.owner, effect.owner) or condition.owner == effect.owner
+
+
+def _effect_by_effect(
+    problem: PlainProblem, condition: Condition, effects: list[Effect]
+) -> tuple[list[Condition], list[Expr]] | None:
+    """Return conditions at instants, and constraints, that say the same as a condition over an
+    interval, given all effects on what it reads; ``None`` where these cannot say it.
+    """
+    low, high, optional = condition.low, condition.high, problem.optional_names()
+    flat = all(len(f) == 2 for f in (*_fluents(condition.expression), *(e.fluent for e in effects)))
+    before_the_end = high[1] == "horizon" and high[3] < 0
+    if not flat or before_the_end or not never_empty(problem, condition):
+        return None
+    conditions = [replace(condition, high=low)]
+    constraints: list[Expr] = []
+    for effect in effects:
+        if not _own(condition, effect):
+            constraints.append(outside(condition, effect, optional))
+            continue
+        since, until = least(problem, low, effect.time), least(problem, effect.time, high)
+        if effect.kind != "assign" or _fluents(effect.value) or _fluents(effect.condition):
+            return None
+        after = evaluate(rewrite(condition.expression, {effect.fluent: effect.value}.get))
+        ways = [negation(("pres", o)) for o in {condition.owner, effect.owner} & optional]
+        ways += [negation(effect.condition), ("lt", effect.time, low)]
+        if high[1] != "horizon":  # which comes after all effects
+            ways.append(("le", high, effect.time))
+        if not _fluents(after):
+            constraints.append(disjunction([*ways, after]))
+        elif since is None or since < 0 or until is None or until < 1:
+            return None
+        elif effect.owner not in (None, condition.owner):
+            return None  # which may be absent
+        else:
+            then = later(effect.time, 1)
+            conditions.append(replace(condition, low=then, high=then))
+    return conditions, constraints
+
+
+def _fluents(expression: Expr) -> list[Expr]:
+    return [e for e in subexpressions(expression) if e[0] == "flu"]
+
+
+def _renews(problem: PlainProblem, condition: Condition, effect: Effect) -> bool:
+    """Return whether the effect may come within the interval and keep the condition true."""
+    if _breaks(condition, effect):
+        return False
+    before = least(problem, effect.time, condition.low)
+    after = least(problem, condition.high, effect.time)
+    return not ((before is not None and before >= 1) or (after is not None and after >= 0))
+
+
+def _breaks(condition: Condition, effect: Effect) -> bool:
+    """Return whether the condition asks for a constant other than the effect's."""
+    expression = condition.expression
+    if effect.kind != "assign" or expression[0] != "eq":
+        return False
+    wanted = [e for e in expression[1:] if e != effect.fluent]
+    constants = ("obj", "int", "bool")
+    if len(wanted) != 1 or wanted[0][0] not in constants or effect.value[0] not in constants:
+        return False
+    return bool(wanted[0] != effect.value)
+
+
+# ------------------ Half-open conditions where time is dense: what is set in their last unit is see
+# A condition over ``[low, high + 1)`` holds at ``high``, and also right after it. Effects of other
+# activities keep out of it anyway; one of its own activity, or of the problem itself, may come at
+# ``high``. Then the condition has to hold with what that sets, which engines that know integer
+# times only do not ask for.
+
+
+def compile_dense(problem: PlainProblem) -> Compiled:
+    """State for every effect that may come in the last unit of a half-open condition that it does
+    not, or keeps it true.
+
+    The result is not exact where what it sets cannot be told from parameters alone: there it is
+    kept away.
+    """
+    optional = problem.optional_names()
+    constraints: list[Expr] = []
+    conditions: dict[Condition, None] = {}
+    exact = True
+    for condition in problem.conditions:
+        conditions[replace(condition, dense=False)] = None
+        for effect in problem.effects if condition.dense else ():
+            if not _may_meet(problem, condition, effect):
+                continue
+            after = _after(condition.expression, effect)
+            exact = exact and after is not None
+            ways = [negation(("pres", o)) for o in {condition.owner, effect.owner} & optional]
+            if effect.condition != TRUE:
+                ways.append(negation(effect.condition))
+            if any(e[0] == "flu" for e in subexpressions(effect.condition)):
+                ways.pop()  # whether it holds cannot be told: as if it did
+                exact = False
+            ways += _at_other_times(problem, condition, effect)
+            constraints.append(disjunction([*ways, *([after] if after is not None else [])]))
+    every = (*problem.constraints, *(c for c in constraints if c != TRUE))
+    found = replace(problem, conditions=tuple(conditions), constraints=every)
+    return Compiled(found, exact=exact)
+
+
+def _may_meet(problem: PlainProblem, condition: Condition, effect: Effect) -> bool:
+    """Return whether an effect may come at the condition's last instant, and matters to it."""
+    read = {e[1] for e in subexpressions(condition.expression) if e[0] == "flu"}
+    if effect.fluent[1] not in read:
+        return False
+    if None not in (condition.owner, effect.owner) and condition.owner != effect.owner:
+        return False
+    before = least(problem, effect.time, condition.high)
+    after = least(problem, condition.high, effect.time)
+    return not ((before or 0) >= 1 or (after or 0) >= 1)
+
+
+def _after(expression: Expr, effect: Effect) -> Expr | None:
+    """Return an expression with what an effect sets; ``None`` if other fluents matter, too."""
+    if effect.kind != "assign" or any(e[0] == "flu" for e in subexpressions(effect.value)):
+        return None
+    said = evaluate(rewrite(expression, lambda e: effect.value if e == effect.fluent else None))
+    return None if any(e[0] == "flu" for e in subexpressions(said)) else said
+
+
+def _at_other_times(problem: PlainProblem, condition: Condition, effect: Effect) -> list[Expr]:
+    """Return the ways in which an effect is not at the last instant of a condition that asks for
+    anything.
+    """
+    ways: list[Expr] = []
+    if least(problem, condition.high, effect.time) != 0:
+        ways.append(("lt", effect.time, condition.high))
+    if least(problem, effect.time, condition.high) != 0:
+        ways.append(("lt", condition.high, effect.time))
+    span = least(problem, condition.low, condition.high)
+    if span is None or span < 0:
+        ways.append(("lt", condition.high, condition.low))
+    return ways
+
+
+# ------------------ Conditions that only keep others away, and conditions that another one implies
+# A condition that every value satisfies (``f = f``) still keeps the effects of other activities on
+# ``f`` out of its interval. That is said by differences, which spares engines a supporter.
+
+
+def compile_stillness(problem: PlainProblem) -> Compiled:
+    """Turn tautologies over a fluent without arguments into constraints; drop conditions over
+    a part of the interval of an equal one.
+    """
+    effects: dict[Expr, list[Effect]] = defaultdict(list)
+    for effect in problem.effects:
+        effects[effect.fluent].append(effect)
+    optional = problem.optional_names()
+    constraints: list[Expr] = []
+    conditions: dict[Condition, None] = {}
+    for condition in problem.conditions:
+        fluent = _still(condition)
+        if fluent is None:
+            conditions[condition] = None
+        else:
+            constraints += [
+                outside(condition, e, optional)
+                for e in effects[fluent]
+                if e.owner is not None and condition.owner not in (None, e.owner)
+            ]
+    return Compiled(
+        replace(
+            problem,
+            conditions=tuple(_without_implied(list(conditions))),
+            constraints=(*problem.constraints, *constraints),
+        )
+    )
+
+
+def compile_apart(problem: PlainProblem) -> Compiled:
+    """Say by differences, for every condition, that effects of other activities stay out of its
+    interval: for engines that sometimes let one coincide with an end of it (quadratic).
+    """
+    optional = problem.optional_names()
+    constraints = [
+        outside(condition, effect, optional)
+        for condition in problem.conditions
+        for effect in problem.effects
+        if effect.fluent in set(subexpressions(condition.expression))
+        and effect.owner is not None
+        and condition.owner not in (None, effect.owner)
+    ]
+    return Compiled(replace(problem, constraints=(*problem.constraints, *constraints)))
+
+
+def _still(condition: Condition) -> Expr | None:
+    """Return the fluent if the condition says ``f = f`` (or ``f or not f``), else ``None``."""
+    expression = condition.expression
+    if expression[0] in ("eq", "iff", "le") and expression[1] == expression[2]:
+        fluent: Expr = expression[1]
+    elif expression[0] == "or" and len(expression) == 3:
+        a, b = expression[1:]
+        if negation(a) != b:
+            return None
+        fluent = a[1] if a[0] == "not" else a
+    else:
+        return None
+    return fluent if fluent[0] == "flu" and len(fluent) == 2 else None
+
+
+def outside(condition: Condition, effect: Effect, optional: frozenset[str]) -> Expr:
+    """State that the effect does not happen within the interval (always, if that is empty)."""
+    owners = (condition.owner, effect.owner)
+    ways: list[Expr] = [negation(("pres", owner)) for owner in owners if owner in optional]
+    if effect.condition != TRUE and all(s[0] != "flu" for s in subexpressions(effect.condition)):
+        ways.append(negation(effect.condition))
+    before = ("le", later(effect.time, 1), condition.low)
+    after = ("le", later(condition.high, 1), effect.time)
+    return disjunction([*ways, before, after])
+
+
+def _without_implied(conditions: list[Condition]) -> list[Condition]:
+    by_content: dict[tuple[str | None, Expr], list[Condition]] = defaultdict(list)
+    for condition in conditions:
+        by_content[condition.owner, condition.expression].append(condition)
+    return [
+        c
+        for c in conditions
+        if not any(_inside(c, d) for d in by_content[c.owner, c.expression] if d is not c)
+    ]
+
+
+def _inside(c: Condition, d: Condition) -> bool:
+    """Return whether the interval of ``c`` is surely a part of that of ``d``."""
+    if c.low == d.low and c.high == d.high:
+        return False  # the same (kept once, as conditions are a set here)
+    begins = c.low == d.low or (c.low[:3] == d.low[:3] and c.low[3] >= d.low[3])
+    ends = c.high[:3] == d.high[:3] and c.high[3] <= d.high[3]
+    point = c.low == c.high and c.low[1] == "start" and d.high[1:3] == ("end", c.low[2])
+    return begins and (ends or (point and d.high[3] >= c.high[3]))
+
+
+# ------------------ Conditions over intervals that may be empty, for engines that do not take those
+# nothing.
+#
+# Where the duration decides whether the interval holds an instant, the condition moves to an
+# auxiliary optional activity that spans just the interval and is present if that is not empty.
 
 
 def compile_intervals(problem: PlainProblem) -> Compiled:
@@ -35,13 +326,13 @@ def compile_intervals(problem: PlainProblem) -> Compiled:
     fluent itself: there the interval is just demanded not to be empty. Nor is it where an
     interval may begin before time 0, or be empty towards the plan's end.
     """
-    compiler = _Compiler(problem)
+    compiler = _IntervalCompiler(problem)
     for condition in problem.conditions:
         compiler.add(condition)
     return compiler.result()
 
 
-class _Compiler:
+class _IntervalCompiler:
     def __init__(self, problem: PlainProblem):
         self.problem = problem
         self.taken = names_in_use(problem)

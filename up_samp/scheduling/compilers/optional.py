@@ -1,53 +1,168 @@
-"""Optional activities away: every activity becomes mandatory, a bool parameter says presence.
-
-An absent activity runs as early and as short as it can (at time 0, mostly without duration). Its
-conditions and effects stay, on private copies of the fluents: every fluent that an optional
-activity touches gets one more parameter, a *slot*. The slot ``main`` is the real fluent. Each
-condition and effect of an optional activity has a slot parameter that is ``main`` if the activity
-is present, and ``off...`` if not; the copies that absent conditions read have suitable initial
-values (shared where those are equal, as nobody writes there), the copies that absent effects write
-are read by nobody. An effect with a condition over parameters is treated likewise: its slot is
-``main`` if it happens.
-
-Size: linear in the conditions and effects.
+"""Optional activities and global decision variables away: everything becomes mandatory, a bool
+parameter says presence.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import replace
 
 from up_samp.model import CandidateSchedule, UnsupportedError
-from up_samp.scheduling.compilers.differences import DifferenceForm
-from up_samp.scheduling.compilers.expressions import (
-    TRUE,
-    Expr,
-    Type,
-    conjunction,
-    disjunction,
-    end,
-    integer,
-    rewrite,
-    show,
-    start,
-    subexpressions,
-)
-from up_samp.scheduling.compilers.fresh import fresh, names_in_use
-from up_samp.scheduling.compilers.idle import (
-    ground_fluents,
-    idle_values,
-    some_value,
-    touched_fluents,
-    wished_values,
-)
+from up_samp.scheduling.compilers.constraints import DifferenceForm
 from up_samp.scheduling.compilers.plain import (
+    TRUE,
     Activity,
     Compiled,
     Condition,
     Effect,
+    Expr,
     Fluent,
     PlainProblem,
+    Type,
+    conjunction,
+    disjunction,
+    end,
+    evaluate,
+    fresh,
+    integer,
+    names_in_use,
+    rewrite,
+    show,
+    start,
+    subexpressions,
+    values_of,
 )
+
+
+def touched_fluents(problem: PlainProblem, optional: frozenset[str]) -> set[str]:
+    """Return the fluents that optional activities, and effects with conditions, read or write."""
+    touched = {e.fluent[1] for e in problem.effects if e.owner in optional or e.condition != TRUE}
+    for condition in problem.conditions:
+        if condition.owner in optional:
+            touched.update(e[1] for e in subexpressions(condition.expression) if e[0] == "flu")
+    return touched
+
+
+def ground_fluents(problem: PlainProblem, fluents: set[str]) -> list[Expr]:
+    """Return all ground expressions of these fluents."""
+    ground = []
+    for name in sorted(fluents):
+        domains = [values_of(problem, t) for _, t in problem.fluents[name].parameters]
+        ground += [("flu", name, *choice) for choice in itertools.product(*domains)]
+    return ground
+
+
+def some_value(problem: PlainProblem, tpe: Type) -> Expr:
+    """Return any value of a type."""
+    if tpe[0] == "int":
+        return integer(tpe[1] if tpe[1] is not None else tpe[2] if tpe[2] is not None else 0)
+    return values_of(problem, tpe)[0]
+
+
+def idle_values(problem: PlainProblem, owner: str) -> dict[Expr, Expr]:
+    """Return values that the parameters of an absent activity may take so that all its conditions
+    hold on private copies. Nothing else asks anything of them then.
+    """
+    conditions = [c for c in problem.conditions if c.owner == owner]
+    used = {e: e for c in conditions for e in subexpressions(c.expression) if e[0] == "par"}
+    types = problem.parameter_types()
+    finite = [(p, types[p[1]]) for p in used]
+    finite = [(p, t) for p, t in finite if t[0] != "int" or None not in t[1:]]
+    domains = [values_of(problem, t) for _, t in finite]
+    for choice in itertools.islice(itertools.product(*domains), 10_000):
+        values = dict(zip((p for p, _ in finite), choice, strict=True))
+        if all(wished_values(problem, c, values) is not None for c in conditions):
+            return values
+    shown = ", ".join(show(c.expression) for c in conditions)
+    raise UnsupportedError(
+        f"the conditions of optional activity {owner} ({shown}): no values of its fluents and "
+        "parameters are known to satisfy them"
+    )
+
+
+def wished_values(
+    problem: PlainProblem, condition: Condition, idle: dict[Expr, Expr]
+) -> dict[Expr, Expr] | None:
+    """Return values of the fluents with which the condition holds if the parameters have their
+    ``idle`` values, whatever others do; None where none are known.
+    """
+    atoms = [e for e in subexpressions(condition.expression) if e[0] == "flu"]
+    distinct = list(dict.fromkeys(atoms))
+    expression = condition.expression
+    domains = [_candidates(problem, expression, atom) for atom in distinct]
+    for choice in itertools.islice(itertools.product(*domains), 100_000):
+        values = dict(zip(distinct, choice, strict=True))
+        if evaluate(rewrite(rewrite(expression, values.get), idle.get)) == TRUE:
+            return values
+    return None
+
+
+def _candidates(problem: PlainProblem, expression: Expr, atom: Expr) -> list[Expr]:
+    tpe = problem.fluents[atom[1]].type
+    if tpe[0] != "int":
+        return values_of(problem, tpe)
+    numbers = {e[1] + d for e in subexpressions(expression) if e[0] == "int" for d in (-1, 0, 1)}
+    numbers |= {0} | {bound for bound in tpe[1:] if bound is not None}
+    low, high = tpe[1], tpe[2]
+    inside = [
+        n for n in sorted(numbers) if (low is None or low <= n) and (high is None or n <= high)
+    ]
+    return [integer(n) for n in inside]
+
+
+# ------------------ Global decision variables to parameters of an auxiliary activity
+# For engines that do not report values of variables that belong to no activity (aries 0.5.0).
+
+
+def compile_variables(problem: PlainProblem) -> Compiled:
+    """Give all global variables to one activity of no duration at time 0."""
+    if not problem.variables:
+        return Compiled(problem)
+    name = fresh("variables", names_in_use(problem))
+    owner = Activity(name, False, integer(0), integer(0), tuple(problem.variables.items()))
+    compiled = replace(
+        problem,
+        activities=(*problem.activities, owner),
+        constraints=(*problem.constraints, ("le", start(name), integer(0))),
+        variables={},
+    )
+
+    def map_back(schedule: CandidateSchedule) -> CandidateSchedule:
+        times = {a: t for a, t in schedule.times.items() if a != name}
+        return CandidateSchedule(times, schedule.parameters)
+
+    return Compiled(compiled, map_back)
+
+
+def compile_anchor(problem: PlainProblem) -> Compiled:
+    """Add an activity of no duration where none has to be present: cpse 0.1.0 finds no makespan
+    in a problem without activities, and calls it unsolvable.
+    """
+    if any(not a.optional for a in problem.activities):
+        return Compiled(problem)
+    name = fresh("anchor", names_in_use(problem))
+    anchor = Activity(name, False, integer(0), integer(0))
+    compiled = replace(problem, activities=(*problem.activities, anchor))
+
+    def map_back(schedule: CandidateSchedule) -> CandidateSchedule:
+        times = {a: t for a, t in schedule.times.items() if a != name}
+        return CandidateSchedule(times, schedule.parameters)
+
+    return Compiled(compiled, map_back)
+
+
+# ------------------ Optional activities away: every activity becomes mandatory, a bool parameter sa
+# An absent activity runs as early and as short as it can (at time 0, mostly without duration). Its
+# conditions and effects stay, on private copies of the fluents: every fluent that an optional
+# activity touches gets one more parameter, a *slot*. The slot ``main`` is the real fluent. Each
+# condition and effect of an optional activity has a slot parameter that is ``main`` if the
+# activity is present, and ``off...`` if not; the copies that absent conditions read have suitable
+# initial values (shared where those are equal, as nobody writes there), the copies that absent
+# effects write are read by nobody. An effect with a condition over parameters is treated likewise:
+# its slot is ``main`` if it happens.
+#
+# Size: linear in the conditions and effects.
 
 
 def compile_optional(problem: PlainProblem) -> Compiled:
@@ -59,10 +174,10 @@ def compile_optional(problem: PlainProblem) -> Compiled:
     """
     if not problem.optional_names() and all(e.condition == TRUE for e in problem.effects):
         return Compiled(problem)
-    return _Compiler(problem).compile()
+    return _OptionalCompiler(problem).compile()
 
 
-class _Compiler:
+class _OptionalCompiler:
     def __init__(self, problem: PlainProblem):
         self.problem = problem
         self.taken = names_in_use(problem)

@@ -5,26 +5,30 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from up_samp.model import CandidateSchedule, check_time
-from up_samp.scheduling.compilers.dense import compile_dense
-from up_samp.scheduling.compilers.differences import compile_differences
-from up_samp.scheduling.compilers.flat import compile_flat_types
-from up_samp.scheduling.compilers.ground import compile_ground
-from up_samp.scheduling.compilers.instances import compile_instances
-from up_samp.scheduling.compilers.intervals import compile_intervals
-from up_samp.scheduling.compilers.names import compile_names
-from up_samp.scheduling.compilers.numbers import compile_numbers
-from up_samp.scheduling.compilers.optional import compile_optional
+from up_samp.scheduling.compilers.constraints import (
+    compile_differences,
+    compile_products,
+    compile_rules,
+)
+from up_samp.scheduling.compilers.fluents import compile_ground, compile_instances, compile_numbers
+from up_samp.scheduling.compilers.intervals import (
+    compile_apart,
+    compile_dense,
+    compile_intervals,
+    compile_stillness,
+    compile_support,
+)
+from up_samp.scheduling.compilers.optional import (
+    compile_anchor,
+    compile_optional,
+    compile_variables,
+)
 from up_samp.scheduling.compilers.plain import Compiled, PlainProblem
 from up_samp.scheduling.compilers.precedences import compile_precedences
-from up_samp.scheduling.compilers.products import compile_products
 from up_samp.scheduling.compilers.resources import compile_resources
-from up_samp.scheduling.compilers.rules import compile_rules
 from up_samp.scheduling.compilers.settled import compile_settled
-from up_samp.scheduling.compilers.stillness import compile_apart, compile_stillness
-from up_samp.scheduling.compilers.support import compile_support
 from up_samp.scheduling.compilers.tokens import compile_tokens
-from up_samp.scheduling.compilers.unused import compile_unused
-from up_samp.scheduling.compilers.variables import compile_anchor, compile_variables
+from up_samp.scheduling.compilers.types import compile_flat_types, compile_names, compile_unused
 from up_samp.scheduling.quirks import Quirks
 
 Compiler = Callable[[PlainProblem], Compiled]

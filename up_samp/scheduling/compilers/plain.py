@@ -1,16 +1,164 @@
-"""Scheduling problems as plain values: what the compilers work on.
-
-A :class:`PlainProblem` says the same as a UP ``SchedulingProblem`` in tuples and names: it is
-cheap to rewrite, to compare and to send to another process (:mod:`.expressions`).
-"""
+"""Scheduling problems as plain values: what compilers work on. Expressions are nested tuples."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
-from up_samp.model import CandidateSchedule, UnsupportedError
-from up_samp.scheduling.compilers.expressions import TRUE, Expr, Type, show
+from up_samp.model import CandidateSchedule, UnsupportedError, check_time
+
+
+@dataclass(frozen=True)
+class CompilerLimits:
+    """What needs more is said in another way, or refused by name."""
+
+    values: int = 100
+    """Largest domain whose values become objects."""
+    forbidden_sets: int = 5000
+    """Most sets of activities that are forbidden one by one, per resource."""
+    factor: int = 100
+    """Largest constant in a product that becomes a sum."""
+    span: int = 10**6
+    """Upper bound for the length of a span whose owner's is not a constant."""
+
+
+LIMITS = CompilerLimits()
+
+
+# ------------------ Expressions as nested tuples: conditions, constraints and durations of plain pr
+# ==================================== ===========================================================
+# ``("bool", b)``, ``("int", n)`` constants ``("obj", name)`` an object ``("par", name)`` a
+# decision variable (``activity.parameter`` or a global one) ``("pres", activity)`` the activity is
+# present ``("time", anchor, activity, k)`` ``anchor + k``; anchor is one of ``start``, ``end`` (of
+# the activity), ``zero``, ``horizon`` (activity ``None``) ``("flu", name, *arguments)`` a fluent
+# ``("and"|"or", *operands)`` n-ary; ``("not", x)``, ``("implies"|"iff", a, b)`` ``("eq"|"le"|"lt",
+# a, b)`` comparisons ``("plus"|"times", *operands)`` n-ary; ``("minus"|"div", a, b)``
+# ==================================== ===========================================================
+#
+# Types are ``("bool",)``, ``("int", low, high)`` (``None``: open) and ``("user", name)``. Times
+# are integers (schedule units).
+
+
+Expr = tuple[Any, ...]
+
+
+Type = tuple[Any, ...]
+
+
+TRUE: Expr = ("bool", True)
+
+
+FALSE: Expr = ("bool", False)
+
+
+_LEAVES = ("bool", "int", "obj", "par", "pres", "time", "var")
+
+
+def start(activity: str, delay: int = 0) -> Expr:
+    """Return the start of ``activity`` plus ``delay``."""
+    return ("time", "start", activity, delay)
+
+
+def end(activity: str, delay: int = 0) -> Expr:
+    """Return the end of ``activity`` plus ``delay``."""
+    return ("time", "end", activity, delay)
+
+
+def integer(n: int) -> Expr:
+    """Return an integer constant."""
+    return ("int", n)
+
+
+def later(time: Expr, delay: int) -> Expr:
+    """Return a time expression moved by ``delay``."""
+    return (*time[:3], time[3] + delay)
+
+
+def conjunction(operands: Iterable[Expr]) -> Expr:
+    """Return the flattened, simplified conjunction."""
+    return _nary("and", operands, TRUE, FALSE)
+
+
+def disjunction(operands: Iterable[Expr]) -> Expr:
+    """Return the flattened, simplified disjunction."""
+    return _nary("or", operands, FALSE, TRUE)
+
+
+def _nary(operator: str, operands: Iterable[Expr], neutral: Expr, absorbing: Expr) -> Expr:
+    check_time()  # most of what compilers make of large problems is made here
+    flat: dict[Expr, None] = {}
+    for operand in operands:
+        if operand == absorbing:
+            return absorbing
+        if operand[0] == operator:
+            flat.update(dict.fromkeys(operand[1:]))
+        elif operand != neutral:
+            flat[operand] = None
+    if not flat:
+        return neutral
+    return next(iter(flat)) if len(flat) == 1 else (operator, *flat)
+
+
+def negation(expression: Expr) -> Expr:
+    """Return the simplified negation."""
+    if expression[0] == "bool":
+        return ("bool", not expression[1])
+    return expression[1] if expression[0] == "not" else ("not", expression)
+
+
+def implies(condition: Expr, consequence: Expr) -> Expr:
+    """Return the simplified implication."""
+    if condition == TRUE or consequence == TRUE:
+        return consequence
+    if condition == FALSE:
+        return TRUE
+    return ("implies", condition, consequence)
+
+
+def subexpressions(expression: Expr) -> Iterator[Expr]:
+    """Yield the expression and everything below it."""
+    yield expression
+    if expression[0] == "flu":
+        for argument in expression[2:]:
+            yield from subexpressions(argument)
+    elif expression[0] not in _LEAVES:
+        for operand in expression[1:]:
+            yield from subexpressions(operand)
+
+
+def rewrite(expression: Expr, leaf: Callable[[Expr], Expr | None]) -> Expr:
+    """Return ``expression`` with every node replaced for which ``leaf`` returns one (top-down)."""
+    replaced = leaf(expression)
+    if replaced is not None:
+        return replaced
+    operator = expression[0]
+    if operator in _LEAVES:
+        return expression
+    keep = 2 if operator == "flu" else 1
+    return (*expression[:keep], *(rewrite(e, leaf) for e in expression[keep:]))
+
+
+def show(expression: Expr) -> str:
+    """Return the expression as text for people."""
+    operator, rest = expression[0], expression[1:]
+    if operator in ("bool", "int", "obj", "par"):
+        return str(rest[0])
+    if operator == "pres":
+        return f"present({rest[0]})"
+    if operator == "time":
+        anchor, activity, delay = rest
+        name = anchor if activity is None else f"{activity}.{anchor}"
+        return name if delay == 0 else f"{name} {'+' if delay > 0 else '-'} {abs(delay)}"
+    if operator == "flu":
+        arguments = ", ".join(show(e) for e in rest[1:])
+        return f"{rest[0]}({arguments})" if arguments else str(rest[0])
+    return f"{operator}({', '.join(show(e) for e in rest)})"
+
+
+# ------------------ Scheduling problems as plain values: what the compilers work on
+# A ``PlainProblem`` says the same as a UP ``SchedulingProblem`` in tuples and names: it is cheap
+# to rewrite, to compare and to send to another process (``expressions``).
 
 
 @dataclass(frozen=True)
@@ -131,3 +279,82 @@ class Compiled:
     map_back: Callable[[CandidateSchedule], CandidateSchedule] = lambda schedule: schedule
     floor: int = 0
     exact: bool = True
+
+
+# ------------------ Values of types and of constant expressions
+
+
+def values_of(problem: PlainProblem, tpe: Type) -> list[Expr]:
+    """Return all values of a type.
+
+    Raises:
+        UnsupportedError: an unbounded integer.
+    """
+    if tpe[0] == "bool":
+        return [("bool", False), ("bool", True)]
+    if tpe[0] == "user":
+        return [("obj", name) for name in problem.objects_of(tpe[1])]
+    if tpe[1] is None or tpe[2] is None:
+        raise UnsupportedError("an unbounded integer where all values are needed")
+    return [integer(n) for n in range(tpe[1], tpe[2] + 1)]
+
+
+def evaluate(expression: Expr) -> Expr:
+    """Return the expression with all constant parts evaluated."""
+    operator = expression[0]
+    if operator in ("bool", "int", "obj", "par", "pres", "time", "flu"):
+        return expression
+    operands = [evaluate(e) for e in expression[1:]]
+    if operator in ("and", "or"):
+        return (conjunction if operator == "and" else disjunction)(operands)
+    if any(o[0] not in ("bool", "int", "obj") for o in operands):
+        return _half_constant(operator, operands)
+    return _constant(operator, [o[1] for o in operands])
+
+
+def _half_constant(operator: str, operands: list[Expr]) -> Expr:
+    if operator == "implies":
+        if operands[0] == FALSE or operands[1] == TRUE:
+            return TRUE
+        if operands[0] == TRUE:
+            return operands[1]
+    return (operator, *operands)
+
+
+def _constant(operator: str, values: list[int]) -> Expr:
+    if operator == "not":
+        return ("bool", not values[0])
+    if operator == "implies":
+        return ("bool", not values[0] or bool(values[1]))
+    if operator in ("iff", "eq"):
+        return ("bool", values[0] == values[1])
+    if operator in ("le", "lt"):
+        return ("bool", values[0] <= values[1] if operator == "le" else values[0] < values[1])
+    if operator == "plus":
+        return integer(sum(values))
+    if operator == "minus":
+        return integer(values[0] - values[1])
+    if operator == "times":
+        return integer(values[0] * values[1])
+    raise UnsupportedError(f"operator {operator} in a condition")
+
+
+# ------------------ Names that nothing in a problem has yet
+
+
+def fresh(base: str, taken: set[str]) -> str:
+    """Return a name like ``base`` that is not taken, and take it."""
+    name, count = base, 0
+    while name in taken:
+        count += 1
+        name = f"{base}_{count}"
+    taken.add(name)
+    return name
+
+
+def names_in_use(problem: PlainProblem) -> set[str]:
+    """Return every name of the problem."""
+    names = {a.name for a in problem.activities}
+    names.update(problem.variables, problem.types, problem.objects, problem.fluents)
+    names.update(problem.parameter_types())
+    return names

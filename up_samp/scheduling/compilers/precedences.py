@@ -21,25 +21,29 @@ from collections import defaultdict
 from dataclasses import dataclass, replace
 
 from up_samp.model import CandidateSchedule, UnsupportedError
-from up_samp.scheduling.compilers.expressions import (
+from up_samp.scheduling.compilers.fluents import empty, equals, never_empty
+from up_samp.scheduling.compilers.plain import (
     FALSE,
     TRUE,
+    Compiled,
+    Condition,
+    Effect,
     Expr,
+    PlainProblem,
     conjunction,
     disjunction,
     end,
+    evaluate,
+    fresh,
     integer,
     later,
+    names_in_use,
     negation,
     rewrite,
     show,
     subexpressions,
+    values_of,
 )
-from up_samp.scheduling.compilers.fresh import fresh, names_in_use
-from up_samp.scheduling.compilers.ground import empty, never_empty
-from up_samp.scheduling.compilers.instances import equals
-from up_samp.scheduling.compilers.plain import Compiled, Condition, Effect, PlainProblem
-from up_samp.scheduling.compilers.values import evaluate, values_of
 
 
 def compile_precedences(problem: PlainProblem) -> Compiled:
@@ -52,7 +56,7 @@ def compile_precedences(problem: PlainProblem) -> Compiled:
             is counted and has conditions, a conditional effect on the value of a fluent, an
             unbounded integer fluent.
     """
-    return _Compiler(problem).compile()
+    return _PrecedenceCompiler(problem).compile()
 
 
 @dataclass(frozen=True)
@@ -65,7 +69,7 @@ class _Change:
     owner: str | None
 
 
-class _Compiler:
+class _PrecedenceCompiler:
     def __init__(self, problem: PlainProblem):
         self.problem = problem
         self.optional = problem.optional_names()

@@ -15,9 +15,14 @@ from unified_planning.model.scheduling import Activity as UpActivity
 from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.model import UnsupportedError
-from up_samp.scheduling.compilers.expressions import (
+from up_samp.scheduling.compilers.plain import (
     TRUE,
+    Activity,
+    Condition,
+    Effect,
     Expr,
+    Fluent,
+    PlainProblem,
     Type,
     conjunction,
     disjunction,
@@ -25,7 +30,6 @@ from up_samp.scheduling.compilers.expressions import (
     later,
     rewrite,
 )
-from up_samp.scheduling.compilers.plain import Activity, Condition, Effect, Fluent, PlainProblem
 from up_samp.upio.spans import with_timings
 
 _OPERATORS = {
@@ -57,17 +61,17 @@ def read_problem(problem: SchedulingProblem) -> PlainProblem:
     Raises:
         UnsupportedError: real numbers, or a metric other than the makespan.
     """
-    return _Reader(problem).read()
+    return _ProblemReader(problem).read()
 
 
 def read_expression(problem: SchedulingProblem, node: FNode) -> Expr:
     """Return an expression of ``problem`` as a plain value."""
-    return _Reader(problem).expression(node)
+    return _ProblemReader(problem).expression(node)
 
 
 def read_constraints(problem: SchedulingProblem) -> list[tuple[FNode, Expr]]:
     """Return the constraints of ``problem``, each as it is given and as a plain value."""
-    return _Reader(problem).constraints()
+    return _ProblemReader(problem).constraints()
 
 
 def read_type(tpe: Any) -> Type:
@@ -81,7 +85,7 @@ def read_type(tpe: Any) -> Type:
     raise UnsupportedError(f"type {tpe} in a scheduling problem")
 
 
-class _Reader:
+class _ProblemReader:
     def __init__(self, problem: SchedulingProblem):
         self.problem = problem
         self.optional = {a.name for a in problem.activities if a.optional}

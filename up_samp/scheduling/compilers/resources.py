@@ -15,9 +15,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from up_samp.model import UnsupportedError
-from up_samp.scheduling.compilers.expressions import (
+from up_samp.scheduling.compilers.plain import (
+    LIMITS,
     TRUE,
+    Activity,
+    Compiled,
+    Effect,
     Expr,
+    PlainProblem,
     disjunction,
     end,
     negation,
@@ -25,12 +30,10 @@ from up_samp.scheduling.compilers.expressions import (
     start,
     subexpressions,
 )
-from up_samp.scheduling.compilers.limits import LIMITS
-from up_samp.scheduling.compilers.plain import Activity, Compiled, Effect, PlainProblem
 
 
 @dataclass(frozen=True)
-class Resource:
+class PlainResource:
     """A renewable resource: how much each activity takes of how much there is."""
 
     fluent: Expr
@@ -81,7 +84,7 @@ def _fixed(activity: Activity) -> bool:
     return not activity.optional and lower == activity.upper and lower[0] == "int" and lower[1] > 0
 
 
-def find_resources(problem: PlainProblem) -> list[Resource]:
+def find_resources(problem: PlainProblem) -> list[PlainResource]:
     """Return the fluents (without arguments) that are resources."""
     effects: dict[Expr, list[Effect]] = defaultdict(list)
     for effect in problem.effects:
@@ -102,7 +105,7 @@ def find_resources(problem: PlainProblem) -> list[Resource]:
             continue
         if tpe[2] is not None and initial[1] > tpe[2]:
             continue
-        found.append(Resource(fluent, initial[1] - tpe[1], amounts))
+        found.append(PlainResource(fluent, initial[1] - tpe[1], amounts))
     return found
 
 
@@ -136,7 +139,7 @@ def _amounts(effects: list[Effect]) -> dict[str, int] | None:
     return dict(taken) if taken == given and all(a > 0 for a in taken.values()) else None
 
 
-def _minimal_sets(resource: Resource) -> Iterator[tuple[str, ...]]:
+def _minimal_sets(resource: PlainResource) -> Iterator[tuple[str, ...]]:
     """Yield the sets of users that take too much, of which no proper subset does."""
     users = sorted(resource.amounts, key=lambda n: -resource.amounts[n])
 

@@ -25,8 +25,7 @@ from unified_planning.model.scheduling import Activity as UpActivity
 from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.model.timing import TimeInterval
 
-from up_samp.scheduling.compilers.expressions import Expr, Type
-from up_samp.scheduling.compilers.plain import Activity, Effect, PlainProblem
+from up_samp.scheduling.compilers.plain import Activity, Effect, Expr, PlainProblem, Type
 
 _KINDS = {
     "assign": EffectKind.ASSIGN,
@@ -45,10 +44,10 @@ def write_problem(
     problem: PlainProblem, environment: Environment | None = None
 ) -> SchedulingProblem:
     """Return ``problem`` as a UP problem (in the global environment if none is given)."""
-    return _Writer(problem, environment or get_environment()).write()
+    return _ProblemWriter(problem, environment or get_environment()).write()
 
 
-class _Writer:
+class _ProblemWriter:
     def __init__(self, problem: PlainProblem, environment: Environment):
         self.plain = problem
         self.environment = environment

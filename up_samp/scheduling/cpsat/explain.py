@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 
-from up_samp.scheduling.cpsat.encode.statevars import Key
+from up_samp.scheduling.cpsat.encode.states import Key
 from up_samp.scheduling.cpsat.encode.timeline import Timeline
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.detection import refusals
+from up_samp.scheduling.cpsat.routing.dispatch import find_unit_places
 from up_samp.scheduling.cpsat.routing.route import Route
-from up_samp.scheduling.cpsat.routing.unit_places import find_unit_places
 
 
 @dataclass(frozen=True)

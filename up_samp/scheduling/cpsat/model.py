@@ -11,27 +11,18 @@ from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.model import Deadline, OutOfTimeError, UnsupportedError, check_time, in_force
 from up_samp.scheduling.cpsat.draft import ModelDraft
-from up_samp.scheduling.cpsat.encode.alternatives import find_groups, merge_forms
-from up_samp.scheduling.cpsat.encode.domains import domains
-from up_samp.scheduling.cpsat.encode.durations import constant_bounds
+from up_samp.scheduling.cpsat.encode.disjunctions import Disjunctions, find_groups, merge_forms
+from up_samp.scheduling.cpsat.encode.durations import LIMITS, constant_bounds
 from up_samp.scheduling.cpsat.encode.forms import TRUE, Form, Lin, Literal, constant, disjunction
-from up_samp.scheduling.cpsat.encode.histories import find_histories
-from up_samp.scheduling.cpsat.encode.horizon import Horizon
-from up_samp.scheduling.cpsat.encode.limits import LIMITS
-from up_samp.scheduling.cpsat.encode.metrics import objective_of
-from up_samp.scheduling.cpsat.encode.milestones import find_milestones
-from up_samp.scheduling.cpsat.encode.numbers import NumericTimeline
-from up_samp.scheduling.cpsat.encode.pairs import Disjunctions
-from up_samp.scheduling.cpsat.encode.states import States
-from up_samp.scheduling.cpsat.encode.statevars import Key, Read, StateVar
-from up_samp.scheduling.cpsat.encode.store import Store
+from up_samp.scheduling.cpsat.encode.horizon import Horizon, objective_of
+from up_samp.scheduling.cpsat.encode.recognition import find_histories, find_milestones, find_unary
+from up_samp.scheduling.cpsat.encode.states import Key, Read, States, StateVar
+from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import Terms, World, countable
-from up_samp.scheduling.cpsat.encode.timeline import Timeline
-from up_samp.scheduling.cpsat.encode.unary import find_unary
-from up_samp.scheduling.cpsat.encode.variables import Variables
-from up_samp.scheduling.cpsat.normal.form import NormalForm, normal_form
+from up_samp.scheduling.cpsat.encode.timeline import NumericTimeline, Timeline
+from up_samp.scheduling.cpsat.encode.variables import Variables, domains
+from up_samp.scheduling.cpsat.normal.form import NormalForm, Presences, normal_form
 from up_samp.scheduling.cpsat.normal.precedences import FollowUp, Precondition
-from up_samp.scheduling.cpsat.normal.presences import Presences
 from up_samp.scheduling.cpsat.problem import Additions, Watcher
 
 T = TypeVar("T")
@@ -60,7 +51,7 @@ class ScheduleModel:
         self.plain = plain
         self.limit = 0
         self.limit_at_least = limit_at_least
-        self.store = Store()
+        self.store = ModelStore()
         self.world = World(self.store)
         self.horizon = Horizon(self.store)
         self.timelines: dict[Any, Timeline | NumericTimeline] = {}

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from up_samp.model import UnsupportedError
-from up_samp.scheduling.compilers.expressions import Expr, show
-from up_samp.scheduling.compilers.plain import PlainProblem
+from up_samp.scheduling.compilers.plain import Expr, PlainProblem, show
 
 Point = tuple[str, str]
 """``("start" | "end", activity)``; ``ZERO`` is the plan's start."""
@@ -30,12 +29,12 @@ MOST_WAYS = 8
 """A constraint that can be kept in more ways is no choice of two orders."""
 
 
-class _Missing:
+class _MissingValue:
     def __repr__(self) -> str:
         return "MISSING"
 
 
-MISSING = _Missing()
+MISSING = _MissingValue()
 
 
 @dataclass(frozen=True)
@@ -79,7 +78,7 @@ class Planned:
             return None
         return (anchor, name or ""), delay
 
-    def linear(self, e: Expr) -> tuple[dict[Point, int], int] | _Missing:
+    def linear(self, e: Expr) -> tuple[dict[Point, int], int] | _MissingValue:
         """Return an arithmetic expression as coefficients of points in time and a constant."""
         kind = e[0]
         if kind == "int":
@@ -92,7 +91,7 @@ class Planned:
             return MISSING if value is MISSING else ({}, value)
         if kind in ("plus", "minus", "times"):
             parts = [self.linear(x) for x in e[1:]]
-            if any(isinstance(p, _Missing) for p in parts):
+            if any(isinstance(p, _MissingValue) for p in parts):
                 return MISSING
             return _combined(kind, parts, e)
         raise UnsupportedError(f"'{show(e)}' in a constraint over times")
@@ -207,7 +206,7 @@ def _relation(planned: Planned, e: Expr, positive: bool) -> list[Difference] | N
             return []
         return [] if (left == right) == positive else None
     left, right = planned.linear(x), planned.linear(y)
-    if isinstance(left, _Missing) or isinstance(right, _Missing):
+    if isinstance(left, _MissingValue) or isinstance(right, _MissingValue):
         return []
     if kind == "eq":
         return _equal(planned, e, positive)
@@ -304,7 +303,7 @@ def _both_ways(planned: Planned, e: Expr, positive: bool) -> list[list[Differenc
     if not positive:  # not x <= y: y < x
         kind, x, y = ("lt" if kind == "le" else "le"), y, x
     left, right = planned.linear(x), planned.linear(y)
-    if isinstance(left, _Missing) or isinstance(right, _Missing):
+    if isinstance(left, _MissingValue) or isinstance(right, _MissingValue):
         return [[]]
     terms, constant = _combined("minus", [left, right], e)
     if not terms:

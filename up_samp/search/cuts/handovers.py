@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from up_samp.model import ScheduledMotion
 from up_samp.model.refinement import Refinement
-from up_samp.search.cases import MotionCase
 from up_samp.search.cuts.protocol import Failure
+from up_samp.search.facts import MotionCase
 from up_samp.search.motions import Motions
 from up_samp.search.statements.handovers import are_apart, handover
 from up_samp.search.tuning import HandoversTuning

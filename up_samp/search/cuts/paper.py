@@ -11,9 +11,8 @@ from up_samp.model import MotionModel, PathQuery, Placed, ScheduledMotion
 from up_samp.model.refinement import Layer, Refinement, Strength
 from up_samp.refinement import paper_rules
 from up_samp.refinement.rules import Reason
-from up_samp.search.cases import MotionCase
 from up_samp.search.cuts.protocol import Alike, Alone, Failure
-from up_samp.search.facts import Facts
+from up_samp.search.facts import Facts, MotionCase
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
 from up_samp.search.tuning import CutsTuning

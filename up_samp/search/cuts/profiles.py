@@ -11,8 +11,8 @@ from up_samp.model import Deadline, FixedMotion, ScheduledMotion, TimedMotion
 from up_samp.model.refinement import Given, Refinement, Strength
 from up_samp.model.snapshot import MotionTask
 from up_samp.refinement import rules
-from up_samp.search.cases import MotionCase
 from up_samp.search.cuts.protocol import Failure
+from up_samp.search.facts import MotionCase
 from up_samp.search.motions import Motions
 from up_samp.search.tuning import CutsTuning
 

@@ -13,13 +13,12 @@ from functools import partial
 from up_samp.model import PathQuery, ScheduledMotion
 from up_samp.model.refinement import Layer, Refinement, Strength
 from up_samp.refinement import rules
-from up_samp.search.cuts.exact import or_exact, rejects
-from up_samp.search.cuts.protocol import Alike, Alone, Failure
+from up_samp.search.cuts.protocol import Alike, Alone, Failure, or_exact, rejects
 from up_samp.search.facts import Facts
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
-from up_samp.search.settled import remaining
 from up_samp.search.statements.durations import duration_of
+from up_samp.search.world import remaining
 
 Attempt = Callable[[Failure, str], list[Refinement]]
 """Returns what may be learned from one late motion (by its name) of a failed group."""

@@ -15,8 +15,7 @@ large neighborhood search for cumulative scheduling" (the order of what is kept)
 way).
 """
 
-from up_samp.search.neighbourhoods.adaptive import Roulette
 from up_samp.search.neighbourhoods.choices import CHOICES, Choice, Freed
-from up_samp.search.neighbourhoods.descent import Descent
+from up_samp.search.neighbourhoods.descent import Descent, Roulette
 
 __all__ = ["CHOICES", "Choice", "Descent", "Freed", "Roulette"]

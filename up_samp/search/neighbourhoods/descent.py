@@ -7,6 +7,7 @@ other or by workers, all at once.
 
 from __future__ import annotations
 
+import itertools
 import logging
 import pickle
 import random
@@ -14,31 +15,157 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
+from unified_planning.model.scheduling import SchedulingProblem
+
 from up_samp.model import CandidateSchedule, Deadline, ScheduleReport, ScheduleStatus
+from up_samp.scheduling.cpsat import CpsatSession
+from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.search.attempt import try_candidate
-from up_samp.search.bounds import Incumbent
 from up_samp.search.events import Phase
-from up_samp.search.neighbourhoods.adaptive import Roulette
-from up_samp.search.neighbourhoods.choices import CHOICES, Choice, Freed
-from up_samp.search.neighbourhoods.owners import owners_of
-from up_samp.search.neighbourhoods.small_problem import (
-    Settings,
-    SmallProblem,
-    small_problem,
-    solve_sent,
-    solve_small,
-)
-from up_samp.search.neighbourhoods.view import View
+from up_samp.search.history import IMPROVING
+from up_samp.search.knowledge import Incumbent
+from up_samp.search.neighbourhoods.choices import CHOICES, Choice, Freed, View, owners_of
 from up_samp.search.search import Search
-from up_samp.search.stages import IMPROVING
 from up_samp.search.tuning import NeighbourhoodsTuning
 from up_samp.system.workers import WorkItem
+from up_samp.upio.restrict import restrict
+
+
+@dataclass
+class Roulette:
+    """Draws neighbourhoods by their weights (Ropke and Pisinger 2006), which follow their gains.
+
+    ``size``: how many robots are freed next. It grows where nothing better was left to be found
+    among so few, and shrinks where there was no end to the search.
+    """
+
+    choices: Sequence[Choice]
+    tuning: NeighbourhoodsTuning
+    chance: random.Random
+    most: int
+    weights: list[float] = field(default_factory=list)
+    size: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.weights = [1.0] * len(self.choices)
+        self.size = float(min(self.tuning.robots, self.most))
+
+    def draw(self) -> int:
+        """Return the number of the next neighbourhood."""
+        return self.chance.choices(range(len(self.choices)), self.weights)[0]
+
+    def learn(self, drawn: int, gain: float) -> None:
+        """Note what a neighbourhood brought: 1 for a better plan, less for less."""
+        keep = 1.0 - self.tuning.reaction
+        weight = keep * self.weights[drawn] + self.tuning.reaction * gain
+        self.weights[drawn] = max(self.tuning.least_weight, weight)
+
+    def searched(self, *, wholly: bool) -> None:
+        """Note that a neighbourhood brought nothing, and whether it was searched wholly."""
+        step = self.tuning.growth if wholly else -2 * self.tuning.growth
+        self.size = min(float(self.most), max(1.0, self.size + step))
+
+    @property
+    def robots(self) -> int:
+        """How many robots to free now."""
+        return round(self.size)
+
+
+# ------------------ The scheduling problem that is left where some robots of a plan are freed, and
+
+
+@dataclass(frozen=True)
+class SmallProblem:
+    """``problem``: what is ``kept`` of a plan is present, in its order; what is ``open`` is decided
+    anew; everything else is absent. Each of its schedules is one of the whole problem.
+    """
+
+    problem: SchedulingProblem
+    kept: frozenset[str]
+    open: frozenset[str]
+
+
+def small_problem(view: View, freed: Freed) -> SmallProblem:
+    """Return the problem that is left where ``freed`` is decided anew."""
+    times, owners = view.times, view.owners.of
+    loose = {
+        name
+        for name, (start, end) in times.items()
+        if (not owners.get(name) or owners[name] & freed.robots)
+        and start <= freed.until
+        and freed.since <= end
+    }
+    kept = frozenset(times.keys() - loose)
+    more = view.owners.open_to(freed.robots, kept)
+    whole = {name: times.get(name, (0, 0)) for name in (*times, *sorted(more - times.keys()))}
+    values = {
+        name: value
+        for name, value in view.plan.schedule.parameters.items()
+        if name.rpartition(".")[0] in kept
+    }
+    everything = frozenset(loose | more)
+    problem = restrict(
+        view.relaxation, view.snapshot, CandidateSchedule(whole, values), free=everything
+    )
+    _keep_order(view, problem, kept)
+    return SmallProblem(problem, kept, everything)
+
+
+def _keep_order(view: View, problem: SchedulingProblem, kept: frozenset[str]) -> None:
+    """Keep what each robot does of ``kept`` in the plan's order."""
+    manager = problem.environment.expression_manager
+    activities = {a.name: a for a in problem.activities}
+    for robot in view.robots:
+        own = [n for n in kept if robot in view.owners.of.get(n, ())]
+        own.sort(key=lambda n: (view.times[n], n))
+        for one, two in itertools.pairwise(own):
+            after = view.times[one][1] <= view.times[two][0]
+            first = activities[one].end if after else activities[one].start
+            problem.add_constraint(manager.LE(first, activities[two].start))
+
+
+@dataclass(frozen=True)
+class NeighbourhoodSettings:
+    """How a small problem is solved, with one thread: with the same settings always alike."""
+
+    seed: int
+    effort: float
+    tuning: CpsatTuning
+
+
+def solve_small(
+    problem: SchedulingProblem,
+    settings: NeighbourhoodSettings,
+    guess: CandidateSchedule,
+    deadline: Deadline,
+) -> ScheduleReport:
+    """Return the best schedule of a small problem that is found with so much effort; ``guess`` is
+    the whole plan.
+    """
+    session = CpsatSession(
+        problem,
+        seed=settings.seed,
+        workers=1,
+        effort=settings.effort,
+        tuning=settings.tuning,
+    )
+    return session.solve(deadline, optimal=True, hint=guess)
+
+
+def solve_sent(
+    problem: bytes, settings: NeighbourhoodSettings, guess: CandidateSchedule, seconds: float
+) -> ScheduleReport:
+    """Return the same for a problem that was sent to a worker. It has come with an environment of
+    its own: workers on threads do not share expressions.
+    """
+    return solve_small(pickle.loads(problem), settings, guess, Deadline.after(seconds))
+
 
 log = logging.getLogger(__name__)
 
 
 @dataclass
-class State:
+class DescentState:
     """Where the descent of one search is: what its neighbourhoods brought, and those of the present
     plan that hold no better schedule. ``whose`` it is lives as long: no other gets its ``id``.
     """
@@ -77,9 +204,9 @@ class Descent:
         if state is None:
             chance = random.Random(search.seed)
             roulette = Roulette(self.choices, self.tuning, chance, len(owners.robots))
-            state = State(self, roulette)
+            state = DescentState(self, roulette)
             search.remembered[id(self)] = state
-        assert isinstance(state, State)
+        assert isinstance(state, DescentState)
         stale = 0
         while stale < self.tuning.stale and not self._over(search, deadline):
             plan, relaxation = search.bounds.incumbent, search.own_relaxation()
@@ -103,7 +230,7 @@ class Descent:
         activities = search.knowledge.relaxation.problem.activities
         return sum(a.optional for a in activities) >= self.tuning.activities
 
-    def _step(self, search: Search, state: State, deadline: Deadline) -> Incumbent | None:
+    def _step(self, search: Search, state: DescentState, deadline: Deadline) -> Incumbent | None:
         """Look at some neighbourhoods until one has a better schedule; return the better plan if
         one comes of it.
         """
@@ -141,7 +268,7 @@ class Descent:
         """Yield the best schedule found in each neighbourhood, as long as there is time. No bound
         on one is a bound on the whole.
         """
-        settings = Settings(search.seed, self.tuning.effort, search.cpsat)
+        settings = NeighbourhoodSettings(search.seed, self.tuning.effort, search.cpsat)
         guess = view.plan.schedule
         if search.workers is None:
             for freed in some:
@@ -178,7 +305,7 @@ class Descent:
 
 
 def _solve_here(
-    small: SmallProblem, settings: Settings, guess: CandidateSchedule, seconds: float
+    small: SmallProblem, settings: NeighbourhoodSettings, guess: CandidateSchedule, seconds: float
 ) -> ScheduleReport:
     return solve_small(small.problem, settings, guess, Deadline.after(seconds))
 

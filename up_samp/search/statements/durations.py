@@ -8,8 +8,7 @@ from up_samp.model import Deadline, Outcome, PathQuery
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.model.snapshot import MotionTask
 from up_samp.refinement import rules
-from up_samp.search.cases import MotionCase
-from up_samp.search.facts import Facts
+from up_samp.search.facts import Facts, MotionCase
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
 from up_samp.search.tuning import DurationsTuning

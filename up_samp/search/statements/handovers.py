@@ -28,8 +28,7 @@ from up_samp.model import (
 )
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.refinement import rules
-from up_samp.search.cases import MotionCase
-from up_samp.search.facts import Signature
+from up_samp.search.facts import MotionCase, Signature
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
 from up_samp.search.tuning import HandoversTuning

@@ -9,7 +9,7 @@ from up_samp.model.snapshot import MotionTask, TermKind
 from up_samp.refinement import rules
 from up_samp.search.facts import Facts
 from up_samp.search.motions import Motions
-from up_samp.search.visits import near
+from up_samp.search.world import near
 
 
 def unary_places(motions: Motions) -> list[Refinement]:

@@ -10,8 +10,7 @@ from up_samp.model import Placed
 from up_samp.model.refinement import Refinement, end_of, start_of
 from up_samp.model.snapshot import TermKind
 from up_samp.refinement import rules
-from up_samp.search.cases import MotionCase
-from up_samp.search.facts import Facts, Signature
+from up_samp.search.facts import Facts, MotionCase, Signature
 from up_samp.search.motions import Motions
 
 

@@ -1,7 +1,8 @@
-"""Durations and constants as integers (schedule units)."""
+"""Durations and constants as integers (schedule units), and how large these may be."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from fractions import Fraction
 
 from unified_planning.model import FNode
@@ -9,7 +10,32 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.model.timing import DurationInterval
 
 from up_samp.model import UnsupportedError
-from up_samp.scheduling.cpsat.encode.limits import LIMITS
+
+
+@dataclass(frozen=True)
+class ModelLimits:
+    """Bounds of what has none, and sizes from which parts are stated in another way."""
+
+    magnitude: int = 10**9
+    """Largest magnitude of an integer variable that the problem does not bound."""
+    longest: int = 2**50
+    """Largest number that a problem may name; sums of many have to fit into 63 bits."""
+    latest: int = 2**58
+    """Latest time of a schedule; a few such numbers are summed."""
+    never: int = 10**9
+    """Gap between activities that are never both there."""
+    placeholder: int = 10**7
+    """Latest time of variables until the horizon is known."""
+    circuit_arcs: int = 60_000
+    """Arcs of a circuit of one state variable's changes; beyond that only pairs are ordered."""
+    domain: int = 2000
+    """Values of an integer fluent, if they are to be listed one by one."""
+
+
+LIMITS = ModelLimits()
+
+
+# ------------------ Durations and constants as integers (schedule units)
 
 
 def constant_bounds(duration: DurationInterval) -> tuple[int | None, int | None]:

@@ -1,34 +1,354 @@
-"""State variables: ground fluents with who writes and who reads them, and when.
-
-Semantics (PDDL 2.1 as up-aries has it; see ``up_samp/validation/semantics.md``): an effect at t is
-seen from t + 1 on; a condition over integer instants lo..hi holds at each of them; an effect of
-another activity on a fluent that the condition reads must not lie in lo..hi, whatever its value;
-the activity's own effects and the problem's own are not kept apart, the old value counts at t.
-"""
+"""State variables: ground fluents with who writes and who reads them, and when."""
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from unified_planning.model import Effect, FNode, TimeInterval, Timing
 from unified_planning.model.timing import TimepointKind
 
-from up_samp.model import UnsupportedError, check_time
+from up_samp.model import ProblemError, UnsupportedError, check_time
+from up_samp.scheduling.cpsat.encode.durations import LIMITS
 from up_samp.scheduling.cpsat.encode.forms import (
     FALSE,
     TRUE,
+    Cmp,
+    Form,
     Lin,
     Literal,
     compare,
     constant,
 )
-from up_samp.scheduling.cpsat.encode.ground_fluents import no_fluents
-from up_samp.scheduling.cpsat.encode.nodes import (
+from up_samp.scheduling.cpsat.encode.store import ModelStore
+from up_samp.scheduling.cpsat.encode.terms import (
+    ActivityVars,
+    Terms,
+    World,
     conjuncts,
+    equals_object,
+    equals_parameter,
+    fluents_in,
+    has_decisions,
+    int_bounds,
+    unless_decided,
 )
-from up_samp.scheduling.cpsat.encode.readings import Readings
-from up_samp.scheduling.cpsat.encode.statevars import Read, StateVar, Write
-from up_samp.scheduling.cpsat.encode.terms import ActivityVars, Terms, World
+
+Key = tuple[Any, ...]
+
+
+@dataclass
+class Write:
+    """An effect on a ground fluent: assignment of ``value``, or increase by it if ``add``."""
+
+    owner: int | None
+    active: Literal
+    time: Lin
+    value: Lin
+    add: bool = False
+
+
+@dataclass
+class Read:
+    """A value that must be one of ``allowed`` (if given), equals ``value`` (if given), and
+    must not be disturbed over the instants lo..hi.
+    """
+
+    owner: int | None
+    active: Literal
+    lo: Lin
+    hi: Lin
+    allowed: frozenset[int] | None = None
+    value: Lin | None = None
+    guard_only: bool = False
+    loose: bool = False
+    """Whether effects of others at ``hi`` are allowed (the old value counts)."""
+
+
+@dataclass
+class StateVar:
+    """A ground fluent. ``values`` are the codes it may take (``None``: too many to list)."""
+
+    key: Key
+    bounds: tuple[int, int]
+    values: list[int] | None
+    initial: int | None
+    writes: list[Write] = field(default_factory=list)
+    reads: list[Read] = field(default_factory=list)
+    _by_owner: dict[int | None, list[Write]] = field(default_factory=dict)
+    _indexed: int = 0
+
+    def exempt(self, owner: int | None) -> list[Write]:
+        """Return the writes that conditions of ``owner`` are not kept apart from."""
+        if owner is None:
+            return self.writes
+        if self._indexed != len(self.writes):
+            self._by_owner = {}
+            for write in self.writes:
+                self._by_owner.setdefault(write.owner, []).append(write)
+            self._indexed = len(self.writes)
+        return [*self._by_owner.get(None, ()), *self._by_owner.get(owner, ())]
+
+    def held(self) -> Iterable[int]:
+        """Return the values that it has at first or that something gives it (all, if that hangs on
+        decisions).
+        """
+        if self.initial is None or any(w.add or w.value.terms for w in self.writes):
+            return self.values or ()
+        return {self.initial, *(w.value.const for w in self.writes)}
+
+    @property
+    def numeric(self) -> bool:
+        """Whether it is increased or decreased anywhere."""
+        return any(w.add for w in self.writes)
+
+
+# ------------------ The ground fluents of a problem: which one an expression stands for, and what i
+
+
+class GroundFluents:
+    """State variables by fluent and arguments, made when they are asked for."""
+
+    def __init__(self, world: World, problem: Any) -> None:
+        self.world = world
+        self.store: ModelStore = world.store
+        self.problem = problem
+        self.vars: dict[Key, StateVar] = {}
+        self.explicit = problem.explicit_initial_values
+        self.defaults = problem.fluents_defaults
+        self.declared = frozenset(problem.fluents)
+
+    def var(self, fluent: Any, args: tuple[int, ...]) -> StateVar:
+        """Return the state variable of ``fluent`` at ``args`` (codes of objects, numbers)."""
+        key = (fluent.name, *args)
+        found = self.vars.get(key)
+        if found is None:
+            found = self.vars[key] = self._make(key, fluent, args)
+        return found
+
+    def _make(self, key: Key, fluent: Any, args: tuple[int, ...]) -> StateVar:
+        if fluent not in self.declared and fluent not in self.problem.fluents:
+            raise ProblemError(f"the fluent '{fluent.name}' is used, but it is not in the problem")
+        tpe = fluent.type
+        if tpe.is_bool_type() or tpe.is_user_type():
+            values: list[int] | None = self.world.values_of(tpe)
+            bounds = (min(values), max(values)) if values else (0, 0)
+        else:
+            bounds = int_bounds(tpe)
+            few = bounds[1] - bounds[0] < LIMITS.domain
+            values = list(range(bounds[0], bounds[1] + 1)) if few else None
+        return StateVar(key, bounds, values, self._initial(fluent, args))
+
+    def _initial(self, fluent: Any, args: tuple[int, ...]) -> int | None:
+        names = {code: name for name, code in self.world.objects.items()}
+        manager = self.problem.environment.expression_manager
+        nodes = []
+        for parameter, code in zip(fluent.signature, args, strict=True):
+            if parameter.type.is_user_type():
+                nodes.append(manager.ObjectExp(self.problem.object(names[code])))
+            elif parameter.type.is_bool_type():
+                nodes.append(manager.Bool(bool(code)))
+            else:
+                nodes.append(manager.Int(code))
+        value = self.explicit.get(manager.FluentExp(fluent, tuple(nodes)))
+        if value is None:
+            value = self.defaults.get(fluent)
+        if value is None:
+            return None
+        return Terms(self.world, no_fluents).linear(value).const
+
+    def grounds(self, node: FNode, terms: Terms) -> Iterator[tuple[Literal, StateVar]]:
+        """Yield (literal, variable) for each ground fluent that ``node`` may stand for."""
+        fluent = node.fluent()
+        choices: list[list[tuple[Literal, int]]] = []
+        for arg, parameter in zip(node.args, fluent.signature, strict=True):
+            lin = terms.linear(arg)
+            if not lin.terms:
+                choices.append([(TRUE, lin.const)])
+                continue
+            var = self._plain(lin)
+            choices.append(
+                [(self.store.is_value(var, v), v) for v in self.world.values_of(parameter.type)]
+            )
+        for combination in itertools.product(*choices):
+            literal = self.store.all_of(x for x, _ in combination)
+            if literal != FALSE:
+                yield literal, self.var(fluent, tuple(v for _, v in combination))
+
+    def _plain(self, lin: Lin) -> int:
+        if len(lin.terms) == 1 and lin.terms[0][1] == 1 and lin.const == 0:
+            return lin.terms[0][0]
+        low, high = self.store.range(lin)
+        var = self.store.integer(low, high)
+        self.store.enforce(compare(lin.plus(Lin(((var, 1),)), -1)._replace(needs=()), "=="))
+        return var
+
+    # -- effects -------------------------------------------------------------------------------
+
+
+def no_fluents(node: FNode) -> Lin:
+    """Refuse a fluent by name, where there is no time at which it could be read."""
+    raise UnsupportedError(f"the fluent '{node}' is read at no time; cpsat needs one")
+
+
+# ------------------ How conditions and values read state variables: the reads that are registered f
+
+
+class Readings(GroundFluents):
+    """State variables, and who reads them, when, and with which values."""
+
+    def __init__(self, world: World, problem: Any) -> None:
+        super().__init__(world, problem)
+        self.dynamic: set[str] = set()
+        """Names of the fluents that change."""
+        self._allowed: dict[FNode, frozenset[int]] = {}
+
+    def _all_grounds(
+        self, node: FNode, owner: ActivityVars | None
+    ) -> Iterator[tuple[Literal, StateVar]]:
+        for fluent in fluents_in(node):
+            args_have_fluents = any(fluents_in(a) for a in fluent.args)
+            if args_have_fluents:
+                raise UnsupportedError(f"the nested fluent '{fluent}' is not supported by cpsat")
+            yield from self.grounds(fluent, Terms(self.world, no_fluents, owner))
+
+    def _hold(
+        self,
+        node: FNode,
+        owner: ActivityVars | None,
+        active: Literal,
+        lo: Lin,
+        hi: Lin,
+        loose: bool = False,
+    ) -> None:
+        if active == FALSE:
+            return
+        number = None if owner is None else owner.index
+        fluents = fluents_in(node)
+        single = next(iter(fluents)) if len(fluents) == 1 else None
+        if (
+            single is not None
+            and all(a.is_constant() for a in single.args)
+            and not has_decisions(node)
+        ):
+            ((_, state),) = self.grounds(single, Terms(self.world, no_fluents, owner))
+            if state.values is not None:
+                allowed = self._values(node, state)
+                self._read(state, Read(number, active, lo, hi, allowed=allowed, loose=loose))
+                return
+        chosen = equals_parameter(node)
+        if chosen is not None and single is not None and all(a.is_constant() for a in single.args):
+            ((_, state),) = self.grounds(single, Terms(self.world, no_fluents, owner))
+            value = self.world.parameters.get(chosen)
+            if state.key[0] in self.dynamic and state.values is not None and value is not None:
+                # all effects are known by now
+                allowed = frozenset(state.held()) & self._left(value)
+                self._read(state, Read(number, active, lo, hi, allowed, value, loose=loose))
+                return
+        decided, rest = unless_decided(node)
+        if decided is not None and not loose:
+            # whatever is decided, nobody may change meanwhile what is read
+            for _, state in self._all_grounds(rest, owner):
+                self._read(state, Read(number, active, lo, hi, guard_only=True))
+            said = Terms(self.world, no_fluents, owner)
+            other = self._literals(said.form(decided, False), said.form(decided))
+            self._hold(rest, owner, self.store.all_of([active, *other]), lo, hi)
+            return
+        terms = Terms(self.world, self.reader(owner, active, lo, hi, loose), owner)
+        self.store.enforce(terms.form(node), (active,))
+
+    def _left(self, value: Lin) -> frozenset[int]:
+        """Return what a parameter may be."""
+        low, high = self.store.range(value)
+        known = self.world.domains.get(value.terms[0][0]) if value.terms else None
+        return frozenset(range(low, high + 1)) if known is None else known
+
+    def _literals(self, form: Form, opposite: Form) -> list[Literal]:
+        """Return literals that together are true exactly if a form of parameters holds."""
+        found = []
+        for part in form[1:] if form.__class__ is tuple and form[0] == "&" else (form,):
+            one = part.terms[0] if part.__class__ is Cmp and len(part.terms) == 1 else (0, 0)
+            if abs(one[1]) != 1 or part.op != "==":
+                return [self.store.equivalent(form, opposite)]
+            found.append(self.store.is_value(one[0], -part.const * one[1]))
+        return found
+
+    def _values(self, node: FNode, state: StateVar) -> frozenset[int]:
+        """Return the values of ``state`` with which ``node`` holds."""
+        found = self._allowed.get(node)
+        if found is None:
+            values = state.values or []
+            fixed = equals_object(node)
+            if fixed is not None:
+                found = frozenset((self.world.objects[fixed],)).intersection(values)
+            else:
+                found = frozenset(v for v in values if self._evaluate(node, v) == TRUE)
+            self._allowed[node] = found
+        return found
+
+    def _evaluate(self, node: FNode, value: int) -> Any:
+        return Terms(self.world, lambda _: constant(value)).form(node)
+
+    def _read(self, state: StateVar, read: Read) -> None:
+        if state.key[0] in self.dynamic:
+            anything = read.allowed is not None and len(read.allowed) == len(state.values or ())
+            if anything and state.initial is not None and read.value is None:
+                read = replace(read, allowed=None, guard_only=True)
+            state.reads.append(read)
+        elif state.initial is None or (
+            read.allowed is not None and state.initial not in read.allowed
+        ):
+            self.store.enforce(FALSE, (read.active,))
+
+    def reader(
+        self, owner: ActivityVars | None, active: Literal, lo: Lin, hi: Lin, loose: bool = False
+    ) -> Any:
+        """Return a function fluent expression -> value over lo..hi (cached, reads registered)."""
+        cache: dict[FNode, Lin] = {}
+        number = None if owner is None else owner.index
+
+        def read(node: FNode) -> Lin:
+            if node not in cache:
+                grounds = list(self.grounds(node, Terms(self.world, read, owner)))
+                pattern = Read(number, active, lo, hi, loose=loose)
+                cache[node] = self._value(node, grounds, pattern)
+            return cache[node]
+
+        return read
+
+    def _value(self, node: FNode, grounds: list[tuple[Literal, StateVar]], pattern: Read) -> Lin:
+        if len(grounds) == 1:
+            literal, only = grounds[0]
+            static = only.key[0] not in self.dynamic and only.initial is not None
+            if static and literal == TRUE:
+                return constant(only.initial or 0)
+        bounds = [s.bounds for _, s in grounds]
+        if node.type.is_user_type():
+            result = self.store.member(self.world.values_of(node.type))
+        else:
+            result = self.store.integer(min(b[0] for b in bounds), max(b[1] for b in bounds))
+        value = Lin(((result, 1),))
+        for literal, state in grounds:
+            when = self.store.all_of([pattern.active, literal])
+            if when == FALSE:
+                continue
+            if state.key[0] in self.dynamic:
+                state.reads.append(replace(pattern, active=when, value=value))
+            elif state.initial is None:
+                self.store.enforce(FALSE, (when,))
+            else:
+                self.store.enforce(compare(value.shift(-state.initial), "=="), (when,))
+        return value
+
+
+# ------------------ State variables: ground fluents with who writes and who reads them, and when
+# Semantics (PDDL 2.1 as up-aries has it; see ``up_samp/validation/semantics.md``): an effect at t
+# is seen from t + 1 on; a condition over integer instants lo..hi holds at each of them; an effect
+# of another activity on a fluent that the condition reads must not lie in lo..hi, whatever its
+# value; the activity's own effects and the problem's own are not kept apart, the old value counts
+# at t.
 
 
 class States(Readings):

@@ -14,7 +14,7 @@ from ortools.sat.python import cp_model
 from up_samp.scheduling.cpsat.encode.forms import FALSE, TRUE, Cmp, Form, Lin, Literal, compare
 
 
-class Store:
+class ModelStore:
     """The CP-SAT model under construction."""
 
     def __init__(self) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
@@ -14,6 +14,7 @@ from unified_planning.model.timing import TimepointKind
 from unified_planning.model.types import Type
 
 from up_samp.model import ProblemError, UnsupportedError
+from up_samp.scheduling.cpsat.encode.durations import LIMITS
 from up_samp.scheduling.cpsat.encode.forms import (
     FALSE,
     TRUE,
@@ -25,8 +26,77 @@ from up_samp.scheduling.cpsat.encode.forms import (
     constant,
     disjunction,
 )
-from up_samp.scheduling.cpsat.encode.limits import LIMITS
-from up_samp.scheduling.cpsat.encode.store import Store
+from up_samp.scheduling.cpsat.encode.store import ModelStore
+
+
+def equals_object(node: FNode) -> str | None:
+    """Return the object's name if ``node`` says that a fluent equals an object."""
+    if node.node_type is not Op.EQUALS:
+        return None
+    left, right = node.args
+    if right.node_type is Op.FLUENT_EXP:
+        left, right = right, left
+    if left.node_type is Op.FLUENT_EXP and right.node_type is Op.OBJECT_EXP:
+        return str(right.object().name)
+    return None
+
+
+def equals_parameter(node: FNode) -> str | None:
+    """Return the parameter's name if ``node`` says that a fluent equals an object parameter."""
+    if node.node_type is not Op.EQUALS:
+        return None
+    left, right = node.args
+    if right.node_type is Op.FLUENT_EXP:
+        left, right = right, left
+    if left.node_type is Op.FLUENT_EXP and right.node_type is Op.PARAM_EXP:
+        return str(right.parameter().name) if right.type.is_user_type() else None
+    return None
+
+
+def conjuncts(node: FNode) -> list[FNode]:
+    """Return the parts of a conjunction (the node itself if it is none)."""
+    if node.node_type is Op.AND:
+        return [part for arg in node.args for part in conjuncts(arg)]
+    return [node]
+
+
+def walk(node: FNode) -> Iterator[FNode]:
+    """Yield ``node`` and everything below it."""
+    yield node
+    for arg in node.args:
+        yield from walk(arg)
+
+
+def fluents_in(node: FNode) -> dict[FNode, None]:
+    """Return the fluent expressions in ``node``, in order of appearance."""
+    return dict.fromkeys(n for n in walk(node) if n.node_type is Op.FLUENT_EXP)
+
+
+def has_decisions(node: FNode) -> bool:
+    """Return whether decision variables, times or presences occur."""
+    kinds = (Op.PARAM_EXP, Op.TIMING_EXP, Op.PRESENT_EXP)
+    return any(n.node_type in kinds for n in walk(node))
+
+
+def unless_decided(node: FNode) -> tuple[FNode | None, FNode]:
+    """Return a disjunction as (what parameters alone decide, what it says of fluents otherwise);
+    (``None``, ``node``) if it is not of that kind.
+    """
+    manager = node.environment.expression_manager
+    if node.node_type is Op.IMPLIES:
+        node = manager.Or(manager.Not(node.arg(0)), node.arg(1))
+    if node.node_type is not Op.OR:
+        return None, node
+    kinds = (Op.TIMING_EXP, Op.PRESENT_EXP)
+    decided = [a for a in node.args if not fluents_in(a)]
+    rest = [a for a in node.args if fluents_in(a)]
+    if not decided or not rest or any(n.node_type in kinds for a in decided for n in walk(a)):
+        return None, node
+    return manager.Or(decided), manager.Or(rest)
+
+
+# ------------------ From UP expressions to linear expressions and forms (see :mod:`.store`)
+
 
 Reader = Callable[[FNode], Lin]
 """Gives the value of a fluent expression where one is read (its object's code, 0/1, or number)."""
@@ -50,7 +120,7 @@ class ActivityVars:
 class World:
     """The names that expressions refer to."""
 
-    store: Store
+    store: ModelStore
     activities: dict[str, ActivityVars] = field(default_factory=dict)
     parameters: dict[str, Lin] = field(default_factory=dict)
     domains: dict[int, frozenset[int]] = field(default_factory=dict)

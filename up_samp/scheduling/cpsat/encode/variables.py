@@ -1,4 +1,6 @@
-"""Variables of activities and parameters, and how their times hang together."""
+"""Variables of activities and parameters, how their times hang together, and which values are left
+to a parameter.
+"""
 
 from __future__ import annotations
 
@@ -9,16 +11,90 @@ from unified_planning.model import DurationInterval
 from unified_planning.model.scheduling import Activity
 
 from up_samp.model import UnsupportedError
-from up_samp.scheduling.cpsat.encode.alternatives import Alternatives
-from up_samp.scheduling.cpsat.encode.durations import check_duration, constant_bounds
-from up_samp.scheduling.cpsat.encode.forms import FALSE, TRUE, Lin, Literal, compare, constant
+from up_samp.scheduling.cpsat.encode.disjunctions import Alternatives
+from up_samp.scheduling.cpsat.encode.durations import LIMITS, check_duration, constant_bounds
+from up_samp.scheduling.cpsat.encode.forms import (
+    FALSE,
+    TRUE,
+    Cmp,
+    Form,
+    Lin,
+    Literal,
+    compare,
+    constant,
+)
 from up_samp.scheduling.cpsat.encode.horizon import Horizon
-from up_samp.scheduling.cpsat.encode.limits import LIMITS
 from up_samp.scheduling.cpsat.encode.states import States
-from up_samp.scheduling.cpsat.encode.store import Store
+from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars, Terms, World, int_bounds
-from up_samp.scheduling.cpsat.normal.presences import Presences
+from up_samp.scheduling.cpsat.normal.form import Presences
 from up_samp.scheduling.cpsat.problem import Additions
+
+
+def domains(forms: Iterable[Form], variables: Variables) -> dict[int, frozenset[int]]:
+    """Return, of the parameters that are objects and of which some form speaks alone, the values
+    that are left.
+
+    Forms that hold where the parameter's activity is there are enough: nobody asks for the values
+    of what is absent.
+
+    Assumes: a form speaks of one parameter alone, and holds wherever its activity is there.
+    """
+    activities, bounds = variables.world.activities, variables.store.bounds
+    presences = {
+        var: TRUE if owner is None else activities[owner].present
+        for var, tpe, owner in variables.parameters.values()
+        if tpe.is_user_type()
+    }
+    told: dict[int, list[Form]] = {}
+    for form in forms:
+        var = _only(form)
+        if var in presences and _literals(form) <= {~presences[var]}:
+            told.setdefault(var, []).append(form)
+    found = {}
+    for var, some in told.items():
+        low, high = bounds[var]
+        found[var] = frozenset(v for v in range(low, high + 1) if all(_holds(f, v) for f in some))
+    return found
+
+
+def _only(form: Form) -> int:
+    """Return the variable that a form compares, if it is one; else -1."""
+    if form.__class__ is Cmp:
+        return form.terms[0][0] if len(form.terms) == 1 else -1
+    if form.__class__ is int:
+        return -1
+    found = -1
+    for part in form[1:]:
+        if part.__class__ is int:
+            continue
+        var = _only(part)
+        if var < 0 or found not in (-1, var):
+            return -1
+        found = var
+    return found
+
+
+def _literals(form: Form) -> frozenset[Literal]:
+    if form.__class__ is int:
+        return frozenset((form,))
+    if form.__class__ is Cmp:
+        return frozenset(~need for need in form.needs)
+    return frozenset[Literal]().union(*map(_literals, form[1:]))
+
+
+def _holds(form: Form, value: int) -> bool:
+    """Return whether a form holds if its variable has a value, and its activity is there."""
+    if form.__class__ is int:
+        return False
+    if form.__class__ is Cmp:
+        worth = form.const + form.terms[0][1] * value
+        return {"<=": worth <= 0, "==": worth == 0, "!=": worth != 0}[form.op]
+    parts = (_holds(part, value) for part in form[1:])
+    return any(parts) if form[0] == "|" else all(parts)
+
+
+# ------------------ Variables of activities and parameters, and how their times hang together
 
 
 class Variables:
@@ -37,7 +113,7 @@ class Variables:
         groups: Iterable[Alternatives],
     ) -> None:
         self.world = world
-        self.store: Store = world.store
+        self.store: ModelStore = world.store
         self.states = states
         self.horizon = horizon
         self.parameters: dict[str, tuple[int, Any, str | None]] = {}

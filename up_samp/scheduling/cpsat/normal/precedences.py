@@ -4,7 +4,7 @@
 Implies(R.present, Or(R.end <= H.start, R.start >= A.end)))``; and, where it holds at first, one
 more alternative: ``And for each R: Implies(R.present, R.start >= A.end)`` (Tosello et al., ICAPS
 2026). Here they are only read; whether they amount to a state variable depends on who never
-overlaps, see :mod:`up_samp.scheduling.cpsat.encode.histories`.
+overlaps, see :mod:`up_samp.scheduling.cpsat.encode.recognition`.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class FollowUp:
     gap: int
 
 
-class Reader:
+class PrecedenceReader:
     """Reads preconditions and follow-ups among constraints."""
 
     def __init__(self) -> None:

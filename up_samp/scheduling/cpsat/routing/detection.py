@@ -4,21 +4,215 @@ need (work at places), all one at a time.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from up_samp.scheduling.cpsat.encode.statevars import Key, Read, StateVar
+from up_samp.scheduling.cpsat.encode.forms import TRUE, Form, Literal, value_told
+from up_samp.scheduling.cpsat.encode.states import Key, Read, StateVar
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.encode.timeline import Timeline
-from up_samp.scheduling.cpsat.routing.changes import Change, changes_of
-from up_samp.scheduling.cpsat.routing.entrances import find_entries, find_still
-from up_samp.scheduling.cpsat.routing.lengths import Lengths
-from up_samp.scheduling.cpsat.routing.route import INFINITE, Move, Route
-from up_samp.scheduling.cpsat.routing.visits import find_visits
+from up_samp.scheduling.cpsat.routing.changes import Lengths, Mover, changes_of
+from up_samp.scheduling.cpsat.routing.route import INFINITE, Entrance, Move, Route, Still
 
 if TYPE_CHECKING:
     from up_samp.scheduling.cpsat.model import ScheduleModel
+
+
+def find_visits(model: ScheduleModel, route: Route) -> None:
+    """Find the places to which one of some moves has to be made.
+
+    A visit begins when such a move ends, so nothing may need a rest after it.
+
+    Assumes: one of some moves is there in every schedule, all of them lead to one place, and none
+    is odd.
+    """
+    if route.gap > 0:
+        return
+    moves: dict[Literal, list[Move]] = {}
+    for move in route.moves:
+        if move.name not in route.odd:
+            moves.setdefault(model.world.activities[move.name].present, []).append(move)
+    clauses = [form[1:] if form.__class__ is tuple and form[0] == "|" else (form,)
+               for form in model.stated]  # fmt: skip
+    clauses += [*model.exact.values(), *((p,) for p in moves if p == TRUE)]
+    visited = set()
+    for every in clauses:
+        places = set[int]()
+        for part in every:
+            some = _leading(model, part, moves)
+            if some is None:
+                break
+            places |= some
+        else:
+            visited |= places if len(places) == 1 else set()
+    known = {next(iter(places)) for _, places in route.stops if len(places) == 1}
+    for place in sorted(visited - known):
+        route.visits.append((f"visit {place} of {route.key}", frozenset((place,))))
+    route.late |= {name for name, _ in route.visits}
+
+
+def _leading(
+    model: ScheduleModel, part: Form, moves: dict[Literal, list[Move]]
+) -> frozenset[int] | None:
+    """Return where the traveller has come if ``part`` holds: "this move is made" (with these
+    values of its parameters); nowhere, if it cannot hold; ``None``, if it says anything else.
+    """
+    parts = part[1:] if part.__class__ is tuple and part[0] == "&" else (part,)
+    literals = [p for p in parts if p.__class__ is int]
+    values = [v for p in parts if (v := value_told(p, "==")) is not None]
+    if any(model.store.never(literal) for literal in literals):
+        return frozenset()
+    mine = next((moves[literal] for literal in literals if literal in moves), None)
+    if mine is None:
+        return None
+    # whatever else it says, one of the moves is made that it does not exclude
+    return frozenset(
+        m.to for m in mine if all(dict(m.values).get(var, v) == v for var, v in values)
+    )
+
+
+# ------------------ What moves of one traveller need of other states: doors, rooms behind them, wha
+
+
+def find_entries(model: ScheduleModel, route: Route, changes: list[Mover]) -> None:
+    """Find what every change into a place needs of other state variables (open doors).
+
+    Assumes: every move into a place needs the same, it does not hold at first, and no move provides
+    it.
+
+    :param changes: all that the traveller makes one at a time.
+    """
+    into: dict[int, list[Move]] = {}
+    for move in route.moves:
+        into.setdefault(move.to, []).append(move)
+    movers = {change.activity.index for change in changes if change.activity is not None}
+    needs = _needs(model, route, movers)
+    for place, moves in into.items():
+        if place in route.free:
+            continue
+        common = set.intersection(*(set(needs[move]) for move in moves))
+        for key, allowed in sorted(common, key=str):
+            if model.states.vars[key].initial in allowed:
+                continue
+            lead = min(needs[move][key, allowed] for move in moves)
+            route.entries.setdefault(place, []).append(Entrance(key, allowed, max(0, lead)))
+    _find_closed_off(model, route, needs)
+
+
+Needs = dict[Move, dict[tuple[Key, frozenset[int]], int]]
+"""What each move needs of other state variables -> how long before what is done where it leads."""
+
+
+def _needs(model: ScheduleModel, route: Route, movers: set[int]) -> Needs:
+    asked: dict[int, list[tuple[Read, tuple[Key, frozenset[int]]]]] = {}
+    for other in model.states.vars.values():
+        if any(write.owner in movers for write in other.writes):
+            continue  # a move may provide what it needs itself
+        held = frozenset(other.held()) if other.values is not None else None
+        for read in (*other.reads, *model.implied.get(other.key, ())):
+            if read.owner in movers and read.allowed is not None and not read.guard_only:
+                # however it is said what has to hold, it is the same of what may hold at all
+                allowed = read.allowed if held is None else read.allowed & held
+                asked.setdefault(read.owner or 0, []).append((read, (other.key, allowed)))
+    found: Needs = {}
+    for move in route.moves:
+        activity = model.world.activities[move.name]
+        some = asked.get(activity.index, ())
+        true = _true(model, activity, move) if some else set()
+        mine = found[move] = {}
+        for read, need in some:
+            before = _before_end(model, activity, move, read)
+            if read.active in true and before >= 0:
+                mine[need] = max(mine.get(need, 0), before + 1 + route.step)
+    return found
+
+
+def _before_end(model: ScheduleModel, activity: ActivityVars, move: Move, read: Read) -> int:
+    """Return how long before the end of a move it needs something, at least."""
+    before, most = model.states.difference(activity.end, read.lo)
+    if before == most:
+        return before
+    # a move between certain places may last longer than its activity does at least
+    since, latest = model.states.difference(read.lo, activity.start)
+    return max(before, move.least - since) if since == latest else before
+
+
+def _true(model: ScheduleModel, activity: ActivityVars, move: Move) -> set[Literal]:
+    """Return what is true of a move that is made: it is present, with its parameters' values."""
+    chosen = [model.store.is_value(var, value) for var, value in move.values]
+    return {
+        model.store.all_of([activity.present, *some])
+        for size in range(len(chosen) + 1)
+        for some in itertools.combinations(chosen, size)
+    }
+
+
+def _find_closed_off(model: ScheduleModel, route: Route, needs: Needs) -> None:
+    """Find the places to which there is no way but by moves that all need the same (rooms behind
+    a door): to come there, one of these has been made before.
+
+    Assumes: a place has no way to it but by moves that need the same.
+    """
+    for key, allowed in sorted({need for some in needs.values() for need in some}, key=str):
+        if model.states.vars[key].initial in allowed:
+            continue
+        free = [m for m in route.moves if (key, allowed) not in needs[m]]
+        leads = [some[key, allowed] for some in needs.values() if (key, allowed) in some]
+        reached, size = {route.initial, *route.free}, 0
+        while size < len(reached):
+            size = len(reached)
+            reached |= {m.to for m in free if m.origins & reached}
+        for place in sorted({m.to for m in route.moves} - reached):
+            known = route.entries.setdefault(place, [])
+            if not any((e.state, e.allowed) == (key, allowed) for e in known):
+                known.append(Entrance(key, allowed, max(0, min(leads))))
+
+
+def find_still(model: ScheduleModel, place: StateVar, owners: frozenset[int]) -> Still:
+    """Return what all ``owners`` of changes of a place keep as it is from their start to their
+    end.
+
+    Assumes: every move that has a midst keeps the state all through it.
+    """
+    found: Still = {}
+    for state in model.states.vars.values():
+        if state is place or not state.writes or state.numeric:
+            continue
+        if any(write.owner is None or write.owner in owners for write in state.writes):
+            continue  # nothing is kept apart from what the problem itself changes
+        spans: dict[int, tuple[int, int]] = {}
+        for read in state.reads:
+            if read.owner is not None and read.owner in owners:
+                span = _kept(model, model.states.activity(read.owner), read)
+                known = spans.get(read.owner)
+                if span is not None and (known is None or _width(span) > _width(known)):
+                    spans[read.owner] = span
+        if not spans:
+            continue
+        common = max(s[0] for s in spans.values()), min(s[1] for s in spans.values())
+        others = [model.states.activity(o or 0) for o in owners - spans.keys()]
+        # what lasts one unit has no midst
+        if not others or (_width(common) <= 0 and all(a.least <= 1 for a in others)):
+            found[state.key] = common
+    return found
+
+
+def _width(span: tuple[int, int]) -> int:
+    return span[1] - span[0]
+
+
+def _kept(model: ScheduleModel, activity: ActivityVars, read: Read) -> tuple[int, int] | None:
+    """Return (a, b): effects on what is read come by ``start + a`` or from ``end + b`` on."""
+    after = model.states.difference(read.lo, activity.start)[1] - 1
+    before = 1 - model.states.difference(activity.end, read.hi)[1]
+    near = after <= 0 and before >= -1
+    return (after, before) if near and read.active == activity.present else None
+
+
+# ------------------ Routes inside a problem: a state variable that some members of a clique change
+# need (work at places), all one at a time.
 
 
 def find_routes(model: ScheduleModel) -> list[Route]:
@@ -32,7 +226,7 @@ def find_routes(model: ScheduleModel) -> list[Route]:
         place
         for timeline in model.timelines.values()
         if isinstance(timeline, Timeline)
-        and isinstance(place := _place(model, timeline, cliques), Place)
+        and isinstance(place := _place(model, timeline, cliques), RoutePlace)
     ]
     lengths = Lengths(model, {v for p in places for c in p.changes for v in (c.origin, c.target)
                               if v is not None})  # fmt: skip
@@ -63,7 +257,7 @@ Cliques = list[tuple[int, set[int]]]
 
 
 @dataclass(frozen=True)
-class Place:
+class RoutePlace:
     """A state variable that tells where a traveller is: ``members`` (indices) are done one at a
     time with ``gap`` between them, and so are most of ``changes``.
     """
@@ -71,7 +265,7 @@ class Place:
     state: StateVar
     gap: int
     members: frozenset[int]
-    changes: list[Change]
+    changes: list[Mover]
 
     @property
     def free(self) -> frozenset[int]:
@@ -100,7 +294,7 @@ def refusals(model: ScheduleModel, routes: list[Route]) -> dict[Key, str]:
     return found
 
 
-def _place(model: ScheduleModel, timeline: Timeline, cliques: Cliques) -> Place | str:
+def _place(model: ScheduleModel, timeline: Timeline, cliques: Cliques) -> RoutePlace | str:
     """Return a state variable as a traveller's place, or why it is none."""
     state = timeline.state
     if state.initial is None:
@@ -114,7 +308,7 @@ def _place(model: ScheduleModel, timeline: Timeline, cliques: Cliques) -> Place 
     if 2 * len(owners & members) < len(owners):
         return "nothing keeps all that changes it one at a time"
     changes = changes_of(model, timeline, members)
-    place = Place(state, gap, frozenset(members), changes)
+    place = RoutePlace(state, gap, frozenset(members), changes)
     free = [c for c in changes if c.free]
     if 2 * len(free) > len(changes) or all(c.odd and len(c.targets) > 1 for c in changes):
         name = next(name_of(c) for c in changes if c.odd)
@@ -127,7 +321,7 @@ def _place(model: ScheduleModel, timeline: Timeline, cliques: Cliques) -> Place 
     return place
 
 
-def name_of(change: Change) -> str:
+def name_of(change: Mover) -> str:
     """Return who makes a change."""
     return "the problem itself" if change.activity is None else change.activity.name
 
@@ -141,7 +335,7 @@ def _happens(model: ScheduleModel, owner: int | None) -> bool:
     return owner is None or not model.store.never(model.states.activity(owner).present)
 
 
-def _route(model: ScheduleModel, place: Place, lengths: Lengths) -> Route:
+def _route(model: ScheduleModel, place: RoutePlace, lengths: Lengths) -> Route:
     """Return the route of a traveller."""
     state = place.state
     bound = [c for c in place.changes if not c.free]
@@ -168,13 +362,13 @@ def _route(model: ScheduleModel, place: Place, lengths: Lengths) -> Route:
     return route
 
 
-def _lag(changes: list[Change]) -> int:
+def _lag(changes: list[Mover]) -> int:
     """Return the time from the end of a move until the next one, or a stop, may begin at least."""
     seen = 1 + min(c.delay for c in changes)
     return max(0, seen - any(c.touches for c in changes))
 
 
-def _moves(change: Change, lengths: Lengths) -> Iterator[Move]:
+def _moves(change: Mover, lengths: Lengths) -> Iterator[Move]:
     """Yield a change as a move, or as one for each origin and goal where variables tell them: they
     have one name, and happen once together.
     """
@@ -197,7 +391,7 @@ def _moves(change: Change, lengths: Lengths) -> Iterator[Move]:
 
 
 def _stops(
-    model: ScheduleModel, place: Place
+    model: ScheduleModel, place: RoutePlace
 ) -> tuple[list[tuple[str, frozenset[int]]], frozenset[str]]:
     """Return the stops with their places, and which of them need these only after their start."""
     places: dict[int, frozenset[int]] = {}

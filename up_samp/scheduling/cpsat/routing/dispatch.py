@@ -9,20 +9,323 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 from up_samp.scheduling.cpsat.encode.forms import TRUE, Cmp, Literal
-from up_samp.scheduling.cpsat.encode.statevars import Key, StateVar
+from up_samp.scheduling.cpsat.encode.states import Key, StateVar, Write
+from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.routing.openings import RoutedTask, with_openings
-from up_samp.scheduling.cpsat.routing.route import Route
-from up_samp.scheduling.cpsat.routing.unit_places import UnitPlace, find_unit_places
+from up_samp.scheduling.cpsat.routing.route import Move, Route
+
+if TYPE_CHECKING:
+    from up_samp.scheduling.cpsat.model import ScheduleModel
+
+
+@dataclass(frozen=True)
+class UnitPlace:
+    """A unary place: it is taken by whoever rests at one of ``places`` (by route's key)."""
+
+    key: Key
+    places: tuple[tuple[Key, frozenset[int]], ...]
+
+    def places_of(self, route: Key) -> frozenset[int]:
+        """Return the places of a route that it holds."""
+        return self._by_route.get(route, frozenset())
+
+    @cached_property
+    def _by_route(self) -> dict[Key, frozenset[int]]:
+        return dict(self.places)
+
+
+def find_unit_places(model: ScheduleModel, routes: list[Route]) -> list[UnitPlace]:
+    """Return the unary places: 0/1 fluents that arrivals decrease and departures increase.
+
+    Assumes: every arrival takes the one unit at its end, every departure gives it back at its
+    start, and whoever begins there has it.
+    """
+    carriers: dict[int | None, set[Key]] = {}
+    for route in routes:
+        for move in route.moves:
+            index = model.world.activities[move.name].index
+            carriers.setdefault(index, set()).add(route.key)
+    found = []
+    for key, state in model.states.vars.items():
+        writes = [w for w in state.writes if not model.store.never(w.active)]
+        if not writes or state.bounds != (0, 1) or not all(w.add for w in writes):
+            continue
+        # who takes one unit for two travellers says nothing of these two
+        if any(len(carriers.get(w.owner, ())) != 1 for w in writes):
+            continue
+        changes = _unit_changes(model, routes, writes)
+        if changes is None:
+            continue
+        arrivals, departures = changes
+        places = []
+        for route in routes:
+            comes = {(m.name, m.to) for m in route.moves}
+            inside = frozenset(to for name, to in comes if to in arrivals.get(name, ()))
+            begins = {(m.name, origin) for m in route.moves for origin in m.origins}
+            if not (_are(comes, inside, arrivals) and _are(begins, inside, departures)):
+                break
+            places.append((route.key, inside))
+        else:
+            here = sum(
+                route.initial in inside for route, (_, inside) in zip(routes, places, strict=True)
+            )
+            if here + (state.initial or 0) <= 1:  # who is there has it
+                found.append(UnitPlace(key, tuple(places)))
+    return found
+
+
+Ends = dict[str, frozenset[int]]
+"""Moves that take a unit (or give one back) -> the places to (or from) which they do."""
+
+
+def _are(ends: set[tuple[str, int]], inside: frozenset[int], known: Ends) -> bool:
+    """Return whether those moves take or give a unit, of one route, that lead in or out."""
+    return {e for e in ends if e[1] in inside} == {e for e in ends if e[1] in known.get(e[0], ())}
+
+
+def _unit_changes(
+    model: ScheduleModel, routes: list[Route], writes: list[Write]
+) -> tuple[Ends, Ends] | None:
+    """Return who takes a unit at its end and who gives it back at its start, or a unit after it;
+    None if anybody does anything else with it.
+    """
+    taken, given = Ends(), Ends()
+    moves: dict[str, list[Move]] = {}
+    for move in (move for route in routes for move in route.moves):
+        moves.setdefault(move.name, []).append(move)
+    for write in writes:
+        activity = model.states.activity(write.owner or 0)
+        step = 0 if write.value.terms else write.value.const
+        start = model.states.difference(write.time, activity.start) in ((0, 0), (1, 1))
+        end = model.states.difference(write.time, activity.end) == (0, 0)
+        if not (step == -1 and end) and not (step == 1 and start):
+            return None
+        places = _places(model, activity, write.active, moves[activity.name], arrives=step == -1)
+        if not places:
+            return None
+        found = taken if step == -1 else given
+        found[activity.name] = found.get(activity.name, frozenset()) | places
+    return taken, given
+
+
+def _places(
+    model: ScheduleModel,
+    activity: ActivityVars,
+    active: Literal,
+    moves: list[Move],
+    *,
+    arrives: bool,
+) -> frozenset[int]:
+    """Return the places of which a literal tells that an activity begins or ends there (none, if
+    it says anything else).
+    """
+    found = set[int]()
+    for move in moves:
+        places = frozenset((move.to,)) if arrives else move.origins
+        if active == activity.present:
+            found |= places
+        elif len(places) == 1:
+            # who goes from one place to another is told by one variable where it comes from, and
+            # by another one where it goes to
+            tells = (model.store.value_known(*item) for item in move.values if item[1] in places)
+            present = activity.present
+            if any(t is not None and _both(model, present, t) == active for t in tells):
+                found |= places
+    return frozenset(found)
+
+
+def _both(model: ScheduleModel, one: Literal, other: Literal) -> Literal | None:
+    return model.store.conjunction_known([one, other])
+
+
+# ------------------ Doors among the tasks: what opens one is one thing to do, whoever does it
+# A state that has to be changed before somebody may come to a place (a door), that nothing sets
+# back: whoever changes it first opens the way for all, and later openings change nothing. So a
+# bound may look at the first opening only, and quick schedules need no other.
+
+
+@dataclass
+class RoutedTask:
+    """Done once at most, in one of ``ways``: (route, stop's name, places). One that is ``wanted``
+    is done in one of them in every schedule. ``after`` are (task, time from its start), ``apart``
+    are (task, gap). ``changes`` are (state, value, time from the start), of the states that ways
+    need or that moves keep as they are.
+    A ``visit`` is done by nothing but arriving.
+    """
+
+    length: int
+    wanted: bool
+    ways: list[tuple[int, str, frozenset[int]]] = field(default_factory=list)
+    after: list[tuple[int, int]] = field(default_factory=list)
+    apart: list[tuple[int, int]] = field(default_factory=list)
+    changes: list[tuple[Key, int, int]] = field(default_factory=list)
+    stirs: list[tuple[Key, int]] = field(default_factory=list)
+    """(state, time from the start) of what surely changes, whoever does it."""
+    visit: bool = False
+    needed: bool = False
+    """Nobody wants it by itself, but something that is wanted cannot be done before it."""
+    opens: Key | None = None
+    """The door that it opens, if it and only it does, and nothing shuts it."""
+    opened: list[tuple[int, int]] = field(default_factory=list)
+    """(needed task, time from its start): what opens the way to this one, whoever does it."""
+
+
+Entrance = tuple[Key, frozenset[int]]
+"""A state, and the values that it must have for somebody to come."""
+
+
+def with_openings(
+    model: ScheduleModel, routes: list[Route], tasks: list[RoutedTask]
+) -> list[RoutedTask]:
+    """Return ``tasks`` with those that open the same as one, and what cannot go without them.
+
+    Assumes: all that changes a state opens it, alike, and opens nothing else; nothing shuts it.
+    """
+    entrances = sorted(
+        {
+            (entry.state, entry.allowed)
+            for route in routes
+            for entries in route.entries.values()
+            for entry in entries
+        },
+        key=str,
+    )
+    openers = {e: found for e in entrances if (found := _openers(model, tasks, e))}
+    counts: dict[int, int] = {}
+    for found in openers.values():
+        for task in found:
+            counts[task] = counts.get(task, 0) + 1
+    openers = {e: some for e, some in openers.items() if all(counts[t] == 1 for t in some)}
+    tasks, places = _merged(tasks, list(openers.values()))
+    for (key, _), some in openers.items():
+        tasks[places[some[0]]].opens = key
+    _mark(routes, tasks, {e: places[some[0]] for e, some in openers.items()})
+    return tasks
+
+
+def _openers(model: ScheduleModel, tasks: list[RoutedTask], entrance: Entrance) -> list[int] | None:
+    """Return the tasks that open an entrance, if all that changes it does just that, and alike."""
+    key, allowed = entrance
+    state = model.states.vars[key]
+    if state.numeric or state.initial in allowed or not state.writes:
+        return None
+    names = {name: i for i, task in enumerate(tasks) for _, name, _ in task.ways}
+    found: dict[int, None] = {}
+    for write in state.writes:
+        if model.store.never(write.active):
+            continue
+        owner = None if write.owner is None else model.states.activity(write.owner)
+        if owner is None or owner.name not in names or write.active != owner.present:
+            return None
+        if write.value.terms or write.value.const not in allowed:
+            return None
+        found[names[owner.name]] = None
+    if not found:
+        return None
+    some = [tasks[i] for i in found]
+    first = some[0]
+    alike = all(
+        not t.wanted and t.length == first.length and t.changes == first.changes for t in some
+    )
+    return list(found) if alike and sum(k == key for k, _, _ in first.changes) == 1 else None
+
+
+def _merged(
+    tasks: list[RoutedTask], groups: list[list[int]]
+) -> tuple[list[RoutedTask], dict[int, int]]:
+    """Return the tasks with each group as one, and old -> new numbers. What is said of the one is
+    what is said of each.
+    """
+    leader = {i: some[0] for some in groups for i in some}
+    kept = [i for i in range(len(tasks)) if leader.get(i, i) == i]
+    number = {i: kept.index(leader.get(i, i)) for i in range(len(tasks))}
+    members = {some[0]: some for some in groups}
+    found = []
+    for i in kept:
+        some = [tasks[m] for m in members.get(i, [i])]
+        one = some[0]
+        merged = RoutedTask(one.length, one.wanted, changes=one.changes, visit=one.visit)
+        merged.ways = [way for task in some for way in task.ways]
+        merged.stirs = [s for s in one.stirs if all(s in task.stirs for task in some)]
+        merged.after = _of_each([t.after for t in some], members, number)
+        merged.apart = _of_each([t.apart for t in some], members, number)
+        found.append(merged)
+    return found, number
+
+
+def _of_each(
+    lists: list[list[tuple[int, int]]], members: dict[int, list[int]], number: dict[int, int]
+) -> list[tuple[int, int]]:
+    """Return the relations (task, gap) of a merged task to others that each of them has to each
+    of theirs.
+    """
+    found = []
+    known = [_greatest(some) for some in lists]
+    for other in {task for some in known for task in some}:
+        group = next((g for g in members.values() if other in g), [other])
+        if other == group[0] and all(m in some for some in known for m in group):
+            found.append((number[other], min(some[m] for some in known for m in group)))
+    return sorted(found)
+
+
+def _greatest(some: list[tuple[int, int]]) -> dict[int, int]:
+    found: dict[int, int] = {}
+    for task, gap in some:
+        found[task] = max(gap, found.get(task, gap))
+    return found
+
+
+def _mark(routes: list[Route], tasks: list[RoutedTask], openers: dict[Entrance, int]) -> None:
+    """Mark what has to be opened for what is wanted, and so on."""
+    agenda = [i for i, task in enumerate(tasks) if task.wanted]
+    known = set(agenda)
+    while agenda:
+        number = agenda.pop()
+        for entrance, lead in _entrances(routes, tasks[number]).items():
+            opener = openers.get(entrance)
+            if opener is None or opener == number:
+                continue
+            delay = next(d for k, _, d in tasks[opener].changes if k == entrance[0])
+            tasks[number].opened.append((opener, delay + lead))
+            if opener not in known:
+                known.add(opener)
+                tasks[opener].needed = True
+                agenda.append(opener)
+
+
+def _entrances(routes: list[Route], task: RoutedTask) -> dict[Entrance, int]:
+    """Return what must be open for a task whoever does it wherever, and for how long at least."""
+    common: dict[Entrance, int] | None = None
+    for number, stop, places in task.ways:
+        route = routes[number]
+        late = route.step - route.rest(stop)
+        for place in places:
+            entries = () if place == route.initial else route.entries.get(place, ())
+            mine = {(e.state, e.allowed): e.lead - late for e in entries}
+            common = (
+                mine
+                if common is None
+                else {e: min(lead, mine[e]) for e, lead in common.items() if e in mine}
+            )
+    return common or {}
+
+
+# ------------------ Who does what where: the tasks of travellers, for quick constructive schedules
+# A task is one of several alternatives (stops of routes) that are done once; its times are one
+# start variable, and whatever opens the same door is one task. What the tasks need is read off the
+# full model: order, machines, doors, unary places.
+
 
 Memory = dict[tuple[object, ...], dict[int, int]]
 """By what the tasks are called: of each set of them that are done (bits), what is left at least."""
 
 
 @dataclass
-class Work:
+class RoutedWork:
     """All tasks, with the routes they are on. ``lefts``: what was found out before about what sets
     of tasks leave (:mod:`.lefts`).
     """
@@ -42,7 +345,7 @@ class Work:
         ]
 
 
-def find_work(model: ScheduleModel, routes: list[Route]) -> Work | None:
+def find_work(model: ScheduleModel, routes: list[Route]) -> RoutedWork | None:
     """Return the tasks of ``routes``; ``None`` if something else must be done, too.
 
     Assumes: what must be there in every schedule is done on the routes.
@@ -56,7 +359,7 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> Work | None:
     if any(a.present == TRUE or a.present in model.exact for a in others):
         return None
     initial = {key: state.initial for key, state in model.states.vars.items()}
-    return Work(routes, find_tasks(model, routes), find_unit_places(model, routes), initial)
+    return RoutedWork(routes, find_tasks(model, routes), find_unit_places(model, routes), initial)
 
 
 def find_tasks(model: ScheduleModel, routes: list[Route]) -> list[RoutedTask]:

@@ -7,7 +7,7 @@ import itertools
 from collections.abc import Collection, Iterable
 
 from up_samp.model import CandidateSchedule
-from up_samp.scheduling.cpsat.encode.statevars import Key
+from up_samp.scheduling.cpsat.encode.states import Key
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.route import Move, Route, Still
 

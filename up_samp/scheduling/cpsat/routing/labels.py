@@ -1,22 +1,23 @@
-"""What is known of beginnings of schedules, many at once: arrays with a row each.
-
-A label says which tasks are done, and of each traveller what it did last, when it is free after
-that, and since when it may be where, at rest, with nothing done since.
+"""Labels: partial sequences of tasks, many at once, as arrays with a row each; how they are
+extended, and which differ only in robots that are alike.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from up_samp.scheduling.cpsat.routing.route import INFINITE
+from up_samp.scheduling.cpsat.routing.rules import NEVER, SequenceChoice, SequenceRules, StateChange
 from up_samp.scheduling.cpsat.tuning import BoundsTuning
 
 
 @dataclass(frozen=True)
-class Labels:
+class LabelTable:
     """Labels in rows; columns are travellers but for ``done`` and ``parent``.
 
     ``done``: bits of the tasks. ``last``: the number of what it did last, as one traveller at one
@@ -42,7 +43,7 @@ class Labels:
         return len(self.done)
 
     @staticmethod
-    def first(ready: Any) -> Labels:
+    def first(ready: Any) -> LabelTable:
         """Return the one label of the beginning, where nothing is done: a row of ``ready`` for each
         traveller.
         """
@@ -51,33 +52,35 @@ class Labels:
         nothing = np.full((1, count), -1, dtype=np.int64)
         none = np.zeros(1, dtype=np.int64)
         own = np.arange(count)[None]
-        return Labels(none, nothing, zero, zero, ready[None], zero, zero, own, none)
+        return LabelTable(none, nothing, zero, zero, ready[None], zero, zero, own, none)
 
-    def rows(self, which: Any) -> Labels:
+    def rows(self, which: Any) -> LabelTable:
         """Return some of the labels (numbers or a mask)."""
-        return Labels(*(column[which] for column in self._columns()))
+        return LabelTable(*(column[which] for column in self._columns()))
 
     def _columns(self) -> tuple[Any, ...]:
         times = self.free, self.leave, self.ready
         return self.done, self.last, *times, self.used, self.spent, self.turned, self.parent
 
-    def numbered(self) -> Labels:
+    def numbered(self) -> LabelTable:
         """Return the labels as parents of those that are made from them."""
         own = np.broadcast_to(np.arange(self.last.shape[1]), self.last.shape)
         return replace(self, turned=own, parent=np.arange(len(self)))
 
-    def bare(self) -> Labels:
+    def bare(self) -> LabelTable:
         """Return the labels without what only those that are made from them need."""
         none = np.zeros((len(self), 0), dtype=np.int64)
         return replace(self, leave=none, ready=none, used=none, spent=none)
 
     @staticmethod
-    def joined(some: list[Labels]) -> Labels:
+    def joined(some: list[LabelTable]) -> LabelTable:
         """Return the labels of several sets of them."""
         columns = zip(*(labels._columns() for labels in some), strict=True)
-        return Labels(*(np.concatenate(column) for column in columns))
+        return LabelTable(*(np.concatenate(column) for column in columns))
 
-    def undominated(self, tuning: BoundsTuning, over: Callable[[], bool] = lambda: False) -> Labels:
+    def undominated(
+        self, tuning: BoundsTuning, over: Callable[[], bool] = lambda: False
+    ) -> LabelTable:
         """Return the labels without those that another one is at least as good as: the same is
         done by the same, nothing later, nobody further on its way, with no more moves used up.
 
@@ -115,3 +118,371 @@ class Labels:
             a, b = a[better], b[better]
             worse[b[(self.ready[a] <= self.ready[b]).all((1, 2))]] = True
         return worse
+
+
+# ------------------ From beginnings of sequences of tasks to those that are longer by a task: array
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Steps by the ``rules`` in schedules that end by ``end``."""
+
+    rules: SequenceRules
+    end: int
+
+    def beginning(self, begun: int = 0) -> LabelTable:
+        """Return the one label of the beginning: everybody is at its place, nothing is done but
+        what was ``begun`` before.
+        """
+        ready = [w.travel[w.number[w.route.initial]] for w in self.rules.ways]
+        first = LabelTable.first(self._until(np.stack(ready)))
+        return replace(first, done=first.done | begun)
+
+    def _until(self, ready: Any) -> Any:
+        """Return when travellers are ready where, and never where moves would end after
+        all has to: so more labels are the same.
+        """
+        seen = max(w.route.step for w in self.rules.ways)
+        return np.where(ready > self.end + seen, NEVER, ready)
+
+    def continued(self, labels: LabelTable, number: int) -> Iterator[LabelTable]:
+        """Yield the labels of what goes on with a choice, as far as that may end in time."""
+        choice = self.rules.choices[number]
+        needs = self.rules.programme.before[choice.task]
+        bit = 1 << choice.task
+        labels = labels.rows(((labels.done & bit) == 0) & ((needs & ~labels.done) == 0))
+        if not len(labels):
+            return
+        latest = self._latest(labels, number)
+        for arrival, used in self._arrivals(labels, choice):
+            start = np.maximum(arrival, self._soonest(labels, choice.task))
+            good = start <= latest
+            some = replace(labels.rows(good), used=used[good])
+            for starts, more in self._undisturbed(some, start[good], choice, latest[good]):
+                found = self._done(more, starts, number)
+                found = replace(found, spent=self._spent(found))
+                yield found.rows(self._in_time(found))
+
+    def _latest(self, labels: LabelTable, number: int) -> Any:
+        """Return when a choice has to start at the latest."""
+        choice = self.rules.choices[number]
+        length, tail = self.rules.lengths[number], self.rules.tails[choice.task]
+        last = labels.last.copy()
+        last[:, choice.traveller] = number
+        shared = labels.spent.copy()
+        shared[:, choice.traveller] = length
+        shared = shared.sum(1) + self.rules.rest(labels.done | 1 << choice.task, last)
+        own = self.end - max(tail, length + choice.back)
+        return np.minimum(own, labels.last.shape[1] * self.end - shared)
+
+    def _arrivals(self, labels: LabelTable, choice: SequenceChoice) -> Iterator[tuple[Any, Any]]:
+        """Yield when a choice's traveller may be there, and which moves are used up then."""
+        axis, place = choice.traveller, choice.place
+        ways, here = self.rules.ways[axis], self._places(labels, axis)
+        leave = labels.leave[:, axis]
+        arrival = labels.ready[:, axis, place]
+        stays = (here == place) & (arrival == labels.free[:, axis])
+        hop = np.where(leave >= 0, ways.hop[here, place], 0)
+        hop = np.where(stays, 0, hop)
+        done = self.rules.row(labels.done | 1 << choice.task)
+        origins, goals = self.rules.left[done, axis].T
+        left = goals & (origins | ways.leading[place])
+        used = labels.used.copy()
+        used[:, axis] = (used[:, axis] | hop) & left
+        yield np.where(stays, arrival, arrival - choice.late), used
+        spared = hop & ~labels.used[:, axis] & left != 0
+        if spared.any():
+            used = labels.used.copy()
+            used[:, axis] &= left
+            detour = np.maximum(arrival, leave + ways.detour[here, place]) - choice.late
+            yield np.where(spared, detour, NEVER), used
+
+    def _places(self, labels: LabelTable, axis: int) -> Any:
+        """Return where a traveller did its last task (at the beginning: where it is)."""
+        initial = self.rules.ways[axis].number[self.rules.ways[axis].route.initial]
+        places = np.array([*(c.place for c in self.rules.choices), initial])
+        return places[labels.last[:, axis]]
+
+    def _soonest(self, labels: LabelTable, task: int) -> Any:
+        """Return when a task may start, after the last ones of all travellers."""
+        tasks = np.array([*(c.task for c in self.rules.choices), 0])
+        lengths = np.array([t.length for t in self.rules.programme.tasks])
+        soonest = np.zeros(len(labels), dtype=np.int64)
+        for axis, route in enumerate(self.rules.programme.routes):
+            last = tasks[labels.last[:, axis]]
+            since = labels.free[:, axis] - route.gap - lengths[last] + self.rules.waits[last, task]
+            soonest = np.maximum(soonest, np.where(labels.last[:, axis] >= 0, since, 0))
+        return soonest
+
+    def _undisturbed(
+        self, labels: LabelTable, start: Any, choice: SequenceChoice, latest: Any
+    ) -> Iterator[tuple[Any, LabelTable]]:
+        """Yield starts, with labels of where everybody else is at rest when something changes."""
+        change = self.rules.changes[choice.task]
+        others = [axis for axis in change.still if axis != choice.traveller] if change else []
+        if change is None or not others or not len(labels):
+            yield start, labels
+            return
+        needed = {axis: self._needed(labels, change, axis) for axis in others}
+        rows, starts = [np.arange(len(labels))], [start]
+        for since in needed.values():
+            row, place = np.nonzero((since > start[:, None]) & (since <= latest[:, None]))
+            rows.append(row)
+            starts.append(since[row, place])
+        span = int(latest.max()) + 1
+        row, start = np.divmod(
+            np.unique(np.concatenate(rows) * span + np.concatenate(starts)), span
+        )
+        labels = labels.rows(row)
+        leave, ready = labels.leave.copy(), labels.ready.copy()
+        for axis in others:
+            there = needed[axis][row] <= start[:, None]
+            leaves = start + change.delay - change.still[axis][0]
+            ready[:, axis] = self._onwards(labels, axis, there, leaves)
+            here = np.arange(there.shape[1]) == self._places(labels, axis)[:, None]
+            alone = (there == here).all(1) & (leave[:, axis] >= 0)
+            leave[:, axis] = np.where(alone, np.maximum(leave[:, axis], leaves), -1)
+        labels = replace(labels, leave=leave, ready=ready)
+        for axis, other in itertools.product(others, range(len(self.rules.ways))):
+            if other != axis:
+                self._hand_over(labels, axis, other)
+        yield start, labels
+
+    def _hand_over(self, labels: LabelTable, axis: int, other: int) -> None:
+        """Let a traveller come where another one did its last task only after that one has left."""
+        since = np.maximum(labels.free[:, axis], labels.leave[:, axis])
+        after = self.rules.handovers[axis, self._places(labels, axis), other]
+        ready = labels.ready[:, other]
+        labels.ready[:, other] = np.minimum(np.maximum(ready, since[:, None] + after), NEVER)
+
+    def _needed(self, labels: LabelTable, change: StateChange, axis: int) -> Any:
+        """Return how late a change's task has to start for a traveller to rest at each place."""
+        ready, here = labels.ready[:, axis], self._places(labels, axis)
+        since = ready.astype(np.int64) - self.rules.ways[axis].route.step
+        since += change.still[axis][1] - change.delay
+        shut = (change.shut[axis] & ~labels.done[:, None]) != 0
+        since = np.where(shut | (ready >= NEVER), INFINITE, since)
+        rows = np.arange(len(labels))
+        stays = ready[rows, here] == labels.free[:, axis]
+        since[rows[stays], here[stays]] = -INFINITE
+        return since
+
+    def _onwards(self, labels: LabelTable, axis: int, there: Any, leaves: Any) -> Any:
+        """Return when a traveller is ready where, if it rests at one of the places where it may be
+        ``there`` and does not leave before ``leaves``.
+        """
+        ready = labels.ready[:, axis]
+        off = np.where(there, np.maximum(ready, leaves[:, None]), NEVER).astype(ready.dtype)
+        found = np.where(there, ready, NEVER)
+        for place in np.flatnonzero(there.any(0)):
+            rows = np.flatnonzero(there[:, place])
+            costs = self._costs(axis, place, labels.used[rows, axis])
+            further = np.minimum(off[rows, place][:, None] + costs, NEVER)
+            found[rows] = np.minimum(found[rows], further)
+        return np.where(there, ready, found)
+
+    def _costs(self, axis: int, place: Any, used: Any) -> Any:
+        """Return how far it is to everywhere, with moves used up."""
+        ways = self.rules.ways[axis]
+        return np.where(ways.hop[place] & used[:, None], ways.detour[place], ways.travel[place])
+
+    def _done(self, labels: LabelTable, start: Any, number: int) -> LabelTable:
+        """Return the labels after a choice."""
+        choice = self.rules.choices[number]
+        axis = choice.traveller
+        length, gap = self.rules.lengths[number], self.rules.gaps[axis]
+        found = replace(
+            labels,
+            done=labels.done | 1 << choice.task,
+            last=labels.last.copy(),
+            free=labels.free.copy(),
+            leave=labels.leave.copy(),
+            ready=labels.ready.copy(),
+        )
+        found.last[:, axis] = number
+        free = start + length + gap
+        found.free[:, axis] = found.leave[:, axis] = free
+        costs = self._costs(axis, choice.place, labels.used[:, axis])
+        found.ready[:, axis] = np.minimum(free[:, None] + costs, NEVER)
+        for other, place, delay in self.rules.doors[choice.task]:
+            found.ready[:, other, place] = np.maximum(found.ready[:, other, place], start + delay)
+        for other in range(len(self.rules.ways)):
+            if other != axis:
+                self._hand_over(found, axis, other)
+                self._hand_over(found, other, axis)
+        matters = self.rules.matters[self.rules.row(found.done)]
+        return replace(found, ready=self._until(np.where(matters, found.ready, NEVER)))
+
+    def _in_time(self, labels: LabelTable) -> Any:
+        """Return which labels can be continued in time, even if the rest is shared out evenly."""
+        total = labels.spent.sum(1) + self.rules.rest(labels.done, labels.last)
+        return total <= labels.last.shape[1] * self.end
+
+    def hopeful(self, labels: LabelTable) -> LabelTable:
+        """Return the labels of which each task that is left may end in time, with all after it, and
+        so may all of them once the first one has started.
+        """
+        front, alive = self._front(labels), np.ones(len(labels), dtype=bool)
+        first = np.full(len(labels), NEVER)
+        starts: dict[int, Any] = {}
+        for task in self.rules.order:
+            left = labels.done >> task & 1 == 0
+            ways = [c for c in self.rules.choices if c.task == task]
+            came = [labels.ready[:, c.traveller, c.place] - c.late for c in ways]
+            start = np.maximum(front, np.min(came, axis=0))
+            for earlier in starts:
+                if self.rules.programme.before[task] >> earlier & 1:
+                    start = np.maximum(start, starts[earlier] + self.rules.ordered[earlier, task])
+            starts[task] = np.where(left, start, -NEVER)
+            alive &= ~left | (start + self.rules.tails[task] <= self.end)
+            if not self.rules.aside >> task & 1:
+                first = np.where(left, np.minimum(first, start), first)
+        lefts = self.rules.lefts[self.rules.row(labels.done)]
+        return labels.rows(alive & ((first >= NEVER) | (first + lefts <= self.end)))
+
+    def _spent(self, labels: LabelTable) -> Any:
+        """Return how much of its time each traveller has spent when it did its last task; what it
+        waits for others before it can go on is spent, too.
+        """
+        spent = np.empty(labels.free.shape, dtype=np.int64)
+        done, front = self.rules.row(labels.done), self._front(labels)
+        for axis, ways in enumerate(self.rules.ways):
+            free, here = labels.free[:, axis], self._places(labels, axis)
+            ready = labels.ready[:, axis].astype(np.int64)
+            work, home = self.rules.open[done, axis], self.rules.homes[axis]
+            since = np.where(home, ready, np.where(work, np.maximum(ready, front[:, None]), NEVER))
+            wait = np.where(since < NEVER, since - ways.travel[here], NEVER)
+            rows = np.arange(len(labels))
+            wait[rows, here] -= ways.route.step - ways.route.gap  # seen to have come later
+            gap = np.where(labels.last[:, axis] >= 0, ways.route.gap, 0)
+            spent[:, axis] = np.minimum(np.maximum(free, wait.min(1)) - gap, self.end)
+        return spent
+
+    def _front(self, labels: LabelTable) -> Any:
+        """Return when the last task started."""
+        begun = labels.free - self.rules.gaps - self.rules.lengths[labels.last]
+        return np.where(labels.last >= 0, begun, 0).max(1)
+
+
+# ------------------ Travellers who can do the same in the same times: beginnings that differ in who
+# are one. Where they start is their own, so only those that have done something are exchanged; all
+# of them, where everybody begins anywhere.
+
+
+@dataclass(frozen=True)
+class Twins:
+    """``groups`` of two or more travellers that are alike. ``same`` has, for each choice (the last
+    row: for none) and traveller, the number of the same task at the same place (-1: it is no twin).
+    """
+
+    groups: list[list[int]]
+    same: Any
+    anywhere: bool = False
+
+    @staticmethod
+    def of(rules: SequenceRules, *, anywhere: bool = False) -> Twins:
+        """Return who is alike by the rules. ``anywhere``: all may begin where they like.
+
+        Assumes: twins have the same ways, choices, homes and doors; where they begin is their own.
+        """
+        count = len(rules.ways)
+        mine: list[dict[tuple[int, int], int]] = [{} for _ in range(count)]
+        for number, choice in enumerate(rules.choices):
+            mine[choice.traveller][choice.task, choice.place] = number
+        sizes = [sum(c.traveller == axis for c in rules.choices) for axis in range(count)]
+        groups: list[list[int]] = []
+        for axis in range(count):
+            if len(mine[axis]) < sizes[axis]:
+                continue  # one task in two ways at one place
+            found = (g for g in groups if _are_alike(rules, mine, g[0], axis))
+            group = next(found, None)
+            if group is None:
+                groups.append([axis])
+            else:
+                group.append(axis)
+        same = np.full((len(rules.choices) + 1, count), -1, dtype=np.int64)
+        for group in groups:
+            for one, other in itertools.product(group, group):
+                for what, number in mine[one].items():
+                    same[number, other] = mine[other][what]
+        return Twins([group for group in groups if len(group) > 1], same, anywhere)
+
+    def ordered(self, labels: LabelTable) -> LabelTable:
+        """Return the labels with twins that did something in the order of what they did last."""
+        turned = labels.turned.copy()
+        for group in self.groups:
+            first = self.same[labels.last[:, group], group[0]]
+            used = ((labels.last[:, group] >= 0) | self.anywhere) @ (1 << np.arange(len(group)))
+            for pattern in np.unique(used).tolist():
+                places = np.flatnonzero(pattern >> np.arange(len(group)) & 1)
+                rows = np.flatnonzero(used == pattern)
+                order = np.argsort(first[np.ix_(rows, places)], axis=1, kind="stable")
+                axes = np.array(group)[places]
+                if len(axes) > 1:
+                    turned[np.ix_(rows, axes)] = axes[order]
+        moved = np.flatnonzero((turned != np.arange(turned.shape[1])).any(1))
+        if not len(moved):
+            return labels
+        return self._turned(labels, moved, turned[moved])
+
+    def _turned(self, labels: LabelTable, rows: Any, turned: Any) -> LabelTable:
+        """Return the labels with the travellers of some rows exchanged."""
+        found = {}
+        for name in ("last", "free", "leave", "used", "spent"):
+            found[name] = getattr(labels, name).copy()
+            found[name][rows] = np.take_along_axis(found[name][rows], turned, axis=1)
+        done = found["last"][rows]
+        own = self.same[done, np.arange(turned.shape[1])]
+        # who is nobody's twin has stayed
+        found["last"][rows] = np.where(done >= 0, np.where(own >= 0, own, done), -1)
+        found["ready"] = labels.ready.copy()
+        found["ready"][rows] = np.take_along_axis(labels.ready[rows], turned[:, :, None], axis=1)
+        found["turned"] = labels.turned.copy()
+        found["turned"][rows] = turned
+        return replace(labels, **found)
+
+
+def _are_alike(
+    rules: SequenceRules, mine: list[dict[tuple[int, int], int]], one: int, other: int
+) -> bool:
+    """Return whether two travellers have the same ways, choices and rules."""
+    ways, routes = rules.ways, rules.programme.routes
+    if mine[one].keys() != mine[other].keys() or rules.shape[one] != rules.shape[other]:
+        return False
+    for what, number in mine[one].items():
+        a, b = rules.choices[number], rules.choices[mine[other][what]]
+        if (a.spot, a.late, a.back) != (b.spot, b.late, b.back):
+            return False
+    tables = ("travel", "detour", "hop", "leading")
+    if not all(np.array_equal(getattr(ways[one], t), getattr(ways[other], t)) for t in tables):
+        return False
+    if (routes[one].gap, routes[one].step) != (routes[other].gap, routes[other].step):
+        return False
+    return (
+        np.array_equal(rules.homes[one], rules.homes[other])
+        and _doors_alike(rules, one, other)
+        and _hand_over_alike(rules.handovers, one, other)
+    )
+
+
+def _doors_alike(rules: SequenceRules, one: int, other: int) -> bool:
+    """Return whether doors open alike, and stand still for both or none."""
+    for doors in rules.doors:
+        a, b = ({(p, d) for axis, p, d in doors if axis == who} for who in (one, other))
+        if a != b:
+            return False
+    for change in rules.changes:
+        if change is None:
+            continue
+        if change.still.get(one) != change.still.get(other):
+            return False
+        if one in change.still and not np.array_equal(change.shut[one], change.shut[other]):
+            return False
+    return True
+
+
+def _hand_over_alike(handovers: Any, one: int, other: int) -> bool:
+    """Return whether exchanging the two changes nothing where only one fits."""
+    order = list(range(len(handovers)))
+    order[one], order[other] = other, one
+    return np.array_equal(handovers, handovers[order][:, :, order])

@@ -7,15 +7,16 @@ in their own time.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from up_samp.scheduling.cpsat.encode.forms import Form, Lin, Literal, constant, disjunction
-from up_samp.scheduling.cpsat.encode.statevars import Key, StateVar
-from up_samp.scheduling.cpsat.encode.store import Store
+from up_samp.scheduling.cpsat.encode.states import Key, StateVar, Write
+from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
-from up_samp.scheduling.cpsat.routing.route import Entry, Route, Still
-from up_samp.scheduling.cpsat.routing.unit_places import UnitPlace
+from up_samp.scheduling.cpsat.model import ScheduleModel
+from up_samp.scheduling.cpsat.routing.dispatch import UnitPlace
+from up_samp.scheduling.cpsat.routing.route import INFINITE, Entrance, Route, Still, shorten
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class Arc:
 
 
 @dataclass
-class Travel:
+class LegTimes:
     """The last move to a stop: it starts at ``begin`` and ends at ``end``, or lasts longer."""
 
     begin: Lin
@@ -52,18 +53,20 @@ class Travel:
     """State variables that have changed before it starts."""
 
 
-class Legs:
+class LegVariables:
     """All legs of a routing relaxation, and who holds which unary place."""
 
     def __init__(
-        self, store: Store, limit: int, units: list[UnitPlace], routes: list[Route]
+        self, store: ModelStore, limit: int, units: list[UnitPlace], routes: list[Route]
     ) -> None:
         self.store = store
         counts = Counter(name for route in routes for name, _ in route.stops)
         self._meetings = {name for name, count in counts.items() if count > 1}
         self.limit = limit
         self.units = units
-        self.legs: dict[tuple[int, frozenset[tuple[Key, tuple[int, int]]], Key | None], Travel] = {}
+        self.legs: dict[
+            tuple[int, frozenset[tuple[Key, tuple[int, int]]], Key | None], LegTimes
+        ] = {}
         self._since: dict[
             tuple[UnitPlace, int, int, Key | None], tuple[Lin, Lin, list[Literal]]
         ] = {}
@@ -73,7 +76,7 @@ class Legs:
         bare = form._replace(needs=()) if form.__class__ is not int else form
         self.store.enforce(bare, literals)
 
-    def add(self, route: Route, stop: ActivityVars, arcs: list[Arc]) -> Travel | None:
+    def add(self, route: Route, stop: ActivityVars, arcs: list[Arc]) -> LegTimes | None:
         """State when the last move to a stop happens."""
         if not route.still or not any(arc.last for arc in arcs):
             return None
@@ -82,7 +85,7 @@ class Legs:
         leg = self.legs.get(key)
         if leg is None:
             begin, end = (Lin(((store.integer(0, self.limit), 1),)) for _ in range(2))
-            leg = self.legs[key] = Travel(begin, end, route.still)
+            leg = self.legs[key] = LegTimes(begin, end, route.still)
         detour = store.boolean()
         for arc in arcs:
             if arc.last:
@@ -103,7 +106,7 @@ class Legs:
         """Return who comes to a stop, if it is not just one of its alternative travellers."""
         return route.key if stop.name in self._meetings else None
 
-    def open_before(self, leg: Travel, arcs: list[Arc], entry: Entry, time: Lin) -> None:
+    def open_before(self, leg: LegTimes, arcs: list[Arc], entry: Entrance, time: Lin) -> None:
         """State that what a move needs changed, at ``time``, before it: not in its midst."""
         if entry.state in leg.still:
             leg.opened.add(entry.state)
@@ -129,7 +132,7 @@ class Legs:
                     if key in leg.still and not own and not done:
                         self._apart(leg, key, time, happens)
 
-    def _apart(self, leg: Travel, key: Key, time: Lin, happens: Literal) -> None:
+    def _apart(self, leg: LegTimes, key: Key, time: Lin, happens: Literal) -> None:
         store = self.store
         before, after = store.boolean(), store.boolean()
         first, last = leg.still[key]
@@ -184,3 +187,135 @@ class Legs:
 def entry_form(stop: ActivityVars, time: Lin, lead: int) -> Form:
     """State that ``time`` comes ``lead`` or more before ``stop``, if that is present."""
     return disjunction([~stop.present, time.shift(lead).le(stop.start)])
+
+
+# ------------------ What travellers have left on their way (batteries, tanks), in the routing relax
+# A level is taken from by moves alone and changed by stops of one traveller. As that one does one
+# thing at a time, the level at a stop follows from the one at the stop before, less what the way
+# takes at least. So a schedule of the relaxation charges about where one of the problem has to.
+
+
+Ways = dict[tuple[int, int], int]
+"""(place, place) -> what is taken on the way at least."""
+
+
+@dataclass(frozen=True)
+class RouteLevel:
+    """A level within ``low`` and ``high``: ``gains`` are what stops add to it, ``ways`` what ways
+    take from it at least; ``start`` is the place at first.
+    """
+
+    start: int
+    initial: int
+    low: int
+    high: int
+    gains: Mapping[str, int]
+    ways: Ways
+
+    def taken(self, some: Iterable[int], others: Iterable[int]) -> int:
+        """Return what is taken at least from one of some places to one of others."""
+        targets = list(others)
+        least = min((self.ways.get((a, b), INFINITE) for a in some for b in targets), default=0)
+        return 0 if least >= INFINITE else least
+
+
+def find_levels(model: ScheduleModel, route: Route) -> list[RouteLevel]:
+    """Return the levels of a route: numbers that its moves take from, and that nobody but its moves
+    and stops changes. (Who may be put somewhere else gets there for nothing.)
+
+    Assumes: nobody but a traveller's moves and stops changes a level, and its moves only take from
+    it.
+    """
+    if route.free:
+        return []
+    found = (_level(model, route, state) for state in model.states.vars.values() if state.numeric)
+    return [level for level in found if level is not None]
+
+
+def _level(model: ScheduleModel, route: Route, state: StateVar) -> RouteLevel | None:
+    stops = {name for name, _ in route.stops}
+    taken: dict[str, int] = {}
+    gains: dict[str, int] = {}
+    for write in state.writes:
+        if model.store.never(write.active):
+            continue
+        name = _owner(model, write)
+        if name is None or not (write.add and not write.value.terms):
+            return None
+        if name in route.movers and write.value.const <= 0:
+            taken[name] = taken.get(name, 0) - write.value.const
+        elif name in stops and _after_start(model, write):
+            gains[name] = gains.get(name, 0) + write.value.const
+        else:
+            return None
+    if not taken or state.initial is None:
+        return None
+    return RouteLevel(route.initial, state.initial, *state.bounds, gains, _ways(route, taken))
+
+
+def _owner(model: ScheduleModel, write: Write) -> str | None:
+    """Return the activity that always has this effect, within it."""
+    if write.owner is None:
+        return None
+    owner = model.states.activity(write.owner)
+    inside = model.states.difference(write.time, owner.start)[0] >= 0
+    ends = model.states.difference(owner.end, write.time)[0] >= 0
+    return owner.name if inside and ends and write.active == owner.present else None
+
+
+def _after_start(model: ScheduleModel, write: Write) -> bool:
+    """Return whether an effect comes after the start of its activity: nobody sees it together with
+    one at the end of what came before.
+    """
+    owner = model.states.activity(write.owner or 0)
+    return model.states.difference(write.time, owner.start)[0] >= 1
+
+
+def _ways(route: Route, taken: Mapping[str, int]) -> Ways:
+    """Return what ways take at least."""
+    ways: Ways = {}
+    places = {route.initial}
+    for (a, b), moves in route.hops.items():
+        ways[a, b] = min(taken.get(m.name, 0) for m in moves)
+        places |= {a, b}
+    ways |= {(p, p): 0 for p in places}
+    shorten(ways, places)
+    return ways
+
+
+class Course:
+    """A level along a route: what is left at most when its traveller comes to each stop."""
+
+    def __init__(
+        self,
+        store: ModelStore,
+        level: RouteLevel,
+        stops: Sequence[tuple[ActivityVars, frozenset[int]]],
+    ) -> None:
+        self._store = store
+        self._level = level
+        self._stops = stops
+        low, high = level.low, level.high
+        self._left = [Lin(((store.integer(low, high), 1),)) for _ in range(len(stops) + 1)]
+        store.enforce(self._left[0].le(constant(level.initial)))
+
+    def come(self, j: int, arcs: Iterable[Arc]) -> None:
+        """State that who comes to stop ``j`` (from 1 on) has no more than was left before, less
+        what the way takes.
+        """
+        for arc in arcs:
+            change = -self._level.taken(self._places(arc.i), self._places(j))
+            before = self._left[arc.i].shift(self._gain(arc.i) + change)
+            self._store.enforce(self._left[j].le(before), (arc.literal,))
+
+    def leave(self, j: int, literal: Literal, final: frozenset[int] | None) -> None:
+        """State that what is left after the last stop ``j`` is enough for the way to ``final``."""
+        back = 0 if final is None else self._level.taken(self._places(j), final)
+        least = constant(self._level.low + back - self._gain(j))
+        self._store.enforce(least.le(self._left[j]), (literal,))
+
+    def _places(self, j: int) -> frozenset[int]:
+        return self._stops[j - 1][1] if j else frozenset((self._level.start,))
+
+    def _gain(self, j: int) -> int:
+        return self._level.gains.get(self._stops[j - 1][0].name, 0) if j else 0

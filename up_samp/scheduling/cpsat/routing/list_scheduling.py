@@ -1,21 +1,283 @@
-"""Schedules of travellers by list scheduling: one task after the other, as early as it fits.
-
-A plan is a sequence of tasks with who does each; :class:`Decoder` gives every task and move its
-time (a serial schedule generation scheme, Kolisch 1996): doors are opened where nobody has done so
-before, moves wait until nothing changes in their midst, and robots leave a unary place when
-somebody else needs it. :func:`improve` anneals the sequence (Kirkpatrick et al. 1983).
-"""
+"""Schedules of travellers by list scheduling: one task after the other, as early as it fits."""
 
 from __future__ import annotations
 
 import math
 import random
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from up_samp.model import CandidateSchedule
-from up_samp.scheduling.cpsat.routing.decoder import DeadEnd, Decoder, Step
-from up_samp.scheduling.cpsat.routing.dispatch import Work
+from up_samp.scheduling.cpsat.encode.states import Key
+from up_samp.scheduling.cpsat.model import ScheduleModel
+from up_samp.scheduling.cpsat.routing.dispatch import RoutedTask, RoutedWork, UnitPlace
+from up_samp.scheduling.cpsat.routing.expand import calm, changes_by_name, expand
+from up_samp.scheduling.cpsat.routing.route import Entrance, Move, Route, Still
+from up_samp.scheduling.cpsat.routing.sequences import Found, Sequences
+
+Step = tuple[int, int]
+"""(task, number of its way; -1: whichever is done first)."""
+
+
+_DEEP = 12
+
+
+class DeadEnd(Exception):  # noqa: N818
+    """A sequence cannot be scheduled in this simple way."""
+
+
+@dataclass
+class Traveller:
+    """Where a traveller is, and from when on it may do something."""
+
+    route: Route
+    here: int
+    free: int = 0
+    used: set[str] = field(default_factory=set)
+
+
+class Decoder:
+    """Times for one sequence of tasks."""
+
+    def __init__(self, work: RoutedWork) -> None:
+        self.work = work
+        self.robots = [Traveller(route, route.initial) for route in work.routes]
+        self.done: dict[int, tuple[int, int]] = {}
+        self.ways: dict[int, int] = {}
+        self.order: list[int] = []
+        self.times: dict[str, tuple[int, int]] = {}
+        self.changed: dict[Key, list[tuple[int, int]]] = {}
+        self.legs: list[tuple[int, int, Still]] = []
+        self.left: dict[UnitPlace, int] = {}
+        self.inside: dict[UnitPlace, int] = {}
+        for number, robot in enumerate(self.robots):
+            for unit in work.units:
+                if robot.here in unit.places_of(robot.route.key):
+                    self.inside[unit] = number
+        self._chosen: dict[int, int] = {}
+
+    def run(self, sequence: list[Step]) -> CandidateSchedule:
+        """Return the schedule of a sequence (:class:`DeadEnd` if there is none)."""
+        self._chosen = dict(sequence)
+        pending = [task for task, _ in sequence]
+        while pending:
+            tasks = self.work.tasks
+            ready = next(
+                (
+                    t
+                    for t in pending
+                    if t in self.done
+                    or all(p in self.done for p, _ in tasks[t].after if tasks[p].wanted)
+                ),
+                None,
+            )
+            if ready is None:
+                raise DeadEnd
+            pending.remove(ready)
+            self._do(ready, 0)
+        for number, robot in enumerate(self.robots):
+            if robot.route.home is not None and robot.here not in robot.route.home:
+                self._go(number, robot.route.home, 0)
+        return CandidateSchedule(dict(self.times))
+
+    # -- tasks ---------------------------------------------------------------------------------
+    def _do(self, number: int, depth: int) -> None:
+        if number in self.done:
+            return
+        if depth > _DEEP:
+            raise DeadEnd
+        task = self.work.tasks[number]
+        way = self._chosen.get(number, -1)
+        if way < 0:
+            way = min(range(len(task.ways)), key=lambda w: (self._estimate(task, w), w))
+        robot_number, name, places = task.ways[way]
+        robot = self.robots[robot_number]
+        if robot.here not in places:
+            self._go(robot_number, places, depth)
+        start = max(robot.free, self._earliest(task))
+        for entry in (
+            robot.route.entries.get(robot.here, ()) if robot.here != robot.route.initial else ()
+        ):
+            since = self._provided(robot_number, entry, depth)
+            start = max(start, since + entry.lead) if since is not None else start
+        start = self._undisturbed(task, start)
+        self.done[number] = (start, start + task.length)
+        if not task.visit:
+            self.times[name] = (start, start + task.length)
+        for key, value, delay in task.changes:
+            self.changed.setdefault(key, []).append((start + delay, value))
+        robot.free = start + task.length + robot.route.gap
+        self.ways[number] = way
+        self.order.append(number)
+
+    def _earliest(self, task: RoutedTask) -> int:
+        start = 0
+        for before, gap in task.after:
+            if before in self.done:
+                start = max(start, self.done[before][0] + gap)
+        for other, gap in task.apart:
+            if other in self.done:
+                start = max(start, self.done[other][1] + gap)
+        return start
+
+    def _estimate(self, task: RoutedTask, way: int) -> int:
+        number, _, places = task.ways[way]
+        robot = self.robots[number]
+        travel = robot.route.between(frozenset((robot.here,)), places)
+        return max(robot.free + travel, self._earliest(task))
+
+    def _undisturbed(self, task: RoutedTask, start: int) -> int:
+        """Return the first time from ``start`` on at which its changes disturb no move."""
+        again = True
+        while again:
+            again = False
+            for key, _, delay in task.changes:
+                for begin, end, still in self.legs:
+                    if key not in still:
+                        continue
+                    first, last = still[key]
+                    if begin + first < start + delay < end + last:
+                        start, again = end + last - delay, True
+        return start
+
+    def _provided(self, number: int, entry: Entrance, depth: int) -> int | None:
+        """Return when a state came to be as it is needed (making it so if nobody has);
+        ``None`` if it is so from the start.
+        """
+        if self.work.initial.get(entry.state) in entry.allowed:
+            return None
+        for time, value in self.changed.get(entry.state, ()):
+            if value in entry.allowed:
+                return time
+        providers = self.work.providers(entry.state, entry.allowed)
+        if not providers:
+            raise DeadEnd
+        task = providers[0]
+        if self._chosen.get(task, -1) < 0:
+            mine = [w for w, (r, _, _) in enumerate(self.work.tasks[task].ways) if r == number]
+            self._chosen[task] = mine[0] if mine else -1
+        self._do(task, depth + 1)
+        return self._provided(number, entry, depth + 1)
+
+    # -- moves ---------------------------------------------------------------------------------
+    def _go(self, number: int, places: frozenset[int], depth: int) -> None:
+        """Drive a robot to one of ``places``, with the doors opened before."""
+        if depth > _DEEP:
+            raise DeadEnd
+        robot = self.robots[number]
+        for place in sorted(places)[:1] if len(places) == 1 else ():
+            if place != robot.route.initial:
+                for entry in robot.route.entries.get(place, ()):
+                    self._provided(number, entry, depth + 1)
+        if robot.here in places:
+            return
+        found = robot.route.way(robot.here, places, robot.used)
+        if found is None:
+            raise DeadEnd
+        for move in found[1]:
+            self._move(number, move, depth)
+
+    def _move(self, number: int, move: Move, depth: int) -> None:
+        robot = self.robots[number]
+        start = robot.free
+        for entry in robot.route.entries.get(move.to, ()) if move.to != robot.route.initial else ():
+            since = self._provided(number, entry, depth + 1)
+            if since is not None:
+                start = max(start, since, since + entry.lead - robot.route.step - move.least)
+        arriving = [u for u in self.work.units if move.to in u.places_of(robot.route.key)]
+        for unit in arriving:
+            holder = self.inside.get(unit)
+            if holder is not None and holder != number:
+                self._clear(holder, depth + 1)
+            start = max(start, self.left.get(unit, -1) + 1 - move.least)
+        start = self._calm(robot.route, start, move.least)
+        self.times[move.name] = (start, start + move.least)
+        if robot.route.still:
+            self.legs.append((start, start + move.least, robot.route.still))
+        for unit in [u for u, holder in self.inside.items() if holder == number]:
+            self.left[unit] = start
+            del self.inside[unit]
+        for unit in arriving:
+            self.inside[unit] = number
+        robot.used.add(move.name)
+        robot.here = move.to
+        robot.free = start + move.least + robot.route.step
+
+    def _calm(self, route: Route, start: int, length: int) -> int:
+        """Return the first time from ``start`` on at which nothing changes during a move."""
+        events = ((k, time) for k in route.still for time, _ in self.changed.get(k, ()))
+        return calm(route.still, events, start, length)
+
+    def _clear(self, number: int, depth: int) -> None:
+        """Drive a robot away to the nearest place where nobody has to be."""
+        if depth > _DEEP:
+            raise DeadEnd
+        robot = self.robots[number]
+        wanted = {
+            p
+            for task in self.work.tasks
+            for r, _, ps in task.ways
+            for p in ps
+            if r == number and task.wanted
+        }
+        options = []
+        for (origin, to), moves in robot.route.hops.items():
+            if origin != robot.here or any(
+                self.inside.get(u, number) != number
+                for u in self.work.units
+                if to in u.places_of(robot.route.key)
+            ):
+                continue
+            if any(self._closed(entry) for entry in robot.route.entries.get(to, ())):
+                continue
+            options += [(to in wanted, m.least, m) for m in moves if m.name not in robot.used]
+        if not options:
+            raise DeadEnd
+        self._move(number, min(options, key=lambda o: o[:2])[2], depth)
+
+    def _closed(self, entry: Entrance) -> bool:
+        if self.work.initial.get(entry.state) in entry.allowed:
+            return False
+        return not any(v in entry.allowed for _, v in self.changed.get(entry.state, ()))
+
+
+# ------------------ From a sequence of tasks that bounds were sought among to a schedule
+
+
+def steps_of(work: RoutedWork, sequences: Sequences, found: Found) -> list[Step]:
+    """Return who does which task, in the order of a sequence."""
+    rules = sequences.rules
+    numbers = {id(task): number for number, task in enumerate(work.tasks)}
+    steps = []
+    for choice in (rules.choices[number] for number, _ in found):
+        task = rules.programme.tasks[choice.task]
+        place = rules.ways[choice.traveller].places[choice.place]
+        ways = enumerate(task.ways)
+        way = next(w for w, (r, _, some) in ways if r == choice.traveller and place in some)
+        steps.append((numbers[id(task)], way))
+    return steps
+
+
+def times_of(
+    model: ScheduleModel, work: RoutedWork, sequences: Sequences, found: Found
+) -> CandidateSchedule:
+    """Return the schedule of a sequence, with moves put in. It may break what sequences leave out;
+    mostly it does not.
+    """
+    times = {}
+    steps = steps_of(work, sequences, found)
+    for (number, way), (_, start) in zip(steps, found, strict=True):
+        task = work.tasks[number]
+        times[task.ways[way][1]] = (start, start + task.length)
+    return expand(work.routes, CandidateSchedule(times), changes_by_name(model))
+
+
+# ------------------ Schedules of travellers by list scheduling: one task after the other, as early
+# A plan is a sequence of tasks with who does each; ``Decoder`` gives every task and move its time
+# (a serial schedule generation scheme, Kolisch 1996): doors are opened where nobody has done so
+# before, moves wait until nothing changes in their midst, and robots leave a unary place when
+# somebody else needs it. ``improve`` anneals the sequence (Kirkpatrick et al. 1983).
+
 
 _GREEDY = (4, 20)
 """Greedy sequences that are tried, without annealing and before it."""
@@ -30,7 +292,7 @@ class Tour:
     cost: float
 
 
-def decode(work: Work, sequence: list[Step]) -> Tour | None:
+def decode(work: RoutedWork, sequence: list[Step]) -> Tour | None:
     """Return the tour of a sequence, ``None`` at a dead end."""
     decoder = Decoder(work)
     try:
@@ -43,7 +305,7 @@ def decode(work: Work, sequence: list[Step]) -> Tour | None:
     return Tour([(t, decoder.ways[t]) for t in decoder.order], schedule, cost)
 
 
-def sequence_of(work: Work, schedule: CandidateSchedule) -> list[Step]:
+def sequence_of(work: RoutedWork, schedule: CandidateSchedule) -> list[Step]:
     """Return who does which task, in the order of a schedule."""
     found = []
     for number, task in enumerate(work.tasks):
@@ -57,7 +319,7 @@ def sequence_of(work: Work, schedule: CandidateSchedule) -> list[Step]:
 
 
 def improve(
-    work: Work,
+    work: RoutedWork,
     rounds: int,
     seed: int,
     over: Callable[[], bool],
@@ -89,7 +351,7 @@ def improve(
     return best
 
 
-def _greedy(work: Work, rng: random.Random, attempts: int) -> Tour | None:
+def _greedy(work: RoutedWork, rng: random.Random, attempts: int) -> Tour | None:
     wanted = [i for i, task in enumerate(work.tasks) if task.wanted]
     if not wanted:
         return None
@@ -104,7 +366,7 @@ def _greedy(work: Work, rng: random.Random, attempts: int) -> Tour | None:
     return min(found, key=lambda tour: tour.cost, default=None)
 
 
-def _tails(work: Work) -> list[int]:
+def _tails(work: RoutedWork) -> list[int]:
     """Return the length of the longest chain from each task's start on."""
     tails = [task.length for task in work.tasks]
     for _ in work.tasks:
@@ -118,7 +380,7 @@ def _tails(work: Work) -> list[int]:
     return tails
 
 
-def _neighbour(work: Work, sequence: list[Step], rng: random.Random) -> list[Step]:
+def _neighbour(work: RoutedWork, sequence: list[Step], rng: random.Random) -> list[Step]:
     """Return a sequence with a task done by another, at another time, or not on purpose."""
     new = list(sequence)
     if not new:

@@ -1,26 +1,22 @@
-"""The problem with its moves taken out: a relaxation that gives bounds, and a hint for the rest.
-
-Moves are replaced by the time that they take at least between what happens at places, in a circuit
-per traveller. A move happens once at most, so only one leg can use it, and others pay for a detour.
-What moves keep as it is (doors) changes between the legs only, a door is opened once
-(:mod:`.once`), a unary place is used by one after the other, and what moves take from
-(:mod:`.levels`) lasts. Other constraints, conditions
-and effects that speak of moves are dropped, so every schedule of the problem is one of the
-collapsed problem: its optimum is a lower bound, and if it has no schedule, the problem has none. A
-relaxed schedule, with shortest paths of moves put back in, is a hint for the full model; the full
-model alone decides whether it holds.
-"""
+"""The problem with its moves taken out: a relaxation that gives bounds, and a hint for the rest."""
 
 from __future__ import annotations
 
+import itertools
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
+from unified_planning.model import Effect, FNode, TimeInterval, Timing
+from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.scheduling import Activity
+from unified_planning.model.timing import TimepointKind
 
 from up_samp.model import CandidateSchedule, Deadline
-from up_samp.scheduling.cpsat.encode.alternatives import merge_forms
+from up_samp.scheduling.cpsat.encode.disjunctions import merge_forms
 from up_samp.scheduling.cpsat.encode.forms import (
     TRUE,
+    Cmp,
     Form,
     Lin,
     Literal,
@@ -28,19 +24,260 @@ from up_samp.scheduling.cpsat.encode.forms import (
     disjunction,
     indicator_sum,
 )
-from up_samp.scheduling.cpsat.encode.statevars import Write
+from up_samp.scheduling.cpsat.encode.states import Write
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
+from up_samp.scheduling.cpsat.normal.clauses import Constraint, split
 from up_samp.scheduling.cpsat.problem import Additions
-from up_samp.scheduling.cpsat.routing.dispatch import find_tasks
+from up_samp.scheduling.cpsat.routing.dispatch import RoutedTask, find_tasks, find_unit_places
 from up_samp.scheduling.cpsat.routing.expand import changes_by_name, expand
-from up_samp.scheduling.cpsat.routing.legs import Arc, Legs, Travel, entry_form
-from up_samp.scheduling.cpsat.routing.levels import Course, find_levels
-from up_samp.scheduling.cpsat.routing.once import opened_once
-from up_samp.scheduling.cpsat.routing.order import PrecedenceClosure
-from up_samp.scheduling.cpsat.routing.reduce import without
-from up_samp.scheduling.cpsat.routing.route import INFINITE, Entry, Route
-from up_samp.scheduling.cpsat.routing.unit_places import find_unit_places
+from up_samp.scheduling.cpsat.routing.legs import (
+    Arc,
+    Course,
+    LegTimes,
+    LegVariables,
+    entry_form,
+    find_levels,
+)
+from up_samp.scheduling.cpsat.routing.route import INFINITE, Entrance, Route
+
+
+class PrecedenceClosure:
+    """What follows from unconditional differences between the times of activities.
+
+    Assumes: what is stated without condition holds in every schedule, of the times of what is
+    absent, too.
+
+    :param forms: all that is stated; only ``u + k <= v`` (k > 0), said without condition, counts.
+    """
+
+    def __init__(self, forms: Iterable[Form]) -> None:
+        self._after: dict[int, set[int]] = {}
+        for form in forms:
+            if form.__class__ is Cmp and not form.needs and form.op == "<=":
+                coefficients = dict(form.terms)
+                if sorted(coefficients.values()) == [-1, 1] and form.const > 0:
+                    (first,) = (v for v, c in form.terms if c == 1)
+                    (then,) = (v for v, c in form.terms if c == -1)
+                    self._after.setdefault(first, set()).add(then)
+        self._known: dict[int, set[int]] = {}
+
+    def before(self, first: int, then: int) -> bool:
+        """Return whether variable ``first`` is less than ``then`` in every schedule."""
+        known = self._known.get(first)
+        if known is None:
+            known = self._known[first] = set()
+            agenda = [first]
+            while agenda:
+                new = self._after.get(agenda.pop(), set()) - known
+                known |= new
+                agenda.extend(new)
+        return then in known
+
+
+# ------------------ A problem without some of its activities, and without whatever speaks of them
+
+
+TimedEffect = tuple[Timing, Effect, Activity | None]
+
+
+def without(parts: Additions, removed: set[str]) -> Additions:
+    """Return ``parts`` without the activities in ``removed`` and whatever speaks of them.
+
+    Every schedule of the whole, but for these activities, is one of what is left.
+    """
+    clean, effects = _lasting(parts, removed)
+    kept = Additions(whole=False)
+    kept.activities = [a for a in parts.activities if a.name not in removed]
+    kept.vague = frozenset(
+        a.name for a in kept.activities if not (clean(a.duration.lower) and clean(a.duration.upper))
+    )
+    kept.variables = parts.variables
+    kept.parameters = [p for p in parts.parameters if p[0].name not in removed]
+    kept.constraints = [
+        c for c in parts.constraints if _keeps(c[2], removed) and all(map(clean, (c[0], *c[1])))
+    ]
+    kept.conditions = [
+        c
+        for c in parts.conditions
+        if _keeps(c[2], removed)
+        and clean(c[1])
+        and _timings_clean((c[0].lower, c[0].upper), removed)
+        and not _before_end(c[0])
+    ]
+    kept.effects = effects
+    return kept
+
+
+def _lasting(
+    parts: Additions, removed: set[str]
+) -> tuple[Callable[[FNode], bool], list[TimedEffect]]:
+    """Return what tells whether an expression means the same without ``removed``, and the effects
+    that are left.
+
+    Where one effect on a fluent goes, all do, with all that reads it, and so on.
+    """
+    nodes, names = set[FNode](), set[str]()
+    while True:
+        clean = _cleaner(removed, set(nodes), set(names))
+        kept = [
+            (timing, effect, owner)
+            for timing, effect, owner in parts.effects
+            if _keeps(owner, removed)
+            and clean(effect.fluent)
+            and clean(effect.value)
+            and clean(effect.condition)
+            and _timings_clean((timing,), removed)
+        ]
+        known = len(nodes) + len(names)
+        left = {id(effect) for _, effect, _ in kept}
+        for _, effect, _ in parts.effects:
+            if id(effect) in left:
+                continue
+            if all(a.is_constant() for a in effect.fluent.args):
+                nodes.add(effect.fluent)
+            else:
+                names.add(effect.fluent.fluent().name)
+        if len(nodes) + len(names) == known:
+            return clean, kept
+
+
+def _before_end(span: TimeInterval) -> bool:
+    """Return whether a span begins before the global end by a time counted from it: nobody knows
+    when that is without what was taken out.
+    """
+    lower, upper = (t.timepoint.kind is TimepointKind.GLOBAL_END for t in (span.lower, span.upper))
+    return lower and not (upper and span.lower.delay >= 0)
+
+
+def _cleaner(removed: set[str], nodes: set[FNode], names: set[str]) -> Callable[[FNode], bool]:
+    memo: dict[FNode, bool] = {}
+
+    def clean(node: FNode) -> bool:
+        known = memo.get(node)
+        if known is None:
+            known = memo[node] = _clean(node, removed, nodes, names, clean)
+        return known
+
+    return clean
+
+
+def _keeps(owner: Any, removed: set[str]) -> bool:
+    return owner is None or owner.name not in removed
+
+
+def _timings_clean(timings: tuple[Any, ...], removed: set[str]) -> bool:
+    return all(t.timepoint.container not in removed for t in timings)
+
+
+def _clean(
+    node: FNode,
+    removed: set[str],
+    broken: set[FNode],
+    names: set[str],
+    recur: Callable[[FNode], bool],
+) -> bool:
+    kind = node.node_type
+    if kind is Op.TIMING_EXP:
+        return node.timing().timepoint.container not in removed
+    if kind is Op.PRESENT_EXP:
+        return node.presence().container not in removed
+    if kind is Op.PARAM_EXP:
+        return node.parameter().name.rsplit(".", 1)[0] not in removed
+    if kind is Op.FLUENT_EXP:
+        fluent = node.fluent().name
+        if node in broken or fluent in names:
+            return False
+        touched = any(b.fluent().name == fluent for b in broken)
+        if touched and not all(a.is_constant() for a in node.args):
+            return False
+    return all(recur(a) for a in node.args)
+
+
+# ------------------ Doors that the routing relaxation may open once: a constraint that loses none o
+# What opens a door again, where nothing shuts it, changes nothing. Take it out of a schedule: its
+# traveller goes on from the stop before to the stop after, which takes no longer (travel times
+# obey the triangle inequality, and whoever may not go directly is charged for a detour that the
+# way by the button was, too); what reads the door reads what the first opening set. Only something
+# else that an opening is good for could be missing, so there must be nothing of that kind.
+
+
+def opened_once(parts: Additions, tasks: Iterable[RoutedTask]) -> list[Constraint]:
+    """Return constraints on the presences of what opens doors; of each one, where that is needed,
+    exactly one is there, else at most one.
+
+    Assumes: an opening is good for nothing but its one door.
+    """
+    doors = [task for task in tasks if task.opens is not None]
+    names = {name for task in doors for _, name, _ in task.ways}
+    good = names & {a.name for a in parts.activities if a.optional}
+    good -= _good_for_more(parts, good)
+    activities = {a.name: a for a in parts.activities}
+    found: list[Constraint] = []
+    for task in doors:
+        mine = [name for _, name, _ in task.ways]
+        if good.issuperset(mine):
+            found += _once([activities[name] for name in mine], needed=task.needed)
+    return found
+
+
+def _once(some: list[Activity], *, needed: bool) -> Iterator[Constraint]:
+    manager = some[0].present.environment.expression_manager
+    if needed:
+        yield manager.Or([a.present for a in some]), [], None
+    for a, b in itertools.combinations(some, 2):
+        yield manager.Or(manager.Not(a.present), manager.Not(b.present)), [], None
+
+
+def _good_for_more(parts: Additions, names: set[str]) -> set[str]:
+    """Return which of ``names`` do more than change a fluent, or are wanted by a constraint."""
+    more = {a.name for a, _ in parts.parameters}
+    for constraint, _, _ in split(parts.constraints):
+        more |= names & set(_asked_for(constraint))
+    effects: dict[str, list[tuple[Timing, Effect]]] = {name: [] for name in names}
+    for timing, effect, owner in parts.effects:
+        if owner is not None and owner.name in names:
+            effects[owner.name].append((timing, effect))
+    for name, some in effects.items():
+        if sum(effect.is_assignment() for _, effect in some) != 1 or not _gives_back(some):
+            more.add(name)
+    return more
+
+
+def _asked_for(node: FNode) -> Iterator[str]:
+    """Yield whose presence might make a constraint (in negation normal form) true."""
+    if node.node_type is Op.PRESENT_EXP:
+        yield str(node.presence().container)
+    elif node.node_type is not Op.NOT or node.arg(0).node_type is not Op.PRESENT_EXP:
+        for arg in node.args:
+            yield from _asked_for(arg)
+
+
+def _gives_back(effects: list[tuple[Timing, Effect]]) -> bool:
+    """Return whether what is not assigned is taken at the start and given back in the end."""
+    balance: Counter[FNode] = Counter()
+    for timing, effect in effects:
+        if effect.is_assignment():
+            continue
+        at_start = timing.timepoint.kind is TimepointKind.START
+        if timing.delay != 0 or not effect.value.is_constant() or not effect.condition.is_true():
+            return False
+        if at_start != effect.is_decrease():
+            return False
+        amount = effect.value.constant_value()
+        balance[effect.fluent] += -amount if at_start else amount
+    return not any(balance.values())
+
+
+# ------------------ The problem with its moves taken out: a relaxation that gives bounds, and a hin
+# Moves are replaced by the time that they take at least between what happens at places, in a
+# circuit per traveller. A move happens once at most, so only one leg can use it, and others pay
+# for a detour. What moves keep as it is (doors) changes between the legs only, a door is opened
+# once (``once``), a unary place is used by one after the other, and what moves take from
+# (``levels``) lasts. Other constraints, conditions and effects that speak of moves are dropped, so
+# every schedule of the problem is one of the collapsed problem: its optimum is a lower bound, and
+# if it has no schedule, the problem has none. A relaxed schedule, with shortest paths of moves put
+# back in, is a hint for the full model; the full model alone decides whether it holds.
 
 
 class RoutingRelaxation:
@@ -64,7 +301,7 @@ class RoutingRelaxation:
         ]
         self.model = ScheduleModel(full.problem, kept, deadline, limit_at_least=full.limit)
         self.units = find_unit_places(full, routes)
-        self._legs = Legs(self.model.store, self.model.limit, self.units, routes)
+        self._legs = LegVariables(self.model.store, self.model.limit, self.units, routes)
         self._forms: list[Form] = []
         self._order = PrecedenceClosure(self.model.stated)
         for route in routes:
@@ -183,7 +420,7 @@ class RoutingRelaxation:
         route: Route,
         stop: ActivityVars,
         places: frozenset[int],
-        leg: Travel | None,
+        leg: LegTimes | None,
         arcs: list[Arc],
     ) -> None:
         """State what a stop needs before anybody can come to it."""
@@ -194,7 +431,7 @@ class RoutingRelaxation:
             self._supported(entry, entry.lead - late, stop, leg, arcs)
 
     def _supported(
-        self, entry: Entry, lead: int, stop: ActivityVars, leg: Travel | None, arcs: list[Arc]
+        self, entry: Entrance, lead: int, stop: ActivityVars, leg: LegTimes | None, arcs: list[Arc]
     ) -> None:
         store = self.model.store
         able = self._able(entry)
@@ -216,7 +453,7 @@ class RoutingRelaxation:
             ways.append(literal)
         store.clause([*ways, ~stop.present])
 
-    def _able(self, entry: Entry) -> list[Write] | None:
+    def _able(self, entry: Entrance) -> list[Write] | None:
         """Return the effects, in the routing relaxation, that support an entry; ``None`` where none
         is needed, or where a move may be one.
         """

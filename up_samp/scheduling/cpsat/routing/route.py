@@ -1,14 +1,44 @@
-"""The route of one traveller, as it is read off a model: moves, stops, the ways between places."""
+"""The route of one traveller, as it is read off a model: moves, stops, the shortest ways between
+places.
+"""
 
 from __future__ import annotations
 
 import heapq
 import itertools
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field, replace
 
-from up_samp.scheduling.cpsat.encode.statevars import Key
-from up_samp.scheduling.cpsat.routing.shortest import shorten
+from up_samp.scheduling.cpsat.encode.states import Key
+
+Pair = tuple[int, int]
+
+
+def shorten(lengths: dict[Pair, int], places: Iterable[int]) -> dict[Pair, int]:
+    """Make ``lengths`` (0 or more) those of shortest ways; return, for each pair that is shorter
+    by way of another place, the last one that made it so (Floyd and Warshall).
+
+    Of ways of one length the first one found stays. Sparse lengths are few steps: places that
+    nothing leads from cost nothing. (``scipy.sparse.csgraph`` returns other ones among equals.)
+    """
+    order = list(places)
+    via: dict[Pair, int] = {}
+    for middle in order:
+        onward = [(b, lengths[middle, b]) for b in order if b != middle and (middle, b) in lengths]
+        for a in order:
+            first = lengths.get((a, middle))
+            if a == middle or first is None:
+                continue
+            for b, second in onward:
+                known = lengths.get((a, b))
+                if known is None or first + second < known:
+                    lengths[a, b] = first + second
+                    via[a, b] = middle
+    return via
+
+
+# ------------------ The route of one traveller, as it is read off a model: moves, stops, the ways b
+
 
 INFINITE = 10**12
 
@@ -27,7 +57,7 @@ class Move:
 
 
 @dataclass(frozen=True)
-class Entry:
+class Entrance:
     """Everyone who comes to a place needs ``state`` to be in ``allowed``; a supporting effect
     comes ``lead`` or more before what is done there.
     """
@@ -55,7 +85,7 @@ class Route:
     stops: list[tuple[str, frozenset[int]]]
     late: frozenset[str] = frozenset()
     """Stops that need their place only after their start: a move may end when they begin."""
-    entries: dict[int, list[Entry]] = field(default_factory=dict)
+    entries: dict[int, list[Entrance]] = field(default_factory=dict)
     still: Still = field(default_factory=dict)
     returns: dict[str, frozenset[int]] = field(default_factory=dict)
     """Stops after which the traveller has to come to one of these places some time."""

@@ -1,21 +1,234 @@
-"""What a sequence of tasks has to obey: who may do what where, precedences, changes, ways left."""
+"""What a sequence of tasks has to obey: who does what where, precedences, changes, what is left."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from up_samp.scheduling.cpsat.routing.dispatch import Work
-from up_samp.scheduling.cpsat.routing.programme import Programme, way_back
-from up_samp.scheduling.cpsat.routing.ways import MOST_BITS, NEVER, Ways, places_of
+from up_samp.scheduling.cpsat.routing.dispatch import RoutedTask, RoutedWork
+from up_samp.scheduling.cpsat.routing.route import INFINITE, Route
+
+MOST_BITS = 62
+"""Places, or direct moves, that have a bit in a word."""
+NEVER = 2**29
+"""A time that does not come, in tables: two of them are still one word."""
 
 
 @dataclass(frozen=True)
-class Choice:
+class TravelTables:
+    """What one traveller needs from place to place (times; NEVER: there is no way)."""
+
+    route: Route
+    places: list[int]
+    number: dict[int, int]
+    travel: Any
+    """From each place to each place."""
+    detour: Any
+    """The same without the direct move, where that has a bit."""
+    hop: Any
+    """The bit of the direct move from each place to each place; 0: it is not told apart."""
+    leading: Any
+    """All such bits of the moves from each place."""
+
+    @staticmethod
+    def of(route: Route, axis: int, tasks: list[RoutedTask], size: int) -> TravelTables:
+        """Return the ways of a route (its number: ``axis``) among ``tasks``, in tables that are
+        large enough for ``size`` places.
+        """
+        places = places_of(route)
+        number = {place: k for k, place in enumerate(places)}
+        travel = np.full((size, size), NEVER, dtype=np.int32)
+        for (a, b), time in route.travel.items():
+            travel[number[a], number[b]] = min(time, NEVER)
+        detour = travel.copy()
+        hop = np.zeros((size, size), dtype=np.int64)
+        for bit, (a, b) in enumerate(_told_apart(route, axis, tasks)[:MOST_BITS]):
+            hop[number[a], number[b]] = 1 << bit
+            other = route.way(a, frozenset((b,)), {m.name for m in route.hops[a, b]})
+            detour[number[a], number[b]] = NEVER if other is None else min(other[0], NEVER)
+        return TravelTables(
+            route, places, number, travel, detour, hop, np.bitwise_or.reduce(hop, axis=1)
+        )
+
+    def nearby(self, some: set[int]) -> TravelTables:
+        """Return the same with ``some`` of the places as near to everywhere as can be."""
+        here = self.among(some)[:, None]
+        return replace(
+            self,
+            travel=np.where(here, 0, self.travel),
+            detour=np.where(here, 0, self.detour),
+            hop=np.where(here, 0, self.hop),
+            leading=np.where(here[:, 0], 0, self.leading),
+        )
+
+    def among(self, some: Iterable[int]) -> Any:
+        """Return which of the places are among ``some``."""
+        found = np.zeros(len(self.travel), dtype=bool)
+        found[[number for place, number in self.number.items() if place in some]] = True
+        return found
+
+
+def places_of(route: Route) -> list[int]:
+    """Return all places where the traveller may be."""
+    return sorted({route.initial} | {b for _, b in route.travel})
+
+
+def _told_apart(route: Route, axis: int, tasks: list[RoutedTask]) -> list[tuple[int, int]]:
+    """Return the direct ways of a single move that might be wanted twice (none where something
+    else may put the traveller somewhere, too).
+    """
+    if route.free:
+        return []
+    counts: Counter[int] = Counter()
+    for task in tasks:
+        counts.update({p for way, _, places in task.ways if way == axis for p in places})
+    often = sorted(place for place, count in counts.items() if count > 1)
+    return [
+        (a, b)
+        for a in often
+        for b in often
+        if a != b and route.is_direct(a, b) and len(route.hops[a, b]) == 1
+    ]
+
+
+# ------------------ The least time that travellers together spend on their tasks, by dynamic progra
+# Over (tasks done, where everybody did its last one), after Held and Karp (1962). Times between
+# two tasks of one traveller hold whatever it does in between.
+
+
+def cost(route: Route, here: int, place: int, stop: str, *, first: bool) -> int:
+    """Return the least time from the end of what is done ``here`` until ``stop`` begins."""
+    distance = route.travel.get((here, place), INFINITE)
+    if distance >= INFINITE:
+        return INFINITE
+    late = route.step - route.rest(stop) if distance else 0
+    return distance - late + (0 if first else route.gap)
+
+
+def way_back(route: Route, place: int) -> int:
+    """Return the least time from the end of a last stop, at ``place``, to that of everything."""
+    if route.final is None or place in route.final:
+        return 0
+    distance = route.between(frozenset((place,)), route.final)
+    return 0 if distance >= INFINITE else max(0, route.gap + distance - route.step)
+
+
+@dataclass(frozen=True)
+class Programme:
+    """The wanted tasks, and all sets of them (bits) that may be done at some time.
+
+    A table of a set has the least time that is still to be spent when it is done, and the
+    travellers did their last ones at their i-th, j-th, ... ``spots`` (0: nothing yet).
+    """
+
+    routes: list[Route]
+    tasks: list[RoutedTask]
+    before: list[int]
+    """Bits of the tasks that start before each one."""
+    layers: list[list[int]]
+    """Sets of tasks, by size."""
+    spots: list[list[int]]
+
+    @staticmethod
+    def of(work: RoutedWork, most: int, *, doors: bool = True) -> Programme | None:
+        """Return the programme, ``None`` if it has more than ``most`` states; with what opens
+        ``doors``.
+        """
+        wanted = [i for i, task in enumerate(work.tasks) if task.wanted or (doors and task.needed)]
+        number = {task: k for k, task in enumerate(wanted)}
+        before = [0] * len(wanted)
+        for task in wanted:
+            for earlier, gap in (*work.tasks[task].after, *work.tasks[task].opened):
+                if earlier in number and gap > 0:
+                    before[number[task]] |= 1 << number[earlier]
+        spots: list[set[int]] = [set() for _ in work.routes]
+        for task in wanted:
+            for route, _, places in work.tasks[task].ways:
+                spots[route] |= places
+        positions = math.prod(len(some) + 1 for some in spots)
+        layers = _ideals(before, most // positions)
+        if not wanted or layers is None:
+            return None
+        tasks = [work.tasks[t] for t in wanted]
+        return Programme(work.routes, tasks, before, layers, [sorted(some) for some in spots])
+
+    def tables(self, over: Callable[[], bool], *, anywhere: bool = False) -> dict[int, Any] | None:
+        """Return the table of each set; ``None`` if there is no time. ``anywhere``: travellers may
+        begin wherever they like.
+        """
+        shape = [len(some) + 1 for some in self.spots]
+        steps = [list(self._steps(task, anywhere=anywhere)) for task in self.tasks]
+        end = np.zeros(shape, dtype=np.int64)
+        for axis, (route, some) in enumerate(zip(self.routes, self.spots, strict=True)):
+            end = end + self._along(axis, [0, *(way_back(route, p) for p in some)])
+        tables = {self.layers[-1][0]: end}
+        for layer in reversed(self.layers[:-1]):
+            for count, done in enumerate(layer):
+                if count % 100 == 0 and over():  # a look costs, and some layers are large
+                    return None
+                best = np.full(shape, INFINITE)
+                for number, needs in enumerate(self.before):
+                    if done >> number & 1 or needs & ~done:
+                        continue
+                    following = tables[done | 1 << number]
+                    for axis, index, costs in steps[number]:
+                        where = (slice(None),) * axis + (slice(index, index + 1),)
+                        best = np.minimum(best, costs + following[where])
+                tables[done] = best
+        return tables
+
+    def start(self, tables: dict[int, Any]) -> int:
+        """Return the least time for all tasks."""
+        return int(tables[0][(0,) * len(self.routes)])
+
+    def _steps(self, task: RoutedTask, *, anywhere: bool) -> Iterator[tuple[int, int, Any]]:
+        """Yield (route, index of the place, costs from everywhere) for all ways to do a task."""
+        for axis, stop, places in task.ways:
+            route, some = self.routes[axis], self.spots[axis]
+            for place in sorted(places):
+                costs = [cost(route, route.initial, place, stop, first=True)]
+                if anywhere:
+                    costs = [route.rest(stop) - route.step]
+                costs += [cost(route, here, place, stop, first=False) for here in some]
+                costs = [min(INFINITE, c + task.length) for c in costs]
+                yield axis, 1 + some.index(place), self._along(axis, costs)
+
+    def _along(self, axis: int, values: list[int]) -> Any:
+        shape = [1] * len(self.routes)
+        shape[axis] = len(values)
+        return np.array(values, dtype=np.int64).reshape(shape)
+
+
+def _ideals(before: list[int], most: int) -> list[list[int]] | None:
+    """Return the sets (bits) that hold all predecessors of their members, by size; ``None`` if
+    there are more than ``most``.
+    """
+    layers = [[0]]
+    count = 1
+    for _ in before:
+        layer: dict[int, None] = {}
+        for done in layers[-1]:
+            for task, needs in enumerate(before):
+                if not done >> task & 1 and not needs & ~done:
+                    layer[done | 1 << task] = None
+        count += len(layer)
+        if count > most or not layer:
+            return None
+        layers.append(list(layer))
+    return layers
+
+
+# ------------------ What a sequence of tasks has to obey: who may do what where, precedences, chang
+
+
+@dataclass(frozen=True)
+class SequenceChoice:
     """A task as one traveller does it at one place (by its number). ``late``: time by which it
     may begin before the move there is seen to have ended. ``spot``: the place in tables. ``back``:
     time from its end to that of everything, if it is the last one.
@@ -30,7 +243,7 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Change:
+class StateChange:
     """What a task changes at ``delay`` from its start. ``still`` has (a, b) of each traveller whose
     moves end by then - b, or begin at then - a or later: ``slack`` from the task's start at most.
     ``shut`` are, for each place of these, bits of the tasks that must have started before for
@@ -43,10 +256,10 @@ class Change:
     shut: dict[int, Any]
 
 
-def choices_of(programme: Programme, ways: list[Ways]) -> list[Choice]:
+def choices_of(programme: Programme, ways: list[TravelTables]) -> list[SequenceChoice]:
     """Return all ways to do all tasks of a programme."""
     return [
-        Choice(
+        SequenceChoice(
             number,
             axis,
             ways[axis].number[place],
@@ -60,7 +273,7 @@ def choices_of(programme: Programme, ways: list[Ways]) -> list[Choice]:
     ]
 
 
-def waits_of(work: Work, programme: Programme) -> tuple[Any, Any]:
+def waits_of(work: RoutedWork, programme: Programme) -> tuple[Any, Any]:
     """Return, from the start of each task to that of each later one, the least times that
     precedences alone ask for, and those that disjunctions do, too.
     """
@@ -91,9 +304,9 @@ def tails_of(programme: Programme, ordered: Any) -> list[int]:
     return tails
 
 
-def change_of(programme: Programme, ways: list[Ways], number: int) -> Change | None:
+def change_of(programme: Programme, ways: list[TravelTables], number: int) -> StateChange | None:
     """Return what a task changes while moves of others keep it as it is: the most of them."""
-    found: list[Change] = []
+    found: list[StateChange] = []
     for key, delay in programme.tasks[number].stirs:
         still = {a: r.still[key] for a, r in enumerate(programme.routes) if key in r.still}
         shut = {}
@@ -102,11 +315,11 @@ def change_of(programme: Programme, ways: list[Ways], number: int) -> Change | N
             for place, here in ways[axis].number.items():
                 shut[axis][here] = _shut(programme, ways[axis], place, delay - last)
         slack = max((delay - first for first, _ in still.values()), default=0)
-        found.append(Change(delay, max(0, slack), still, shut))
+        found.append(StateChange(delay, max(0, slack), still, shut))
     return max(found, key=lambda change: len(change.still), default=None)
 
 
-def _shut(programme: Programme, ways: Ways, place: int, latest: int) -> int:
+def _shut(programme: Programme, ways: TravelTables, place: int, latest: int) -> int:
     """Return the tasks (bits) that have to start before one at whose start + ``latest`` somebody
     has come to a place: what opens the way there, if it cannot be later.
     """
@@ -121,7 +334,7 @@ def _shut(programme: Programme, ways: Ways, place: int, latest: int) -> int:
     return bits
 
 
-def left_of(choices: list[Choice], ways: list[Ways], sets: Any) -> Any:
+def left_of(choices: list[SequenceChoice], ways: list[TravelTables], sets: Any) -> Any:
     """Return, for each set of tasks and traveller, bits of the direct moves from places where work
     is left, and of those to such places.
     """
@@ -134,7 +347,7 @@ def left_of(choices: list[Choice], ways: list[Ways], sets: Any) -> Any:
     return left
 
 
-def open_of(choices: list[Choice], ways: list[Ways], sets: Any) -> Any:
+def open_of(choices: list[SequenceChoice], ways: list[TravelTables], sets: Any) -> Any:
     """Return, for each set of tasks, traveller and place, whether a task is left to do there."""
     found = np.zeros((len(sets), len(ways), max(len(w.places) for w in ways)), dtype=bool)
     for choice in choices:
@@ -142,7 +355,7 @@ def open_of(choices: list[Choice], ways: list[Ways], sets: Any) -> Any:
     return found
 
 
-def moving_of(changes: list[Change | None], travellers: int, sets: Any) -> Any:
+def moving_of(changes: list[StateChange | None], travellers: int, sets: Any) -> Any:
     """Return, for each set of tasks and traveller, whether a task is left during which it rests."""
     found = np.zeros((len(sets), travellers), dtype=bool)
     for task, change in enumerate(changes):
@@ -162,7 +375,7 @@ def in_order(before: list[int]) -> list[int]:
     return found
 
 
-def doors_of(programme: Programme, ways: list[Ways]) -> list[list[tuple[int, int, int]]]:
+def doors_of(programme: Programme, ways: list[TravelTables]) -> list[list[tuple[int, int, int]]]:
     """Return, for each task, (traveller, place, time from its start): when who goes on from there
     has come, where the task opens the way.
     """
@@ -182,7 +395,7 @@ def doors_of(programme: Programme, ways: list[Ways]) -> list[list[tuple[int, int
     return found
 
 
-def handovers_of(work: Work, ways: list[Ways]) -> Any:
+def handovers_of(work: RoutedWork, ways: list[TravelTables]) -> Any:
     """Return, for each traveller, place, other traveller and its place, how long after the one can
     leave its place the other one can go on from its own, at least: where only one of them fits
     (-NEVER: they do not heed each other there).
@@ -200,13 +413,13 @@ def handovers_of(work: Work, ways: list[Ways]) -> Any:
 
 
 @dataclass(frozen=True)
-class Rules:
+class SequenceRules:
     """All that sequences of tasks have to obey, and what is needed to bound them."""
 
     programme: Programme
-    ways: list[Ways]
-    choices: list[Choice]
-    changes: list[Change | None]
+    ways: list[TravelTables]
+    choices: list[SequenceChoice]
+    changes: list[StateChange | None]
     """Of each task."""
     ordered: Any
     """From the start of each task to that of each later one, at least, by precedences alone."""
@@ -242,19 +455,22 @@ class Rules:
     """
 
     @staticmethod
-    def of(work: Work, programme: Programme, tables: dict[int, Any]) -> Rules | None:
+    def of(work: RoutedWork, programme: Programme, tables: dict[int, Any]) -> SequenceRules | None:
         """Return the rules for the tasks of a programme; ``None`` if these are too many."""
         size = max(len(places_of(route)) for route in programme.routes)
         if max(len(programme.tasks), size) > MOST_BITS:
             return None
-        ways = [Ways.of(r, axis, programme.tasks, size) for axis, r in enumerate(programme.routes)]
+        ways = [
+            TravelTables.of(r, axis, programme.tasks, size)
+            for axis, r in enumerate(programme.routes)
+        ]
         choices = choices_of(programme, ways)
         ordered, waits = waits_of(work, programme)
         sets = np.array(sorted(tables), dtype=np.int64)
         changes = [change_of(programme, ways, number) for number in range(len(programme.tasks))]
         work_left = open_of(choices, ways, sets)
         homes = np.stack([w.among(w.route.final or ()) for w in ways])
-        return Rules(
+        return SequenceRules(
             programme,
             ways,
             choices,
@@ -276,12 +492,12 @@ class Rules:
             np.zeros(len(sets), dtype=np.int64),
         )
 
-    def plain(self) -> Rules:
+    def plain(self) -> SequenceRules:
         """Return the same with no regard to changes and to moves that happen once."""
         ways = [replace(w, hop=0 * w.hop, leading=0 * w.leading) for w in self.ways]
         return replace(self, ways=ways, changes=[None] * len(self.changes))
 
-    def anywhere(self, over: Callable[[], bool]) -> Rules | None:
+    def anywhere(self, over: Callable[[], bool]) -> SequenceRules | None:
         """Return the rules for travellers who may begin wherever they like; ``None`` if there is no
         time. Whose beginning is that of anybody is as near to everywhere, and free for all.
         """

@@ -28,11 +28,8 @@ from functools import cached_property
 
 import numpy as np
 
-from up_samp.scheduling.cpsat.routing.labels import Labels
-from up_samp.scheduling.cpsat.routing.rules import Rules
-from up_samp.scheduling.cpsat.routing.steps import Steps
-from up_samp.scheduling.cpsat.routing.twins import Twins
-from up_samp.scheduling.cpsat.routing.ways import NEVER
+from up_samp.scheduling.cpsat.routing.labels import LabelTable, Steps, Twins
+from up_samp.scheduling.cpsat.routing.rules import NEVER, SequenceRules
 from up_samp.scheduling.cpsat.tuning import BoundsTuning
 
 Found = list[tuple[int, int]]
@@ -47,7 +44,7 @@ _AT_ONCE = 200_000
 class Sequences:
     """All sequences of tasks that obey the ``rules``."""
 
-    rules: Rules
+    rules: SequenceRules
     most: int
     """How many beginnings all proofs together may look at (some 10 microseconds each)."""
     seen: list[int] = field(default_factory=lambda: [0])
@@ -95,7 +92,7 @@ class Sequences:
         begun = self.begun or 0
         layers, labels = [], steps.beginning(begun)
         for _ in range(len(self.rules.programme.tasks) - begun.bit_count()):
-            following: list[Labels] = []
+            following: list[LabelTable] = []
             layers.append(labels.bare())
             labels = labels.numbered()
             for start in range(0, len(labels), _AT_ONCE):
@@ -106,7 +103,7 @@ class Sequences:
                     more = [found for found in steps.continued(some, choice) if len(found)]
                     self.seen[0] += sum(map(len, more))
                     following += more
-            labels = steps.hopeful(Labels.joined(following)) if following else labels.rows([])
+            labels = steps.hopeful(LabelTable.joined(following)) if following else labels.rows([])
             if not len(labels):
                 return None
             labels = self.twins.ordered(labels).undominated(self.tuning, over)
@@ -118,7 +115,7 @@ class Sequences:
         self.found[:] = [self._path([*layers, labels], int(row)) for row in order]
         return True
 
-    def _path(self, layers: list[Labels], row: int) -> Found:
+    def _path(self, layers: list[LabelTable], row: int) -> Found:
         """Return how one of the last labels was come to."""
         rows = [row]
         for after in layers[:0:-1]:

@@ -1,29 +1,266 @@
-"""A lower bound from all the work there is: the least time that travellers need for their tasks.
-
-Tasks are done in some order, by their starts; whoever does the next one comes from where it did
-its last one. The least total over all orders that the precedences allow is found by dynamic
-programming over (tasks done, where everybody is), after Held and Karp (1962). What has to be done
-before a place may be entered (doors) adds what it costs to squeeze it in. Everybody's share ends
-by the makespan, so the total by the number of travellers is a bound; travellers that take turns
-count as one. Sequences of tasks then prove more (:mod:`.sequences`).
-"""
+"""A lower bound from all the work there is: the least time that travellers need for their tasks."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from up_samp.scheduling.cpsat.encode.statevars import Key
+from ortools.sat.python import cp_model
+
+from up_samp.scheduling.cpsat.encode.states import Key
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.routing.assignment import bound_by_assignment
-from up_samp.scheduling.cpsat.routing.dispatch import Work
-from up_samp.scheduling.cpsat.routing.lefts import with_lefts
-from up_samp.scheduling.cpsat.routing.openings import RoutedTask
-from up_samp.scheduling.cpsat.routing.programme import Programme, cost, way_back
+from up_samp.scheduling.cpsat.routing.dispatch import Memory, RoutedTask, RoutedWork
 from up_samp.scheduling.cpsat.routing.route import INFINITE, Route
-from up_samp.scheduling.cpsat.routing.rules import Rules
+from up_samp.scheduling.cpsat.routing.rules import Programme, SequenceRules, cost, way_back
 from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
 from up_samp.scheduling.cpsat.tuning import BoundsTuning
+
+
+def aside_of(programme: Programme) -> int:
+    """Return (bits of) the tasks that open doors, as far as nothing else has to come before them:
+    with all of these, what may be done at some time is such a set again.
+    """
+    found = sum(1 << number for number, task in enumerate(programme.tasks) if task.opens)
+    while True:
+        kept = sum(
+            1 << number
+            for number, needs in enumerate(programme.before)
+            if found >> number & 1 and not needs & ~found
+        )
+        if kept == found:
+            return found
+        found = kept
+
+
+def with_lefts(
+    rules: SequenceRules,
+    most: int,
+    over: Callable[[], bool],
+    memory: Memory | None = None,
+    tuning: BoundsTuning | None = None,
+) -> SequenceRules:
+    """Return the rules with what is left of each set of tasks, as far as ``most`` beginnings and
+    the time allow to find it out. ``memory``: what was found out for the same tasks when no more
+    was stated; what is found out goes there.
+
+    Assumes: what a ``memory`` holds was found of the same tasks when no more was stated.
+    """
+    aside = aside_of(rules.programme)
+    free = rules.anywhere(over)
+    if free is None:
+        return rules
+    free = replace(free, aside=aside, lefts=rules.lefts.copy())
+    looked = Sequences(free, most, tuning=tuning or BoundsTuning())
+    sets = [int(done) for done in rules.sets if int(done) & aside == aside]
+    found = {} if memory is None else memory.setdefault(_names(rules, aside), {})
+    for done in sorted(sets, key=lambda some: -some.bit_count()):
+        known = found.get(done)
+        if known is None:
+            known = _of_more(free, done)
+            sequences = replace(looked, begun=done)
+            while not over() and not looked.is_spent and sequences.refuted(known, over):
+                known += 1
+            if not over() and not looked.is_spent:
+                found[done] = known
+        free.lefts[free.row(done)] = known
+    lefts = free.lefts[free.row(rules.sets | aside)]
+    return replace(rules, aside=aside, lefts=lefts)
+
+
+def _names(rules: SequenceRules, aside: int) -> tuple[object, ...]:
+    """Return what the tasks of sets are called, one way and another."""
+    return aside, *(tuple(name for _, name, _ in task.ways) for task in rules.programme.tasks)
+
+
+def _of_more(rules: SequenceRules, done: int) -> int:
+    """Return the most that is left when one more task than ``done`` has been done."""
+    return max(
+        (
+            int(rules.lefts[rules.row(done | 1 << task)])
+            for task, needs in enumerate(rules.programme.before)
+            if not done >> task & 1 and not needs & ~done
+        ),
+        default=0,
+    )
+
+
+# ------------------ A lower bound for large fleets: who does which tasks, with times left out
+# Each traveller does its tasks in some order; before each of them it comes from another one, or
+# from its start, which only the first one can. So they take at least what each task needs from the
+# nearest other one (one of them: from the start), and the way back of one. From that follows which
+# sets of tasks one traveller can do by a given time; if the sets of all cannot cover the tasks, no
+# schedule ends by then (set covering, by CP-SAT). The first end that is not refuted is a bound.
+
+
+@dataclass(frozen=True)
+class TaskShare:
+    """What one task costs one traveller: ``first`` if it comes from its start, ``later`` if not,
+    and the way ``back`` if it is the last one.
+    """
+
+    first: int
+    later: int
+    back: int
+
+    def plus(self, length: int) -> TaskShare:
+        """Return the share with the task's own length."""
+        return TaskShare(
+            min(INFINITE, self.first + length), min(INFINITE, self.later + length), self.back
+        )
+
+    @property
+    def base(self) -> int:
+        """What it costs if it is not the first one (or, where it has to be that, as the first)."""
+        return self.later if self.later < INFINITE else self.first
+
+    @property
+    def start(self) -> int:
+        """What it costs beside that if it is the first one; mostly less than nothing."""
+        return self.first - self.base if self.first < INFINITE else 0
+
+    @property
+    def least(self) -> int:
+        """What it costs alone."""
+        return self.first + self.back if self.first < INFINITE else self.later + self.back
+
+    @property
+    def most(self) -> int:
+        """The greatest time that is possible."""
+        return max(c for c in (self.first, self.later) if c < INFINITE) + self.back
+
+
+def shares(work: RoutedWork) -> list[dict[int, TaskShare]]:
+    """Return, for each wanted task, what it costs each traveller that can do it."""
+    wanted = [task for task in work.tasks if task.wanted]
+    spots: dict[int, list[tuple[int, int]]] = {}
+    for number, task in enumerate(wanted):
+        for route, _, places in task.ways:
+            spots.setdefault(route, []).extend((number, place) for place in places)
+    found = []
+    for number, task in enumerate(wanted):
+        mine: dict[int, TaskShare] = {}
+        for axis, stop, places in task.ways:
+            share = _share(work.routes[axis], stop, places, number, spots[axis])
+            if share is not None:
+                mine[axis] = share.plus(task.length)
+        found.append(mine)
+    return found
+
+
+def _share(
+    route: Route, stop: str, places: frozenset[int], number: int, spots: list[tuple[int, int]]
+) -> TaskShare | None:
+    first = min(cost(route, route.initial, place, stop, first=True) for place in places)
+    later = min(
+        (
+            cost(route, here, place, stop, first=False)
+            for place in places
+            for other, here in spots
+            if other != number
+        ),
+        default=INFINITE,
+    )
+    if min(first, later) >= INFINITE:
+        return None
+    return TaskShare(first, later, min(way_back(route, place) for place in places))
+
+
+def bound_by_assignment(
+    work: RoutedWork,
+    known: int,
+    over: Callable[[], bool] = lambda: False,
+    tuning: BoundsTuning | None = None,
+) -> int:
+    """Return a lower bound on the makespan, at least ``known``: the first that is not refuted, or
+    less if the time is ``over``.
+
+    Assumes: a traveller comes to each task from its start or from another task that is done.
+    """
+    tuning = tuning or BoundsTuning()
+    costs = shares(work)
+    if not costs or any(not mine for mine in costs):
+        return known
+    most = max(known, sum(max(share.most for share in mine.values()) for mine in costs))
+    low = max(known, max(min(s.least for s in mine.values()) for mine in costs))
+    step = 1
+    while low < most and not over() and _refuted(costs, low + step - 1, tuning):
+        low, step = low + step, 2 * step
+    high = low + step - 1
+    while low < high and not over():
+        middle = (low + high - 1) // 2
+        if _refuted(costs, middle, tuning):
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+def _refuted(costs: list[dict[int, TaskShare]], end: int, tuning: BoundsTuning) -> bool:
+    """Return whether it is proven that the travellers cannot share all tasks and end by ``end``.
+
+    Whoever does some tasks by then does one of the sets that are possible and as large as can be.
+    """
+    model = cp_model.CpModel()
+    done: list[list[cp_model.IntVar]] = [[] for _ in costs]
+    count = 0
+    for axis in sorted({axis for mine in costs for axis in mine}):
+        sets = _possible(costs, axis, end, tuning.sets - count)
+        if sets is None:
+            return False
+        count += len(sets)
+        chosen = []
+        for some in sets:
+            chosen.append(model.new_bool_var(""))
+            for task in some:
+                done[task].append(chosen[-1])
+        model.add_at_most_one(chosen)
+    for options in done:
+        model.add_bool_or(options)
+    solver = cp_model.CpSolver()
+    solver.parameters.num_workers = 1
+    solver.parameters.linearization_level = 2
+    solver.parameters.max_deterministic_time = tuning.cover
+    return bool(solver.solve(model) == cp_model.INFEASIBLE)
+
+
+def _possible(
+    costs: list[dict[int, TaskShare]], axis: int, end: int, most: int
+) -> list[frozenset[int]] | None:
+    """Return the sets of tasks that one traveller may do by ``end``, but for parts of others;
+    ``None`` if there are more than ``most``.
+    """
+    mine = [(task, some[axis]) for task, some in enumerate(costs) if axis in some]
+    start = min((s.start for _, s in mine), default=0)
+    back = min((s.back for _, s in mine), default=0)
+    found: list[frozenset[int]] = []
+
+    def extend(since: int, some: list[tuple[int, TaskShare]], total: int) -> bool:
+        if some:
+            ends = min(s.start for _, s in some) + min(s.back for _, s in some)
+            if total + ends <= end:
+                found.append(frozenset(task for task, _ in some))
+                if len(found) > most:
+                    return False
+        for index in range(since, len(mine)):
+            longer = total + mine[index][1].base
+            possible = longer + start + back <= end
+            if possible and not extend(index + 1, [*some, mine[index]], longer):
+                return False
+        return True
+
+    if not extend(0, [], 0):
+        return None
+    known, tasks = set(found), [task for task, _ in mine]
+    return [s for s in found if not any(t not in s and s | {t} in known for t in tasks)]
+
+
+# ------------------ A lower bound from all the work there is: the least time that travellers need f
+# Tasks are done in some order, by their starts; whoever does the next one comes from where it did
+# its last one. The least total over all orders that the precedences allow is found by dynamic
+# programming over (tasks done, where everybody is), after Held and Karp (1962). What has to be
+# done before a place may be entered (doors) adds what it costs to squeeze it in. Everybody's share
+# ends by the makespan, so the total by the number of travellers is a bound; travellers that take
+# turns count as one. Sequences of tasks then prove more (``sequences``).
 
 
 def lanes(model: ScheduleModel, routes: list[Route]) -> list[list[int]]:
@@ -64,7 +301,7 @@ class WorkBound:
 
 def bound_by_work(
     model: ScheduleModel,
-    work: Work,
+    work: RoutedWork,
     known: int = 0,
     over: Callable[[], bool] = lambda: False,
     *,
@@ -96,7 +333,7 @@ def bound_by_work(
     )
     total = programme.start(tables) + extra
     known = max(known, -(-total // len(lanes(model, work.routes))))
-    rules = Rules.of(work, programme, tables)
+    rules = SequenceRules.of(work, programme, tables)
     if rules is None:
         return WorkBound(known)
     labels = tuning.labels
@@ -112,7 +349,7 @@ def bound_by_work(
 
 
 # -- what has to be squeezed in ----------------------------------------------------------------
-def _needed(model: ScheduleModel, work: Work) -> list[list[RoutedTask]]:
+def _needed(model: ScheduleModel, work: RoutedWork) -> list[list[RoutedTask]]:
     """Return sets of tasks of each of which one has to be done, though nobody wants it by itself:
     what opens the doors on the only ways to what is wanted. The sets have no task in common.
     """
@@ -146,7 +383,7 @@ def _needed(model: ScheduleModel, work: Work) -> list[list[RoutedTask]]:
     return found
 
 
-def _squeezed(work: Work, tasks: list[RoutedTask]) -> int:
+def _squeezed(work: RoutedWork, tasks: list[RoutedTask]) -> int:
     """Return the least time that one of ``tasks`` adds to a route, wherever it comes in it."""
     least = INFINITE
     for task in tasks:

@@ -13,18 +13,22 @@ from dataclasses import dataclass, field, replace
 
 from up_samp.model import CandidateSchedule, Deadline, OutOfTimeError
 from up_samp.scheduling.cpsat.problem import Additions
-from up_samp.scheduling.cpsat.routing.decoder import Step
 from up_samp.scheduling.cpsat.routing.detection import find_routes
-from up_samp.scheduling.cpsat.routing.dispatch import Memory, Work, find_work
-from up_samp.scheduling.cpsat.routing.list_scheduling import decode, improve, sequence_of
+from up_samp.scheduling.cpsat.routing.dispatch import Memory, RoutedWork, find_work
+from up_samp.scheduling.cpsat.routing.list_scheduling import (
+    Step,
+    decode,
+    improve,
+    sequence_of,
+    steps_of,
+    times_of,
+)
 from up_samp.scheduling.cpsat.routing.relaxation import RoutingRelaxation
 from up_samp.scheduling.cpsat.routing.route import Route
-from up_samp.scheduling.cpsat.routing.sequels import steps_of, times_of
 from up_samp.scheduling.cpsat.routing.sequences import Sequences
 from up_samp.scheduling.cpsat.routing.workload import bound_by_work
 from up_samp.scheduling.cpsat.solve import options as profiles
-from up_samp.scheduling.cpsat.solve.attempts import Attempts
-from up_samp.scheduling.cpsat.solve.solutions import hint_values
+from up_samp.scheduling.cpsat.solve.attempts import Attempts, hint_values
 
 
 @dataclass
@@ -41,7 +45,7 @@ class Solve:
     parts: Callable[[], Additions]
     guess: CandidateSchedule | None = None
     routes: list[Route] | None = None
-    work: Work | None = None
+    work: RoutedWork | None = None
     sequences: Sequences | None = None
     """All of the tasks, with those that the lower bound was met by."""
     expected: int = 0
@@ -159,7 +163,7 @@ def _seek_sequences(search: Solve) -> None:
             return
 
 
-def _work(search: Solve) -> Work:
+def _work(search: Solve) -> RoutedWork:
     assert search.work is not None
     return search.work
 

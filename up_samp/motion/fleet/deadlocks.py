@@ -1,0 +1,672 @@
+"""Deadlocks solved by construction: joint moves on roadmaps, made into drives with few stops."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import random
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import shapely
+
+from up_samp.geometry.scene import Scene
+from up_samp.model import Body, Configuration, Deadline, Placed, TimedMotion, Trajectory
+from up_samp.motion.fleet.conflicts import kept, sweeps_meet, swept_in_step
+from up_samp.motion.fleet.moves import ShortMove, drive, in_step
+from up_samp.motion.fleet.paths import Path, abilities_of, hull_of, path_of
+from up_samp.motion.fleet.roadmap import Roadmap, RoadmapEdge, cells_of
+from up_samp.motion.fleet.speed import parked_all_the_time
+from up_samp.motion.fleet.timed_path import TimedPath, avoids
+from up_samp.motion.fleet.workspace import Workspace
+from up_samp.motion.tuning import KnotsTuning
+
+State = tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Agent:
+    """A robot on its roadmap; ``to_go``: seconds from each place to its goal."""
+
+    roadmap: Roadmap
+    start: int
+    goal: int
+    to_go: dict[int, float]
+
+
+@dataclass(eq=False)
+class _Node:
+    """A configuration, with constraints still to be tried: (robots in order, their edges)."""
+
+    state: State
+    order: tuple[int, ...]
+    waited: tuple[int, ...]
+    parent: _Node | None
+    step: tuple[RoadmapEdge, ...] = ()
+    tree: deque[tuple[RoadmapEdge, ...]] = field(default_factory=lambda: deque([()]))
+
+
+class Joint:
+    """Searches joint moves of ``agents``; ``heeds[i][j]``: whether i and j must keep apart by
+    ``margin`` m; ``together``: also joint moves in which some have to go at the same time.
+    """
+
+    def __init__(
+        self,
+        agents: Sequence[Agent],
+        heeds: Sequence[Sequence[bool]],
+        margin: float,
+        seed: int,
+        together: bool = False,
+        tuning: KnotsTuning | None = None,
+    ) -> None:
+        self.together = together
+        self.tuning = tuning or KnotsTuning()
+        self.agents, self.heeds, self.margin = agents, heeds, margin
+        self.rng = random.Random(seed)
+        self._lots = [self.rng.random() for _ in agents] if seed else []
+        self.expanded = self.work = 0
+        self.dry = False
+        self._conflicts: dict[tuple[int, int, int, int], bool] = {}
+        self._overlaps: dict[tuple[int, int, int, int], bool] = {}
+        self._budget = 0
+
+    def search(self, most: int, deadline: Deadline) -> list[tuple[RoadmapEdge, ...]] | None:
+        """Return joint moves (an edge for each robot) from all starts to all goals, or None where
+        none are found within ``most`` moves looked at (``dry``: the roadmaps have none).
+        """
+        count = len(self.agents)
+        start, goal = (tuple(a.start for a in self.agents), tuple(a.goal for a in self.agents))
+        if any(a.start not in a.to_go for a in self.agents) or not self._valid(start):
+            return None
+        first = _Node(start, self._order(start, (0,) * count), (0,) * count, None)
+        stack, known = [first], {start: first}
+        while stack and self.work < most and not deadline.expired():
+            node = stack[-1]
+            if node.state == goal:
+                return _steps(node)
+            if not node.tree:
+                stack.pop()
+                continue
+            self.expanded += 1
+            forced = node.tree.popleft()
+            if len(forced) < count:
+                robot = node.order[len(forced)]
+                options = self._options(robot, node.state)
+                node.tree.extend((*forced, edge) for edge in options)
+                self.work += len(options)
+            step = self._joint_move(node, forced)
+            if step is None:
+                continue
+            state = tuple(edge.target for edge in step)
+            if state in known:
+                stack.append(known[state])
+                continue
+            waited = tuple(
+                0 if at == a.goal else w + 1
+                for at, a, w in zip(state, self.agents, node.waited, strict=True)
+            )
+            after = _Node(state, self._order(state, waited), waited, node, step)
+            known[state] = after
+            stack.append(after)
+        self.dry = not stack
+        return None
+
+    def meet(self, i: int, a: RoadmapEdge, j: int, b: RoadmapEdge) -> bool:
+        """Return whether two robots' moves, driven in step, come too close to each other."""
+        if not self.heeds[i][j] or not self._near(a, b):
+            return False
+        key = (i, a.number, j, b.number) if i < j else (j, b.number, i, a.number)
+        known = self._conflicts.get(key)
+        if known is None:
+            known = self._conflicts[key] = swept_in_step(a.swept, b.swept, self.margin)
+        return known
+
+    def _valid(self, state: State) -> bool:
+        rests = [a.roadmap.rest(at) for a, at in zip(self.agents, state, strict=True)]
+        return not any(
+            self.meet(i, rests[i], j, rests[j]) for i in range(len(rests)) for j in range(i)
+        )
+
+    def _order(self, state: State, waited: Sequence[int]) -> tuple[int, ...]:
+        """Return who moves first: who has been away from its goal longest, then who is farthest
+        (or, with a seed other than 0, by lot).
+        """
+        if self._lots:
+            return tuple(sorted(range(len(state)), key=lambda i: (-waited[i], self._lots[i])))
+        away = [a.to_go[at] for a, at in zip(self.agents, state, strict=True)]
+        return tuple(sorted(range(len(state)), key=lambda i: (-waited[i], -away[i], i)))
+
+    def _options(self, robot: int, state: State) -> list[RoadmapEdge]:
+        """Return a robot's moves and its rest, in random order of equal ones, the best first."""
+        agent, at = self.agents[robot], state[robot]
+        moves = [e for e in agent.roadmap.out(at) if e.target in agent.to_go]
+        moves.append(agent.roadmap.rest(at))
+        self.rng.shuffle(moves)
+        moves.sort(key=lambda e: agent.to_go[e.target])
+        return moves
+
+    def _joint_move(
+        self, node: _Node, forced: tuple[RoadmapEdge, ...]
+    ) -> tuple[RoadmapEdge, ...] | None:
+        """Return a move for everybody that keeps to the forced ones, if priority inheritance finds
+        one.
+        """
+        chosen: dict[int, RoadmapEdge] = {}
+        for robot, edge in zip(node.order, forced, strict=False):
+            if any(self.meet(robot, edge, other, e) for other, e in chosen.items()):
+                return None
+            chosen[robot] = edge
+        self._budget = self.tuning.pushes
+        rests = [a.roadmap.rest(at) for a, at in zip(self.agents, node.state, strict=True)]
+        # those that a forced move drives into go first
+        pushed = [
+            r
+            for r in node.order
+            if r not in chosen and any(self.meet(r, rests[r], o, e) for o, e in chosen.items())
+        ]
+        for robot in (*pushed, *node.order):
+            if robot not in chosen and not self._push(robot, node, rests, chosen):
+                return None
+        step = tuple(chosen[i] for i in range(len(self.agents)))
+        return step if self.turns(step) is not None else None
+
+    def turns(self, step: tuple[RoadmapEdge, ...]) -> list[list[int]] | None:
+        """Return groups of those that move, in an order in which one group after the other can
+        move while all others rest. Those of a group move in step: in a full ring nobody can go
+        first. None where that is not wanted, or a move in step stops on its way (``Move.steady``).
+        """
+        moving = [i for i, edge in enumerate(step) if edge.source != edge.target]
+        # before[i]: who has to go before i does, or with it
+        before: dict[int, set[int]] = {i: set() for i in moving}
+        for i, j in itertools.permutations(moving, 2):
+            if self._blocks(step, j, step[j].source, i):
+                before[i].add(j)
+            if self._blocks(step, j, step[j].target, i):
+                before[j].add(i)
+        for k, i in itertools.product(moving, moving):
+            if k in before[i]:
+                before[i] |= before[k]
+        groups: list[list[int]] = []
+        for i in sorted(moving, key=lambda i: (len(before[i] | {i}), i)):
+            if not any(i in group for group in groups):
+                groups.append(sorted({i} | {j for j in before[i] if i in before[j]}))
+        for group in groups:
+            steady = self.together and all(step[i].move.steady for i in group)
+            if len(group) > 1 and not steady:
+                return None
+        return groups
+
+    def _blocks(self, step: tuple[RoadmapEdge, ...], j: int, place: int, i: int) -> bool:
+        """Return whether robot j, at rest at a place, is in the way of i's move."""
+        if not self.heeds[i][j]:
+            return False
+        return self.overlap(i, step[i], j, self.agents[j].roadmap.rest(place))
+
+    def overlap(self, i: int, a: RoadmapEdge, j: int, b: RoadmapEdge) -> bool:
+        """Return whether any parts of two robots' moves come too close to each other."""
+        if not self.heeds[i][j] or not self._near(a, b):
+            return False
+        key = (i, a.number, j, b.number) if i < j else (j, b.number, i, a.number)
+        if key not in self._overlaps:
+            self._overlaps[key] = sweeps_meet(a.swept, b.swept, self.margin)
+        return self._overlaps[key]
+
+    def _near(self, a: RoadmapEdge, b: RoadmapEdge) -> bool:
+        p, q = a.circle, b.circle
+        reach = p[2] + q[2] + self.margin
+        return (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 < reach * reach
+
+    def _push(
+        self, robot: int, node: _Node, rests: Sequence[RoadmapEdge], chosen: dict[int, RoadmapEdge]
+    ) -> bool:
+        """Choose a move for ``robot``, and for all that it drives into, or nothing at all."""
+        for edge in self._options(robot, node.state):
+            self._budget -= 1
+            self.work += 1
+            if self._budget < 0:
+                return False
+            if any(self.meet(robot, edge, other, e) for other, e in chosen.items()):
+                continue
+            before = set(chosen)
+            chosen[robot] = edge
+            victims = [
+                r for r in node.order if r not in chosen and self.meet(r, rests[r], robot, edge)
+            ]
+            if all(r in chosen or self._push(r, node, rests, chosen) for r in victims):
+                return True
+            for r in set(chosen) - before:
+                del chosen[r]
+        return False
+
+
+def _steps(node: _Node) -> list[tuple[RoadmapEdge, ...]]:
+    steps: list[tuple[RoadmapEdge, ...]] = []
+    at: _Node | None = node
+    while at is not None and at.parent is not None:
+        steps.append(at.step)
+        at = at.parent
+    return steps[::-1]
+
+
+# ------------------ Joint moves made into few drives: moves that do not meet are independent of eac
+# Each robot's moves are joined into as few drives as the others allow, in a sequence in which one
+# drives while the others rest.
+
+
+@dataclass(frozen=True)
+class LooseMove:
+    """A drive of one robot along moves (one or more) while all others rest that have no trip in the
+    same stage.
+    """
+
+    robot: int
+    edges: tuple[RoadmapEdge, ...]
+
+    @property
+    def start(self) -> int:
+        """The place where it begins."""
+        return self.edges[0].source
+
+    @property
+    def end(self) -> int:
+        """The place where it ends."""
+        return self.edges[-1].target
+
+    @property
+    def seconds(self) -> float:
+        """About how long it takes."""
+        return sum(edge.cost for edge in self.edges)
+
+
+Stage = tuple[LooseMove, ...]
+"""Trips at the same time, while everybody else rests: one, or several of one move each that are
+driven in step."""
+
+
+def loosened(joint: Joint, steps: Sequence[tuple[RoadmapEdge, ...]]) -> list[Stage]:
+    """Return joint moves (an edge for each robot) as drives with few stops and short ways: two
+    drives of a robot become one, early or late, where the others do not need it to stand in
+    between.
+    """
+    found = _joined(joint, _in_order(joint, steps))
+    for _ in range(joint.tuning.passes):
+        before = len(found), _seconds(found)
+        k = 0
+        while k < len(found):
+            k += 0 if _merge(joint, found, k) else 1
+        for k in range(len(found)):
+            _shorten(joint, found, k)
+        if (len(found), _seconds(found)) == before:
+            break
+    return found
+
+
+def _in_order(joint: Joint, steps: Sequence[tuple[RoadmapEdge, ...]]) -> list[Stage]:
+    """Return the moves one by one, each clear of everybody else at rest; those that have to be at
+    the same time together.
+    """
+    return [
+        tuple(LooseMove(i, (step[i],)) for i in group)
+        for step in steps
+        for group in joint.turns(step) or ()
+    ]
+
+
+def _joined(joint: Joint, order: Sequence[Stage]) -> list[Stage]:
+    """Return the moves as drives, in an order that keeps who goes before whom where
+    two moves meet.
+
+    The next drive is one that brings its robot to its end, or else the longest one.
+    """
+    count = len(joint.agents)
+    mine: list[list[int]] = [[] for _ in range(count)]
+    waits = [{q for q in range(k) if _meet(joint, order[k], order[q])} for k in range(len(order))]
+    for k, stage in enumerate(order):
+        for trip in stage:
+            mine[trip.robot].append(k)
+    done: set[int] = set()
+    drives: list[Stage] = []
+    while len(done) < len(order):
+        options: list[tuple[bool, int, int, list[int]]] = []
+        for robot in range(count):
+            left = [k for k in mine[robot] if k not in done]
+            ready: list[int] = []
+            for k in left:
+                if not waits[k] <= done or len(order[k]) > 1:
+                    break
+                ready.append(k)
+            if ready:
+                options.append((len(ready) < len(left), -len(ready), robot, ready))
+        # the first of those left can always go: the given order is one that works
+        first = next(k for k in range(len(order)) if k not in done)
+        if len(order[first]) > 1:
+            options.append((True, -1, count, [first]))
+        _, _, robot, ready = min(options, key=lambda option: option[:3])
+        done |= set(ready)
+        if robot == count:
+            drives.append(order[first])
+        else:
+            drives.append((LooseMove(robot, tuple(order[k][0].edges[0] for k in ready)),))
+    return drives
+
+
+def _meet(joint: Joint, a: Stage, b: Stage) -> bool:
+    """Return whether any moves of two stages come too close to each other."""
+    return any(
+        joint.overlap(t.robot, e, u.robot, f)
+        for t in a
+        for u in b
+        for e in t.edges
+        for f in u.edges
+    ) or bool({t.robot for t in a} & {t.robot for t in b} and len(a) + len(b) > 2)
+
+
+def _seconds(stages: Sequence[Stage]) -> float:
+    return sum(trip.seconds for stage in stages for trip in stage)
+
+
+def _merge(joint: Joint, stages: list[Stage], k: int) -> bool:
+    """Join drive ``k`` with the same robot's next one, in place; return whether that works."""
+    first = stages[k][0]
+    after = range(k + 1, len(stages))
+    n = next((i for i in after if any(t.robot == first.robot for t in stages[i])), -1)
+    if n < 0 or len(stages[k]) > 1 or len(stages[n]) > 1:
+        return False
+    second, roadmap = stages[n][0], joint.agents[first.robot].roadmap
+    between = [trip for stage in stages[k + 1 : n] for trip in stage]
+    for place, when in ((first.start, n), (second.end, k)):
+        rest = roadmap.rest(place)
+        if any(joint.overlap(first.robot, rest, t.robot, e) for t in between for e in t.edges):
+            continue
+        if first.start == second.end:
+            del stages[n], stages[k]
+            return True
+        limit = first.seconds + second.seconds + joint.tuning.stop
+        rests = _rests(joint, stages, when)
+        way = _route(joint, first.robot, (first.start, second.end), rests, limit)
+        if way is not None:
+            stages[when] = (LooseMove(first.robot, way),)
+            del stages[k if when == n else n]
+            return True
+    return False
+
+
+def _shorten(joint: Joint, stages: list[Stage], k: int) -> None:
+    """Replace a drive by the shortest one among the others at rest."""
+    if len(stages[k]) > 1:
+        return
+    trip = stages[k][0]
+    ends, limit = (trip.start, trip.end), trip.seconds - 1e-9
+    way = _route(joint, trip.robot, ends, _rests(joint, stages, k), limit)
+    if way:
+        stages[k] = (LooseMove(trip.robot, way),)
+
+
+def _rests(joint: Joint, stages: Sequence[Stage], k: int) -> list[RoadmapEdge]:
+    """Return everybody's rest before drive ``k``."""
+    at = [agent.start for agent in joint.agents]
+    for stage in stages[:k]:
+        for trip in stage:
+            at[trip.robot] = trip.end
+    return [agent.roadmap.rest(place) for agent, place in zip(joint.agents, at, strict=True)]
+
+
+def _route(
+    joint: Joint, robot: int, ends: tuple[int, int], rests: Sequence[RoadmapEdge], limit: float
+) -> tuple[RoadmapEdge, ...] | None:
+    """Return the shortest way on a robot's roadmap among the others at rest, of a cost of at most
+    ``limit`` (A*).
+    """
+    agent = joint.agents[robot]
+    roadmap, to_go = agent.roadmap, agent.to_go
+    speed, aim = roadmap.body.kinematics.v_max, roadmap.poses[ends[1]]
+    near = [j for j in range(len(rests)) if joint.heeds[robot][j]]
+
+    def estimate(node: int) -> float:
+        if ends[1] == agent.goal:
+            return to_go.get(node, math.inf)
+        return math.dist(roadmap.poses[node][:2], aim[:2]) / speed
+
+    def allowed(edge: RoadmapEdge) -> bool:
+        return not any(joint.overlap(robot, edge, j, rests[j]) for j in near)
+
+    return roadmap.route(ends, estimate, allowed, limit)[0]
+
+
+# ------------------ Knots solved by construction: joint moves on roadmaps, made into drives that ne
+# Where no order of priorities works, a plan for everybody is searched on roadmaps of rest poses
+# (``up_samp.motion.fleet.deadlocks``), coarse to fine. It is then made into few drives
+# (``up_samp.motion.fleet.deadlocks``). A planner's own path replaces the moves of a drive where it
+# finds one. Finding nothing proves nothing: the roadmaps leave poses out.
+
+
+DRAWS = ((4, 0), (4, 1), (1, 0), (1, 0))
+"""Short and long searches on the roadmaps of each grain (see ``cells_of``), each with another draw.
+The long one is for rooms of few places, where it sees them all.
+"""
+
+
+Drives = tuple[tuple[int, Path], ...]
+"""Paths of robots at the same time: one, or several with a timing in which they keep clear."""
+
+
+@dataclass
+class Knot:
+    """Robots that have to be moved together, and what rests around them."""
+
+    workspace: Workspace
+    scene: Scene
+    motions: Sequence[TimedMotion]
+    world: Sequence[TimedPath]
+    paths: Sequence[Path | None]
+    deadline: Deadline
+    seed: int = 0
+    margin: float = field(init=False)
+    static: list[tuple[Placed, ...]] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.margin = _margin(self.workspace.margin, self.motions)
+        self.static = [tuple(parked_all_the_time(m, self.world)) for m in self.motions]
+
+    @property
+    def heeds(self) -> list[list[bool]]:
+        """Who has to keep apart from whom."""
+        return [
+            [
+                a is not b and (avoids(a.avoid, b.object) or avoids(b.avoid, a.object))
+                for b in self.motions
+            ]
+            for a in self.motions
+        ]
+
+
+def untie(
+    workspace: Workspace,
+    motions: Sequence[TimedMotion],
+    alone: Mapping[str, TimedPath],
+    world: Sequence[TimedPath],
+    deadline: Deadline,
+    seed: int = 0,
+) -> list[Drives] | None:
+    """Return drives (robot, path) in a sequence that brings everybody from start to goal, each one
+    clear of all others at rest where the drives before left them; or None if none is found.
+
+    ``alone`` are the runs of the motions without each other. For robots with two poses each and
+    of different names.
+    """
+    scene = workspace.scene
+    if scene is None or any(abilities_of(m.body).free for m in motions):
+        return None
+    paths = [alone[m.name].path if m.name in alone else None for m in motions]
+    knot = Knot(workspace, scene, motions, world, paths, deadline, seed)
+    known: list[list[Agent]] = []
+    done: set[tuple[float, ...]] = set()
+    tuning = workspace.tuning.knots
+    for level, (short, long) in enumerate(DRAWS):
+        attempts = [tuning.short] * short + [tuning.long] * long
+        cells = tuple(cells_of(m.body, workspace.tuning.roadmap)[level] for m in motions)
+        if cells in done or deadline.expired():
+            continue
+        done.add(cells)
+        for own in (False, True):
+            # marks on the robots' own paths are few and close: only where the lattice fails
+            agents = _agents(knot, cells, own)
+            if agents is None or any(agent.start not in agent.to_go for agent in agents):
+                continue
+            drives = untied(knot, agents, attempts)
+            if drives is not None:
+                return drives
+            if deadline.expired() or _places(agents) > tuning.many:
+                return None
+            known.append(agents)
+    # nobody can go first: some at the same time, then; in a ring there are three at least
+    for agents in known if len(motions) > 2 else ():
+        drives = (
+            None if deadline.expired() else untied(knot, agents, (tuning.short,), together=True)
+        )
+        if drives is not None:
+            return drives
+    return None
+
+
+def untied(
+    knot: Knot, agents: Sequence[Agent], attempts: Sequence[int], *, together: bool = False
+) -> list[Drives] | None:
+    """Return drives that bring everybody from start to goal, if some are found."""
+    found = _joint_moves(knot, agents, attempts, together)
+    if found is None:
+        return None
+    joint, steps = found
+    return _drives(knot, joint, loosened(joint, steps))
+
+
+def _places(agents: Sequence[Agent]) -> int:
+    return max(len(agent.roadmap.poses) for agent in agents)
+
+
+def _margin(wish: float, motions: Sequence[TimedMotion]) -> float:
+    """Return the clearance to keep: less than usual where robots start or end closer than that."""
+    margin = wish
+    for a, b in itertools.combinations(motions, 2):
+        g, h = hull_of(a.body), hull_of(b.body)
+        for i in (0, -1):
+            margin = kept(margin, [np.array(a.poses[i])], g, [np.array(b.poses[i])], h)
+    return margin
+
+
+def _joint_moves(
+    knot: Knot, agents: Sequence[Agent], attempts: Sequence[int], together: bool
+) -> tuple[Joint, list[tuple[RoadmapEdge, ...]]] | None:
+    """Return joint moves on roadmaps of one grain, and who found them, if some are found."""
+    places, tuning = _places(agents), knot.workspace.tuning.knots
+    for attempt, most in enumerate(attempts):
+        if most > tuning.short and places > tuning.few:
+            continue
+        joint = Joint(agents, knot.heeds, knot.margin, 100 * knot.seed + attempt, together, tuning)
+        steps = joint.search(most, knot.deadline)
+        if steps is not None:
+            return joint, steps
+        if joint.dry or knot.deadline.expired():
+            break
+    return None
+
+
+def _agents(knot: Knot, cells: Sequence[float], marks: bool) -> list[Agent] | None:
+    """Return the robots on roadmaps, one for each kind of body among the same resting things;
+    ``marks``: with places along the robots' own paths.
+    """
+    kinds: dict[object, list[int]] = {}
+    for i, motion in enumerate(knot.motions):
+        around = frozenset((p.body.footprint, p.pose) for p in knot.static[i])
+        kinds.setdefault((motion.body, around), []).append(i)
+    agents: dict[int, Agent] = {}
+    for robots in kinds.values():
+        ends = [pose for i in robots for pose in knot.motions[i].poses]
+        own = [path for i in robots if marks and (path := knot.paths[i]) is not None]
+        body, static = knot.motions[robots[0]].body, knot.static[robots[0]]
+        tuning = knot.workspace.tuning.roadmap
+        roadmap = Roadmap(knot.scene, body, ends, own, static, cells[robots[0]], tuning)
+        if not roadmap.usable or knot.deadline.expired():
+            return None
+        for i in robots:
+            start, goal = (roadmap.place(pose) for pose in knot.motions[i].poses)
+            agents[i] = Agent(roadmap, start, goal, roadmap.to_go(goal))
+    return [agents[i] for i in range(len(knot.motions))]
+
+
+def _drives(knot: Knot, joint: Joint, loose: Sequence[Stage]) -> list[Drives] | None:
+    """Return the drives with a planner's paths where it finds shorter ones."""
+    at: list[Configuration] = [m.poses[0] for m in knot.motions]
+    found: list[Drives] = []
+    for stage in loose:
+        ends = {t.robot: joint.agents[t.robot].roadmap.poses[t.end] for t in stage}
+        if len(stage) == 1:
+            path = _drive(knot, joint, stage[0], at, ends[stage[0].robot])
+            if path is None:
+                return None
+            found.append(((stage[0].robot, path),))
+        else:
+            found.append(_together(knot, stage, at, ends))
+        for robot, end in ends.items():
+            at[robot] = end
+    return found
+
+
+def _together(
+    knot: Knot, stage: Stage, at: Sequence[Configuration], ends: Mapping[int, Configuration]
+) -> Drives:
+    """Return the paths of trips that are driven in step."""
+    robots = [t.robot for t in stage]
+    moves = [t.edges[0].move for t in stage]
+    motions = in_step(moves, [knot.motions[i].body.kinematics for i in robots])
+    return tuple(
+        (i, path_of(_between(motion, at[i], ends[i]), knot.motions[i].body, _marks([move])))
+        for i, move, motion in zip(robots, moves, motions, strict=True)
+    )
+
+
+def _drive(
+    knot: Knot, joint: Joint, trip: LooseMove, at: Sequence[Configuration], end: Configuration
+) -> Path | None:
+    """Return a path for a trip: a planner's, or the moves themselves."""
+    robot, motion = trip.robot, knot.motions[trip.robot]
+    parked = [
+        Placed(other.object, other.body, at[j])
+        for j, other in enumerate(knot.motions)
+        if joint.heeds[robot][j]
+    ]
+    air = knot.workspace.tuning.knots.air
+    wide = [Placed(p.name, grown(p.body, air), p.pose) for p in parked]
+    path = knot.workspace.detour(
+        motion.body, (at[robot], end), knot.static[robot], wide, knot.deadline
+    )
+    moves = [edge.move for edge in trip.edges]
+    whole = _between(drive(moves, motion.body.kinematics), at[robot], end)
+    own = path_of(whole, motion.body, _marks(moves))
+    options = sorted((p for p in (path, own) if p is not None), key=lambda p: p.natural.duration)
+    rests = [knot.workspace.resting(p.body, p.pose) for p in parked]
+    clear = (p for p in options if not any(len(knot.workspace.conflicts(p, r)) for r in rests))
+    return next(clear, None)
+
+
+def _between(motion: Trajectory, start: Configuration, goal: Configuration) -> Trajectory:
+    """Return a motion with its ends exactly at two poses: a lattice's are off by rounding."""
+    rows = motion.poses.copy()
+    for k, pose in ((0, start), (-1, goal)):
+        turns = 2 * math.pi * round((float(rows[k, 2]) - pose[2]) / (2 * math.pi))
+        rows[k] = (pose[0], pose[1], pose[2] + turns)
+    return Trajectory(motion.times.copy(), rows)
+
+
+def grown(body: Body, by: float) -> Body:
+    """Return the body with a footprint that is wider by ``by`` m on all sides."""
+    ring = shapely.Polygon(body.footprint).buffer(by, join_style="mitre").exterior
+    return replace(body, footprint=tuple((float(x), float(y)) for x, y in ring.coords[:-1]))
+
+
+def _marks(moves: Sequence[ShortMove]) -> list[Configuration]:
+    marks = [tuple(float(v) for v in moves[0].rows[0])]
+    return marks + [tuple(float(v) for v in m.rows[-1]) for m in moves]

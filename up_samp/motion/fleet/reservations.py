@@ -1,0 +1,208 @@
+"""Motions that are decided one after the other, each among those decided before.
+
+Whoever has made its last decided motion stays where that ended, until it is given another one: so
+a motion is only taken if it can end where nobody who is decided comes by later (the invariant of
+token passing; Ma et al., "Lifelong multi-agent path finding for online pickup and delivery tasks",
+AAMAS 2017). Thus nobody ever has to move on in a hurry, and the decided motions are valid at every
+step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+from up_samp.model import Body, Configuration, Deadline, Placed, Rest, TimedMotion
+from up_samp.motion.fleet.detours import Stand, is_good, met_at_full_speed, ways_past
+from up_samp.motion.fleet.one_robot import Attempt, plan_one
+from up_samp.motion.fleet.paths import Path
+from up_samp.motion.fleet.priority_search import Group, alone, climb
+from up_samp.motion.fleet.speed import Window, fit
+from up_samp.motion.fleet.timed_path import TimedPath, avoids, pair_flags, pose_at
+from up_samp.motion.fleet.workspace import KnownPaths, PathPlanner, rest_run, workspace_of
+
+DETOURS = 1
+"""The effort (see :func:`plan_one`) at which other ways are planned."""
+
+
+class ReservationTable:
+    """The decided runs of all objects on one floor.
+
+    :param service: plans single paths.
+    :param rests: everything that is there, where it is at first (or always).
+    """
+
+    def __init__(self, service: PathPlanner, rests: Iterable[Rest]) -> None:
+        self._workspace = workspace_of(service)
+        self._first = {rest.name: rest_run(self._workspace, rest) for rest in rests}
+        self._runs: dict[str, list[TimedPath]] = {}
+        self._placed: list[TimedPath] = []
+
+    def decided(self, name: str) -> int:
+        """Return how many motions of an object are decided."""
+        return len(self._runs.get(name, ()))
+
+    def arrival(self, name: str) -> float:
+        """Return when an object's last decided motion ends (s)."""
+        runs = self._runs.get(name)
+        return runs[-1].arrival if runs else -math.inf
+
+    def last(self) -> float:
+        """Return when the last of all decided motions ends (s)."""
+        return max((runs[-1].arrival for runs in self._runs.values()), default=0.0)
+
+    def place(self, rests: Sequence[Rest]) -> None:
+        """Let things that others move (doors) rest so for what is decided next."""
+        self._placed = [rest_run(self._workspace, rest) for rest in rests]
+
+    def plan(self, motion: TimedMotion, deadline: Deadline, effort: int) -> Attempt:
+        """Return a run of a motion among what is decided: on time, or else the earliest found."""
+        window = Window(self.arrival(motion.object), motion.release)
+        others = self._others({motion.object}, motion.release)
+        if effort == DETOURS and not self._workspace.detours_quickly(motion.body):
+            effort = DETOURS - 1  # waiting is found sooner than another way
+        return plan_one(self._workspace, motion, window, others, deadline, effort)
+
+    def alone(self, body: Body, poses: tuple[Configuration, ...], deadline: Deadline) -> float:
+        """Return how long (s) a body takes on its best path if nobody else is there (inf: there is
+        none). That path is one of those that are known then.
+        """
+        path = self._workspace.path(body, poses, (), deadline)
+        if not isinstance(path, Path):
+            return math.inf
+        self._workspace.ways(body, poses).paths.setdefault(path.number, path)
+        return path.natural.duration
+
+    def ways(self, motion: TimedMotion) -> KnownPaths:
+        """Return the paths for a motion that were of use, for whoever it was."""
+        return self._workspace.ways(motion.body, motion.poses)
+
+    def by_known_ways(self, motion: TimedMotion) -> TimedPath | None:
+        """Return the earliest run of a motion on a path that was of use for it before, if any."""
+        window = Window(self.arrival(motion.object), motion.release)
+        others = self._others({motion.object}, motion.release)
+        best: TimedPath | None = None
+        for path in self.ways(motion).quickest_first():
+            best = fit(self._workspace, motion, window, path, others, best)
+            if is_good(best, motion):
+                break
+        return best
+
+    def learn_ways_past(
+        self, motion: TimedMotion, stands: Sequence[Stand], deadline: Deadline, tries: int
+    ) -> None:
+        """Look for ways of a motion past the places where others may stand, once; they are known
+        ways then.
+        """
+        ways = self.ways(motion)
+        if ways.past or not ways.paths:
+            return
+        ways.past = True
+        best = ways.quickest_first()[0]
+        asked = motion.poses, best, stands, deadline
+        for path in ways_past(self._workspace, *asked, tries=tries):
+            ways.paths.setdefault(path.number, path)
+
+    def in_the_way(self, motion: TimedMotion, deadline: Deadline) -> set[str]:
+        """Return who is met if a motion drives its best path as soon as it may."""
+        path = self._workspace.path(motion.body, motion.poses, (), deadline)
+        if not isinstance(path, Path):
+            return set()
+        window = Window(self.arrival(motion.object), motion.release)
+        others = self._others({motion.object}, motion.release)
+        met = met_at_full_speed(self._workspace, motion, window, path, others)
+        return {run.object for run, _, _ in met}
+
+    def past_all_ends(
+        self, motion: TimedMotion, deadline: Deadline, *, quick: bool = False
+    ) -> TimedPath | None:
+        """Return the earliest run of a motion on its best path past the places where all others
+        stay in the end, if there is such a path and a timing.
+
+        Whatever the others do before, on that path it can drive once they have done it.
+
+        :param quick: any path that is cheap to find will do.
+        """
+        others = self._others({motion.object}, -math.inf)
+        ends = [
+            Placed(o.object, o.path.body, pose_at(o.path, -1))
+            for o in others
+            if o.until == math.inf and avoids(motion.avoid, o.object)
+        ]
+        asked = motion.body, motion.poses, ends
+        path = (
+            self._workspace.detour(*asked, (), deadline)
+            if quick
+            else self._workspace.path(*asked, deadline)
+        )
+        if not isinstance(path, Path):
+            return None
+        window = Window(self.arrival(motion.object), motion.release)
+        return fit(self._workspace, motion, window, path, others)
+
+    def together(
+        self, motions: Sequence[TimedMotion], deadline: Deadline, *, top: int
+    ) -> Mapping[str, TimedPath] | None:
+        """Return runs of motions of different objects that are decided at once, by name."""
+        release = min(m.release for m in motions)
+        world = self._others({m.object for m in motions}, release)
+        since = {m.name: replace(m, present_from=self.arrival(m.object)) for m in motions}
+        group = Group(self._workspace, since, world, deadline)
+        root, _, _ = alone(group)
+        if root is None:
+            return None
+        climb(group, root, top)
+        return None if group.best is None else group.best.runs
+
+    def add(self, run: TimedPath) -> None:
+        """Decide a run: its object leaves where its last one ended when it leaves."""
+        runs = self._runs.setdefault(run.object, [])
+        if runs:
+            runs[-1] = replace(runs[-1], until=run.since)
+        runs.append(run)
+
+    def withdraw(self, name: str) -> None:
+        """Undo the last decided motion of an object: it stays where that began."""
+        runs = self._runs[name]
+        runs.pop()
+        if runs:
+            runs[-1] = replace(runs[-1], until=math.inf)
+        else:
+            del self._runs[name]
+
+    def clear(self, runs: Sequence[TimedPath]) -> bool:
+        """Return whether an object's runs meet nothing that is decided of others."""
+        others = self._others({run.object for run in runs}, -math.inf)
+        return all(self._workspace.meeting(a, b)[0] == math.inf for a in runs for b in others)
+
+    def stays(self, motion: TimedMotion) -> list[tuple[float, float]]:
+        """Return when (from, until; s) the object of a motion may rest where that ends, after its
+        release, as far as all others are decided; ascending.
+        """
+        rest = self._workspace.resting(motion.body, motion.poses[-1])
+        taken: list[tuple[float, float]] = []
+        for other in self._others({motion.object}, motion.release):
+            if pair_flags(motion.object, motion.avoid, other.object, other.avoid):
+                cells = self._workspace.conflicts(rest, other.path)
+                # nobody drives to where another one stands: rests count, too
+                taken += [(other.held[j], other.held[k + 1]) for i, j, k in cells if i == 1]
+        taken.sort()
+        found, free = [], motion.release
+        for low, high in taken:
+            if low > free:
+                found.append((free, float(low)))
+            free = max(free, float(high))
+        return found if math.isinf(free) else [*found, (free, math.inf)]
+
+    def trajectories(self) -> dict[str, TimedPath]:
+        """Return all decided runs by name."""
+        return {run.name: run for runs in self._runs.values() for run in runs}
+
+    def _others(self, mine: set[str], since: float) -> list[TimedPath]:
+        """Return what is there of others after ``since`` (s)."""
+        found = [r for n, r in self._first.items() if n not in mine and n not in self._runs]
+        for name, runs in self._runs.items():
+            if name not in mine:
+                found += [run for run in runs if run.until > since]
+        return [*found, *self._placed]

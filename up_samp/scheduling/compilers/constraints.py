@@ -1,0 +1,367 @@
+"""Constraints to negation-free combinations of differences ``A + k <= B``, without products with
+constants; and rules about effects that UP's meaning has and engines do not always keep.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from up_samp.model import UnsupportedError, check_time
+from up_samp.scheduling.compilers.plain import (
+    FALSE,
+    LIMITS,
+    TRUE,
+    Activity,
+    Compiled,
+    Condition,
+    Effect,
+    Expr,
+    Fluent,
+    PlainProblem,
+    Type,
+    conjunction,
+    disjunction,
+    end,
+    integer,
+    later,
+    negation,
+    rewrite,
+    show,
+    start,
+    subexpressions,
+)
+
+
+def compile_products(problem: PlainProblem) -> Compiled:
+    """Return the problem without products.
+
+    Raises:
+        UnsupportedError: a product of two things that are not constants, or with a large constant.
+    """
+    return Compiled(
+        replace(
+            problem,
+            activities=tuple(map(_activity, problem.activities)),
+            constraints=tuple(map(_sums, problem.constraints)),
+            conditions=tuple(map(_condition, problem.conditions)),
+            effects=tuple(map(_effect, problem.effects)),
+        )
+    )
+
+
+def _activity(a: Activity) -> Activity:
+    return replace(a, lower=_sums(a.lower), upper=_sums(a.upper))
+
+
+def _condition(c: Condition) -> Condition:
+    return replace(c, expression=_sums(c.expression))
+
+
+def _effect(e: Effect) -> Effect:
+    return replace(e, value=_sums(e.value), condition=_sums(e.condition))
+
+
+def _sums(expression: Expr) -> Expr:
+    return rewrite(expression, _sum)
+
+
+def _sum(expression: Expr) -> Expr | None:
+    """Return a product as a sum; ``None`` if it is none."""
+    if expression[0] != "times":
+        return None
+    constant, others = 1, []
+    for factor in map(_sums, expression[1:]):
+        if factor[0] == "int":
+            constant *= factor[1]
+        else:
+            others.append(factor)
+    if constant == 0 or not others:
+        return integer(constant)
+    if len(others) > 1 or abs(constant) > LIMITS.factor:
+        raise UnsupportedError(f"the product {show(expression)}")
+    total = others[0] if abs(constant) == 1 else ("plus", *others * abs(constant))
+    return total if constant > 0 else ("minus", integer(0), total)
+
+
+# ------------------ Rules about effects that UP's meaning has and engines do not always keep, said
+# No effect comes before time 0. Two effects of one owner on one state variable at the same instant
+# clash (unless both count up or down): they cannot both happen.
+
+
+def compile_rules(problem: PlainProblem) -> Compiled:
+    """Add the rules as constraints, as far as effects can break them."""
+    optional = problem.optional_names()
+    constraints: list[Expr] = []
+    by_instant: dict[tuple[Expr, Expr], list[Effect]] = defaultdict(list)
+    for effect in problem.effects:
+        by_instant[effect.time, effect.fluent].append(effect)
+        if effect.time[3] < 0:
+            absent = [negation(("pres", effect.owner))] if effect.owner in optional else []
+            constraints.append(disjunction([*absent, ("le", integer(0), effect.time)]))
+    for effects in by_instant.values():
+        for a, b in itertools.combinations(effects, 2):
+            counted = a.kind != "assign" and b.kind != "assign"
+            certain = not (_timed_by_state(a) or _timed_by_state(b))
+            if certain and not counted and a.owner == b.owner:
+                constraints.append(disjunction([*_idle(a, optional), *_idle(b, optional)]))
+    if not constraints:
+        return Compiled(problem)
+    return Compiled(replace(problem, constraints=(*problem.constraints, *constraints)))
+
+
+def _timed_by_state(effect: Effect) -> bool:
+    """Return whether the effect happens or not depending on fluents."""
+    return any(e[0] == "flu" for e in subexpressions(effect.condition))
+
+
+def _idle(effect: Effect, optional: frozenset[str]) -> list[Expr]:
+    """Return the ways in which the effect does not happen."""
+    ways = [] if effect.condition == TRUE else [negation(effect.condition)]
+    return [*ways, negation(("pres", effect.owner))] if effect.owner in optional else ways
+
+
+def compile_differences(problem: PlainProblem) -> Compiled:
+    """Rewrite every constraint; conditions and effects stay as they are."""
+    normal = DifferenceForm(problem)
+    constraints: dict[Expr, None] = {}
+    for constraint in problem.constraints:
+        check_time()
+        constraints.update(dict.fromkeys(p for p in _parts(normal(constraint)) if p != TRUE))
+    return Compiled(replace(problem, constraints=tuple(constraints)))
+
+
+def _parts(constraint: Expr) -> list[Expr]:
+    """Return the conjuncts of a constraint: ``a or (b and c)`` has ``a or b`` and ``a or c``."""
+    if constraint[0] == "and":
+        return [part for conjunct in constraint[1:] for part in _parts(conjunct)]
+    if constraint[0] == "or":
+        inner = [e for e in constraint[1:] if e[0] == "and"]
+        if len(inner) == 1:
+            rest = [e for e in constraint[1:] if e is not inner[0]]
+            return [p for e in inner[0][1:] for p in _parts(disjunction([*rest, e]))]
+    return [constraint]
+
+
+@dataclass
+class Linear:
+    """``sum(coefficients) + constant``; variables are ``time`` (without delay) or other leaves."""
+
+    coefficients: dict[Expr, int]
+    constant: int
+
+    def add(self, other: Linear, factor: int) -> Linear:
+        """Return ``self + factor * other``."""
+        sums = dict(self.coefficients)
+        for variable, coefficient in other.coefficients.items():
+            sums[variable] = sums.get(variable, 0) + factor * coefficient
+        return Linear({v: c for v, c in sums.items() if c}, self.constant + factor * other.constant)
+
+
+def linear(expression: Expr) -> Linear:
+    """Return a numeric expression as a linear form.
+
+    Raises:
+        UnsupportedError: a product of variables or a division.
+    """
+    operator = expression[0]
+    if operator == "int":
+        return Linear({}, expression[1])
+    if operator == "time":
+        if expression[1] == "zero":
+            return Linear({}, expression[3])
+        return Linear({(*expression[:3], 0): 1}, expression[3])
+    if operator in ("par", "flu"):
+        return Linear({expression: 1}, 0)
+    if operator == "plus":
+        total = Linear({}, 0)
+        for operand in expression[1:]:
+            total = total.add(linear(operand), 1)
+        return total
+    if operator == "minus":
+        return linear(expression[1]).add(linear(expression[2]), -1)
+    if operator == "times":
+        return _product(expression)
+    raise UnsupportedError(f"{show(expression)} in a linear constraint")
+
+
+def _product(expression: Expr) -> Linear:
+    result = Linear({}, 1)
+    for factor in (linear(e) for e in expression[1:]):
+        if not factor.coefficients:
+            result = Linear({}, 0).add(result, factor.constant)
+        elif not result.coefficients:
+            result = Linear({}, 0).add(factor, result.constant)
+        else:
+            raise UnsupportedError(f"the product of variables {show(expression)}")
+    return result
+
+
+def at_most(left: Expr, right: Expr, slack: int = 0) -> Expr:
+    """Return ``left + slack <= right`` without ``Minus`` and without negative numbers."""
+    return less_equal_zero(linear(left).add(linear(right), -1).add(Linear({}, slack), 1))
+
+
+def less_equal_zero(form: Linear) -> Expr:
+    """Return ``form <= 0`` in the shape ``A + k <= B`` (every ``k`` is on the side where it is
+    positive).
+    """
+    left = [(v, c) for v, c in form.coefficients.items() if c > 0]
+    right = [(v, -c) for v, c in form.coefficients.items() if c < 0]
+    constant = form.constant
+    if not left and not right:
+        return TRUE if constant <= 0 else FALSE
+    if not right and constant > 0 and all(v[0] == "time" for v, _ in left):
+        return FALSE  # times are not negative
+    if not left and constant <= 0 and all(v[0] == "time" for v, _ in right):
+        return TRUE
+    return ("le", _side(left, max(constant, 0)), _side(right, max(-constant, 0)))
+
+
+def _side(terms: list[tuple[Expr, int]], constant: int) -> Expr:
+    if not terms:
+        return integer(constant)
+    if len(terms) == 1 and terms[0][1] == 1 and terms[0][0][0] == "time":
+        return later(terms[0][0], constant)
+    total: Expr | None = None
+    for variable, coefficient in terms:
+        term = variable if coefficient == 1 else ("times", integer(coefficient), variable)
+        total = term if total is None else ("plus", total, term)
+    assert total is not None
+    return ("plus", total, integer(constant)) if constant else total
+
+
+class DifferenceForm:
+    """Negation normal form over differences (memoised per polarity)."""
+
+    def __init__(self, problem: PlainProblem):
+        self._parameters: Mapping[str, Type] = problem.parameter_types()
+        self._fluents: Mapping[str, Fluent] = problem.fluents
+        self._optional = problem.optional_names()
+        self._activities = [a.name for a in problem.activities]
+        self._fixed = {
+            a.name: a.lower[1]
+            for a in problem.activities
+            if a.lower == a.upper and a.lower[0] == "int"
+        }
+        self._owners = {n: a.name for a in problem.activities for n, _ in a.parameters}
+        self._memo: dict[tuple[Expr, bool], Expr] = {}
+
+    def __call__(self, expression: Expr, positive: bool = True) -> Expr:
+        """Return ``expression`` (or its negation) in normal form."""
+        key = (expression, positive)
+        done = self._memo.get(key)
+        if done is None:
+            done = self._memo[key] = self._normal(expression, positive)
+        return done
+
+    def _normal(self, expression: Expr, positive: bool) -> Expr:
+        operator = expression[0]
+        if operator == "bool":
+            return ("bool", expression[1] == positive)
+        if operator in ("and", "or"):
+            join = conjunction if (operator == "and") == positive else disjunction
+            return join([self(e, positive) for e in expression[1:]])
+        if operator == "not":
+            return self(expression[1], not positive)
+        if operator == "implies":
+            join = disjunction if positive else conjunction
+            return join([self(expression[1], not positive), self(expression[2], positive)])
+        if operator == "iff":
+            return self._same(expression[1], expression[2], positive)
+        if operator in ("le", "lt"):
+            a, b = expression[1:]
+            if positive:
+                return self._at_most(expression, a, b, 1 if operator == "lt" else 0)
+            return self._at_most(expression, b, a, 0 if operator == "lt" else 1)
+        if operator == "eq":
+            return self._equal(expression, positive)
+        if operator == "pres":
+            return expression if positive else ("not", expression)
+        if operator in ("par", "flu"):
+            return self._guarded(expression, expression if positive else ("not", expression))
+        raise UnsupportedError(f"constraint {show(expression)}")
+
+    def _at_most(self, original: Expr, left: Expr, right: Expr, slack: int) -> Expr:
+        """Return ``left + slack <= right``, where ``original`` has values at all.
+
+        The plan's end is written out: it is the latest end of those that are present.
+        """
+        form = linear(left).add(linear(right), -1).add(Linear({}, slack), 1)
+        form = self._within_activities(form)
+        horizon = ("time", "horizon", None, 0)
+        factor = form.coefficients.pop(horizon, 0)
+        if factor == 0:
+            return self._guarded(original, less_equal_zero(form))
+        if factor not in (1, -1):
+            raise UnsupportedError(f"constraint {show(original)}")
+        ways = [less_equal_zero(form)]  # with nothing there, the end is 0
+        for name in self._activities:
+            with_end = less_equal_zero(form.add(Linear({end(name): 1}, 0), factor))
+            present = ("pres", name) if name in self._optional else TRUE
+            if factor > 0:
+                ways.append(disjunction([negation(present), with_end]))
+            else:
+                ways.append(conjunction([present, with_end]))
+        whole = conjunction(ways) if factor > 0 else disjunction(ways)
+        return self._guarded(original, whole)
+
+    def _within_activities(self, form: Linear) -> Linear:
+        """Put in the duration where start and end of an activity of fixed duration meet (in aries
+        0.5.0 they may be one variable, and a difference between the two crashes its server).
+        """
+        for name in {v[2] for v in form.coefficients if v[0] == "time"} & self._fixed.keys():
+            if start(name) in form.coefficients and end(name) in form.coefficients:
+                factor = form.coefficients[end(name)]
+                same = Linear({start(name): 1, end(name): -1}, self._fixed[name])
+                form = form.add(same, factor)
+        return form
+
+    def _guarded(self, original: Expr, atom: Expr) -> Expr:
+        """Return ``atom``, or that one of the activities is absent that ``original`` mentions."""
+        absent = []
+        for e in subexpressions(original):
+            owner = e[2] if e[0] == "time" else self._owners.get(e[1]) if e[0] == "par" else None
+            if owner in self._optional:
+                absent.append(("not", ("pres", owner)))
+        return disjunction([*absent, atom])
+
+    def _same(self, a: Expr, b: Expr, positive: bool) -> Expr:
+        return conjunction(
+            [
+                disjunction([self(a, False), self(b, positive)]),
+                disjunction([self(a), self(b, not positive)]),
+            ]
+        )
+
+    def _equal(self, expression: Expr, positive: bool) -> Expr:
+        _, a, b = expression
+        kind = self._kind(a)
+        if kind == "bool":
+            return self._same(a, b, positive)
+        if kind == "int":
+            if positive:
+                return conjunction(
+                    [self._at_most(expression, a, b, 0), self._at_most(expression, b, a, 0)]
+                )
+            return disjunction(
+                [self._at_most(expression, a, b, 1), self._at_most(expression, b, a, 1)]
+            )
+        if a[0] == "obj" and b[0] == "obj":
+            return ("bool", (a == b) == positive)
+        equal = ("eq", b, a) if a[0] == "obj" else expression
+        return self._guarded(expression, equal if positive else ("not", equal))
+
+    def _kind(self, expression: Expr) -> str:
+        operator = expression[0]
+        if operator == "par":
+            return str(self._parameters[expression[1]][0])
+        if operator == "flu":
+            return str(self._fluents[expression[1]].type[0])
+        if operator == "obj":
+            return "user"
+        if operator in ("int", "time", "plus", "minus", "times", "div"):
+            return "int"
+        return "bool"

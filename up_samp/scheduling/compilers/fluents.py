@@ -1,0 +1,352 @@
+"""Fluents that engines take: ground ones, without arguments, with objects for bounded integers."""
+
+from __future__ import annotations
+
+import itertools
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import replace
+
+from up_samp.model import UnsupportedError
+from up_samp.scheduling.compilers.plain import (
+    FALSE,
+    LIMITS,
+    TRUE,
+    Activity,
+    Compiled,
+    Condition,
+    Effect,
+    Expr,
+    Fluent,
+    PlainProblem,
+    conjunction,
+    disjunction,
+    evaluate,
+    fresh,
+    later,
+    names_in_use,
+    negation,
+    rewrite,
+    show,
+    subexpressions,
+    values_of,
+)
+
+
+def compile_instances(problem: PlainProblem) -> Compiled:
+    """Expand conditions and effects over the parameters in arguments of fluents."""
+    conditions: list[Condition] = []
+    for condition in problem.conditions:
+        for guard, put in _choices(problem, [condition.expression]):
+            chosen = evaluate(rewrite(condition.expression, put))
+            expression = disjunction([negation(guard), chosen])
+            conditions.append(replace(condition, expression=expression))
+    effects: list[Effect] = []
+    for effect in problem.effects:
+        parts = [effect.fluent, effect.value, effect.condition]
+        for guard, put in _choices(problem, parts):
+            fluent, value, given = (evaluate(rewrite(e, put)) for e in parts)
+            effects.append(
+                replace(effect, fluent=fluent, value=value, condition=conjunction([guard, given]))
+            )
+    for constraint in problem.constraints:
+        if any(e[0] == "flu" and len(e) > 2 for e in subexpressions(constraint)):
+            raise UnsupportedError(f"the constraint over fluents {show(constraint)}")
+    return Compiled(replace(problem, conditions=tuple(conditions), effects=tuple(effects)))
+
+
+def _choices(problem: PlainProblem, expressions: list[Expr]) -> Iterator[tuple[Expr, _PutInstance]]:
+    """Yield each choice of values for the parameters in arguments of fluents: a guard that says
+    it is taken, and the substitution.
+    """
+    types = problem.parameter_types()
+    open_parameters: dict[Expr, None] = {}
+    for expression in expressions:
+        for fluent in (e for e in subexpressions(expression) if e[0] == "flu"):
+            for argument in fluent[2:]:
+                if argument[0] == "par":
+                    open_parameters[argument] = None
+                elif argument[0] not in ("obj", "int", "bool"):
+                    raise UnsupportedError(f"the nested fluent {show(fluent)}")
+    domains = [values_of(problem, types[p[1]]) for p in open_parameters]
+    for choice in itertools.product(*domains):
+        values = dict(zip(open_parameters, choice, strict=True))
+        yield conjunction(equals(p, v) for p, v in values.items()), _PutInstance(values)
+
+
+def equals(variable: Expr, value: Expr) -> Expr:
+    """Return ``variable = value`` for a constant value."""
+    if value[0] == "bool":
+        return variable if value[1] else negation(variable)
+    return ("eq", variable, value)
+
+
+class _PutInstance:
+    """Replaces parameters by values, everywhere."""
+
+    def __init__(self, values: dict[Expr, Expr]):
+        self.values = values
+
+    def __call__(self, expression: Expr) -> Expr | None:
+        return self.values.get(expression)
+
+
+def compile_ground(problem: PlainProblem) -> Compiled:
+    """Return the problem over ground fluents where all arguments are constants, without fluents
+    that never change.
+
+    Raises:
+        UnsupportedError: a duration that reads a fluent which effects change, or one of parameters.
+    """
+    fluents = _fluent_expressions(problem)
+    open_names = {e[1] for e in fluents if any(a[0] not in ("obj", "int", "bool") for a in e[2:])}
+    changed = {e.fluent[1] if e.fluent[1] in open_names else e.fluent for e in problem.effects}
+    taken = names_in_use(problem)
+    replaced: dict[Expr, Expr] = {}
+    ground: dict[str, Fluent] = {n: problem.fluents[n] for n in sorted(open_names)}
+    for fluent in fluents:
+        if fluent[1] in open_names:
+            continue
+        if fluent not in changed:
+            replaced[fluent] = problem.initial_value(fluent)
+        elif len(fluent) == 2:
+            ground[fluent[1]] = replace(
+                problem.fluents[fluent[1]], default=problem.initial_value(fluent)
+            )
+        else:
+            name = fresh(show(fluent), taken)
+            replaced[fluent] = ("flu", name)
+            declared = problem.fluents[fluent[1]]
+            ground[name] = Fluent(declared.type, (), problem.initial_value(fluent))
+    compiled = _Rewriter(replaced).problem(problem, ground, open_names)
+    for activity in compiled.activities:
+        _refuse_fluents(activity, {e.fluent[1] for e in problem.effects})
+    return Compiled(compiled)
+
+
+def _refuse_fluents(activity: Activity, changed: set[str]) -> None:
+    """Raise ``UnsupportedError`` if the duration reads a fluent (those of constants that effects
+    never change have been replaced).
+    """
+    for bound in (activity.lower, activity.upper):
+        for expression in subexpressions(bound):
+            if expression[0] == "flu":
+                what = f"the duration of {activity.name} reads the fluent {show(expression)}"
+                why = "which effects change" if expression[1] in changed else "with its parameters"
+                raise UnsupportedError(f"{what}, {why}")
+
+
+def _fluent_expressions(problem: PlainProblem) -> list[Expr]:
+    """Return every fluent expression of the problem once, in order of appearance."""
+    places = [*problem.constraints]
+    for activity in problem.activities:
+        places += [activity.lower, activity.upper]
+    places += [c.expression for c in problem.conditions]
+    for effect in problem.effects:
+        places += [effect.fluent, effect.value, effect.condition]
+    found: dict[Expr, None] = {}
+    for place in places:
+        found.update((e, None) for e in subexpressions(place) if e[0] == "flu")
+    return list(found)
+
+
+class _Rewriter:
+    def __init__(self, replaced: dict[Expr, Expr]):
+        self.replaced = replaced
+
+    def __call__(self, expression: Expr) -> Expr:
+        return evaluate(rewrite(expression, self.replaced.get))
+
+    def problem(
+        self, problem: PlainProblem, fluents: dict[str, Fluent], kept: set[str]
+    ) -> PlainProblem:
+        conditions: list[Condition] = []
+        constraints = [self(c) for c in problem.constraints]
+        for condition in problem.conditions:
+            said = rewrite(condition.expression, self.replaced.get)
+            expression = evaluate(said)
+            # what decides nothing still keeps others' effects away
+            idle = dict.fromkeys(e for e in subexpressions(said) if e[0] == "flu")
+            idle = {f: None for f in idle if f not in set(subexpressions(expression))}
+            conditions += [replace(condition, expression=("eq", f, f)) for f in idle]
+            if any(e[0] == "flu" for e in subexpressions(expression)):
+                conditions.append(replace(condition, expression=expression))
+            else:
+                constraints.append(_timeless(problem, condition, expression))
+        return replace(
+            problem,
+            activities=tuple(self._activity(a) for a in problem.activities),
+            constraints=tuple(c for c in constraints if c != TRUE),
+            conditions=tuple(conditions),
+            effects=tuple(e for e in map(self._effect, problem.effects) if e.condition != FALSE),
+            fluents=fluents,
+            initial={k: v for k, v in problem.initial.items() if k[1] in kept},
+        )
+
+    def _activity(self, a: Activity) -> Activity:
+        return replace(a, lower=self(a.lower), upper=self(a.upper))
+
+    def _effect(self, e: Effect) -> Effect:
+        return replace(e, fluent=self(e.fluent), value=self(e.value), condition=self(e.condition))
+
+
+def _timeless(problem: PlainProblem, condition: Condition, expression: Expr) -> Expr:
+    """Return the constraint that a condition without fluents amounts to: it holds, or its owner
+    is absent, or its interval empty.
+    """
+    if expression == TRUE:
+        return TRUE
+    ways = [] if expression == FALSE else [expression]
+    if condition.owner in problem.optional_names():
+        ways.append(negation(("pres", condition.owner)))
+    if not never_empty(problem, condition):
+        ways.append(empty(problem, condition))
+    return disjunction(ways)
+
+
+def never_empty(problem: PlainProblem, condition: Condition) -> bool:
+    """Return whether the condition's interval is certain to hold an instant."""
+    low, high = condition.low, condition.high
+    if high[1] == "horizon" and low[1] != "horizon":
+        high = later(high, 1)  # in conditions the plan's end comes after all ends and effects
+    gap = least(problem, low, high)
+    return gap is not None and gap >= 0
+
+
+def least(problem: PlainProblem, early: Expr, late: Expr) -> int | None:
+    """Return a lower bound on ``late - early`` (``None``: nothing is known)."""
+    (_, first, a, before), (_, second, b, after) = early, late
+    gap = int(after - before)
+    if (first, a) == (second, b) or first == "zero":
+        return gap
+    if second == "horizon" and a is not None:
+        return gap + (_lower(problem, a) if first == "start" else 0)
+    if a is None or a != b:
+        return None
+    if first == "start":
+        return gap + _lower(problem, a)
+    upper = problem.activity(a).upper
+    return gap - int(upper[1]) if upper[0] == "int" else None
+
+
+def _lower(problem: PlainProblem, activity: str) -> int:
+    lower = problem.activity(activity).lower
+    return int(lower[1]) if lower[0] == "int" else 0
+
+
+def empty(problem: PlainProblem, condition: Condition) -> Expr:
+    """Return the constraint that the condition's interval holds no instant.
+
+    In conditions the plan's end is one after the last of all ends and effects, not the makespan.
+    """
+    low, high = condition.low, condition.high
+    if high[1] != "horizon" or low[1] == "horizon":
+        return ("lt", high, low)
+    optional = problem.optional_names()
+    early = [("lt", later(high, 1), low)]
+    for effect in problem.effects:
+        absent = [negation(("pres", effect.owner))] if effect.owner in optional else []
+        if effect.condition != TRUE:
+            absent.append(negation(effect.condition))
+        early.append(disjunction([*absent, ("lt", later(effect.time, 1 + high[3]), low)]))
+    return conjunction(early)
+
+
+# ------------------ Numbers to objects: bounded integer fluents that are only assigned, for engines
+# conditions on numbers over intervals.
+
+
+def compile_numbers(problem: PlainProblem) -> Compiled:
+    """Turn integer fluents (without arguments) that conditions read into object fluents.
+
+    Raises:
+        UnsupportedError: a fluent that is both assigned and increased or decreased; one that
+            conditions read over an interval and that is counted, or assigned something else
+            than constants.
+    """
+    numbers = _numbers(problem)
+    if not numbers:
+        return Compiled(problem)
+    taken = names_in_use(problem)
+    types, objects, fluents = dict(problem.types), dict(problem.objects), dict(problem.fluents)
+    names: dict[Expr, dict[int, str]] = {}
+    for fluent in numbers:
+        _, low, high = problem.fluents[fluent[1]].type
+        kind = fresh(f"Number_{fluent[1]}", taken)
+        types[kind] = None
+        names[fluent] = {n: fresh(f"{fluent[1]}_{n}", taken) for n in range(low, high + 1)}
+        objects.update(dict.fromkeys(names[fluent].values(), kind))
+        initial = problem.initial_value(fluent)
+        fluents[fluent[1]] = replace(
+            fluents[fluent[1]], type=("user", kind), default=("obj", names[fluent][initial[1]])
+        )
+    written = {f[1] for f in numbers}
+    return Compiled(
+        replace(
+            problem,
+            conditions=tuple(_condition(c, names) for c in problem.conditions),
+            effects=tuple(_effect(e, names) for e in problem.effects),
+            types=types,
+            objects=objects,
+            fluents=fluents,
+            initial={k: v for k, v in problem.initial.items() if k[1] not in written},
+        )
+    )
+
+
+def _numbers(problem: PlainProblem) -> list[Expr]:
+    """Return the integer fluents to convert: those that a condition reads over an interval."""
+    changes: dict[str, list[Effect]] = defaultdict(list)
+    for effect in problem.effects:
+        changes[effect.fluent[1]].append(effect)
+    for name, effects in changes.items():
+        if len({e.kind == "assign" for e in effects}) > 1:
+            raise UnsupportedError(f"fluent {name}, both assigned and counted")
+    found: dict[Expr, None] = {}
+    for condition in problem.conditions:
+        fluents = [e for e in subexpressions(condition.expression) if e[0] == "flu"]
+        for fluent in fluents:
+            _, low, high = (*problem.fluents[fluent[1]].type, None, None)[:3]
+            if problem.fluents[fluent[1]].type[0] != "int" or len(fluent) > 2:
+                continue
+            counted = any(e.kind != "assign" for e in changes[fluent[1]])
+            if counted and condition.low == condition.high:
+                continue
+            constant = all(e.value[0] == "int" for e in changes[fluent[1]])
+            if counted or not constant or low is None or high is None or high - low > LIMITS.values:
+                raise UnsupportedError(
+                    f"the condition {show(condition.expression)} over an interval on the number "
+                    f"{show(fluent)}, which is counted, unbounded or not assigned constants"
+                )
+            found[fluent] = None
+    return list(found)
+
+
+def _condition(condition: Condition, names: dict[Expr, dict[int, str]]) -> Condition:
+    def leaf(e: Expr) -> Expr | None:
+        if e[0] not in ("eq", "le", "lt"):
+            return None
+        fluents = {s for s in subexpressions(e) if s in names}
+        if not fluents:
+            return None
+        if len(fluents) > 1 or any(s[0] == "par" for s in subexpressions(e)):
+            raise UnsupportedError(f"the condition {show(e)}, which relates several numbers")
+        (fluent,) = fluents
+        right = [
+            ("eq", fluent, ("obj", name))
+            for n, name in names[fluent].items()
+            if evaluate(rewrite(e, {fluent: ("int", n)}.get)) == ("bool", True)
+        ]
+        return disjunction(right)
+
+    return replace(condition, expression=rewrite(condition.expression, leaf))
+
+
+def _effect(effect: Effect, names: dict[Expr, dict[int, str]]) -> Effect:
+    if effect.fluent not in names:
+        return effect
+    # a value outside the bounds is never right: the effect's activity could not be present
+    name = names[effect.fluent].get(effect.value[1])
+    if name is None:
+        raise UnsupportedError(f"the assignment of {effect.value[1]} to {show(effect.fluent)}")
+    return replace(effect, value=("obj", name))

@@ -1,0 +1,652 @@
+"""Disjunctions between activities: alternatives of which only one can be there, and pairs that do
+not overlap, however they are written; stated as NoOverlaps.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from unified_planning.model import Effect, FNode, Timing
+from unified_planning.model.operators import OperatorKind as Op
+from unified_planning.model.scheduling import Activity
+from unified_planning.model.timing import TimepointKind
+
+from up_samp.model import check_time
+from up_samp.scheduling.cpsat.encode.durations import LIMITS
+from up_samp.scheduling.cpsat.encode.forms import (
+    TRUE,
+    Cmp,
+    Form,
+    Lin,
+    Literal,
+    disjunction,
+    indicator_sum,
+)
+from up_samp.scheduling.cpsat.encode.recognition import Unary
+from up_samp.scheduling.cpsat.encode.states import States
+from up_samp.scheduling.cpsat.encode.store import ModelStore
+from up_samp.scheduling.cpsat.encode.terms import ActivityVars, walk
+from up_samp.scheduling.cpsat.normal.form import Presences, decided
+from up_samp.scheduling.cpsat.problem import Additions
+
+
+@dataclass(frozen=True)
+class Alternatives:
+    """Activities of one fixed duration, at most one of them present; ``exact``: one is.
+
+    An optional activity that must be there is an exact group of one.
+    """
+
+    names: tuple[str, ...]
+    exact: bool
+
+
+def find_groups(parts: Additions, presences: Presences | None = None) -> list[Alternatives]:
+    """Return disjoint groups of alternatives among the parts of a normal form.
+
+    Assumes: all pairs of a group exclude each other, all last one fixed time, and that one is there
+    is said without a condition.
+
+    :param presences: who is there together (nobody, if not given).
+    """
+    members = _Members(parts, presences or Presences({}))
+    lengths = {a.name: _length(a) for a in parts.activities if a.optional}
+    exclusive: set[frozenset[str]] = set()
+    named: dict[tuple[str, ...], None] = {}
+    wanted: dict[tuple[str, ...], None] = {}
+    for constraint, scope, _ in parts.constraints:
+        if any(not s.is_true() for s in scope):
+            continue
+        names = _all_decided(_options(constraint))
+        if names is not None:
+            named.update(dict.fromkeys(members.named(names)))
+            wanted.update(dict.fromkeys(members.in_parallel(names)))
+            continue
+        pair = _excluded(constraint)
+        if pair is not None:
+            exclusive |= members.products(pair)
+    candidates = [(names, True) for names in named | wanted]
+    candidates += [(names, False) for names in _switched_once(parts)]
+    groups, taken = [], set[str]()
+    for names, exact in candidates:
+        apart = not exact or all(
+            frozenset(pair) in exclusive for pair in itertools.combinations(names, 2)
+        )
+        same = {lengths.get(n) for n in names}
+        alike = len(same) == 1 and None not in same
+        if (exact or len(names) > 1) and apart and alike and not taken.intersection(names):
+            taken.update(names)
+            groups.append(Alternatives(names, exact))
+    return groups
+
+
+class _Members:
+    """Which activities are decided about together, by any of their names."""
+
+    def __init__(self, parts: Additions, presences: Presences) -> None:
+        optional = {a.name for a in parts.activities if a.optional}
+        self._presences = presences
+        self._of = {
+            leader: [n for n in names if n in optional]
+            for leader, names in presences.classes().items()
+        }
+        together = {name for names in self._of.values() if len(names) > 1 for name in names}
+        self._kinds = _kinds(parts, together)
+        self._own = _own_decisions(parts, optional)
+
+    def of(self, name: str) -> list[str]:
+        """Return the activities that are there exactly when ``name`` is."""
+        leader = self._presences.of(name)
+        return self._of.get(leader, [name])
+
+    def named(self, names: tuple[str, ...]) -> list[tuple[str, ...]]:
+        """Return the tuple of activities that ``names`` are meant to decide about, if any is."""
+        own = [self._own.get(name) for name in names]
+        return [] if None in own else [tuple(name for name in own if name)]
+
+    def in_parallel(self, names: tuple[str, ...]) -> list[tuple[str, ...]]:
+        """Return the tuples of activities of which one is there because one of ``names`` is: those
+        of one kind, the first ones of all, the second ones, and so on.
+        """
+        lists = [self.of(name) for name in names]
+        kinds = dict.fromkeys(self._kinds.get(name) for name in lists[0])
+        found: list[tuple[str, ...]] = []
+        for kind in kinds:
+            alike = [[n for n in some if self._kinds.get(n) == kind] for some in lists]
+            found += zip(*alike, strict=False)
+        return found
+
+    def products(self, pair: tuple[str, str]) -> set[frozenset[str]]:
+        """Return the pairs of activities that exclude each other because ``pair`` does."""
+        one, other = (self.of(name) for name in pair)
+        return {frozenset((a, b)) for a in one for b in other if a != b}
+
+
+def _kinds(parts: Additions, names: set[str]) -> dict[str, tuple[int | None, frozenset[str]]]:
+    """Return activity -> what it is like, whoever does it: how long it takes, and all constants
+    that its conditions, effects and own constraints speak of.
+    """
+    lengths = {a.name: _length(a) for a in parts.activities if a.name in names}
+    constants: dict[str, set[str]] = {name: set() for name in names}
+    nodes = [(c, owner) for _, c, owner in parts.conditions]
+    nodes += [(e.value, owner) for _, e, owner in parts.effects]
+    nodes += [(c, owner) for c, _, owner in parts.constraints]
+    for node, owner in nodes:
+        if owner is not None and owner.name in names:
+            constants[owner.name].update(str(x) for x in walk(node) if x.is_constant())
+    return {name: (lengths[name], frozenset(some)) for name, some in constants.items()}
+
+
+def _own_decisions(parts: Additions, optional: set[str]) -> dict[str, str]:
+    """Return activity or bool variable -> the one activity that it decides about, as written."""
+    found = {name: {name} for name in optional}
+    for node, scope, _ in parts.constraints:
+        if scope or node.node_type not in (Op.IFF, Op.EQUALS) or len(node.args) != 2:
+            continue
+        names = [decided(arg) for arg in node.args]
+        for one, other in (names, names[::-1]):
+            if one is not None and other in optional and one not in optional:
+                found.setdefault(one, set()).add(str(other))
+    return {name: next(iter(some)) for name, some in found.items() if len(some) == 1}
+
+
+def _options(node: FNode) -> list[FNode]:
+    return list(node.args) if node.node_type is Op.OR else [node]
+
+
+def _excluded(node: FNode) -> tuple[str, str] | None:
+    """Return the two that a constraint does not let be there together."""
+    if node.node_type is not Op.OR or len(node.args) != 2:
+        return None
+    if any(a.node_type is not Op.NOT for a in node.args):
+        return None
+    names = _all_decided([a.arg(0) for a in node.args])
+    return None if names is None else (names[0], names[1])
+
+
+def _all_decided(nodes: Iterable[FNode]) -> tuple[str, ...] | None:
+    """Return whose presences (or bool variables) ``nodes`` are; ``None`` if they are not."""
+    names = []
+    for node in nodes:
+        name = decided(node)
+        if name is None:
+            return None
+        names.append(name)
+    return tuple(names) if len(set(names)) == len(names) else None
+
+
+def _length(activity: Activity) -> int | None:
+    """Return the duration if it is a fixed integer."""
+    duration = activity.duration
+    lower, upper = duration.lower, duration.upper
+    if duration.is_left_open() or duration.is_right_open():
+        return None
+    if not (lower.is_int_constant() and upper.is_int_constant()):
+        return None
+    value = int(lower.constant_value())
+    return value if value == int(upper.constant_value()) else None
+
+
+# -- switches ----------------------------------------------------------------------------------
+def _switched_once(parts: Additions) -> list[tuple[str, ...]]:
+    """Return, for every fluent that is changed once at most, the activities that can do it.
+
+    Each of them needs the fluent to have a value right before its effect that no effect ever gives
+    it back; after the first effect no other one can come.
+
+    Assumes: no effect ever gives a fluent back what those that change it need, each of them for
+    certain.
+    """
+    by_fluent: dict[FNode, list[tuple[Timing, Effect, Activity | None]]] = {}
+    vague = set()
+    for timing, effect, owner in parts.effects:
+        if not all(a.is_constant() for a in effect.fluent.args):
+            vague.add(effect.fluent.fluent().name)
+        by_fluent.setdefault(effect.fluent, []).append((timing, effect, owner))
+    needs = _needs(parts)
+    found = []
+    for fluent, effects in by_fluent.items():
+        owners = [owner for _, _, owner in effects if owner is not None and owner.optional]
+        if fluent.fluent().name in vague or len(owners) < len(effects):
+            continue
+        if len({o.name for o in owners}) < len(owners):
+            continue
+        before = {_needed(t, o, needs.get((o.name, fluent), ())) for t, _, o in effects if o}
+        given = {e.value if _plain(t, e, o) else None for t, e, o in effects}
+        if len(before) == 1 and None not in before | given and not before & given:
+            found.append(tuple(o.name for o in owners))
+    return found
+
+
+def _plain(timing: Timing, effect: Effect, owner: Activity | None) -> bool:
+    """Return whether an effect assigns a constant, at a known time, whatever else holds."""
+    return (
+        owner is not None
+        and _offset(timing, owner) is not None
+        and effect.is_assignment()
+        and not effect.forall
+        and effect.condition.is_true()
+        and effect.value.is_constant()
+    )
+
+
+def _offset(timing: Timing, owner: Activity) -> int | None:
+    """Return a timing as a time after the start of an activity of fixed length."""
+    length = _length(owner)
+    if length is None or timing.timepoint.container != owner.name or timing.delay % 1:
+        return None
+    at_end = timing.timepoint.kind is TimepointKind.END
+    return int(timing.delay) + (length if at_end else 0)
+
+
+def _needs(parts: Additions) -> dict[tuple[str, FNode], list[tuple[int, int, FNode]]]:
+    """Return (activity, fluent) -> (first and last time after the start, value that it needs)."""
+    found: dict[tuple[str, FNode], list[tuple[int, int, FNode]]] = {}
+    for span, condition, owner in parts.conditions:
+        if owner is None or condition.node_type is not Op.EQUALS:
+            continue
+        fluent, value = condition.args
+        if not fluent.is_fluent_exp():
+            fluent, value = value, fluent
+        if not fluent.is_fluent_exp() or not value.is_constant():
+            continue
+        ends = (_offset(span.lower, owner), _offset(span.upper, owner))
+        if ends[0] is not None and ends[1] is not None:
+            first, last = ends[0] + span.is_left_open(), ends[1] - span.is_right_open()
+            if first <= last:
+                found.setdefault((owner.name, fluent), []).append((first, last, value))
+    return found
+
+
+def _needed(
+    timing: Timing, owner: Activity, needs: Iterable[tuple[int, int, FNode]]
+) -> FNode | None:
+    """Return the value needed until an effect, or until the unit before it."""
+    offset = _offset(timing, owner)
+    if offset is None:
+        return None
+    return next(
+        (v for first, last, v in needs if first <= offset and 0 <= offset - last <= 1), None
+    )
+
+
+# -- what is said of every member --------------------------------------------------------------
+def merge_forms(forms: list[Form], groups: dict[Literal, tuple[Literal, ...]]) -> list[Form]:
+    """Return ``forms`` with those that are said of every member of groups said once.
+
+    Assumes: the same is said of every member of an exact group, whose members have the same times.
+
+    :param groups: presence of each member of a group of which exactly one is present -> presences
+        of the whole group. A comparison that must hold whichever members are there must hold.
+    """
+    places: dict[tuple[object, ...], set[frozenset[Literal]]] = {}
+    read = [_read(form, groups) for form in forms]
+    for key, members in read:
+        if members:
+            places.setdefault(key, set()).add(members)
+    whole = {
+        key: found
+        for key, combinations in places.items()
+        for found in [_products(combinations, groups)]
+        if found
+    }
+    merged: list[Form] = []
+    done = set()
+    for form, (key, members) in zip(forms, read, strict=True):
+        if not members or members not in whole.get(key, ()):
+            merged.append(form)
+        elif (key, whole[key][members]) not in done:
+            done.add((key, whole[key][members]))
+            merged.append(_rebuild(key))
+    return merged
+
+
+def _read(
+    form: Form, groups: dict[Literal, tuple[Literal, ...]]
+) -> tuple[tuple[object, ...], frozenset[Literal]]:
+    """Split a form into what it says and for which members of groups it says it."""
+    parts = form[1:] if form.__class__ is tuple and form[0] == "|" else (form,)
+    comparisons = [p for p in parts if p.__class__ is Cmp]
+    if not comparisons or any(p.__class__ not in (int, Cmp) for p in parts):
+        return (form,), frozenset()
+    literals = {p for p in parts if p.__class__ is int}
+    members = {p for p in (~x for x in literals) if p in groups}
+    said = []
+    for comparison in comparisons:
+        # a comparison says nothing when what it needs is absent, wherever it stands
+        members |= {p for p in comparison.needs if p in groups}
+        rest = tuple(p for p in comparison.needs if p not in groups)
+        said.append(comparison._replace(needs=rest))
+    others = tuple(sorted(x for x in literals if ~x not in members))
+    return (others, tuple(said)), frozenset(members)
+
+
+def _products(
+    combinations: set[frozenset[Literal]], groups: dict[Literal, tuple[Literal, ...]]
+) -> dict[frozenset[Literal], frozenset[tuple[Literal, ...]]]:
+    """Return the combinations that belong to a whole product of groups, with that product."""
+    counts: dict[frozenset[tuple[Literal, ...]], list[frozenset[Literal]]] = {}
+    for members in combinations:
+        product = frozenset(groups[m] for m in members)
+        if len(product) == len(members):
+            counts.setdefault(product, []).append(members)
+    return {
+        members: product
+        for product, found in counts.items()
+        if len(found) == math.prod(len(g) for g in product)
+        for members in found
+    }
+
+
+def _rebuild(key: tuple[object, ...]) -> Form:
+    others, said = key
+    return disjunction([*others, *said])  # type: ignore[misc]
+
+
+# ------------------ Find "one at a time" in what users write pair by pair
+# ``Or(a.end + k <= b.start, b.end + k <= a.start)`` for every pair of a set of activities is one
+# NoOverlap over intervals [start, end + k). Pure functions on graphs.
+
+
+Graph = dict[int, set[int]]
+
+
+def graph_of(edges: Iterable[tuple[int, int]]) -> Graph:
+    """Return adjacency sets."""
+    graph: Graph = {}
+    for a, b in edges:
+        graph.setdefault(a, set()).add(b)
+        graph.setdefault(b, set()).add(a)
+    return graph
+
+
+def clique_cover(
+    graph: Graph,
+    covered: Iterable[Iterable[int]] = (),
+    spare: Iterable[tuple[int, int]] = (),
+) -> list[list[int]]:
+    """Return cliques that together contain every edge (greedy, deterministic).
+
+    Edges in ``spare`` and inside the sets in ``covered`` need not be in any. Each clique is grown
+    from an edge that is not covered yet, first by vertices that cover many uncovered edges; that
+    finds the intended sets of unary resources at once.
+    """
+    uncovered = {v: set(others) for v, others in graph.items()}
+    for done in covered:
+        members = set(done)
+        for a in members & uncovered.keys():
+            uncovered[a] -= members
+    for a, b in spare:
+        uncovered[a].discard(b)
+        uncovered[b].discard(a)
+    cliques = []
+    for v in sorted(graph, key=lambda x: (-len(graph[x]), x)):
+        while uncovered[v]:
+            w = max(uncovered[v], key=lambda x: (len(graph[x] & graph[v]), -x))
+            clique = _grow(graph, uncovered, v, w)
+            for a in clique:
+                uncovered[a].difference_update(clique)
+            cliques.append(sorted(clique))
+    return cliques
+
+
+def _grow(graph: Graph, uncovered: Graph, v: int, w: int) -> set[int]:
+    clique = {v, w}
+    candidates = graph[v] & graph[w]
+    gains = {x: len(uncovered[x] & clique) for x in candidates}
+    while candidates:
+        check_time()
+        best = max(candidates, key=lambda x: (gains[x], len(graph[x]), -x))
+        clique.add(best)
+        candidates = candidates & graph[best]
+        for x in candidates & uncovered[best]:
+            gains[x] += 1
+    return clique
+
+
+# ------------------ Disjunctions between pairs of activities: recognised, and stated as NoOverlaps
+
+
+Owners = dict[int, list[ActivityVars]]
+"""Time variable -> the activities that have it (alternatives share theirs)."""
+
+
+class Disjunctions:
+    """Which pairs of activities never overlap, and by how much they are apart."""
+
+    def __init__(self) -> None:
+        self.gaps: dict[tuple[int, int], int] = {}
+        self.cliques: list[tuple[int, list[ActivityVars]]] = []
+        self.members: list[frozenset[int]] = []
+        self.unary: list[tuple[int, set[int]]] = []
+        """Unary resources: gap and activities (indices), alternatives of each other included."""
+        self.groups: list[list[ActivityVars]] = []
+        """Alternatives: of each list one is present, all with the same times."""
+        self.exclusive: set[tuple[int, int]] = set()
+        """Pairs (a, b), a < b, that are never both present."""
+        self._activities: list[ActivityVars] = []
+        self._timepoints: dict[FNode, tuple[TimepointKind, str] | None] = {}
+
+    def apart(self, activities: frozenset[int]) -> bool:
+        """Return whether no two of these activities (indices) ever overlap."""
+        if any(activities <= members for members in self.members):
+            return True
+        order = sorted(activities)
+        pairs = itertools.combinations(order, 2)
+        return all(pair in self.gaps or pair in self.exclusive for pair in pairs)
+
+    def sets(self) -> list[tuple[int, set[int]]]:
+        """Return all sets of activities (indices) that are done one at a time, with their gaps."""
+        return [*((gap, {a.index for a in some}) for gap, some in self.cliques), *self.unary]
+
+    def gap(self, a: int, b: int) -> int:
+        """Return how far apart two activities (indices) are when both are there; -1 if not."""
+        pair = (min(a, b), max(a, b))
+        return LIMITS.never if pair in self.exclusive else self.gaps.get(pair, -1)
+
+    def take_alternatives(
+        self, groups: list[Alternatives], activities: dict[str, ActivityVars], store: ModelStore
+    ) -> dict[int, tuple[int, ...]]:
+        """Tell who is never there together; return presence -> presences of its exact group."""
+        exact: dict[int, tuple[int, ...]] = {}
+        for group in groups:
+            members = [activities[name] for name in group.names]
+            indices = sorted(a.index for a in members)
+            self.exclusive.update(itertools.combinations(indices, 2))
+            store.at_most_one([a.present for a in members])
+            if group.exact:
+                self.groups.append(members)
+                exact.update({a.present: tuple(m.present for m in members) for a in members})
+        return exact
+
+    def add_written(
+        self, constraint: FNode, scope: list[FNode], activities: dict[str, ActivityVars]
+    ) -> bool:
+        """Remember a constraint that is written as the disjunction of a pair (a short cut for
+        the many that there may be); return whether it is one.
+        """
+        if constraint.node_type is not Op.OR or len(constraint.args) != 2:
+            return False
+        first, second = self._written(constraint.arg(0)), self._written(constraint.arg(1))
+        if first is None or second is None or first != (second[1], second[0], second[2]):
+            return False
+        a, b = activities.get(first[0]), activities.get(first[1])
+        if a is None or b is None or a is b:
+            return False
+        for node in scope:
+            if node.node_type is Op.PRESENT_EXP:
+                if node.presence().container not in first:
+                    return False
+            elif not node.is_true():
+                return False
+        self._note(a.index, b.index, first[2])
+        return True
+
+    def _written(self, node: FNode) -> tuple[str, str, int] | None:
+        """Return (a, b, gap) if ``node`` is ``a.end < b.start`` (gap 1) or ``<=`` (gap 0)."""
+        kind = node.node_type
+        if kind is not Op.LT and kind is not Op.LE:
+            return None
+        left, right = node.args
+        end, start = self._timepoint(left), self._timepoint(right)
+        if end is None or start is None:
+            return None
+        if end[0] is not TimepointKind.END or start[0] is not TimepointKind.START:
+            return None
+        return end[1], start[1], 1 if kind is Op.LT else 0
+
+    def _timepoint(self, node: FNode) -> tuple[TimepointKind, str] | None:
+        """Return which end of which activity ``node`` is, if it is just that."""
+        if node.node_type is not Op.TIMING_EXP:
+            return None
+        if node not in self._timepoints:
+            timing = node.timing()
+            name = timing.timepoint.container
+            plain = timing.delay == 0 and name is not None
+            self._timepoints[node] = (timing.timepoint.kind, name) if plain else None
+        return self._timepoints[node]
+
+    def add_unary(self, unary: Unary) -> None:
+        """Remember that no two members of a unary resource overlap."""
+        self.unary.append((unary.gap, set(unary.members)))
+        for a, b in itertools.combinations(unary.members, 2):
+            if (a, b) not in self.exclusive:
+                self._note(a, b, unary.gap)
+
+    def _note(self, a: int, b: int, gap: int) -> None:
+        key = (min(a, b), max(a, b))
+        self.gaps[key] = max(gap, self.gaps.get(key, 0))
+
+    def take(self, forms: list[Form], activities: list[ActivityVars]) -> list[Form]:
+        """Remember the pair disjunctions among ``forms``; return the other forms."""
+        self._activities = activities
+        starts: Owners = {}
+        ends: Owners = {}
+        for activity in activities:
+            starts.setdefault(activity.start.terms[0][0], []).append(activity)
+            ends.setdefault(activity.end.terms[0][0], []).append(activity)
+        rest = []
+        for form in forms:
+            found = _pair(form, starts, ends)
+            if found is None:
+                rest.append(form)
+            else:
+                a, b, gap = found
+                self._note(a, b, gap)
+        return rest
+
+    def emit_loads(self, store: ModelStore, makespan: Lin) -> None:
+        """State that what one clique does fits into the makespan.
+
+        It follows from the NoOverlap, but only so does the linear relaxation see it: without it
+        the lower bound of a routing problem stays at nothing.
+        """
+        for gap, members in self.cliques:
+            if len(members) > 2:
+                load = indicator_sum([(a.present, a.least + gap) for a in members]).shift(-gap)
+                store.enforce(load.le(makespan))
+
+    def emit(self, store: ModelStore, states: States) -> None:
+        """State every pair: cliques of three and more as NoOverlap, the others one by one.
+
+        Alternatives that are all kept apart from others are one interval.
+        """
+        by_gap: dict[int, list[tuple[int, int]]] = {}
+        for pair, gap in self.gaps.items():
+            by_gap.setdefault(gap, []).append(pair)
+        for gap, pairs in sorted(by_gap.items()):
+            wider = [pair for pair, other in self.gaps.items() if other > gap]
+            done = self._emit_groups(store, gap, {*pairs, *wider})
+            for clique in clique_cover(graph_of([*pairs, *wider]), done, wider):
+                members = [self._activities[i] for i in clique]
+                self.cliques.append((gap, members))
+                self.members.append(frozenset(clique))
+                store.model.add_no_overlap([_interval(store, a, gap) for a in members])
+
+    def _emit_groups(
+        self, store: ModelStore, gap: int, pairs: set[tuple[int, int]]
+    ) -> list[set[int]]:
+        """State what holds between whole groups (and what is present anyway); return the sets of
+        activities that are kept apart by that.
+        """
+        single = [[a] for a in self._activities if a.present == TRUE]
+        groups = [*self.groups, *single] if self.groups else []
+        edges = [
+            (i, j)
+            for (i, some), (j, others) in itertools.combinations(enumerate(groups), 2)
+            if (some[0].present != TRUE or others[0].present != TRUE)
+            and all(_ordered(a, b) in pairs for a in some for b in others)
+        ]
+        done = []
+        for clique in clique_cover(graph_of(edges)):
+            members = [a for i in clique for a in groups[i]]
+            self.cliques.append((gap, members))
+            done.append({a.index for a in members})
+            heads = [replace(groups[i][0], present=TRUE) for i in clique]
+            store.model.add_no_overlap([_interval(store, a, gap) for a in heads])
+        return done
+
+
+def _ordered(a: ActivityVars, b: ActivityVars) -> tuple[int, int]:
+    return (min(a.index, b.index), max(a.index, b.index))
+
+
+def _interval(store: ModelStore, activity: ActivityVars, gap: int) -> object:
+    """Return the interval [start, end + gap) of an activity."""
+    start = store.expression(activity.start)
+    size = store.expression(activity.size.shift(gap))
+    end = store.expression(activity.end.shift(gap))
+    if activity.present == TRUE:
+        return store.model.new_interval_var(start, size, end, "")
+    present = store.raw(activity.present)
+    return store.model.new_optional_interval_var(start, size, end, present, "")
+
+
+def _pair(form: Form, starts: Owners, ends: Owners) -> tuple[int, int, int] | None:
+    """Return (a, b, gap) if ``form`` says that a and b are ``gap`` or more apart.
+
+    Assumes: both orders are said, with one gap, and nothing else but that one is absent.
+    """
+    if form.__class__ is not tuple or form[0] != "|":
+        return None
+    comparisons = [f for f in form[1:] if f.__class__ is Cmp]
+    if len(comparisons) != 2:
+        return None
+    first, second = (_precedence(c, starts, ends) for c in comparisons)
+    if first is None or second is None or first[:2] != (second[1], second[0]):
+        return None
+    a, b, gap = first
+    if gap != second[2] or gap < 0:
+        return None
+    absent = {~a.present, ~b.present}
+    if any(f.__class__ is not Cmp and f not in absent for f in form[1:]):
+        return None
+    return a.index, b.index, gap
+
+
+def _precedence(
+    cmp: Cmp, starts: Owners, ends: Owners
+) -> tuple[ActivityVars, ActivityVars, int] | None:
+    """Return (a, b, gap) for ``a.end + gap <= b.start``."""
+    if cmp.op != "<=" or len(cmp.terms) != 2:
+        return None
+    (u, cu), (v, cv) = cmp.terms
+    if (cu, cv) == (-1, 1):
+        u, v = v, u
+    elif (cu, cv) != (1, -1):
+        return None
+    a, b = _owner(u, ends, cmp), _owner(v, starts, cmp)
+    if a is None or b is None or a is b:
+        return None
+    return a, b, cmp.const - a.end.const + b.start.const
+
+
+def _owner(var: int, owners: Owners, cmp: Cmp) -> ActivityVars | None:
+    """Return whose time ``var`` is: of several alternatives, the one that ``cmp`` needs."""
+    found = owners.get(var, [])
+    if len(found) > 1:
+        found = [a for a in found if a.present in cmp.needs]
+    return found[0] if len(found) == 1 else None

@@ -1,0 +1,221 @@
+"""Assignments: which robot does which job, in which order. A guess that proves nothing, of what is
+worth a look.
+
+Jobs are given out by insertion where they end soonest, and then moved and exchanged between
+robots by simulated annealing (Osman 1993) on what their tours take alone. Latest ends are heeded,
+with some more for traffic. Long tours count far more than short ones: the last end is what counts.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from unified_planning.model.motion import SchedulingMotionProblem
+from unified_planning.model.scheduling import Activity
+
+from up_samp.model import Configuration, Deadline
+from up_samp.model.snapshot import TermKind
+from up_samp.search.fleet.evaluator import AssignmentEvaluator, Step
+from up_samp.search.fleet.evaluator_kernel import anneal, drawn, insert
+from up_samp.search.fleet.jobs import Jobs
+from up_samp.search.fleet.travel_times import OneDrive, TravelTimeModel
+from up_samp.search.fleet.tuning import DealsTuning
+
+
+@dataclass
+class Assignment:
+    """Who does which jobs in which order, by robot, and what that takes as far as it was
+    rehearsed.
+    """
+
+    rehearsal: AssignmentEvaluator
+    tours: dict[str, list[Step]]
+
+    @property
+    def guess(self) -> TravelTimeModel:
+        """What drives take."""
+        return self.rehearsal.guess
+
+    @property
+    def jobs(self) -> Jobs:
+        """All jobs, with the ways to do each."""
+        return self.rehearsal.jobs
+
+    @property
+    def tuning(self) -> DealsTuning:
+        """What counts how much."""
+        return self.rehearsal.tuning
+
+    def cost(self, robot: str, tour: Sequence[Step]) -> float:
+        """Return when a robot would have done a tour if it were alone (s), and what is late counts
+        more.
+        """
+        end, late = self.rehearsal.alone(robot, tour)
+        return end + self.tuning.late * late
+
+    def late(self) -> float:
+        """Return by how much jobs are late in all (s)."""
+        return math.fsum(late for _, late in self.rehearsal.ends(self.tours).values())
+
+    def ways(self) -> list[OneDrive]:
+        """Return all drives that are made, also those home."""
+        return [(robot, a, b) for robot in sorted(self.tours) for a, b in _all_ways(self, robot)]
+
+    def with_tours(self, changed: Mapping[str, list[Step]]) -> Assignment:
+        """Return the same with other tours of some robots."""
+        return replace(self, tours={**self.tours, **changed})
+
+
+def assign(rehearsal: AssignmentEvaluator, deadline: Deadline, rng: random.Random) -> Assignment:
+    """Return a quick and balanced share of all jobs: as good as it gets until ``deadline``.
+
+    The drives that are dealt out are planned, and jobs are dealt out again with what is known then,
+    until nothing new is learned (at most ``tuning.rounds`` times).
+    """
+    jobs = rehearsal.jobs
+    found = Assignment(rehearsal, {robot: [] for robot in rehearsal.robots})
+    work = [min(o.work for o in options) for options in jobs.options]
+    due = [min(o.due for o in options) for options in jobs.options]
+    for job in sorted(range(len(jobs.options)), key=lambda j: (due[j], -work[j], j)):
+        found.tours = {**found.tours, **inserted(found, job)}
+    return mended(exchanged(found, rng, deadline), rng, deadline)
+
+
+def biased(jobs: Jobs, noise: float, rng: random.Random) -> dict[Step, float]:
+    """Return shares, at most ``noise``, by which what jobs take is guessed otherwise."""
+    return {
+        (j, k): rng.uniform(-noise, noise)
+        for j, options in enumerate(jobs.options)
+        for k in range(len(options))
+    }
+
+
+def mended(found: Assignment, rng: random.Random, deadline: Deadline) -> Assignment:
+    """Return a share of all jobs that is as good as one can tell by what its drives really take."""
+    for _ in range(found.tuning.rounds):
+        if not found.guess.ask(found.ways(), deadline):
+            break
+        found = exchanged(found, rng, deadline, again=True)
+    return found
+
+
+def inserted(found: Assignment, job: int) -> dict[str, list[Step]]:
+    """Return the tour of who has done everything soonest then with a job more."""
+    rehearsal = found.rehearsal
+    shares = rehearsal.shares(found.tours)
+    who = rehearsal.robots[insert(rehearsal.work(), rehearsal.rules, shares, job)]
+    return {who: rehearsal.tours(shares)[who]}
+
+
+def exchanged(
+    found: Assignment, rng: random.Random, deadline: Deadline, *, again: bool = False
+) -> Assignment:
+    """Return the best share that annealing comes by: jobs moved, or exchanged by two robots.
+
+    :param again: it was annealed before, and is not to be stirred up much.
+    """
+    tuning, rehearsal = found.tuning, found.rehearsal
+    warm = tuning.cold + (tuning.warm - tuning.cold) * (tuning.warm_again if again else 1.0)
+    share = tuning.exchanges_again if again else 1.0
+    tries = math.ceil(tuning.exchanges * len(found.jobs.options) * share)
+    now, best = rehearsal.shares(found.tours), rehearsal.shares(found.tours)
+    heats = np.zeros(tries)
+    if warm > 0.0:
+        heats = warm * (tuning.cold / warm) ** (np.arange(tries) / max(tries, 1))
+    chance = np.random.default_rng(rng.getrandbits(64))
+    for some in np.array_split(heats, math.ceil(tries / tuning.at_once) or 1):
+        if deadline.expired():
+            break
+        draws = drawn(chance, len(some))
+        anneal(rehearsal.work(), rehearsal.rules, now, best, draws, some)
+    return found.with_tours(rehearsal.tours(best))
+
+
+def decided_by(assign: Assignment, names: Sequence[str]) -> frozenset[str]:
+    """Return the activities that may be present if everybody does what was dealt out, and makes use
+    of what may come of a job only in the end (to go home).
+    """
+    jobs = assign.jobs
+    chosen = {(j, k) for tour in assign.tours.values() for j, k in tour}
+    gone = {o.leader for j, options in enumerate(jobs.options) for k, o in enumerate(options)
+            if (j, k) not in chosen}  # fmt: skip
+    for tour in assign.tours.values():
+        for j, k in tour[:-1]:
+            gone |= jobs.options[j][k].extras
+    return frozenset(names) - jobs.without(gone) - _detours(assign)
+
+
+def _detours(assign: Assignment) -> set[str]:
+    """Return the drives between fixed places that are no part of a job and not on the way from one
+    to the next: to the first stop, from stop to stop, and from the last one to where nothing is
+    done, if a robot has to be there in the end.
+    """
+    snapshot, options = assign.guess.snapshot, [o for some in assign.jobs.options for o in some]
+    own = {n for o in options for n in (*o.members, *o.extras)}
+    stops = {pose for o in options for leg in (*o.legs, (o.entry, o.exit)) for pose in leg}
+    ways = {robot: _ways(assign, robot) for robot in assign.tours}
+    last = {robot: _last(assign, robot) for robot in assign.tours}
+    found = set()
+    for task in snapshot.tasks:
+        fixed = all(term.kind is TermKind.CONSTANT for term in task.terms)
+        if task.activity in own or task.object not in ways or not fixed:
+            continue
+        a, b = (snapshot.configurations[task.terms[i].name] for i in (0, -1))
+        home = a == last[task.object] and b not in stops
+        if (a, b) not in ways[task.object] and not home:
+            found.add(task.activity)
+    return found
+
+
+def _all_ways(assign: Assignment, robot: str) -> list[tuple[Configuration, Configuration]]:
+    """Return from where to where a robot drives for its jobs, and home."""
+    found = sorted(_ways(assign, robot))
+    if assign.tours[robot]:
+        j, k = assign.tours[robot][-1]
+        option = assign.jobs.options[j][k]
+        home = assign.guess.home(option)
+        found += [] if home is None else [(option.exit, home)]
+    return found
+
+
+def _ways(assign: Assignment, robot: str) -> set[tuple[Configuration, Configuration]]:
+    """Return from where to where a robot drives for its jobs."""
+    snapshot, found = assign.guess.snapshot, set[tuple[Configuration, Configuration]]()
+    here = snapshot.configurations[snapshot.initial[robot]]
+    for j, k in assign.tours[robot]:
+        option = assign.jobs.options[j][k]
+        found |= {(here, option.entry), *option.legs}
+        here = option.exit
+    return found
+
+
+def _last(assign: Assignment, robot: str) -> Configuration:
+    """Return where a robot is when its jobs are done."""
+    if assign.tours[robot]:
+        j, k = assign.tours[robot][-1]
+        return assign.jobs.options[j][k].exit
+    return assign.guess.snapshot.configurations[assign.guess.snapshot.initial[robot]]
+
+
+def state_order(problem: SchedulingMotionProblem, assign: Assignment) -> None:
+    """State in a thinned problem that everything is done as it was dealt out, in that order."""
+    manager = problem.environment.expression_manager
+    activities = {a.name: a for a in problem.activities}
+    for tour in assign.tours.values():
+        before: list[Activity] = []
+        for j, k in tour:
+            option = assign.jobs.options[j][k]
+            mine = [
+                activities[n] for n in sorted(option.members | option.extras) if n in activities
+            ]
+            for a in mine:
+                problem.add_constraint(a.present)
+                for earlier in before:
+                    problem.add_constraint(
+                        manager.LE(earlier.end, a.start), [earlier.present, a.present]
+                    )
+            before = mine

@@ -1,0 +1,166 @@
+"""What an assignment of jobs to robots takes if places are taken in turns, without motions.
+
+A place that several robots work at is taken by one of them at a time, the one that comes first; the
+next one comes when it has left (list scheduling of a unary resource). Whoever ends at a place where
+others come later has to go on from there. Aisles, and who waits where, are left out: it is a guess.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from up_samp.model import Body, Configuration
+from up_samp.search.fleet.evaluator_kernel import (
+    CostWeights,
+    FloatArray,
+    TourArrays,
+    WorkTables,
+    ends_of,
+)
+from up_samp.search.fleet.jobs import Jobs, WorkMode
+from up_samp.search.fleet.travel_times import TravelTimeModel
+from up_samp.search.fleet.tuning import DealsTuning
+
+Step = tuple[int, int]
+"""A job and which of its options is taken."""
+
+
+@dataclass
+class AssignmentEvaluator:
+    """Days of robots that have jobs to do.
+
+    :param bias: what a step is taken to cost more or less than guessed (share).
+    """
+
+    guess: TravelTimeModel
+    jobs: Jobs
+    tuning: DealsTuning
+    bias: Mapping[Step, float] = field(default_factory=dict)
+    _known: tuple[int, WorkTables] | None = None
+    """What options ask for, and how much was learned of drives when that was written down."""
+
+    def __post_init__(self) -> None:
+        self.robots = sorted({o.robot for options in self.jobs.options for o in options})
+        """All that there are jobs for."""
+        self._numbers = {robot: number for number, robot in enumerate(self.robots)}
+        self._first = np.cumsum([0, *(len(options) for options in self.jobs.options)])
+        self._steps = [
+            (j, k) for j, options in enumerate(self.jobs.options) for k in range(len(options))
+        ]
+        jobs = Counter[Configuration]()
+        for options in self.jobs.options:
+            jobs.update({pose for option in options for pose in stops_of(option)})
+        shared = sorted(pose for pose, many in jobs.items() if many > 1)
+        self._shared = {pose: number for number, pose in enumerate(shared)}
+
+    @property
+    def rules(self) -> CostWeights:
+        """What counts how much."""
+        tuning = self.tuning
+        return CostWeights(tuning.handover, tuning.traffic, tuning.late, float(tuning.steep))
+
+    def ends(self, tours: Mapping[str, Sequence[Step]]) -> dict[str, tuple[float, float]]:
+        """Return when (s) each robot has done its jobs, and by how much it is late in all."""
+        found = ends_of(self.work(), self.rules, self.shares(tours), len(self._shared))
+        return {
+            r: (float(end), float(late)) for r, (end, late) in self._by_name(found) if r in tours
+        }
+
+    def alone(self, robot: str, tour: Sequence[Step]) -> tuple[float, float]:
+        """Return when (s) a robot would have done its jobs without others, and how late it is."""
+        return self.ends({robot: tour})[robot]
+
+    def shares(self, tours: Mapping[str, Sequence[Step]]) -> TourArrays:
+        """Return tours as rows of numbers, with room for one job more than there are."""
+        rows = np.full((len(self.robots), len(self.jobs.options) + 1), -1)
+        counts = np.zeros(len(self.robots), dtype=np.int64)
+        for robot, tour in tours.items():
+            number = self._numbers[robot]
+            counts[number] = len(tour)
+            rows[number, : len(tour)] = [self._first[j] + k for j, k in tour]
+        return TourArrays(rows, counts)
+
+    def tours(self, shares: TourArrays) -> dict[str, list[Step]]:
+        """Return what tours are whose rows these are."""
+        rows = zip(self.robots, shares.tours, shares.counts, strict=True)
+        return {robot: [self._steps[o] for o in row[:count]] for robot, row, count in rows}
+
+    def work(self) -> WorkTables:
+        """Return what options ask for, by what is known of drives now."""
+        if self._known is None or self._known[0] != self.guess.rounds:
+            self._known = self.guess.rounds, self._work()
+        return self._known[1]
+
+    def _by_name(self, found: FloatArray) -> zip[tuple[str, FloatArray]]:
+        return zip(self.robots, found, strict=True)
+
+    def _work(self) -> WorkTables:
+        snapshot, ride = self.guess.snapshot, self.guess.ride
+        options = [option for some in self.jobs.options for option in some]
+        starts = {r: snapshot.configurations[snapshot.initial[r]] for r in self.robots}
+        stops = [stops_of(option) for option in options]
+        homes = [self.guess.home(option) for option in options]
+        poses = {p for o in options for p in (o.entry, o.exit)} | set(starts.values())
+        number = {pose: n for n, pose in enumerate(sorted(poses))}
+        drives, stays = [], []
+        for step, option, places in zip(self._steps, options, stops, strict=True):
+            legs = [ride(option.robot, a, b) for a, b in option.legs]
+            more = self.bias.get(step, 0.0) * (option.work + math.fsum(legs))
+            each = (option.work + self.guess.pause(option) + more) / len(places)
+            drives += [0.0, *legs]
+            stays += [each] * len(places)
+        kinds, rides = self._rides(options, starts, number)
+        return WorkTables(
+            of=np.array([j for j, _ in self._steps]),
+            robot=np.array([self._numbers[o.robot] for o in options]),
+            first=self._first,
+            entry=np.array([number[o.entry] for o in options]),
+            exit=np.array([number[o.exit] for o in options]),
+            home=np.array(
+                [
+                    -1.0 if home is None else ride(o.robot, o.exit, home)
+                    for o, home in zip(options, homes, strict=True)
+                ]
+            ),
+            due=np.array([o.due * snapshot.seconds_per_unit for o in options], dtype=float),
+            head=np.cumsum([0, *map(len, stops)]),
+            drive=np.array(drives, dtype=float),
+            place=np.array([self._shared.get(pose, -1) for places in stops for pose in places]),
+            stays=np.array(stays, dtype=float),
+            start=np.array([number[starts[r]] for r in self.robots]),
+            kind=np.array(kinds),
+            rides=rides,
+        )
+
+    def _rides(
+        self,
+        options: Sequence[WorkMode],
+        starts: Mapping[str, Configuration],
+        number: Mapping[Configuration, int],
+    ) -> tuple[list[int], FloatArray]:
+        """Return which row of rides is each robot's, and those rides (kind, from, to; s): from
+        where robots of a kind are at first, and where their jobs end, to where others begin.
+        """
+        objects = self.guess.snapshot.objects
+        kinds: dict[Body, str] = {}
+        for robot in self.robots:
+            kinds.setdefault(objects[robot].body, robot)
+        rides = np.full((len(kinds), len(number), len(number)), np.inf)
+        for kind, (body, example) in enumerate(kinds.items()):
+            mine = [o for o in options if objects[o.robot].body == body]
+            begins = {pose for r, pose in starts.items() if objects[r].body == body}
+            for a in sorted(begins | {o.exit for o in mine}):
+                for b in sorted({o.entry for o in mine}):
+                    rides[kind, number[a], number[b]] = self.guess.ride(example, a, b)
+        order = {body: kind for kind, body in enumerate(kinds)}
+        return [order[objects[robot].body] for robot in self.robots], rides
+
+
+def stops_of(option: WorkMode) -> list[Configuration]:
+    """Return where the work of an option is done: where it is entered, and where its legs end."""
+    return [option.entry, *(b for _, b in option.legs)]

@@ -1,0 +1,277 @@
+"""The assignment evaluator and simulated annealing of assignments, compiled: see
+:mod:`up_samp.search.fleet.evaluator`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.geometry.records import inner, kernel
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+
+class WorkTables(NamedTuple):
+    """What options ask for. Option ``o`` is one of ``of[o]``, a job, by ``robot[o]``; those of job
+    ``j`` are ``first[j]:first[j + 1]``. It is entered at ``entry[o]`` and ends at ``exit[o]``;
+    from there it takes ``home[o]`` to where nobody is in the way (negative: nobody has to go). It
+    is ``due[o]``. Its stops are ``head[o]:head[o + 1]``: ``drive`` from the one before, ``place``
+    that others need, too (-1: nobody does), and how long it ``stays``.
+
+    ``start`` and ``kind`` are where robots are at first, and which row of ``rides`` (kind, from,
+    to) is theirs.
+    """
+
+    of: IntArray
+    robot: IntArray
+    first: IntArray
+    entry: IntArray
+    exit: IntArray
+    home: FloatArray
+    due: FloatArray
+    head: IntArray
+    drive: FloatArray
+    place: IntArray
+    stays: FloatArray
+    start: IntArray
+    kind: IntArray
+    rides: FloatArray
+
+
+class CostWeights(NamedTuple):
+    """What counts how much (see :class:`up_samp.search.fleet.tuning.DealsTuning`)."""
+
+    handover: float
+    traffic: float
+    late: float
+    steep: float
+
+
+class TourArrays(NamedTuple):
+    """Tours (robots, jobs) and how many options each has (robots,)."""
+
+    tours: IntArray
+    counts: IntArray
+
+
+@kernel
+def ends_of(work: WorkTables, rules: CostWeights, shares: TourArrays, places: int) -> FloatArray:
+    """Return when each robot has done its jobs, and by how much it is late in all (robots, 2).
+
+    Whoever comes first to one of ``places`` works there first; who ends where another one comes
+    later goes home.
+    """
+    robots = len(shares.counts)
+    found = np.zeros((robots, 2))
+    coming = np.full(robots, np.inf)
+    at = np.zeros((robots, 2), dtype=np.int64)  # the number of the option, and of the stop
+    free = np.full(places, -np.inf)
+    last = np.full(places, -1)
+    for r in range(robots):
+        if shares.counts[r] > 0:
+            coming[r] = _reached(work, shares, r, 0, 0.0)
+            at[r, 1] = work.head[shares.tours[r, 0]]
+    while True:
+        r = int(np.argmin(coming))
+        came = coming[r]
+        if came == np.inf:
+            break
+        option, stop = shares.tours[r, at[r, 0]], at[r, 1]
+        place, begin = work.place[stop], came
+        if place >= 0 and last[place] != r:
+            begin = max(came, free[place])
+        done = begin + work.stays[stop]
+        if place >= 0:
+            free[place] = done + rules.handover
+            last[place] = r
+        found[r, 0] = done
+        if stop + 1 < work.head[option + 1]:
+            at[r, 1] = stop + 1
+            coming[r] = done + work.drive[stop + 1]
+            continue
+        if work.due[option] < np.inf:
+            found[r, 1] += max(0.0, rules.traffic * done - work.due[option])
+        at[r, 0] += 1
+        if at[r, 0] < shares.counts[r]:
+            at[r, 1] = work.head[shares.tours[r, at[r, 0]]]
+            coming[r] = _reached(work, shares, r, at[r, 0], done)
+        else:
+            coming[r] = np.inf
+    for r in range(robots):
+        if shares.counts[r] > 0:
+            option = shares.tours[r, shares.counts[r] - 1]
+            place = work.place[work.head[option + 1] - 1]
+            if work.home[option] >= 0.0 and place >= 0 and last[place] != r:
+                found[r, 0] += work.home[option]
+    return found
+
+
+@inner
+def _reached(work: WorkTables, shares: TourArrays, r: int, number: int, since: float) -> float:
+    """Return when a robot comes to an option of its tour that has done all before it."""
+    entry = work.entry[shares.tours[r, number]]
+    here = work.start[r] if number == 0 else work.exit[shares.tours[r, number - 1]]
+    reached: float = since + work.rides[work.kind[r], here, entry]
+    return reached
+
+
+@inner
+def _weight(ends: FloatArray, rules: CostWeights) -> float:
+    """Return what a share of all jobs is worth: less is better."""
+    total = 0.0
+    for r in range(len(ends)):
+        total += (ends[r, 0] + rules.late * ends[r, 1]) ** rules.steep
+    return total
+
+
+@inner
+def _alone(work: WorkTables, rules: CostWeights, r: int, tour: IntArray, count: int) -> float:
+    """Return when a robot would have done a tour without others; what is late counts more."""
+    time, late = 0.0, 0.0
+    here = work.start[r]
+    for number in range(count):
+        o = tour[number]
+        time += work.rides[work.kind[r], here, work.entry[o]]
+        for stop in range(work.head[o], work.head[o + 1]):
+            time += work.stays[stop]
+            if stop > work.head[o]:
+                time += work.drive[stop]
+        if work.due[o] < np.inf:
+            late += max(0.0, rules.traffic * time - work.due[o])
+        here = work.exit[o]
+    return time + rules.late * late
+
+
+@kernel
+def insert(work: WorkTables, rules: CostWeights, shares: TourArrays, job: int) -> int:
+    """Give a job to who has done everything soonest then, and return who that is."""
+    best, gain, who, what, where = np.inf, np.inf, -1, -1, -1
+    for o in range(work.first[job], work.first[job + 1]):
+        r = work.robot[o]
+        tour, count = shares.tours[r], shares.counts[r]
+        before = _alone(work, rules, r, tour, count)
+        for at in range(count + 1):
+            longer = _with(tour, count, at, o)
+            end = _alone(work, rules, r, longer, count + 1)
+            sooner = end < best or (end == best and end - before < gain)
+            if sooner or (end == best and end - before == gain and r < who):
+                best, gain, who, what, where = end, end - before, r, o, at
+    shares.tours[who] = _with(shares.tours[who], shares.counts[who], where, what)
+    shares.counts[who] += 1
+    return who
+
+
+@inner
+def _with(tour: IntArray, count: int, at: int, option: int) -> IntArray:
+    """Return a tour with an option more."""
+    longer = np.copy(tour)
+    for number in range(count, at, -1):
+        longer[number] = longer[number - 1]
+    longer[at] = option
+    return longer
+
+
+@inner
+def _without(tour: IntArray, count: int, option: int) -> IntArray:
+    """Return a tour with an option less."""
+    shorter = np.copy(tour)
+    number = 0
+    for n in range(count):
+        if tour[n] != option:
+            shorter[number] = tour[n]
+            number += 1
+    return shorter
+
+
+@inner
+def _drawn(draw: float, many: int) -> int:
+    """Return one of ``many`` numbers by a ``draw`` in [0, 1)."""
+    return min(int(draw * many), many - 1)
+
+
+@inner
+def _change(work: WorkTables, shares: TourArrays, draws: FloatArray) -> tuple[int, int]:
+    """Let a random job be done at another time, by another, or for another; return by whose tours
+    that is (the same twice: one; negative: nothing was changed).
+    """
+    tours, counts = shares.tours, shares.counts
+    full = np.nonzero(counts > 0)[0]
+    if len(full) == 0:
+        return -1, -1
+    one = full[_drawn(draws[0], len(full))]
+    step = tours[one, _drawn(draws[1], counts[one])]
+    job = work.of[step]
+    option = work.first[job] + _drawn(draws[2], work.first[job + 1] - work.first[job])
+    other = work.robot[option]
+    left = _without(tours[one], counts[one], step)
+    if other == one:
+        tours[one] = _with(left, counts[one] - 1, _drawn(draws[3], counts[one]), option)
+        return one, one
+    moved = _with(tours[other], counts[other], _drawn(draws[3], counts[other] + 1), option)
+    if counts[other] == 0 or draws[4] < 0.5:
+        tours[one], tours[other] = left, moved
+        counts[one] -= 1
+        counts[other] += 1
+        return one, other
+    back = tours[other, _drawn(draws[5], counts[other])]
+    job = work.of[back]
+    mine = work.first[job] + np.nonzero(work.robot[work.first[job] : work.first[job + 1]] == one)[0]
+    if len(mine) == 0:
+        return -1, -1
+    taken = mine[_drawn(draws[6], len(mine))]
+    tours[one] = _with(left, counts[one] - 1, _drawn(draws[7], counts[one]), taken)
+    tours[other] = _without(moved, counts[other] + 1, back)
+    return one, other
+
+
+def drawn(chance: np.random.Generator, tries: int) -> FloatArray:
+    """Return the random numbers in [0, 1) that some tries of annealing need (tries, 9)."""
+    return chance.random((tries, 9))
+
+
+@kernel
+def anneal(
+    work: WorkTables,
+    rules: CostWeights,
+    now: TourArrays,
+    best: TourArrays,
+    draws: FloatArray,
+    heats: FloatArray,
+) -> None:
+    """Change tours ``now``, also for the worse: by a random share (``heats``, of what they are
+    worth) at each of some tries with random numbers ``draws`` (see :func:`drawn`). ``best``
+    becomes the best that comes by.
+    """
+    places = int(np.max(work.place)) + 1 if len(work.place) else 0
+    total = _weight(ends_of(work, rules, now, places), rules)
+    least = _weight(ends_of(work, rules, best, places), rules)
+    old = TourArrays(np.copy(now.tours), np.copy(now.counts))
+    for number in range(len(draws)):
+        one, other = _change(work, now, draws[number])
+        if one < 0:
+            continue
+        then = _weight(ends_of(work, rules, now, places), rules)
+        heat = heats[number] * total
+        worse = then > total
+        if worse and (heat <= 0.0 or draws[number, 8] >= math.exp((total - then) / heat)):
+            _copy_rows(old, now, one, other)
+            continue
+        _copy_rows(now, old, one, other)
+        total = then
+        if total < least:
+            least = total
+            best.tours[:] = now.tours
+            best.counts[:] = now.counts
+
+
+@inner
+def _copy_rows(source: TourArrays, target: TourArrays, one: int, other: int) -> None:
+    """Make the tours of two robots what they are in ``source``."""
+    for r in (one, other):
+        target.tours[r] = source.tours[r]
+        target.counts[r] = source.counts[r]

@@ -1,0 +1,431 @@
+"""Jobs of which one robot or another does each, as constraints on presence say.
+
+A *job* is an unconditional disjunction of presences. Each of its modes draws along what has to be
+present with it; together they are a robot's share of work, from where it first has to be to where
+it ends. Before that: the precedences and gaps between activities that the problem states, and where
+activities without a drive of their own are done.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import defaultdict
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from graphlib import CycleError, TopologicalSorter
+
+from unified_planning.model import FNode
+from unified_planning.model.motion import SchedulingMotionProblem
+from unified_planning.model.operators import OperatorKind as Op
+from unified_planning.model.scheduling import Activity
+from unified_planning.model.timing import Timing
+
+from up_samp.model import Configuration
+from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
+from up_samp.scheduling.cpsat.encode.durations import least
+from up_samp.upio.whereabouts import whereabouts
+
+Gaps = Mapping[tuple[str, str], int]
+"""(a, b) -> units that are between the end of a and the start of b at least, if both are there."""
+Gap = Callable[[str, str], int]
+
+
+def stated_gaps(problem: SchedulingMotionProblem) -> dict[tuple[str, str], int]:
+    """Return what constraints say of the end of one activity and the start of another one.
+
+    Assumes: a comparison is conditional on the two activities alone, or on nothing.
+    """
+    found: dict[tuple[str, str], int] = {}
+    for owner in (problem._base, *problem.activities):
+        for constraint, scope in owner._constraints:
+            told = _told(constraint)
+            if told is None:
+                continue
+            first, then, units = told
+            needed = {s.presence().container if _is_presence(s) else None for s in scope}
+            needed |= {owner.name} if owner is not problem._base else set()
+            if needed <= {first, then} and units >= 0:
+                found[first, then] = max(units, found.get((first, then), 0))
+    return found
+
+
+def stated_precedences(
+    problem: SchedulingMotionProblem, *, strictly: bool = False
+) -> set[tuple[str, str]]:
+    """Return pairs of activities of which one ends before the other starts, as constraints say
+    (``strictly``: and not when the other one starts).
+    """
+    return {pair for pair, units in stated_gaps(problem).items() if units >= int(strictly)}
+
+
+def _is_presence(node: FNode) -> bool:
+    return bool(node.node_type is Op.PRESENT_EXP)
+
+
+def _told(constraint: FNode) -> tuple[str, str, int] | None:
+    if constraint.node_type not in (Op.LE, Op.LT):
+        return None
+    if not all(argument.is_timing_exp() for argument in constraint.args):
+        return None
+    end, start = (argument.timing() for argument in constraint.args)
+    first, then = end.timepoint.container, start.timepoint.container
+    if not (first and then and end.is_from_end() and start.is_from_start()):
+        return None
+    delays = _delay(end), _delay(start)
+    if None in delays:
+        return None
+    assert delays[0] is not None
+    assert delays[1] is not None
+    return first, then, delays[0] - delays[1] + (constraint.node_type is Op.LT)
+
+
+def _delay(timing: Timing) -> int | None:
+    return timing.delay if isinstance(timing.delay, int) else None
+
+
+def held_by(problem: SchedulingMotionProblem) -> dict[str, frozenset[FNode]]:
+    """Return by activity the resources of one unit that it alone holds from its start to its end.
+
+    Nobody else may give or take them otherwise.
+
+    Assumes: nobody gives or takes a resource but by a pair of effects from a start to an end.
+    """
+    held = {a.name: _held(a) for a in problem.activities}
+    other = {effect.fluent.fluent() for _, effect in problem.base_effects}
+    for activity in problem.activities:
+        for effects in activity.effects.values():
+            other |= {e.fluent.fluent() for e in effects if e.fluent not in held[activity.name]}
+    return {
+        name: frozenset(resource for resource in some if resource.fluent() not in other)
+        for name, some in held.items()
+    }
+
+
+def _held(activity: Activity) -> list[FNode]:
+    """Return the resources that an activity takes first and gives back."""
+    taken: dict[FNode, list[bool]] = defaultdict(list)
+    for timing, effects in activity.effects.items():
+        for effect in effects:
+            tpe = effect.fluent.type
+            one = tpe.is_int_type() and (tpe.lower_bound, tpe.upper_bound) == (0, 1)
+            plain = one and not timing.delay and effect.condition.is_true()
+            plain = plain and effect.value.is_int_constant() and effect.value.constant_value() == 1
+            # a parameter of its own would be another object elsewhere
+            plain = plain and all(argument.is_object_exp() for argument in effect.fluent.args)
+            takes = plain and effect.is_decrease() and timing.is_from_start()
+            gives = plain and effect.is_increase() and timing.is_from_end()
+            # what is neither is no pair
+            taken[effect.fluent] += [takes] if takes or gives else [True, True]
+    return [resource for resource, some in taken.items() if sorted(some) == [False, True]]
+
+
+def idle_between(
+    name: str, others: Iterable[str], needs: frozenset[str], gaps: Gaps, gap: Gap, *, after: bool
+) -> int:
+    """Return units in which a robot does nothing, right before it begins an activity, or right
+    ``after`` it.
+
+    Assumes: all that may come right before or after is named, and the robot does one thing at a
+    time.
+
+    :param others: all that may come right before it (or after it), as far as places tell.
+    :param needs: what has to be present with the activity.
+    :param gaps: of all that is told between these.
+    :param gap: what is between two activities at least, of which the second comes right after.
+    """
+    along = {n for n in needs if ((name, n) if after else (n, name)) in gaps}
+    if not along:
+        return 0  # it may be the first, or the last, of all
+    least: int | None = None
+    for other in others:
+        pair = (name, other) if after else (other, name)
+        if other == name or pair[::-1] in gaps:
+            continue
+        if any(((n, other) if after else (other, n)) in gaps for n in along):
+            continue  # something has to be between the two
+        units = gap(*pair)
+        least = units if least is None else min(least, units)
+        if not least:
+            break
+    return least or 0
+
+
+def closed(gaps: Gaps, names: Collection[str]) -> dict[tuple[str, str], int]:
+    """Return the gaps between a few activities that are all there if one of them is, with those
+    that follow over what lies between.
+    """
+    pairs = itertools.permutations(sorted(names), 2)
+    found = {pair: gaps[pair] for pair in pairs if pair in gaps}
+    for between, first, then in itertools.product(sorted(names), repeat=3):
+        if (first, between) in found and (between, then) in found:
+            found.setdefault((first, then), 0)
+    return found
+
+
+# ------------------ Where activities without a drive of their own are done, as their conditions say
+# An activity with the condition that a robot's fluent (``up_samp.upio.whereabouts``) equals some
+# place is done there, by that robot.
+
+
+Stand = tuple[str, str]
+"""A robot and the configuration in which it is."""
+
+
+def activity_locations(problem: SchedulingMotionProblem, snapshot: Snapshot) -> dict[str, Stand]:
+    """Return who is where during the activities whose conditions tell that.
+
+    Assumes: a condition holds all through an activity, and its fluent tells where one robot is.
+    """
+    drivers = {task.object for task in snapshot.tasks}
+    whose = {f: who for f, who in whereabouts(problem).items() if who in drivers}
+    found: dict[str, Stand] = {}
+    driving = {task.activity for task in snapshot.tasks}
+    for activity in problem.activities:
+        if activity.name in driving:
+            continue
+        told = {
+            stand
+            for conditions in activity.conditions.values()
+            for condition in conditions
+            if (stand := stand_told(condition, whose)) is not None
+        }
+        if len(told) == 1:
+            (found[activity.name],) = told
+    return found
+
+
+def stand_told(condition: FNode, whose: Mapping[FNode, str]) -> Stand | None:
+    """Return what a condition of the form "fluent equals place" tells."""
+    if condition.node_type is not Op.EQUALS:
+        return None
+    for fluent, place in (condition.args, condition.args[::-1]):
+        if fluent in whose and place.is_object_exp():
+            return whose[fluent], place.object().name
+    return None
+
+
+# ------------------ Jobs of which one robot or another does each, as constraints on presence say
+# A *job* is an unconditional disjunction of presences. Each of its options draws along what has to
+# be present with it; together they are a robot's share of work, from where it first has to be to
+# where it ends.
+
+
+_Way = tuple[str, Configuration, Configuration, tuple[tuple[Configuration, Configuration], ...]]
+"""A robot, where its way begins and ends, and the drives in between."""
+
+
+@dataclass(frozen=True)
+class WorkMode:
+    """One way to do a job: ``leader`` is present, and ``members`` with it. ``robot`` comes to
+    ``entry``, drives ``legs`` (from, to) and works for ``work`` s beside that; then it is at
+    ``exit``.
+    """
+
+    leader: str
+    members: frozenset[str]
+    robot: str
+    work: float
+    entry: Configuration
+    exit: Configuration
+    legs: tuple[tuple[Configuration, Configuration], ...] = ()
+    due: float = math.inf
+    """When it has to be done at the latest (s)."""
+    extras: frozenset[str] = frozenset()
+    """What may be present only if it is done: a way home, say."""
+
+
+@dataclass(frozen=True)
+class Jobs:
+    """All jobs of a problem, and who is drawn along by whom."""
+
+    options: tuple[tuple[WorkMode, ...], ...]
+    needs: Mapping[str, frozenset[str]]
+    """Activity -> those that have to be present with it."""
+
+    def drawn(self, name: str) -> set[str]:
+        """Return what has to be present with an activity, itself included."""
+        found, todo = {name}, [name]
+        while todo:
+            for other in self.needs.get(todo.pop(), ()):
+                if other not in found:
+                    found.add(other)
+                    todo.append(other)
+        return found
+
+    def without(self, gone: set[str]) -> set[str]:
+        """Return everything that cannot be present without some activities, with these."""
+        found = set(gone)
+        needed: dict[str, list[str]] = defaultdict(list)
+        for name, others in self.needs.items():
+            for other in others:
+                needed[other].append(name)
+        todo = list(gone)
+        while todo:
+            for name in needed[todo.pop()]:
+                if name not in found:
+                    found.add(name)
+                    todo.append(name)
+        return found
+
+
+def find_jobs(problem: SchedulingMotionProblem, snapshot: Snapshot) -> Jobs | None:
+    """Return the jobs of a problem, or None where some option is no work of one robot in the plane.
+
+    Assumes: a disjunction of presences is said without a condition; what draws along is said of
+    pairs.
+
+    :param snapshot: of the same problem.
+    """
+    needs: dict[str, set[str]] = defaultdict(set)
+    dues = _dues(problem)
+    clauses: list[tuple[str, ...]] = []
+    ways: set[str] = set()  # one of several that have to be present with something
+    for names, conditions in _clauses(problem):
+        if len(names) > 1:
+            ways.update(names if conditions else ())
+            clauses += [] if conditions else [names]
+        elif len(conditions) == 1 and len(names) == 1:
+            needs[conditions[0]].add(names[0])
+    table = {name: frozenset(others) for name, others in needs.items()}
+    look = _Look(problem, snapshot, table)
+    found, known = [], set[frozenset[frozenset[str]]]()
+    for names in clauses:
+        options = [look.option(name) for name in names]
+        if any(o is None for o in options):
+            return None
+        work = frozenset(o.members for o in options if o is not None)
+        if work not in known:  # a pick and its delivery draw each other along: one job
+            known.add(work)
+            found.append(tuple(o for o in options if o is not None))
+    return _with_extras(Jobs(tuple(found), table), dues, ways) if found else None
+
+
+def _with_extras(jobs: Jobs, dues: Mapping[str, float], ways: set[str]) -> Jobs:
+    """Return jobs whose options know when they are due and what else may come of them."""
+    draws: dict[str, list[str]] = defaultdict(list)
+    for name, others in jobs.needs.items():
+        for other in others:
+            draws[other].append(name)
+    found = []
+    for options in jobs.options:
+        whole = []
+        for option in options:
+            extras = {n for m in option.members for n in draws[m]} - option.members - ways
+            due = min((dues.get(m, math.inf) for m in option.members), default=math.inf)
+            whole.append(replace(option, due=due, extras=frozenset(extras)))
+        found.append(tuple(whole))
+    return Jobs(tuple(found), jobs.needs)
+
+
+def _dues(problem: SchedulingMotionProblem) -> dict[str, float]:
+    """Return the latest ends of activities that are stated as such (units)."""
+    found: dict[str, float] = {}
+    for owner in (problem._base, *problem.activities):
+        for constraint, _ in owner._constraints:
+            if constraint.node_type is not Op.LE:
+                continue
+            end, limit = constraint.args
+            if end.is_timing_exp() and limit.is_int_constant():
+                name = end.timing().timepoint.container
+                if name is not None:
+                    value = float(limit.constant_value())
+                    found[name] = min(value, found.get(name, math.inf))
+    return found
+
+
+def _clauses(
+    problem: SchedulingMotionProblem,
+) -> Iterator[tuple[tuple[str, ...], tuple[str, ...]]]:
+    """Yield (names, conditions): one of the names is present if all conditions are."""
+    for owner in (problem._base, *problem.activities):
+        for constraint, scope in owner._constraints:
+            implied = _implied(constraint) if not scope else None
+            if implied is not None:
+                yield implied
+                continue
+            names = _present(constraint.args if constraint.node_type is Op.OR else [constraint])
+            conditions = _present([s for s in scope if not s.is_true()])
+            if names is not None and conditions is not None:
+                yield names, conditions
+
+
+def _present(nodes: Sequence[FNode]) -> tuple[str, ...] | None:
+    """Return whose presences some expressions are; None if one is something else."""
+    if any(node.node_type is not Op.PRESENT_EXP for node in nodes):
+        return None
+    return tuple(node.presence().container for node in nodes)
+
+
+def _implied(constraint: FNode) -> tuple[tuple[str, ...], tuple[str, ...]] | None:
+    """Return what "not a, or b" says of the presence of two activities."""
+    if constraint.node_type is not Op.OR or len(constraint.args) != 2:
+        return None
+    negated = [a.arg(0) for a in constraint.args if a.node_type is Op.NOT]
+    names = _present([a for a in constraint.args if a.node_type is not Op.NOT])
+    conditions = _present(negated)
+    if len(negated) != 1 or names is None or conditions is None:
+        return None
+    return names, conditions
+
+
+class _Look:
+    """What a problem says of the work that an activity draws along."""
+
+    def __init__(
+        self,
+        problem: SchedulingMotionProblem,
+        snapshot: Snapshot,
+        needs: Mapping[str, frozenset[str]],
+    ) -> None:
+        self._snapshot, self._needs = snapshot, Jobs((), needs)
+        self._tasks: dict[str, list[MotionTask]] = defaultdict(list)
+        for task in snapshot.tasks:
+            self._tasks[task.activity].append(task)
+        self._lengths = {a.name: float(least(a.duration)) for a in problem.activities}
+        self._stands = activity_locations(problem, snapshot)
+        self._then: dict[str, set[str]] = defaultdict(set)
+        for first, then in stated_precedences(problem):
+            self._then[first].add(then)
+
+    def option(self, leader: str) -> WorkMode | None:
+        """Return the work that an activity draws along, None where it is not one robot's."""
+        members = self._needs.drawn(leader)
+        driven = [task for name in sorted(members) for task in self._tasks.get(name, ())]
+        unit = self._snapshot.seconds_per_unit
+        work = sum(self._lengths[n] * unit for n in sorted(members) if n not in self._tasks)
+        found = self._driven(driven) if driven else self._standing(members)
+        if found is None:
+            return None
+        robot, entry, exit_, legs = found
+        return WorkMode(leader, frozenset(members), robot, work, entry, exit_, legs)
+
+    def _driven(self, driven: Sequence[MotionTask]) -> _Way | None:
+        """Return whose way some drives are, from where to where."""
+        robots = {task.object for task in driven}
+        if len(robots) != 1 or any(t.terms[-1].kind is not TermKind.CONSTANT for t in driven):
+            return None
+        pose = self._snapshot.configurations
+        known = [t for t in driven if t.terms[0].kind is TermKind.CONSTANT]
+        legs = tuple((pose[t.terms[0].name], pose[t.terms[-1].name]) for t in known)
+        ends = {task.terms[-1].name for task in driven}
+        begins = {task.terms[0].name for task in known}
+        first = sorted(ends & begins) or sorted(begins - ends) or sorted(ends)
+        last = sorted(ends - begins) or sorted(ends)
+        return next(iter(robots)), pose[first[0]], pose[last[0]], legs
+
+    def _standing(self, members: set[str]) -> _Way | None:
+        """Return whose way it is to be where some activities are done, one after the other."""
+        told = [self._stands.get(name) for name in sorted(members)]
+        if None in told or len({stand[0] for stand in told if stand is not None}) != 1:
+            return None
+        # sorted: a set's order, which differs from process to process, would decide among equals
+        before = {m: sorted(n for n in members if m in self._then[n]) for m in sorted(members)}
+        try:
+            order = list(TopologicalSorter(before).static_order())
+        except CycleError:
+            return None
+        stops = [self._stands[name] for name in order]
+        poses = [self._snapshot.configurations[place] for _, place in stops]
+        legs = tuple((a, b) for a, b in itertools.pairwise(poses) if a != b)
+        return stops[0][0], poses[0], poses[-1], legs

@@ -1,0 +1,242 @@
+"""Large problems: plans of thinned problems first, in which it is decided who does what.
+
+A fleet of dozens has tens of thousands of optional activities, of which a plan has hundreds. A
+scheduler's model of all of them takes longer to build than a plan takes to be found. So it is
+first guessed who does which job (:mod:`up_samp.search.fleet.assignment`); the problem without
+everything that this leaves out is scheduled, whole tours are decided robot by robot
+(:mod:`up_samp.search.fleet.tours`), or else its motions one after the other
+(:mod:`up_samp.search.fleet.sequential`), and what comes of it is a plan of the whole problem.
+It is judged as that. Then some tours are planned anew among the others, with other jobs or
+before others (:mod:`up_samp.search.fleet.improve`).
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable, Generator, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+
+from unified_planning.model.motion import SchedulingMotionProblem
+
+from up_samp.model import Body, Configuration, Deadline, PathQuery
+from up_samp.model.snapshot import Snapshot
+from up_samp.search.attempt import build, keep_if_better
+from up_samp.search.conclusion import SearchResult, conclude, conclude_stopped
+from up_samp.search.events import Phase
+from up_samp.search.fleet.assignment import Assignment, assign, biased, decided_by, state_order
+from up_samp.search.fleet.evaluator import AssignmentEvaluator
+from up_samp.search.fleet.improve import TourLNS, plan_tours, undecided_tours
+from up_samp.search.fleet.jobs import Jobs, find_jobs
+from up_samp.search.fleet.sequential import FleetSolution
+from up_samp.search.fleet.tours import TourPlanner
+from up_samp.search.fleet.travel_times import TravelTimeModel, pauses_of
+from up_samp.search.fleet.tuning import LargeTuning
+from up_samp.search.fleet_bound.bound import state_bounds
+from up_samp.search.history import BUILDING, STATING
+from up_samp.search.knowledge import Incumbent
+from up_samp.search.loop import get_schedule, solve, state_what_is_known
+from up_samp.search.search import Search
+from up_samp.upio import Itinerary, read_itinerary
+from up_samp.upio.restrict import thinned
+
+OpenThin = Callable[[SchedulingMotionProblem, Deadline], Search]
+"""Opens a search on a thinned problem that asks the same motion service."""
+
+
+@dataclass(frozen=True)
+class LargeProblem:
+    """A problem that is looked at in parts: see the module."""
+
+    problem: SchedulingMotionProblem
+    snapshot: Snapshot
+    jobs: Jobs
+    open_thin: OpenThin
+    tuning: LargeTuning
+
+    def nearly_all(self, share: float) -> float:
+        """Return a share of the time, the nearer to all of it the larger the problem is: another
+        share of the jobs takes as long again, and the usual search is lost in tens of thousands of
+        activities.
+        """
+        optional = sum(a.optional for a in self.problem.activities)
+        return 1.0 - (1.0 - share) * math.sqrt(self.tuning.activities / optional)
+
+
+def large_of(
+    problem: SchedulingMotionProblem, snapshot: Snapshot, open_thin: OpenThin, tuning: LargeTuning
+) -> LargeProblem | None:
+    """Return a problem as a large one, or None where it is none, or has no jobs to deal out."""
+    if sum(a.optional for a in problem.activities) < tuning.activities:
+        return None
+    jobs = find_jobs(problem, snapshot)
+    return None if jobs is None else LargeProblem(problem, snapshot, jobs, open_thin, tuning)
+
+
+def solve_large(
+    large: LargeProblem, search: Search, optimal: bool
+) -> Generator[Incumbent, None, SearchResult]:
+    """Solve a large problem: plans by dealing out jobs, better and better ones if that is asked
+    for, then the search as for any other problem, from the best one on.
+    """
+    first = search.budget.share(large.nearly_all(large.tuning.share), float("inf"))
+    search.tell.stage(Phase.PREPARE, "who does which job", len(large.jobs.options))
+    found, failed = None, 0
+    for number, dealt in enumerate(deals_of(search, large, first), start=1):
+        with search.history.stages.of(BUILDING):
+            deadline = first.within(large.nearly_all(large.tuning.turn) * first.remaining())
+            opened = candidate_of(large, dealt, deadline)
+            if opened is not None:
+                # motions in the order of time take longer and find less: only in the end
+                lined = number == large.tuning.deals
+                found = plan_of_deal(search, large, dealt, opened, deadline, lined=lined)
+        failed += opened is None
+        if found is not None or first.expired() or failed >= large.tuning.unscheduled:
+            break
+        if search.stopped:
+            return conclude_stopped(search)
+    better = None if found is None else keep_if_better(search, found.plan)
+    with search.history.stages.of(STATING):
+        state_bounds(search, large.problem, large.jobs, relative=optimal)
+    if better is not None:
+        yield better
+        if not optimal:
+            return conclude(search)
+    if found is not None and found.better is not None:
+        yield from improve(search, large, found.better)
+    if search.bounds.met or search.budget.deadline.expired():
+        return conclude(search)
+    if search.stopped:
+        return conclude_stopped(search)
+    return (yield from solve(search, optimal=optimal))
+
+
+def deals_of(search: Search, large: LargeProblem, deadline: Deadline) -> Iterator[Assignment]:
+    """Yield shares of the jobs: the best one found, then others, by guesses that are more and more
+    different, and more and more careful about what is due.
+    """
+    tuning, guess = search.tuning, guess_of(search, large)
+    for number in range(tuning.large.deals):
+        # who was late was guessed to be too quick
+        traffic = tuning.deals.traffic * (1.0 + large.tuning.slower * number)
+        deals = replace(tuning.deals, traffic=traffic)
+        rng = random.Random(search.seed + number)
+        noise = tuning.deals.noise * min(number, tuning.large.noisiest)
+        bias = biased(large.jobs, noise, rng)
+        soon = deadline.within(large.tuning.dealing * deadline.remaining())
+        yield assign(AssignmentEvaluator(guess, large.jobs, deals, bias), soon, rng)
+
+
+def guess_of(search: Search, large: LargeProblem) -> TravelTimeModel:
+    """Return what work takes, as far as it can be told before motions are decided."""
+    service = search.motions.service
+
+    def drives(
+        body: Body, start: Configuration, goal: Configuration, deadline: Deadline
+    ) -> float | None:
+        with search.budget.motion_time():
+            report = service.plan(PathQuery(body, (start, goal), ()), deadline)
+        return None if report.trajectory is None else report.trajectory.duration
+
+    pauses = pauses_of(large.problem, large.jobs)
+    return TravelTimeModel(large.snapshot, service.lower_bound, drives, pauses, search.tuning.deals)
+
+
+@dataclass(frozen=True)
+class Found:
+    """A valid plan, and how to make it ``better`` where it is made of tours."""
+
+    plan: Incumbent
+    better: TourLNS | None
+
+
+def plan_of_deal(
+    search: Search,
+    large: LargeProblem,
+    dealt: Assignment,
+    opened: tuple[Search, Itinerary],
+    deadline: Deadline,
+    *,
+    lined: bool,
+) -> Found | None:
+    """Return a valid plan of the whole problem in which everybody does what was dealt out.
+
+    :param opened: the search on what was dealt out, and its candidate.
+    :param lined: if there are no tours, motions are decided one after the other.
+    """
+    inner, itinerary = opened
+    found = plan_tours(inner, itinerary, deadline, homes=homes_of(large.jobs))
+    if found is None:
+        if not lined:
+            return None
+        built = build(inner, itinerary)
+        plan = None if built is None else search.plan_of(built.schedule, built.trajectories)
+        return None if plan is None or search.judged(plan.plan) else Found(plan, None)
+    rng, again = random.Random(search.seed), partial(open_tours, large)
+    better = TourLNS(dealt, found.tours, found.decided, again, large.tuning, rng)
+    if found.ahead is not None:
+        better.ahead, better.rounds = found.ahead, search.tuning.rounds
+    plan = plan_of_tours(search, better.polished(large.tuning.polish, deadline))
+    return None if plan is None else Found(plan, better)
+
+
+def plan_of_tours(search: Search, decided: FleetSolution) -> Incumbent | None:
+    """Return a valid plan of the whole problem from tours: lean, or else with all that was dealt
+    out.
+    """
+    plan = search.plan_of(decided.lean(), decided.trajectories())
+    if not search.judged(plan.plan):
+        return plan
+    whole = replace(decided, needless=frozenset())
+    plan = search.plan_of(whole.schedule, whole.trajectories())
+    return None if search.judged(plan.plan) else plan
+
+
+def homes_of(jobs: Jobs) -> frozenset[str]:
+    """Return what may come of a job and nobody needs."""
+    needed = frozenset[str]().union(*jobs.needs.values())
+    return frozenset(n for options in jobs.options for o in options for n in o.extras) - needed
+
+
+def candidate_of(
+    large: LargeProblem, dealt: Assignment, deadline: Deadline
+) -> tuple[Search, Itinerary] | None:
+    """Return a search on the problem thinned to what was dealt out, and its candidate."""
+    names = [a.name for a in large.problem.activities]
+    problem = thinned(large.problem, decided_by(dealt, names))
+    state_order(problem, dealt)
+    inner = large.open_thin(problem, deadline)
+    try:
+        state_what_is_known(inner)
+        report = get_schedule(inner, optimal=False)
+    finally:
+        inner.history.take_times(inner.budget)
+        inner.scheduler.close()
+    if report.schedule is None:
+        return None
+    return inner, read_itinerary(inner.knowledge.relaxation, report.schedule)
+
+
+def open_tours(large: LargeProblem, dealt: Assignment, deadline: Deadline) -> TourPlanner | None:
+    """Return the tours of what was dealt out, none of them decided."""
+    opened = candidate_of(large, dealt, deadline)
+    tours = None if opened is None else undecided_tours(*opened, homes_of(large.jobs))
+    if opened is not None and tours is not None:
+        tours.learn_ways_past(opened[0].tuning.tours.past, deadline)
+    return tours
+
+
+def improve(search: Search, large: LargeProblem, better: TourLNS) -> Iterator[Incumbent]:
+    """Yield better plans made of tours, until the time is over that there is for it."""
+    deadline = search.budget.share(large.nearly_all(large.tuning.again), float("inf"))
+    changes = better.improved(lambda: deadline.expired() or search.stopped, deadline)
+    while not (search.bounds.met or search.stopped):
+        with search.history.stages.of(BUILDING):
+            decided = next(changes, None)
+        if decided is None:
+            return
+        plan = plan_of_tours(search, decided)
+        kept = None if plan is None else keep_if_better(search, plan)
+        if kept is not None:
+            yield kept

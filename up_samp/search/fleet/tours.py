@@ -1,0 +1,418 @@
+"""Plans for many robots by construction: whole tours, one robot after the other.
+
+A robot's *tour* is all that it does until it stays somewhere for good. Tours are decided one after
+the other, each among those decided before (prioritised planning; Erdmann and Lozano-Pérez 1987).
+Within its tour a robot may stand at a place as long as nobody who is decided comes by there: the
+stays that this leaves are searched depth first, the soonest first (safe intervals; Phillips and
+Likhachev 2011). What is decided is thus never in the way of what is decided, and nobody starves: a
+station that others visit later is free until then.
+
+Where the floor is *well-formed* this never fails. Every tour begins and ends where a robot is in
+nobody's way, and between any two places where robots stop there is a way past all others at such
+ends. So in the worst case a robot waits at its start until all those before it have come to their
+ends, and then drives alone (Čáp, Novák, Kleiner and Selecký, "Prioritized Planning Algorithms for
+Trajectory Coordination of Multiple Mobile Robots", IEEE T-ASE 2015). Elsewhere it is a try.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections import defaultdict
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from up_samp.model import Deadline, TimedMotion
+from up_samp.motion.fleet.reservations import ReservationTable
+from up_samp.motion.fleet.timed_path import TimedPath
+from up_samp.scheduling.partial_order import Earliest
+from up_samp.search.fleet.sequential import QUICK, FleetSolution, SequentialPlanner, sooner
+from up_samp.search.search import Search
+from up_samp.search.world import contested, motion_key
+from up_samp.upio import Itinerary
+
+
+class TourEnd(enum.Enum):
+    """How the search for a tour, or for what is left of one, ended."""
+
+    DECIDED = enum.auto()
+    STUCK = enum.auto()
+    LATE = enum.auto()
+    """Something would be too late, whatever is tried from here on."""
+
+
+class Past(enum.IntEnum):
+    """Which ways past others are looked for where they stand in all that are known."""
+
+    NONE = 0
+    QUICK = 1
+    ANY = 2
+
+
+@dataclass(frozen=True)
+class Priorities:
+    """Who goes before whom when tours are decided, and how hard ways are looked for."""
+
+    first: tuple[str, ...] = ()
+    """Robots whose whole tours are decided before all others, in this order."""
+    ahead: Mapping[str, float] = field(default_factory=dict)
+    """By how much (s) a robot's turn comes sooner than it does to the next place."""
+    looks: int = 0
+    """How often other ways from pose to pose are looked for, if one is known."""
+    looking: Mapping[str, int] = field(default_factory=dict)
+    """The same for some motions, by activity."""
+    past: Past = Past.NONE
+    """Which ways past others are looked for at first, in turns: they are about to go on. More are
+    looked for where nobody finds any, or somebody is late.
+    """
+    limit: float = math.inf
+    """When all tours have to be over (units): who would be later looks for another way."""
+    latest: float = math.inf
+    """Everything is given up once somebody cannot be done by then (units), in turns."""
+
+
+class TourPlanner(SequentialPlanner):
+    """Tours that wait to be decided, and those that are: whole ones, robot by robot, or piece by
+    piece in the order of time.
+
+    Whole tours are not fair: who is decided last finds gaps only, and waits. In turns, whoever
+    comes first to the next place that others need is decided next, until it stands where nobody
+    else has to be. That is token passing (Ma, Li, Kumar and Koenig, "Lifelong multi-agent path
+    finding for online pickup and delivery tasks", AAMAS 2017), with places of one's own as the
+    endpoints where agents wait for the token.
+    """
+
+    def __init__(
+        self, search: Search, itinerary: Itinerary, times: Earliest, homes: frozenset[str]
+    ) -> None:
+        super().__init__(search, itinerary, times, search.tuning.in_order)
+        self._tours, self._homes = search.tuning.tours, homes
+        self._begun = times.state()
+        self._chains: dict[str, list[str]] = defaultdict(list)
+        for motion in itinerary.motions:
+            self._chains[motion.object].append(motion.activity)
+        self._dead: set[tuple[str, float]] = set()
+        """Stays (motion, until) of the present tour from which there is no way on."""
+        self._tries = 0
+        self._contested = contested(search.facts, search.motions.service, itinerary)
+        self._given = Priorities()
+        self._past = Past.ANY
+        """Which ways past others are looked for now."""
+
+    @property
+    def robots(self) -> list[str]:
+        """All robots that drive."""
+        return sorted(self._chains)
+
+    def learn_ways_past(self, tries: int, deadline: Deadline) -> None:
+        """Let all motions know ways past the places where others of these tours may stand.
+
+        :param tries: so many ways are looked for, for each.
+        """
+        bodies = {name: self._facts.body(motion) for name, motion in self._motions.items()}
+        where = {(bodies[n].footprint, m.poses[-1]): n for n, m in sorted(self._motions.items())}
+        stands = [(bodies[name], pose) for (_, pose), name in where.items()]
+        for name in sorted(self._motions):
+            if deadline.expired():
+                return
+            self._floor.learn_ways_past(self._timed_as(name, 0.0), stands, deadline, tries)
+
+    def reset(self) -> None:
+        """Let nothing be decided."""
+        self._times.restore(self._begun)
+        self._waiting = dict(self._motions)
+        self._floor = ReservationTable(self._service, self._rests())
+
+    def adopt(self, decided: FleetSolution, but: Collection[str]) -> bool:
+        """Let everything be decided that was (perhaps for another candidate), but for some robots;
+        return whether that keeps what is asked.
+        """
+        self.reset()
+        return all(
+            self._adopted(r, decided.runs, decided.pins) for r in self.robots if r not in but
+        )
+
+    def delaying(self, decided: FleetSolution, robot: str, deadline: Deadline) -> set[str]:
+        """Return who is in the way of a robot's motions that take longer than they would alone."""
+        found = set[str]()
+        for motion, delay in self._delayed(decided, robot):
+            if delay > self._tuning.grace:
+                found |= self._floor.in_the_way(motion, deadline)
+        return found & self._chains.keys() - {robot}
+
+    def delays(self, decided: FleetSolution, robot: str) -> dict[str, float]:
+        """Return by how much (s) a robot's motions end later than if nobody was in their way."""
+        return {motion.name: delay for motion, delay in self._delayed(decided, robot)}
+
+    def looked(self, name: str) -> int:
+        """Return how often other ways were looked for from where to where a motion goes."""
+        return self._floor.ways(self._timed_as(name, 0.0)).looks
+
+    def _delayed(self, decided: FleetSolution, robot: str) -> Iterator[tuple[TimedMotion, float]]:
+        """Yield a robot's motions, each while all before it is decided, with what (s) they take
+        longer than alone.
+        """
+        if not self.adopt(decided, [robot]):
+            return
+        for name in self._chains[robot]:
+            motion, run = self._timed(name), decided.runs[name]
+            yield motion, run.arrival - motion.release - self._least(name)
+            if not self._take(name, replace(run, until=math.inf)):
+                return
+
+    def begin_anew(self, priorities: Priorities, deadline: Deadline) -> None:
+        """Decide the tours of those that go first before all others, of which those stay decided
+        that are in nobody's way then.
+        """
+        self._given, self._past, first = priorities, Past.ANY, priorities.first
+        runs = self._floor.trajectories()
+        pins = {name: (self._start(name), self._end(name)) for name in runs}
+        order = list(dict.fromkeys(run.object for run in runs.values()))
+        self.reset()
+        for robot in [*first, *(r for r in order if r not in first)]:
+            mine = [runs[name] for name in self._chains[robot] if name in runs]
+            whole = len(mine) == len(self._chains[robot])
+            if whole and self._floor.clear(mine) and self._adopted(robot, runs, pins):
+                continue
+            if robot in first:
+                self._decide(self._stretch(robot), deadline)
+
+    def _adopted(
+        self,
+        robot: str,
+        runs: Mapping[str, TimedPath],
+        pins: Mapping[str, tuple[int, int]],
+    ) -> bool:
+        """Decide a robot's tour as it was before; return whether that keeps what is asked, else
+        nothing is decided.
+        """
+        before = self._times.state()
+        for number, name in enumerate(self._chains[robot]):
+            start, end = pins.get(name, (-1, -1))
+            wanted = {("start", name): start, ("end", name): end}
+            if name not in runs or not self._times.raised(wanted, pin=True):
+                for undone in reversed(self._chains[robot][:number]):
+                    self._floor.withdraw(robot)
+                    self._waiting[undone] = self._motions[undone]
+                self._times.restore(before)
+                return False
+            self._floor.add(replace(runs[name], until=math.inf))
+            del self._waiting[name]
+        return True
+
+    def decided(self) -> FleetSolution:
+        """Return what is decided, when all is."""
+        runs = self._floor.trajectories()
+        pins = {name: (self._start(name), self._end(name)) for name in runs}
+        keys = {name: motion_key(motion) for name, motion in self._motions.items()}
+        return FleetSolution(self.schedule(), runs, pins, keys, self._needless())
+
+    def _needless(self) -> frozenset[str]:
+        """Return the last motions, of those that may be left out, that nobody needs; the latest are
+        left out first. They are not decided any more then.
+        """
+        runs, found = self._floor.trajectories(), set[str]()
+        last = [(chain[-2:], runs[chain[-1]].arrival) for chain in self._chains.values()]
+        for (*before, name), _ in sorted(last, key=lambda item: (-item[1], item[0])):
+            if name not in self._homes or not before:
+                continue
+            arrival = runs[before[0]].arrival
+            here = self._timed_as(before[0], arrival)
+            if any(a <= arrival and b == math.inf for a, b in self._floor.stays(here)):
+                self._floor.withdraw(runs[name].object)
+                found.add(name)
+        return frozenset(found)
+
+    def decide(self, priorities: Priorities, deadline: Deadline) -> str | None:
+        """Decide all tours whole; return None, or the robot that should have gone sooner."""
+        self._given, self._past = priorities, Past.ANY
+        order = self._ranked(priorities.first)
+        while self._waiting:
+            stuck: list[str] = []
+            done = len(self._waiting)
+            for robot in order:
+                stretch = self._stretch(robot)
+                if not stretch:
+                    continue
+                end = self._decide(stretch, deadline)
+                if end is TourEnd.LATE or deadline.expired():
+                    return robot
+                if end is TourEnd.STUCK:
+                    stuck.append(robot)
+            if len(self._waiting) == done:
+                return stuck[0] if stuck else next(r for r in order if self._left(r))
+        return None
+
+    def decide_in_turns(self, priorities: Priorities, deadline: Deadline) -> str | None:
+        """Decide all tours that are not decided piece by piece in the order of time, those of
+        ``priorities.first`` whole before; return None, or the robot that should have gone sooner.
+        """
+        self._given, self._past = priorities, Past.ANY
+        for robot in priorities.first:
+            if self._decide(self._stretch(robot), deadline) is TourEnd.LATE or deadline.expired():
+                return robot
+        asleep = set[str]()  # they found no way among what is decided
+        self._past = priorities.past
+        while self._waiting:
+            pieces = {r: self._piece(r) for r in self.robots if r not in asleep}
+            ready = [(self._rank(r, piece), r) for r, piece in pieces.items() if piece]
+            turn = min(ready)[1] if ready else None
+            end = TourEnd.STUCK if turn is None else self._decide(pieces[turn], deadline)
+            if end is TourEnd.DECIDED:
+                if turn is not None and self._done(self._chains[turn]) > priorities.latest:
+                    return turn
+                self._past = priorities.past
+                asleep.clear()
+            elif self._past is not Past.ANY and (turn is None or end is TourEnd.LATE):
+                self._past = Past(self._past + 1)
+                asleep.clear()
+            elif turn is None or end is TourEnd.LATE:
+                return turn or next(r for r in self.robots if self._left(r))
+            else:
+                asleep.add(turn)
+            if deadline.expired():
+                return turn or self.robots[0]
+        self._past = Past.ANY
+        return None
+
+    def _rank(self, robot: str, piece: Sequence[str]) -> float:
+        """Return when a robot's turn comes (s): when it comes to the next place, or sooner."""
+        return self._facts.seconds(self._end(piece[0])) - self._given.ahead.get(robot, 0.0)
+
+    def _piece(self, robot: str) -> list[str]:
+        """Return the next motions of a robot, up to the first that ends where no other one has to
+        be: there it may stay until its turn comes again.
+        """
+        stretch = self._stretch(robot)
+        own = [n for n, name in enumerate(stretch) if name not in self._contested]
+        return stretch[: own[0] + 1] if own else stretch
+
+    def _ranked(self, first: Sequence[str]) -> list[str]:
+        """Return all robots: ``first``, then those that may well be late, then the others; those
+        with the least time to spare come first, until something of theirs has to be done or until
+        all is done.
+        """
+        latest, times = self._times.latest(), self._times.times
+        last = {r: times["end", chain[-1]] for r, chain in self._chains.items()}
+        longest = max(last.values(), default=0)
+        spare = {
+            robot: min(latest["end", m] - times["end", m] for m in chain)
+            for robot, chain in self._chains.items()
+        }
+        pressed = [r for r in last if spare[r] < self._tours.pressed * longest]
+        pressed.sort(key=lambda r: (spare[r], r))
+        others = sorted((r for r in last if r not in pressed), key=lambda r: (-last[r], r))
+        return list(dict.fromkeys(r for r in (*first, *pressed, *others) if r in last))
+
+    def _left(self, robot: str) -> list[str]:
+        """Return the motions of a robot that are not decided."""
+        return [m for m in self._chains[robot] if m in self._waiting]
+
+    def _stretch(self, robot: str) -> list[str]:
+        """Return the next motions of a robot, up to the first that has to wait for one of another's
+        that is not decided.
+        """
+        found: list[str] = []
+        left = self._left(robot)
+        others = self._waiting.keys() - set(left)
+        for name in left:
+            if (self._must[name] | self._leave[name]) & others:
+                break
+            found.append(name)
+        return found
+
+    def _decide(self, stretch: Sequence[str], deadline: Deadline) -> TourEnd:
+        """Decide a robot's next motions, all or none."""
+        self._dead.clear()
+        self._tries = 0
+        return self._drive(stretch, deadline)
+
+    def _drive(self, stretch: Sequence[str], deadline: Deadline) -> TourEnd:
+        """Decide motions one after the other, the soonest stays first."""
+        if not stretch:
+            return TourEnd.DECIDED
+        name, rest = stretch[0], stretch[1:]
+        motion = self._timed(name)
+        self._place_changed(name)
+        for since, until in self._floor.stays(motion):
+            if (rest and (name, until) in self._dead) or (not rest and until < math.inf):
+                continue
+            if max(since, motion.release + self._least(name)) + self._stay(stretch) > until:
+                continue
+            end = self._stop(stretch, since, until, deadline)
+            if end is not TourEnd.STUCK or deadline.expired() or self._tries > self._tours.tries:
+                return end
+        return TourEnd.STUCK
+
+    def _stop(
+        self, stretch: Sequence[str], since: float, until: float, deadline: Deadline
+    ) -> TourEnd:
+        """Decide motions of which the first ends in a stay (s)."""
+        name, rest = stretch[0], stretch[1:]
+        run = self._run(name, since, until, deadline)
+        if run is None:
+            return TourEnd.STUCK
+        motion, before = self._motions[name], self._times.state()
+        if not self._take(name, run):
+            return TourEnd.LATE
+        end = TourEnd.STUCK
+        if self._done(stretch) > self._given.limit:
+            end = TourEnd.LATE
+        elif not rest or self._facts.seconds(self._start(rest[0])) <= until:
+            end = self._drive(rest, deadline)
+        if end is not TourEnd.DECIDED:
+            # whoever comes there later can leave no sooner
+            self._dead.add((name, until))
+            self._floor.withdraw(motion.object)
+            self._times.restore(before)
+            self._waiting[name] = motion
+        return end
+
+    def _run(self, name: str, since: float, until: float, deadline: Deadline) -> TimedPath | None:
+        """Return a run that ends in a stay (s), if one is found."""
+        self._tries += 1
+        motion = self._timed(name)
+        due = max(motion.due, since + self._tuning.grace)
+        asked = replace(motion, present_until=until, due=due)
+        ways = self._floor.ways(asked)
+        best = self._floor.by_known_ways(asked)
+        if best is None and self._past is not Past.NONE:
+            quick = self._past is Past.QUICK
+            best = self._floor.past_all_ends(asked, deadline, quick=quick)
+        hard = best is None and until == math.inf and self._past is Past.ANY
+        most = self._given.looking.get(name, self._given.looks) + hard
+        if ways.looks < most and (best is None or best.arrival > due):
+            ways.looks += 1
+            best = sooner(best, self._look(asked, deadline))
+        if best is None or best.arrival > until:
+            return None
+        ways.paths.setdefault(best.path.number, best.path)
+        return best
+
+    def _look(self, asked: TimedMotion, deadline: Deadline) -> TimedPath | None:
+        """Return the best run on other ways than those that are known: with more and more effort,
+        until it is good.
+        """
+        best: TimedPath | None = None
+        for effort in range(QUICK, self._tours.effort + 1):
+            best = sooner(best, self._floor.plan(asked, deadline, effort).run)
+            if deadline.expired() or (best is not None and best.arrival <= asked.due):
+                break
+        return best
+
+    def _done(self, stretch: Sequence[str]) -> int:
+        """Return when (units) motions are over at the soonest, without a last one that may turn out
+        to be needless: then, when it can begin.
+        """
+        last = stretch[-1]
+        return self._start(last) if last in self._homes else self._end(last)
+
+    def _stay(self, stretch: Sequence[str]) -> float:
+        """Return how long (s) a robot stays at least where its first of some motions ends."""
+        if len(stretch) < 2:
+            return 0.0
+        return self._facts.seconds(self._start(stretch[1]) - self._end(stretch[0]))
+
+    def _least(self, name: str) -> float:
+        """Return the least time (s) that a motion takes."""
+        return self._facts.seconds(self._end(name) - self._start(name))

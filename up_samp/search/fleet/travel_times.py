@@ -1,0 +1,136 @@
+"""How long robots travel, before anybody's motions are decided: a model that gets better.
+
+At first a drive takes what it takes at least. Bounds know little of turns, and of some bodies less
+than of others. So the drives that somebody is meant to make are planned, each alone on the floor,
+which costs little; what they really take is known then, and how far bounds of the same body are
+off tells something about its other drives.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping
+from functools import cached_property
+from graphlib import CycleError, TopologicalSorter
+
+from unified_planning.model.motion import SchedulingMotionProblem
+
+from up_samp.model import Body, Configuration, Deadline
+from up_samp.model.snapshot import Snapshot, TermKind
+from up_samp.search.fleet.jobs import Jobs, WorkMode, stated_precedences
+from up_samp.search.fleet.tuning import DealsTuning
+
+Lasts = Callable[[Body, Configuration, Configuration], float]
+"""How long a body takes at least from one pose to another (s)."""
+Drives = Callable[[Body, Configuration, Configuration, Deadline], float | None]
+"""How long a body takes alone on the floor from one pose to another (s), None if it is unknown."""
+OneDrive = tuple[str, Configuration, Configuration]
+"""A robot that drives, from where to where."""
+
+
+class TravelTimeModel:
+    """What work takes a robot, from place to place: ``lasts`` at least, ``drives`` really.
+
+    :param pauses: units between the activities of an option at least, by its leader.
+    """
+
+    def __init__(
+        self,
+        snapshot: Snapshot,
+        lasts: Lasts,
+        drives: Drives | None = None,
+        pauses: Mapping[str, int] | None = None,
+        tuning: DealsTuning | None = None,
+    ) -> None:
+        self.snapshot, self.tuning = snapshot, tuning or DealsTuning()
+        self._lasts, self._drives = lasts, drives
+        self._pauses = pauses or {}
+        self._known: dict[tuple[Body, Configuration, Configuration], float] = {}
+        self._real: dict[tuple[Body, Configuration, Configuration], float] = {}
+        self._told: dict[Body, list[tuple[float, float]]] = defaultdict(list)
+        """What was learned of a body's drives: (bound, really)."""
+        self._ratios: dict[Body, float] = {}
+        self.rounds = 0
+        """How often something was learned: what was guessed before then may be wrong now."""
+
+    def ride(self, robot: str, a: Configuration, b: Configuration) -> float:
+        """Return how long (s) a robot drives from one pose to another, in whole units."""
+        key = self.snapshot.objects[robot].body, a, b
+        real = self._real.get(key)
+        if real is None:
+            real = self._least(key) * self._ratios.get(key[0], 1.0)
+        unit = self.snapshot.seconds_per_unit
+        return unit * math.ceil(real / unit - 1e-6)
+
+    def pause(self, option: WorkMode) -> float:
+        """Return how long (s) a robot waits at least between the activities of an option."""
+        return self._pauses.get(option.leader, 0) * self.snapshot.seconds_per_unit
+
+    def ask(self, ways: Iterable[OneDrive], deadline: Deadline) -> int:
+        """Learn what drives really take, and return how many of them were not known. Nothing is
+        asked where bounds of a body are found to tell it well enough.
+        """
+        new = 0
+        for robot, a, b in ways:
+            key = self.snapshot.objects[robot].body, a, b
+            if self._drives is None or key in self._real or a == b or deadline.expired():
+                continue
+            bound = self._least(key)
+            real = None if self._told_well(key[0]) else self._drives(*key, deadline)
+            if real is None:
+                continue
+            new += 1
+            self._real[key] = max(real, bound)
+            if bound > 0.0:
+                self._told[key[0]].append((bound, self._real[key]))
+        for body, told in self._told.items():
+            self._ratios[body] = sum(real for _, real in told) / sum(bound for bound, _ in told)
+        self.rounds += new > 0
+        return new
+
+    def _told_well(self, body: Body) -> bool:
+        """Return whether a body's drives take as much longer than their bounds as others of it."""
+        tuning = self.tuning
+        ratios = [real / bound for bound, real in self._told[body]]
+        return len(ratios) >= tuning.enough and max(ratios) <= tuning.close * min(ratios)
+
+    def _least(self, key: tuple[Body, Configuration, Configuration]) -> float:
+        known = self._known.get(key)
+        if known is None:
+            known = self._known[key] = 0.0 if key[1] == key[2] else self._lasts(*key)
+        return known
+
+    @cached_property
+    def _ways_on(self) -> Mapping[str, tuple[Configuration, Configuration]]:
+        """From where to where activities drive that always drive the same way."""
+        pose, found = self.snapshot.configurations, {}
+        for task in self.snapshot.tasks:
+            if all(term.kind is TermKind.CONSTANT for term in task.terms):
+                found[task.activity] = pose[task.terms[0].name], pose[task.terms[-1].name]
+        return found
+
+    def home(self, option: WorkMode) -> Configuration | None:
+        """Return where a robot may go when it has done a job and others need its place."""
+        ways = [self._ways_on[n] for n in sorted(option.extras) if n in self._ways_on]
+        return next((b for a, b in ways if a == option.exit and b != a), None)
+
+
+def pauses_of(problem: SchedulingMotionProblem, jobs: Jobs) -> dict[str, int]:
+    """Return units between the activities of each option at least, by leader: one ends before
+    another one begins.
+    """
+    then: dict[str, set[str]] = defaultdict(set)
+    for first, second in stated_precedences(problem, strictly=True):
+        then[second].add(first)
+    found = {}
+    for option in (o for options in jobs.options for o in options):
+        before = {m: then[m] & option.members for m in option.members}
+        depth: dict[str, int] = {}
+        try:
+            for name in TopologicalSorter(before).static_order():
+                depth[name] = max((depth[b] + 1 for b in before[name]), default=0)
+        except CycleError:
+            continue  # nobody can do it
+        found[option.leader] = max(depth.values(), default=0)
+    return found

@@ -1,0 +1,145 @@
+"""All that one robot may do, one after the other, and the units that it loses in between."""
+
+from __future__ import annotations
+
+from collections import ChainMap, defaultdict
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+
+from unified_planning.model import FNode
+from unified_planning.model.motion import SchedulingMotionProblem
+from unified_planning.model.scheduling import Activity
+
+from up_samp.search.fleet.jobs import Gaps, closed, idle_between
+
+
+@dataclass(frozen=True)
+class TimelineStop:
+    """Where a robot is when an activity begins and when it ends, one of some places (None:
+    somewhere). ``drives``: the activity drives it. ``setting``: what it sets at its end, which
+    others that are ``reading`` it at their start see a unit later. ``loose``: its drive begins
+    where one of the fluents ``reading`` says.
+    """
+
+    begins: frozenset[str] | None
+    ends: frozenset[str] | None
+    drives: bool = False
+    loose: bool = False
+    setting: frozenset[str] = frozenset()
+    reading: frozenset[str] = frozenset()
+
+
+class RobotTimeline:
+    """What one robot does in turn: its ``stops`` by activity, with the ``gaps`` that are told."""
+
+    def __init__(self, stops: Mapping[str, TimelineStop], gaps: dict[tuple[str, str], int]) -> None:
+        self.stops, self._gaps = stops, gaps
+        self._ending, self._beginning = (
+            _by_place({name: stop.ends for name, stop in stops.items()}),
+            _by_place({name: stop.begins for name, stop in stops.items()}),
+        )
+
+    def idle(self, members: frozenset[str]) -> int:
+        """Return units in which the robot does nothing, right before or after some activities that
+        are all present if one of them is.
+
+        What comes after a drive is counted there, and not before what follows it.
+        """
+        told = ChainMap(closed(self._gaps, members), self._gaps)
+        total = 0
+        for name in sorted(members & self.stops.keys()):
+            stop = self.stops[name]
+            before = self._near(self._ending, stop.begins)
+            total += idle_between(name, before, members, told, self._unless_driven, after=False)
+            if stop.drives:
+                then = self._near(self._beginning, stop.ends)
+                total += idle_between(name, then, members, told, self.gap, after=True)
+        return total
+
+    def gap(self, first: str, then: str) -> int:
+        """Return units between two activities, of which the second comes right after the first."""
+        one, two = self.stops[first], self.stops[then]
+        told = self._gaps.get((first, then), 0)
+        if not one.setting & two.reading:
+            return told
+        # a drive that begins where a fluent says may read the older value, if that is the same
+        same = two.loose and (one.begins is None or one.ends is None or bool(one.begins & one.ends))
+        return told if same else max(told, 1)
+
+    def _unless_driven(self, first: str, then: str) -> int:
+        return 0 if self.stops[first].drives else self._gaps.get((first, then), 0)
+
+    def _near(
+        self, table: Mapping[str | None, list[str]], places: frozenset[str] | None
+    ) -> Collection[str]:
+        if places is None:
+            return sorted(self.stops)
+        return dict.fromkeys(n for place in (*sorted(places), None) for n in table.get(place, ()))
+
+
+def _by_place(places: Mapping[str, frozenset[str] | None]) -> dict[str | None, list[str]]:
+    found: dict[str | None, list[str]] = defaultdict(list)
+    for name in sorted(places):
+        some = places[name]
+        for place in (None,) if some is None else sorted(some):
+            found[place].append(name)
+    return found
+
+
+# ------------------ What a robot has to end before it begins anything else: it carries one thing at
+# A Boolean fluent says that the robot is free. Whoever takes something asks for that and ends it,
+# whoever gives it away brings it back. So between taking a thing and giving it away nothing else
+# is taken or given.
+
+
+def carried(
+    problem: SchedulingMotionProblem, needs: Mapping[str, frozenset[str]], gaps: Gaps
+) -> dict[str, tuple[str, FNode]]:
+    """Return by activity that gives something away which one takes it, and the fluent that says
+    that nothing else is taken or given in between (by those who set that fluent, if they are done
+    one after the other).
+    """
+    takers, givers = defaultdict[FNode, set[str]](set), defaultdict[FNode, set[str]](set)
+    wild = {effect.fluent.fluent().name for _, effect in problem.base_effects}
+    asked = {a.name: set(_asked(a)) for a in problem.activities}
+    for activity in problem.activities:
+        for fluent, value in _set(activity):
+            name = activity.name
+            if value is None or (value is False and fluent not in asked[name]):
+                wild.add(fluent.fluent().name)
+            (givers if value else takers)[fluent].add(name)
+    found: dict[str, tuple[str, FNode]] = {}
+    for fluent, giving in givers.items():
+        pairs = {
+            giver: taker
+            for giver in giving
+            for taker in needs.get(giver, frozenset()) & takers[fluent]
+            if giver in needs.get(taker, frozenset()) and (taker, giver) in gaps
+        }
+        each = len(pairs) == len(giving) == len(takers[fluent]) == len(set(pairs.values()))
+        if each and not giving & takers[fluent] and fluent.fluent().name not in wild:
+            found |= {giver: (taker, fluent) for giver, taker in pairs.items()}
+    return found
+
+
+def _asked(activity: Activity) -> Iterator[FNode]:
+    """Yield the fluents that have to be true when an activity starts."""
+    for interval, conditions in activity.conditions.items():
+        lower = interval.lower
+        if not interval.is_left_open() and lower.is_from_start() and not lower.delay:
+            yield from (c for c in conditions if c.is_fluent_exp())
+
+
+def _set(activity: Activity) -> Iterator[tuple[FNode, bool | None]]:
+    """Yield the Boolean fluents that an activity sets at its end (or a unit before), and to what;
+    None: to something else, or otherwise.
+    """
+    for timing, effects in activity.effects.items():
+        at_end = timing.is_from_end() and timing.delay in (0, -1)
+        for effect in effects:
+            if not effect.fluent.type.is_bool_type():
+                continue
+            plain = at_end and effect.is_assignment() and effect.condition.is_true()
+            plain &= effect.value.is_bool_constant()
+            plain &= all(a.is_object_exp() for a in effect.fluent.args)
+            yield effect.fluent, effect.value.bool_constant_value() if plain else None
