@@ -42,13 +42,13 @@ COMMANDS = {
     name: Command(text, f"up_samp.{module}", f"add_{name}")
     for name, module, text in (
         ("demo", "cli.commands", "two robots, a closed door, four items"),
-        ("new", "cli.fleets", "write a problem file and a map to begin with"),
+        ("new", "cli.commands", "write a problem file and a map to begin with"),
         (
-            "check", "cli.fleets",
+            "check", "cli.commands",
             "look at a problem file before solving: what overlaps, what is reachable",
         ),
         (
-            "import", "cli.fleets",
+            "import", "cli.commands",
             "make a problem file from a Moving AI, LIF, RMF, JSPLIB, DXF ... file",
         ),
         ("solve", "cli.commands", "solve a problem of your own, or an instance"),
@@ -58,8 +58,8 @@ COMMANDS = {
             "simulate", "cli.simulating",
             "execute a plan on a floor with delays: how long, who waits, who collides",
         ),
-        ("export", "cli.exporting", "write a plan file in another format"),
-        ("serve", "cli.serving", "plan for others on this machine, over HTTP"),
+        ("export", "cli.commands", "write a plan file in another format"),
+        ("serve", "cli.commands", "plan for others on this machine, over HTTP"),
         ("engines", "cli.commands", "list the registered engines that schedule"),
         (
             "warmup", "cli.commands",
