@@ -21,15 +21,11 @@ from up_samp.tuning import tuning_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from unified_planning.model.scheduling import SchedulingProblem
 
     from up_samp.execution import Delays, Dependencies, ExecutionTuning, Simulation
 
 
 POLICIES = ("timed", "coarse", "staircase", "reorder", "replan")
-
-REST_SECONDS = 60.0
-"""Time for a plan of what is left, s."""
 
 
 def add_simulate(parser: argparse.ArgumentParser) -> None:
@@ -76,7 +72,12 @@ def add_simulate(parser: argparse.ArgumentParser) -> None:
 
 
 def _simulate(args: argparse.Namespace) -> int:
-    from up_samp.execution import Delays, dependencies_from_plan
+    from up_samp.execution import (
+        Delays,
+        dependencies_from_plan,
+        simulate_replanned,
+        solve_remaining,
+    )
     from up_samp.execution.check import check_motions
 
     if args.runs < 1:
@@ -92,10 +93,20 @@ def _simulate(args: argparse.Namespace) -> int:
     problem = problem_of_plan(args.problem, args.encoding, plan) if named else None
     tuning = tuning_of(args.tuning).execution
     found = dependencies_from_plan(plan, problem)
+    # at most a minute each time that the rest is planned
+    solve = partial(solve_remaining, seconds=60.0)
+
+    def again(seed: int) -> Simulation:
+        assert problem is not None
+        done = simulate_replanned(
+            problem, plan, delays, seed, late=args.late, solve=solve, tuning=tuning
+        )
+        return done.whole
+
     runs: list[Simulation] = []
     failed: list[FailedRun] = []
     for policy in policies:
-        run = _executions(policy, found, plan, problem, delays, args.late, tuning)
+        run = _executions(policy, found, plan, delays, tuning, again)
         for seed in range(args.seed, args.seed + args.runs):
             try:
                 runs.append(run(seed))
@@ -121,22 +132,15 @@ def _executions(
     policy: str,
     found: Dependencies,
     plan: PlanDict,
-    problem: SchedulingProblem | None,
     delays: Delays,
-    late: float,
     tuning: ExecutionTuning,
+    replanned: Callable[[int], Simulation],
 ) -> Callable[[int], Simulation]:
     """Return what executes the plan by a policy with the delays of a seed."""
-    from up_samp.execution import coarse, simulate, simulate_replanned, solve_remaining
+    from up_samp.execution import coarse, simulate
 
     if policy == "replan":
-        assert problem is not None
-        solve = partial(solve_remaining, seconds=REST_SECONDS)
-        return lambda seed: (
-            simulate_replanned(
-                problem, plan, delays, seed, late=late, solve=solve, tuning=tuning
-            ).whole
-        )
+        return replanned
     graph = cache(lambda: coarse(found) if policy == "coarse" else found)
     return lambda seed: simulate(graph(), plan, delays, seed, policy=policy, tuning=tuning)  # type: ignore[arg-type]
 

@@ -103,7 +103,7 @@ def module_key(path: Path) -> str:
     from.
     """
     sources: dict[Path, str] = {}
-    todo = [path, Path(__file__).with_name("compiled.py")]
+    todo = [path, Path(__file__).with_name("records.py")]
     while todo:
         here = todo.pop()
         if here in sources:

@@ -157,12 +157,9 @@ def _search(
     if solved.states is None:
         return None, f"OMPL's control planner {name} found no path ({solved.status.lower()})"
     path = pdef.getSolutionPath()
-    return [
-        ControlPiece(
-            tuple(path.getControl(i)[k] for k in range(width)), float(path.getControlDuration(i))
-        )
-        for i in range(path.getControlCount())
-    ], ""
+    count = range(path.getControlCount())
+    driven = [(path.getControl(i), float(path.getControlDuration(i))) for i in count]
+    return [ControlPiece(tuple(c[k] for k in range(width)), t) for c, t in driven], ""
 
 
 def control_leg(
