@@ -8,6 +8,7 @@ import up_samp  # noqa: F401
 from tests.execution.floors import hall
 from tests.metamorphic.motions import ALIKE, OTHERS, MotionStyle, MotionWriter
 from tests.metamorphic.sites import store
+from tests.upio.hall import Hall
 from up_samp.benchmarks import instance
 from up_samp.execution import Delays, Executor, Surprise, dependencies_of, solve_remaining
 from up_samp.execution.simulate import Floor, draw
@@ -153,6 +154,18 @@ def test_a_plan_of_another_encoding_is_told(made):
         problem = instance("jobshop-r2-j1-m1").build(encoding, True)
         with pytest.raises(ProblemError, match="is of another problem, or of another encoding"):
             Executor(plan, problem)
+
+
+def test_what_is_not_optional_and_needs_a_broken_robot_is_told(tmp_path):
+    hall = Hall(tmp_path, robots=2)
+    for k in range(2):
+        hall.move(f"go{k}", k, f"left{k}", f"right{k}", bounds=(1, 100))
+    executor = Executor(solved(hall.problem), hall.problem)
+    executor.commands(0.0)
+    x, y, theta = (float(v) for v in hall.poses["left1"].configuration)
+    left = executor.remaining_problem(Surprise(broken={"r1": (x, y, theta)}))
+    assert left.notes == ("not optional, and cannot happen any more, dropped: 'go1'",)
+    assert [a.name for a in left.problem.activities] == ["go0"]
 
 
 def test_what_only_a_broken_robot_could_do_is_named(made):

@@ -375,6 +375,11 @@ class _Builder:
         self.stops = self._stops()
         self.since = math.ceil(max([state.now, *(t for _, t in self.stops.values())]) / self.unit)
         self.gone = self._gone()
+        self.notes += [
+            f"not optional, and cannot happen any more, dropped: '{a.name}'"
+            for a in self.source.activities
+            if not a.optional and a.name in self.gone and a.name not in self.surprise.cancelled
+        ]
         self.surely = {a.name for a in problem.activities if not a.optional}
         self.past = self._past()
         self.values = ValuesNow(self.planned, state, self.unit, self.since, self.gone)
