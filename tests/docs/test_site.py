@@ -1,6 +1,7 @@
-"""The documentation builds as a site, with warnings as errors."""
+"""The documentation builds as a site, with warnings as errors; the files that it names exist."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -8,6 +9,34 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
+PAGES = sorted((ROOT / "docs").glob("*.md"))
+NAMED = re.compile(r"(?<![\w./*-])[\w./*-]+\.py\b")
+
+
+def missing(text):
+    """Return the Python files between backticks that are neither in the package nor in the
+    repository (``*`` as in a shell); a name alone has to be that of a file somewhere.
+    """
+    named = {f for code in re.findall(r"`([^`\n]+)`", text) for f in NAMED.findall(code)}
+    places = [ROOT / name for name in ("up_samp", "tests", "scripts", "examples", "benchmarks")]
+    folders = {True: (ROOT / "up_samp", ROOT), False: places}
+    return sorted(
+        f
+        for f in named
+        if not any(
+            next(folder.glob(f if "/" in f else f"**/{f}"), None) for folder in folders["/" in f]
+        )
+    )
+
+
+def test_a_file_that_is_gone_is_found():
+    text = "`search/loop.py`, `loop.py: f`, `gone.py`, in `a/gone.py: f` and `up_samp/*/loop.py`"
+    assert missing(text) == ["a/gone.py", "gone.py"]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_the_files_that_a_page_names_are_there(page):
+    assert missing(page.read_text(encoding="utf-8")) == []
 
 
 def test_the_site_builds_without_a_warning(tmp_path):
@@ -21,7 +50,7 @@ def test_the_site_builds_without_a_warning(tmp_path):
         check=False,
     )
     assert built.returncode == 0, built.stderr
-    for page in (ROOT / "docs").glob("*.md"):
+    for page in PAGES:
         name = "index.html" if page.stem == "index" else f"{page.stem}/index.html"
         assert (tmp_path / "site" / name).exists(), f"{page.name} is not part of the site"
     api = (tmp_path / "site" / "api" / "index.html").read_text()

@@ -85,6 +85,12 @@ class _Drawn:
         if self.r.random() < 0.2:
             span = ClosedTimeInterval(GlobalStartTiming(self.r.choice((0, 1))), GlobalEndTiming())
             self.problem.add_condition(span, self.condition())
+        if self.r.random() < 0.2:
+            finish, k = GlobalEndTiming().timepoint, self.r.choice((1, 2, 3))
+            low = self.r.choice((GlobalStartTiming(1), Timing(-k - 1, finish), Timing(-k, finish)))
+            high = Timing(self.r.choice((-k, -k, 0)), finish)
+            owner = self.r.choice((self.problem, self.problem, *self.problem.activities))
+            owner.add_condition(self.r.choice(INTERVALS)(low, high), self.condition())
 
     def timing(self, a):
         point, delay = self.r.choice((a.start, a.end)), self.r.choice((0, 0, 1, 2))
@@ -149,6 +155,21 @@ def handed_over(listed):
     return problem
 
 
+def before_the_end(name, low, high, listed=("put", "wait"), owner=None):
+    """What the plan's end asks for, or an activity, over an interval that ends before it."""
+    problem = SchedulingProblem(f"{low} to {high} before the end, {name}")
+    flag = problem.add_fluent("flag", BoolType(), default_initial_value=False)
+    made = {one: problem.add_activity(one, 2) for one in listed}
+    made["put"].add_effect(Timing(0, made["put"].end), flag, True)
+    finish = GlobalEndTiming().timepoint
+    first = Timing(low, finish) if low < 0 else Timing(0, made["wait"].end)
+    (made[owner] if owner else problem).add_condition(
+        ClosedTimeInterval(first, Timing(high, finish)), flag()
+    )
+    problem.add_quality_metric(MinimizeMakespan())
+    return problem
+
+
 CLASSES = (
     gate("at the end", ("end", 0)),
     gate("one before the end", ("end", -1)),
@@ -158,24 +179,12 @@ CLASSES = (
     by_the_problem(),
     handed_over(["open", "wicket"]),
     handed_over(["wicket", "open"]),
+    before_the_end("put first", -2, -1),
+    before_the_end("wait first", -2, -1, ("wait", "put")),
+    before_the_end("the end, too", -2, 0),
+    before_the_end("long before", -4, -3),
+    before_the_end("of an activity", -3, -2, owner="wait"),
 )
-
-
-def before_the_end():
-    """What holds for a while before the plan's end."""
-    problem = SchedulingProblem("before the end")
-    flag = problem.add_fluent("flag", BoolType(), default_initial_value=False)
-    put, _wait = problem.add_activity("put", 2), problem.add_activity("wait", 2)
-    put.add_effect(Timing(0, put.end), flag, True)
-    end = GlobalEndTiming().timepoint
-    problem.add_condition(ClosedTimeInterval(Timing(-2, end), Timing(-1, end)), flag())
-    problem.add_quality_metric(MinimizeMakespan())
-    return problem
-
-
-def classes(engine):
-    # aries reads conditions before the plan's end as if they were at another time
-    return [*CLASSES, *([before_the_end()] if engine == "cpse" else [])]
 
 
 def compare(engine, problems):
@@ -211,16 +220,14 @@ def _wrong(report, best, exact):
 
 @pytest.mark.parametrize("engine", [e for e in ENGINES if e != "aries"])
 def test_what_effects_renew_is_not_lost(engine):
-    known = classes(engine)
-    wrong, solved = compare(engine, [*known, *map(drawn, range(12))])
+    wrong, solved = compare(engine, [*CLASSES, *map(drawn, range(12))])
     assert wrong == {}
-    assert all(solved[: len(known)])
+    assert all(solved[: len(CLASSES)])
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("engine", ENGINES)
 def test_what_effects_renew_is_not_lost_in_many(engine):
-    known = classes(engine)
-    wrong, solved = compare(engine, [*known, *map(drawn, range(1000, 2000))])
+    wrong, solved = compare(engine, [*CLASSES, *map(drawn, range(1000, 2000))])
     assert wrong == {}
-    assert all(solved[: len(known)])
+    assert all(solved[: len(CLASSES)])

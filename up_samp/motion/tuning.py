@@ -126,7 +126,7 @@ class PlaneTuning(Tunables):
 
 @dataclass(frozen=True)
 class RoadmapTuning(Tunables):
-    """Places and moves of one body (``motion/fleet/roadmap.py``, ``lattices.py``)."""
+    """Places and moves of one body (``motion/fleet/roadmap.py``)."""
 
     nodes: int = tunable(30_000, "places", "at most", least=2)
     links: int = tunable(
@@ -154,7 +154,7 @@ class RoadmapTuning(Tunables):
 
 @dataclass(frozen=True)
 class KnotsTuning(Tunables):
-    """Knots undone by joint moves on roadmaps (``motion/fleet/deadlocks.py``, ``lacam.py``)."""
+    """Knots undone by joint moves on roadmaps (``motion/fleet/deadlocks.py``)."""
 
     short: int = tunable(
         150_000, "moves", "looked at in one search: most knots come undone soon", least=1

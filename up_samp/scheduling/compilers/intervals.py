@@ -1,5 +1,6 @@
 """Conditions over intervals, said so that engines read them as they are meant: half-open ones where
-time is dense, empty ones, those that only keep others away, and those that need one supporter.
+time is dense, empty ones, those that only keep others away, those that need one supporter, and
+those before the plan's end.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
-from up_samp.model import CandidateSchedule
+from up_samp.model import CandidateSchedule, UnsupportedError
 from up_samp.scheduling.compilers.fluents import least, never_empty
 from up_samp.scheduling.compilers.plain import (
     LIMITS,
@@ -30,6 +31,7 @@ from up_samp.scheduling.compilers.plain import (
     names_in_use,
     negation,
     rewrite,
+    show,
     start,
     subexpressions,
 )
@@ -357,7 +359,7 @@ class _IntervalCompiler:
                 self._demand(condition)
                 self.conditions.append(condition)
             else:
-                self._host(condition)
+                self.host(condition)
 
     def result(self) -> Compiled:
         """Return the compiled problem."""
@@ -390,7 +392,8 @@ class _IntervalCompiler:
         not_empty = ("le", condition.low, condition.high)
         self.constraints.append(implies(self._present(condition), not_empty))
 
-    def _host(self, condition: Condition) -> None:
+    def host(self, condition: Condition) -> None:
+        """Move a condition to an activity that spans its interval, if that is not empty."""
         name = fresh(f"span_{condition.owner or 'base'}", self.taken)
         self.added.add(name)
         upper = self.problem.activity(condition.owner).upper if condition.owner else None
@@ -415,4 +418,85 @@ class _IntervalCompiler:
                 ),
             ),
         ]
-        self.conditions.append(Condition(start(name), end(name), condition.expression, name))
+        self.conditions.append(replace(condition, low=start(name), high=end(name), owner=name))
+
+
+# ------------------ Conditions before the plan's end, for engines that read them at another time.
+#
+# An auxiliary activity of no duration comes with the latest of all ends and effects. The condition
+# moves to another one, as above, that spans its interval up to there.
+
+
+def compile_ends(problem: PlainProblem) -> Compiled:
+    """Say conditions before the plan's end from an activity that comes with it.
+
+    The result is not exact: effects of others keep out of the intervals, even those that keep the
+    condition true; nothing is asked before time 0; and where an effect may come after all ends, it
+    would be the makespan.
+
+    Raises:
+        UnsupportedError: where such an effect hangs on fluents or comes after the plan's end, or
+            constraints speak of the plan's end, too.
+    """
+    if not any(_before_end(t) for c in problem.conditions for t in (c.low, c.high)):
+        return Compiled(problem)
+    compiler = _IntervalCompiler(problem)
+    name = fresh("finish", compiler.taken)
+    compiler.added.add(name)
+    compiler.activities.append(Activity(name, False, integer(0), integer(0)))
+    compiler.constraints += _is_last(problem, start(name))
+    compiler.exact = False
+
+    def moved(time: Expr) -> Expr:
+        # in conditions the plan's end comes a unit after all ends and effects
+        return start(name, time[3] + 1) if _before_end(time) else time
+
+    for condition in problem.conditions:
+        low, high = condition.low, condition.high
+        if not (_before_end(low) or _before_end(high)):
+            compiler.conditions.append(condition)
+            continue
+        if high[1] == "horizon" and not _before_end(high):
+            final = replace(condition, low=("time", "horizon", None, 0))
+            compiler.conditions.append(final)
+            condition, high = replace(condition, dense=False), start(name)
+        compiler.host(replace(condition, low=moved(low), high=moved(high)))
+    return compiler.result()
+
+
+def _is_last(problem: PlainProblem, time: Expr) -> list[Expr]:
+    """State that ``time`` is the latest of all ends and effects."""
+    optional = problem.optional_names()
+    spoken = any(
+        e[:2] == ("time", "horizon") for c in problem.constraints for e in subexpressions(c)
+    )
+
+    def present(owner: str | None) -> Expr:
+        return ("pres", owner) if owner in optional else TRUE
+
+    known = [(end(a.name), present(a.name)) for a in problem.activities]
+    for effect in problem.effects:
+        if not _may_be_last(problem, effect):
+            continue
+        hangs = any(e[0] == "flu" for e in subexpressions(effect.condition))
+        if spoken or hangs or effect.time[1] == "horizon":
+            raise UnsupportedError(
+                f"a condition before the plan's end, where the effect on {show(effect.fluent)} may "
+                "come after all activities"
+            )
+        known.append((effect.time, conjunction([present(effect.owner), effect.condition])))
+    none_later = [disjunction([negation(there), ("le", last, time)]) for last, there in known]
+    some = [conjunction([there, ("le", time, last)]) for last, there in known]
+    return [*none_later, disjunction([*some, ("le", time, integer(0))])]
+
+
+def _before_end(time: Expr) -> bool:
+    return bool(time[1] == "horizon" and time[3] < 0)
+
+
+def _may_be_last(problem: PlainProblem, effect: Effect) -> bool:
+    """Return whether an effect may come after the end of its activity, or of all."""
+    if effect.owner is None:
+        return not (effect.time[1] == "horizon" and effect.time[3] <= 0)
+    room = least(problem, effect.time, end(effect.owner))
+    return room is None or room < 0

@@ -14,6 +14,7 @@ from up_samp.scheduling.compilers.fluents import compile_ground, compile_instanc
 from up_samp.scheduling.compilers.intervals import (
     compile_apart,
     compile_dense,
+    compile_ends,
     compile_intervals,
     compile_stillness,
     compile_support,
@@ -39,13 +40,10 @@ def compilers_for(quirks: Quirks, *, apart: bool = False) -> list[Compiler]:
 
     ``apart`` says once more, by differences, that effects keep out of others' conditions.
     """
-    passes: list[Compiler] = [
-        compile_rules,
-        compile_ground,
-        compile_dense,
-        compile_stillness,
-        compile_support,
-    ]
+    passes: list[Compiler] = [compile_rules, compile_ground]
+    if quirks.assignments:  # the precedences below say it themselves
+        passes.append(compile_ends)
+    passes += [compile_dense, compile_stillness, compile_support]
     if apart:
         passes.append(compile_apart)
     if not quirks.hierarchical_types:

@@ -9,7 +9,9 @@ from up_samp.model.tunable import Tunables, effort_of, share_of, tunable
 
 @dataclass(frozen=True)
 class StagesTuning(Tunables):
-    """The stages of one solve (``solve/strategy.py``): sizes, efforts and shares of the time."""
+    """The stages of one solve (``scheduling/cpsat/solve/strategy.py``): sizes, efforts,
+    shares of the time.
+    """
 
     tiny: int = tunable(
         2_000, "constraints", "up to so many, a search without presolve is tried first", least=0
@@ -95,7 +97,9 @@ class StagesTuning(Tunables):
 
 @dataclass(frozen=True)
 class BoundsTuning(Tunables):
-    """Lower bounds without search (``routing/workload.py``): how much of what is looked at."""
+    """Lower bounds without search (``scheduling/cpsat/routing/workload.py``): how much of what is
+    looked at.
+    """
 
     states: int = tunable(
         2_000_000,

@@ -1,4 +1,4 @@
-"""How long drives take by the motion planner, asked for one pair of poses at a time, and kept.
+"""The lower bound of a large problem from all its jobs, and the planner's own durations of drives.
 
 Bounds of drives know nothing of what a planner cannot do: they are quick to find and hold for any
 planner. The planner's own durations are asked for only where something hangs on them. Motions of

@@ -1,4 +1,4 @@
-"""Ways to do jobs, by kinds of robots.
+"""What doing a job takes a robot at least: ways to do jobs, by kinds of robots.
 
 Robots of equal bodies are of one *kind*. A way is told with the drives that it is made of, so that
 drives can be measured better later.

@@ -4,7 +4,7 @@ The scheduler of a whole problem with dozens of robots mostly says the same afte
 ten seconds. So, once there is a plan, some robots (in some time) are freed, what the others do and
 in which order is kept, and the small problem that is left is scheduled; its motions are checked
 like those of any candidate. Which robots and when is chosen by several *neighbourhoods*
-(:mod:`.choices`), the more often the more they brought (:mod:`.adaptive`). What such a problem has
+(:mod:`.choices`), the more often the more they brought (:mod:`.descent`). What such a problem has
 no better schedule for says nothing of the whole: no bound comes from here.
 
 After Shaw (1998), "Using constraint programming and local search methods to solve vehicle routing
