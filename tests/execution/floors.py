@@ -14,7 +14,14 @@ import random
 import handmade
 import numpy as np
 from PIL import Image
-from unified_planning.model import ClosedTimeInterval, Fluent, TimePointInterval, Timing
+from unified_planning.model import (
+    ClosedTimeInterval,
+    Fluent,
+    LeftOpenTimeInterval,
+    Object,
+    TimePointInterval,
+    Timing,
+)
 from unified_planning.model.motion import (
     SE2,
     ActivityWaypoints,
@@ -25,8 +32,19 @@ from unified_planning.model.motion import (
     OccupancyMap,
     SchedulingMotionProblem,
 )
-from unified_planning.shortcuts import LT, TRUE, BoolType, ConfigurationType, MovableType, Or
+from unified_planning.shortcuts import (
+    LT,
+    TRUE,
+    BoolType,
+    ConfigurationType,
+    Equals,
+    IntType,
+    MovableType,
+    Or,
+    UserType,
+)
 
+from up_samp import Fleet
 from up_samp.execution.judge import contacts_of
 from up_samp.io.sampling import trajectory_rows
 from up_samp.validation.rides import carried_along
@@ -204,9 +222,12 @@ class Plan:
         self.ready[robot] = start + length + 1
 
 
-def random_floor(seed, yaml, *, crates=False, clearance=CLEAR, size=SIZE, moves=(3, 8)):
+def random_floor(
+    seed, yaml, *, crates=False, clearance=CLEAR, size=SIZE, moves=(3, 8), shared=False
+):
     """Return (problem, plan dictionary); with ``crates`` robots carry some along. Each body keeps
-    ``clearance`` (m) around it, in a corner of the hall ``size`` (m) wide.
+    ``clearance`` (m) around it, in a corner of the hall ``size`` (m) wide. ``shared``: as tells
+    ``share``.
     """
     rng = random.Random(seed)
     plan = Plan(rng, yaml, random.Random(f"crates {seed}") if crates else None, clearance, size)
@@ -217,10 +238,10 @@ def random_floor(seed, yaml, *, crates=False, clearance=CLEAR, size=SIZE, moves=
         plan.move(robot)
         if rng.random() < 0.5:
             plan.work(robot)
-    return finished(rng, plan, yaml)
+    return finished(rng, plan, yaml, shared=shared)
 
 
-def rounds(seed, yaml, *, clearance=CLEAR):
+def rounds(seed, yaml, *, clearance=CLEAR, shared=False):
     """Four robots on two rounds along and two across the hall: everybody crosses everybody's way,
     again and again.
     """
@@ -240,7 +261,7 @@ def rounds(seed, yaml, *, clearance=CLEAR):
         plan.move(robot, [(rng.uniform(6.8, 7.0), 0.0), (math.pi / 0.9, 0.9)])
         if rng.random() < 0.3:
             plan.work(robot)
-    return finished(rng, plan, yaml)
+    return finished(rng, plan, yaml, shared=shared)
 
 
 def crossing(yaml, wait=6):
@@ -260,14 +281,130 @@ def crossing(yaml, wait=6):
     return finished(rng, plan, yaml)
 
 
-def finished(rng, plan, yaml):
-    """Return (problem, plan dictionary) of a plan made so far."""
+def fleet(seed, yaml, *, margin):
+    """Return (problem, plan dictionary) of a solved fleet: a zone for one or two parts the hall,
+    robots stop at the same places one after the other, and share a tool.
+    """
+    rng = random.Random(f"fleet {seed}")
+    made = Fleet(yaml, margin=margin)
+    made.add_robot_type("agv", (0.8, 0.5), model=rng.choice(("car", "diff", "omni")), a_max=0.5)
+    made.add_zone("aisle", [(4.5, 0), (7.5, 0), (7.5, 12), (4.5, 12)], max_robots=rng.choice((1, 2)))
+    made.add_resource("tool")
+    for name, y in (("north", 9.0), ("south", 3.0)):
+        made.add_place(f"in_{name}", 1.5, y)
+        made.add_place(f"out_{name}", 10.5, y)
+    for k, y in enumerate(rng.sample((1.2, 6.0, 10.8), rng.choice((2, 2, 3)))):
+        made.add_place(f"home{k}", 1.5, y, park=1)
+        made.add_robot(f"r{k}", "agv", start=f"home{k}", end=f"home{k}")
+    for k in range(rng.choice((2, 3))):
+        stops = [
+            {"at": f"{side}_{rng.choice(('north', 'south'))}", "service": rng.randint(1, 4)}
+            for side in rng.sample(("in", "out"), 2)
+        ]
+        stops[rng.randint(0, 1)]["resources"] = ["tool"]
+        made.add_order(f"o{k}", *stops)
+    result = made.solve(timeout=60.0, workers=1, seed=seed)
+    assert result.data is not None, result.status
+    return made.problem, result.data
+
+
+def finished(rng, plan, yaml, *, shared=False):
+    """Return (problem, plan dictionary) of a plan made so far; ``shared``: see ``share``."""
     data = plan.data
+    if shared:
+        stay(rng, plan)
     data["activities"].sort(key=lambda a: a["start"])
     data["motions"].sort(key=lambda m: m["samples"][0][0])
     data["changes"].sort(key=lambda c: c["time"])
     data["makespan"] = max(a["end"] for a in data["activities"])
-    return _problem(rng, plan, yaml), data
+    problem = _problem(rng, plan, yaml)
+    if shared:
+        share(rng, plan, problem)
+    return problem, data
+
+
+def _own(plan):
+    """Return each robot's activities (names) in the order of time."""
+    spans = {e["name"]: (e["start"], e["end"]) for e in plan.data["activities"]}
+    return {
+        robot: sorted((n for n in spans if f"_{robot}_" in n), key=lambda n: spans[n])
+        for robot in plan.robots
+    }
+
+
+def stay(rng, plan):
+    """Let drives last until another robot starts something: much happens at one instant."""
+    entries = {a["name"]: a for a in plan.data["activities"]}
+    carrying = {r["activity"] for r in plan.data.get("rides", ())}
+    own = _own(plan)
+    for robot, mine in own.items():
+        starts = [entries[n]["start"] for other in own if other != robot for n in own[other]]
+        for name, later in itertools.zip_longest(mine, mine[1:]):
+            end, latest = entries[name]["end"], entries[later]["start"] - 1 if later else math.inf
+            some = [t for t in starts if end <= t <= latest]
+            if some and name.startswith("move") and name not in carrying and rng.random() < 0.7:
+                entries[name]["end"] = min(some)
+
+
+def share(rng, plan, problem):
+    """Let robots share what the plan has just enough of: a zone for one, a zone for as many as
+    are ever in it at once, a tool, and a place that each hands over to the next by name.
+    """
+    spans = {e["name"]: (e["start"], e["end"]) for e in plan.data["activities"]}
+    visits = []
+    for mine in _own(plan).values():
+        first = 0
+        while first < len(mine):
+            last = min(first + rng.randint(0, 1), len(mine) - 1)
+            if rng.random() < 0.7:
+                visits.append((mine[first], mine[last]))
+            first = last + 1
+    _zone(problem, "wide", visits, spans)
+    _zone(problem, "narrow", _in_turns(rng, visits, spans), spans)
+    tool = problem.add_resource("tool", 1)
+    moves = [(n, n) for n in spans if n.startswith("move")]
+    for name, _ in _in_turns(rng, moves, spans):
+        problem.get_activity(name).uses(tool)
+    _hand_over(problem, [n for n, _ in _in_turns(rng, moves, spans)], spans)
+
+
+def _in_turns(rng, visits, spans):
+    """Return some (first, last) activities of which one visit ends before the next begins."""
+    found = []
+    for first, last in rng.sample(visits, len(visits)):
+        if all(
+            spans[last][1] <= spans[one][0] or spans[other][1] <= spans[first][0]
+            for one, other in found
+        ):
+            found.append((first, last))
+    return sorted(found, key=lambda v: spans[v[0]])
+
+
+def _zone(problem, name, visits, spans):
+    """A zone with room for as many as are in it at once; who leaves lets in who comes then."""
+    times = [(spans[first][0], spans[last][1]) for first, last in visits]
+    most = max((sum(s <= at < e for s, e in times) for at, _ in times), default=1)
+    room = problem.add_fluent(name, IntType(0, most), default_initial_value=most)
+    for first, last in visits:
+        a, b = problem.get_activity(first), problem.get_activity(last)
+        a.add_decrease_effect(a.start, room(), 1)
+        b.add_increase_effect(b.end, room(), 1)
+
+
+def _hand_over(problem, turns, spans):
+    """Each takes a place that the one before it has handed over to it at its end."""
+    kind = UserType("turn")
+    mine = [problem.add_object(Object(f"turn_{name}", kind)) for name in turns]
+    if not mine:
+        return
+    whose = problem.add_fluent("whose", kind, default_initial_value=mine[0])
+    for k, name in enumerate(turns):
+        a = problem.get_activity(name)
+        touches = k > 0 and spans[turns[k - 1]][1] == spans[name][0]
+        interval = LeftOpenTimeInterval if touches else ClosedTimeInterval
+        a.add_condition(interval(Timing(0, a.start), Timing(0, a.end)), Equals(whose(), mine[k]))
+        if k + 1 < len(turns):
+            a.add_effect(a.end, whose(), mine[k + 1])
 
 
 def _problem(rng, plan, yaml):

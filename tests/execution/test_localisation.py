@@ -2,6 +2,8 @@
 plan has no room for it, or an error is larger, that is said. Judged by where they truly were.
 """
 
+import dataclasses
+
 import floors
 import numpy as np
 import pytest
@@ -10,6 +12,8 @@ from up_samp.execution import Delays, Executor, dependencies_of, simulate
 from up_samp.execution.judge import record_of
 from up_samp.execution.replan import _floor
 from up_samp.execution.simulate import simulation_of
+from up_samp.io import plan_from_dict
+from up_samp.validation import validate_plan
 
 PATTERNS = (
     Delays(bias=0.05),
@@ -29,34 +33,70 @@ def yaml(tmp_path_factory):
     return floors.hall(tmp_path_factory.mktemp("hall"))
 
 
-def check(problem, run):
+PLANS = {
+    "rounds": lambda seed, yaml: floors.rounds(100 + seed, yaml, clearance=ROOM, shared=True),
+    "ways": lambda seed, yaml: floors.random_floor(
+        100 + seed, yaml, clearance=ROOM, moves=(6, 10), shared=True
+    ),
+    "fleet": lambda seed, yaml: floors.fleet(seed, yaml, margin=0.01 + 2 * 0.05),
+}
+"""Plans with zones, tools and places that are handed over; in "fleet" they are planned with them."""
+
+THOUSAND = [
+    *(("rounds", seed) for seed in range(8)),
+    *(("ways", seed) for seed in (0, 1, 4, 5, 6, 8)),
+    *(("fleet", seed) for seed in (0, 1, 3, 5, 7, 9)),
+]
+
+
+def found_in(problem, plan):
+    """The dependencies of a valid plan that has room for an error of 5 cm everywhere."""
+    assert validate_plan(problem, plan_from_dict(problem, plan)).valid
+    found = dependencies_of(problem, plan, margin=0.01)
+    assert found.narrow == ()
+    return found
+
+
+def check(run):
     assert run.finished, f"deadlock: {run.deadlock}"
     assert run.contacts == ()
-    assert floors.order_violations(problem, run.record) == []
+    assert run.broken == ()
 
 
-@pytest.mark.parametrize(("seed", "patterns"), [(5, PATTERNS[1:3]), (6, PATTERNS)])
-def test_errors_up_to_the_declared_one_do_no_harm(yaml, seed, patterns):
-    problem, plan = floors.rounds(seed, yaml, clearance=ROOM)
-    found = dependencies_of(problem, plan)
-    assert found.narrow == ()
+@pytest.mark.parametrize(
+    ("family", "seed", "patterns"),
+    [("rounds", 0, PATTERNS[1:3]), ("rounds", 3, PATTERNS), ("ways", 5, PATTERNS[:3])],
+)
+def test_errors_up_to_the_declared_one_do_no_harm(yaml, family, seed, patterns):
+    problem, plan = PLANS[family](seed, yaml)
+    found = found_in(problem, plan)
     waited = 0.0
     for k, pattern in enumerate(patterns):
         run = simulate(found, plan, pattern, seed + k, policy="reorder" if k % 2 else "staircase")
-        check(problem, run)
+        check(run)
         waited += run.waiting
     assert waited > 0.0  # somebody stood at a gate
 
 
+def test_what_is_shared_is_overrun_without_its_orders(yaml):
+    """Zones, tools and hand-overs of these plans are what the judge looks at, by name."""
+    problem, plan = PLANS["rounds"](0, yaml)
+    found = found_in(problem, plan)
+    edges = tuple(e for e in found.graph.edges if e.kind not in ("fluent", "resource"))
+    loose = dataclasses.replace(found, graph=dataclasses.replace(found.graph, edges=edges))
+    broken = [t for k in range(4) for t in simulate(loose, plan, PATTERNS[4], k).broken]
+    assert any("wide" in text or "narrow" in text for text in broken), broken
+    assert any("tool" in text or "whose" in text for text in broken), broken
+
+
 @pytest.mark.long
-@pytest.mark.parametrize("seed", range(20))
-def test_a_thousand_runs(yaml, seed):
-    problem, plan = floors.rounds(100 + seed, yaml, clearance=ROOM)
-    found = dependencies_of(problem, plan)
-    assert found.narrow == ()
+@pytest.mark.parametrize(("family", "seed"), THOUSAND)
+def test_a_thousand_runs(yaml, family, seed):
+    problem, plan = PLANS[family](seed, yaml)
+    found = found_in(problem, plan)
     for k in range(50):
         policy = "reorder" if k % 10 == 9 else "staircase"
-        check(problem, simulate(found, plan, PATTERNS[k % 5], 1000 * seed + k, policy=policy))
+        check(simulate(found, plan, PATTERNS[k % 5], 1000 * seed + k, policy=policy))
 
 
 def shifted(floor, plan, offsets):

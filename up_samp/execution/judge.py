@@ -257,7 +257,9 @@ def broken_rules(dependencies: Dependencies, record: dict[str, Any]) -> tuple[Te
     objects = objects_by_type(problem)
     decisions = Decisions(times, parameters, objects, Fraction(1, ticks))
     samples = {(m["activity"], m["object"]): np.array(m["samples"]) for m in record["motions"]}
-    found = judge_executed(problem, decisions, samples, unit)
+    # a motion is over where its robot is known to be within twice the error of its end
+    error = 2 * dependencies.localisation
+    found = judge_executed(problem, decisions, samples, unit, error)
     asked = _texts(problem) if late and found else {}
     broken = [v for v in found if not any(_stands_for(b.why, v, asked) for b in late)]
     return tuple(_decimal(str(v)) for v in broken), tuple(dict.fromkeys(missed))
