@@ -288,7 +288,8 @@ def fleet(seed, yaml, *, margin):
     rng = random.Random(f"fleet {seed}")
     made = Fleet(yaml, margin=margin)
     made.add_robot_type("agv", (0.8, 0.5), model=rng.choice(("car", "diff", "omni")), a_max=0.5)
-    made.add_zone("aisle", [(4.5, 0), (7.5, 0), (7.5, 12), (4.5, 12)], max_robots=rng.choice((1, 2)))
+    aisle = [(4.5, 0), (7.5, 0), (7.5, 12), (4.5, 12)]
+    made.add_zone("aisle", aisle, max_robots=rng.choice((1, 2)))
     made.add_resource("tool")
     for name, y in (("north", 9.0), ("south", 3.0)):
         made.add_place(f"in_{name}", 1.5, y)

@@ -40,7 +40,7 @@ PLANS = {
     ),
     "fleet": lambda seed, yaml: floors.fleet(seed, yaml, margin=0.01 + 2 * 0.05),
 }
-"""Plans with zones, tools and places that are handed over; in "fleet" they are planned with them."""
+"""Plans with zones, tools and places that are handed over; "fleet" plans with them."""
 
 THOUSAND = [
     *(("rounds", seed) for seed in range(8)),
