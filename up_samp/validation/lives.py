@@ -103,7 +103,9 @@ def build_lives(
     for name in scene.movables:
         ordered = sorted(events[name], key=lambda e: (e.start, e.end, e.task is None))
         found.extend(_overlaps(name, ordered))
-        lives[name] = list(_live(name, ordered, scene, motions, seconds, found, off))
+        told = list(_live(name, ordered, scene, motions, seconds, off))
+        found.extend(item for item in told if isinstance(item, Violation))
+        lives[name] = [item for item in told if not isinstance(item, Violation)]
     return lives
 
 
@@ -142,10 +144,9 @@ def _live(
     scene: JudgedScene,
     motions: Motions,
     seconds: float,
-    found: list[Violation],
     off: float,
-) -> Iterator[Piece]:
-    """Walk through the events of one object's life."""
+) -> Iterator[Piece | Violation]:
+    """Walk through the events of one object's life: its pieces, and the breaks in it."""
     radius = scene.shapes[name].radius
     here = scene.pose(scene.initial[name]) if name in scene.initial else None
     height = scene.height(scene.initial[name]) if name in scene.initial else 0.0
@@ -160,7 +161,7 @@ def _live(
                 moved = not same_height(height, scene.height(event.jump.place))
                 if moved or pose_gap(here, target) > off:
                     text = f"{driven_by} drives {name} to {_show(here)} but sets it to"
-                    found.append(Violation("teleport", f"{text} {_show(target)}"))
+                    yield Violation("teleport", f"{text} {_show(target)}")
                 target = here
             here, driven_by, height = target, "", scene.height(event.jump.place)
         elif event.task is not None and event.task.name in motions:
@@ -169,13 +170,13 @@ def _live(
             floor = scene.height(event.task.places[0])
             if event.ride is None:
                 departure = _Departure(event.task, here, tuple(poses[0].tolist()), (height, floor))
-                found.extend(_continuity(departure, off))
+                yield from _continuity(departure, off)
                 shape = _held(scene, event.task)
                 here, driven_by = tuple(poses[-1].tolist()), event.task.activity
             else:
                 poses = carried_along(poses, event.ride.offset)
                 departure = _Departure(event.task, here, tuple(poses[0].tolist()), (height, floor))
-                found.extend(_taken(event.ride, departure, off))
+                yield from _taken(event.ride, departure, off)
                 task = replace(event.task, object=name)
                 here, driven_by = scene.pose(event.ride.goal), ""
             height = floor
