@@ -76,7 +76,7 @@ def test_the_judge_sees_what_is_missing():
             type(found.graph)(
                 found.graph.tasks, found.graph.events, found.graph.times, kept, found.graph.bounds
             ),
-            {}, (), (), made.problem,
+            {}, (), (), problem=made.problem,
         )  # fmt: skip
         for k in range(4):
             record = instants.executed(loose, made.plan, random.Random(k))

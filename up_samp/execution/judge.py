@@ -256,13 +256,35 @@ def broken_rules(dependencies: Dependencies, record: dict[str, Any]) -> tuple[Te
     parameters = planned_of(problem, record).values
     objects = objects_by_type(problem)
     decisions = Decisions(times, parameters, objects, Fraction(1, ticks))
-    samples = {(m["activity"], m["object"]): np.array(m["samples"]) for m in record["motions"]}
-    # a motion is over where its robot is known to be within twice the error of its end
-    error = 2 * dependencies.localisation
-    found = judge_executed(problem, decisions, samples, unit, error)
+    samples = _known_ends(dependencies, record)
+    found = judge_executed(problem, decisions, samples, unit)
     asked = _texts(problem) if late and found else {}
     broken = [v for v in found if not any(_stands_for(b.why, v, asked) for b in late)]
     return tuple(_decimal(str(v)) for v in broken), tuple(dict.fromkeys(missed))
+
+
+def _known_ends(
+    dependencies: Dependencies, record: dict[str, Any]
+) -> dict[tuple[str, str], np.ndarray]:
+    """Return what was driven; a motion is over where its robot is known to be at its end, which
+    may be wrong by twice the localisation error along its path: such a robot counts as there.
+    """
+    frames = side_by_side(record)[1]
+    drives = {d.key: d for life in dependencies.lives.values() for d in life.drives}
+    found = {}
+    for motion in record["motions"]:
+        key, rows = (motion["activity"], motion["object"]), np.array(motion["samples"])
+        found[key] = rows
+        if key not in drives or not dependencies.localisation:
+            continue
+        path = drives[key].path
+        least = max(0.0, path.length - 2 * dependencies.localisation)
+        last = path.poses_at(np.linspace(least, path.length, 101))
+        last = frames[map_number(motion)].inverse.out(last)
+        apart = np.abs(last - rows[-1, 1:]).max(axis=1).min()
+        if apart <= np.abs(np.diff(last, axis=0)).max(initial=0.0) + TOLERANCES.arrived:
+            rows[-1, 1:] = last[-1]
+    return found
 
 
 def _instant(units: float, ticks: int) -> Fraction:

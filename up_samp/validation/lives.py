@@ -80,16 +80,9 @@ class _LifeEvent:
 
 
 def build_lives(
-    scene: JudgedScene,
-    motions: Motions,
-    seconds: float,
-    found: list[Violation],
-    off: float = TOLERANCES.pose,
+    scene: JudgedScene, motions: Motions, seconds: float, found: list[Violation]
 ) -> dict[str, list[Piece]]:
-    """Return the pieces of each object's life in order; breaks in it are added to ``found``.
-
-    ``off``: how far (m, rad) from where its next drive begins an object may stand.
-    """
+    """Return the pieces of each object's life in order; breaks in it are added to ``found``."""
     events: dict[str, list[_LifeEvent]] = defaultdict(list)
     for task in scene.tasks:
         events[task.object].append(_LifeEvent(task.start, task.end, task=task))
@@ -103,9 +96,7 @@ def build_lives(
     for name in scene.movables:
         ordered = sorted(events[name], key=lambda e: (e.start, e.end, e.task is None))
         found.extend(_overlaps(name, ordered))
-        told = list(_live(name, ordered, scene, motions, seconds, off))
-        found.extend(item for item in told if isinstance(item, Violation))
-        lives[name] = [item for item in told if not isinstance(item, Violation)]
+        lives[name] = list(_live(name, ordered, scene, motions, seconds, found))
     return lives
 
 
@@ -144,9 +135,9 @@ def _live(
     scene: JudgedScene,
     motions: Motions,
     seconds: float,
-    off: float,
-) -> Iterator[Piece | Violation]:
-    """Walk through the events of one object's life: its pieces, and the breaks in it."""
+    found: list[Violation],
+) -> Iterator[Piece]:
+    """Walk through the events of one object's life."""
     radius = scene.shapes[name].radius
     here = scene.pose(scene.initial[name]) if name in scene.initial else None
     height = scene.height(scene.initial[name]) if name in scene.initial else 0.0
@@ -159,9 +150,9 @@ def _live(
             target = scene.pose(event.jump.place)
             if driven_by == event.jump.activity and here is not None:
                 moved = not same_height(height, scene.height(event.jump.place))
-                if moved or pose_gap(here, target) > off:
+                if moved or pose_gap(here, target) > TOLERANCES.pose:
                     text = f"{driven_by} drives {name} to {_show(here)} but sets it to"
-                    yield Violation("teleport", f"{text} {_show(target)}")
+                    found.append(Violation("teleport", f"{text} {_show(target)}"))
                 target = here
             here, driven_by, height = target, "", scene.height(event.jump.place)
         elif event.task is not None and event.task.name in motions:
@@ -170,13 +161,13 @@ def _live(
             floor = scene.height(event.task.places[0])
             if event.ride is None:
                 departure = _Departure(event.task, here, tuple(poses[0].tolist()), (height, floor))
-                yield from _continuity(departure, off)
+                found.extend(_continuity(departure))
                 shape = _held(scene, event.task)
                 here, driven_by = tuple(poses[-1].tolist()), event.task.activity
             else:
                 poses = carried_along(poses, event.ride.offset)
                 departure = _Departure(event.task, here, tuple(poses[0].tolist()), (height, floor))
-                yield from _taken(event.ride, departure, off)
+                found.extend(_taken(event.ride, departure))
                 task = replace(event.task, object=name)
                 here, driven_by = scene.pose(event.ride.goal), ""
             height = floor
@@ -213,10 +204,10 @@ class _Departure:
         return self.here is not None and pose_gap(self.here, self.first) > tolerance
 
 
-def _taken(ride: CarriedLoad, departure: _Departure, off: float) -> Iterator[Violation]:
+def _taken(ride: CarriedLoad, departure: _Departure) -> Iterator[Violation]:
     """A load is taken from where it stands."""
     task, here, first = departure.task, departure.here, departure.first
-    elsewhere = departure.off(2 * off) or not same_height(*departure.heights)
+    elsewhere = departure.off(2 * TOLERANCES.pose) or not same_height(*departure.heights)
     if here is None or elsewhere:
         text = f"{task.what}: its load {ride.load} has to be at {_show(first)} but is "
         text += "nowhere" if here is None else f"at {_show(here)}"
@@ -232,13 +223,13 @@ def _moving(times: FloatArray, poses: FloatArray) -> tuple[float, float] | None:
     return float(times[steps[0]]), float(times[steps[-1] + 1])
 
 
-def _continuity(departure: _Departure, off: float) -> Iterator[Violation]:
+def _continuity(departure: _Departure) -> Iterator[Violation]:
     task, here, first = departure.task, departure.here, departure.first
     heights = departure.heights
     if here is None:
         text = f"{task.what}: it is nowhere (no initial configuration)"
         yield Violation("continuity", text, (task.activity,), (task.object,))
-    elif departure.off(off):
+    elif departure.off(TOLERANCES.pose):
         text = f"{task.what}: its motion starts at {_show(first)} but it is at {_show(here)}"
         yield Violation("continuity", text, (task.activity,), (task.object,))
     elif not same_height(*heights):

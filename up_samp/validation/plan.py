@@ -81,14 +81,12 @@ def judge_executed(
     decisions: Decisions,
     samples: Mapping[tuple[str, str], FloatArray],
     seconds: float,
-    error: float = 0.0,
 ) -> list[Violation]:
     """Judge what was executed, in dense time (``decisions.instant``): the schedule, and that one
     motion of an object comes after the other, from where it is, while static obstacles rest.
 
-    ``samples`` are rows (t in s, pose) of each motion, by activity and object. Whoever takes
-    itself to be where a motion ends may be ``error`` (m, rad) off. Contacts and kinematics are not
-    looked at.
+    ``samples`` are rows (t in s, pose) of each motion, by activity and object. Contacts and
+    kinematics are not looked at.
     """
     judged = judge_decisions(problem, decisions)
     found = list(judged.verdict.violations)
@@ -100,7 +98,7 @@ def judge_executed(
         rows = samples.get((task.activity, task.object))
         if rows is not None:
             motions[task.name] = rows[:, 0], rows[:, 1:]
-    lives = build_lives(scene, motions, seconds, found, TOLERANCES.pose + error)
+    lives = build_lives(scene, motions, seconds, found)
     for task in scene.tasks:
         found.extend(_obstacles(scene, task, lives, seconds))
     return found
