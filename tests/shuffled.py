@@ -283,7 +283,9 @@ class _Shuffler(_Listing):
             args.sort(key=lambda a: not a.type.is_time_type())
         return self.env.expression_manager.create_node(kind, tuple(args), payload)
 
-    def timing(self, timing: Timing) -> Timing:
+    def timing(self, timing: Timing | Timepoint) -> Timing:
+        if isinstance(timing, Timepoint):  # UP takes bare ones, too
+            timing = Timing(0, timing)
         point = timing.timepoint
         owner = point.container
         told = None if owner is None else self.name("activity", owner)
