@@ -294,7 +294,7 @@ def compose(path: File, text: str) -> yaml.Node | None:
         return yaml.compose(text, LOADER)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
-        last = max(1, len(text.splitlines()))  # what is missing may be missed behind it
+        last = text.count("\n") + 1  # what is missing may be missed behind it
         line = f":{min(mark.line + 1, last)}" if mark is not None else ""
         what = getattr(error, "problem", None) or str(error)
         raise FleetError((), f"{path}{line}: not readable as YAML or JSON: {what}") from error
