@@ -27,7 +27,9 @@ def test_copies_that_leave_a_place_are_interchangeable(tmp_path):
         roads = {(r, a) for r in range(2) for (a, _), _ in site.ways(r)}
         assert len(found) == len(roads)
         assert sum(map(len, found)) == sum(len(site.ways(r)) for r in range(2))
-        assert all(len({name.partition("copy")[0] for name in some}) == 1 for some in found)
+        # shuffled, names tell nothing
+        alike = [len({name.partition("copy")[0] for name in some}) == 1 for some in found]
+        assert style.shuffled or all(alike)
 
 
 def test_moves_that_may_take_any_road_are_one_set(tmp_path):

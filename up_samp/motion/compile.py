@@ -41,8 +41,6 @@ def warm_up(model: MotionModel) -> float:
     if model in _done:
         return 0.0
     _done.add(model)
-    pass
-
     return 0.0 if is_compiling() else precompile([model], several=False)
 
 

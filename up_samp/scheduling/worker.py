@@ -170,8 +170,6 @@ def run(task: WorkerTask, engines: _Engines) -> WorkerAnswer:
         engine = engines.get(task)
         problem = write_problem(task.problem)
         if task.message_limit is not None:
-            pass
-
             slim_down(engine, problem, task.message_limit)
         lacking = sorted(problem.kind.features - engine.supported_kind().features)
         if lacking:

@@ -15,7 +15,7 @@ from typing import Any
 
 from unified_planning.model import Effect, FNode, TimeInterval, Timing
 from unified_planning.model.operators import OperatorKind as Op
-from unified_planning.model.scheduling import Activity
+from unified_planning.model.scheduling import Activity, SchedulingProblem
 
 from up_samp.model import check_time
 from up_samp.upio.relaxation import Relaxation
@@ -34,7 +34,7 @@ def interchangeable(relaxation: Relaxation) -> list[tuple[str, ...]]:
     problem = relaxation.problem
     if not all(m.is_minimize_makespan() for m in problem.quality_metrics):
         return []
-    keys = _Keys()
+    keys = _Keys(relaxation.problem)
     alike: dict[Any, list[Activity]] = {}
     for activity in problem.activities:
         check_time()
@@ -91,12 +91,12 @@ def _own(relaxation: Relaxation, activity: Activity, keys: _Keys) -> Any:
         for e in some
     )
     motions = [
-        (t.index, t.object, t.static, t.dynamic, t.map, _terms(t.terms, activity))
+        (t.index, t.object, t.static, t.dynamic, t.map, _terms(t.terms, activity, keys))
         for t in snapshot.tasks_of(activity.name)
         if not t.rides
     ]
     changes = [
-        (c.object, _terms((c.term,), activity))
+        (c.object, _terms((c.term,), activity, keys))
         for c in snapshot.changes
         if c.activity == activity.name
     ]
@@ -107,7 +107,7 @@ def _own(relaxation: Relaxation, activity: Activity, keys: _Keys) -> Any:
     return (
         (bounds.is_left_open(), bounds.is_right_open()),
         tuple(map(me, (bounds.lower, bounds.upper))),
-        tuple(p.name.rpartition(".")[2] for p in activity.parameters),
+        tuple(sorted(keys.slots[p.name] for p in activity.parameters)),
         frozenset(conditions.items()),
         frozenset(effects.items()),
         tuple(motions),
@@ -116,12 +116,9 @@ def _own(relaxation: Relaxation, activity: Activity, keys: _Keys) -> Any:
     )
 
 
-def _terms(terms: Iterable[Any], activity: Activity) -> tuple[Any, ...]:
-    own = f"{activity.name}."
-    return tuple(
-        (t.kind, f"{_SELF}.{t.name.removeprefix(own)}" if t.name.startswith(own) else t.name)
-        for t in terms
-    )
+def _terms(terms: Iterable[Any], activity: Activity, keys: _Keys) -> tuple[Any, ...]:
+    own = {p.name for p in activity.parameters}
+    return tuple((t.kind, keys.slots[t.name] if t.name in own else t.name) for t in terms)
 
 
 class _Said:
@@ -188,7 +185,15 @@ class _Keys:
     has none.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, problem: SchedulingProblem) -> None:
+        self.slots: dict[str, tuple[str, int]] = {}
+        """Which parameter of its activity each one is: its type, and the how manyth of that."""
+        for activity in problem.activities:
+            count = Counter[str]()
+            for parameter in activity.parameters:
+                kind = str(parameter.type)
+                self.slots[parameter.name] = kind, count[kind]
+                count[kind] += 1
         self._names: dict[int, frozenset[str]] = {}
         self._numbers: dict[Any, int] = {}
         self._plain = _Renamed(self, {})
@@ -247,8 +252,9 @@ class _Renamed:
             name = str(node.presence().container)
             return kind, names.get(name, name)
         if kind is Op.PARAM_EXP:
-            owner, _, name = node.parameter().name.rpartition(".")
-            return kind, names.get(owner, owner), name
+            full = node.parameter().name
+            owner = full.rpartition(".")[0]
+            return kind, names.get(owner, owner), self._keys.slots.get(full, full)
         if not node.args and kind is not Op.FLUENT_EXP:
             return node.node_id
         parts = map(self, node.args)
