@@ -20,7 +20,9 @@ CHECKS = (
     [tool("ruff"), "format", "--check", "."],
     [tool("mypy"), "-p", "up_samp"],
     [tool("lint-imports")],
-    [sys.executable, "-m", "pytest", "-n", "2", "-q", *sys.argv[1:]],
+    # the service starts limited processes: what other tests leave behind must not reach them
+    [sys.executable, "-m", "pytest", "-n", "2", "-q", "tests/server", *sys.argv[1:]],
+    [sys.executable, "-m", "pytest", "-n", "2", "-q", "--ignore=tests/server", *sys.argv[1:]],
 )
 
 
