@@ -191,7 +191,8 @@ def _import(args: argparse.Namespace) -> int:
     return 0
 
 
-# ------------------ The commands that plan, judge, draw and compile; each adds its arguments and ru
+# ------------------ The commands that plan
+# The commands that plan, judge, draw and compile; each adds its arguments and runs.
 
 
 def add_demo(parser: argparse.ArgumentParser) -> None:

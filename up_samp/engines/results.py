@@ -35,7 +35,8 @@ STATUSES = {
 }
 
 
-# ------------------ What ``samp-refine`` tells of a search in UP's words: statuses, metrics, messag
+# ------------------ What ``samp-refine`` tells of a search in UP's words
+# What ``samp-refine`` tells of a search in UP's words: statuses, metrics, messages.
 
 
 _STATUSES = {

@@ -580,7 +580,7 @@ def by_name(commands: Mapping[str, Command]) -> dict[str, dict[str, Any]]:
     return found
 
 
-# ------------------ What has happened to a plan so far, kept and taken up again, or told by those w
+# ------------------ What has happened, kept and taken up again, or told by who was there
 
 
 FORMAT, VERSION = "up-samp-execution", 1

@@ -150,8 +150,9 @@ def _rows(drive: DriveCells, trace: list[tuple[float, float]], home: Frame) -> l
     return found
 
 
-# ------------------ Did anybody meet, and was all kept that the problem asks? What was driven, by t
-# geometry and rules.
+# ------------------ Did anybody meet
+# Did anybody meet, and was all kept that the problem asks? What was driven, by the validator's
+# own geometry and rules.
 #
 # What is judged, it shares no code with: tracks, contacts and rules are those of
 # ``up_samp.validation``. Of the dependencies it only asks which bounds nobody can keep.

@@ -61,10 +61,11 @@ def hold_of(drive: Any) -> LoadHold:
     )
 
 
-# ------------------ Every object's life as a row of cells: stretches of its paths, and where it res
-# The progress of two objects along their lives spans a plane (O'Donnell & Lozano-Perez, "Deadlock-
-# free and collision-free coordination of two robot manipulators", ICRA 1989); the cells cut it
-# into a grid.
+# ------------------ Every object's life as a row of cells
+# Every object's life as a row of cells: stretches of its paths, and where it rests in between.
+# The progress of two objects along their lives spans a plane (O'Donnell & Lozano-Perez,
+# "Deadlock-free and collision-free coordination of two robot manipulators", ICRA 1989); the
+# cells cut it into a grid.
 
 
 FloatArray = npt.NDArray[np.float64]

@@ -274,7 +274,8 @@ def _on_lives(meetings: list[Meeting]) -> FloatArray:
     return np.concatenate(parts)
 
 
-# ------------------ From obstacles to staircases: "this robot may go beyond there once that one has
+# ------------------ From obstacles to staircases
+# From obstacles to staircases: "this robot may go beyond there once that one has come to here".
 
 
 @dataclass(frozen=True)

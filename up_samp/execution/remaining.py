@@ -260,7 +260,8 @@ def rest_of_plan(
     return Schedule(here, assignment, target.environment)
 
 
-# ------------------ Where everybody stands when a new clock starts: at rest, or where they can stop
+# ------------------ Where everybody stands when a new clock starts
+# Where everybody stands when a new clock starts: at rest, or where they can stop.
 
 
 Place = tuple[Configuration, Any]
@@ -328,7 +329,8 @@ class Places:
         return pose, type_
 
 
-# ------------------ What is left of a problem: an ordinary UP problem from now on, with what has be
+# ------------------ What is left of a problem
+# What is left of a problem: an ordinary UP problem from now on, with what has begun frozen.
 
 
 def remaining_problem(

@@ -223,7 +223,8 @@ def settled(executor: Followed, open_: set[Key | int]) -> list[Precedence]:
     return found
 
 
-# ------------------ Times of events to come, tied by what driving and doing take and by who waits f
+# ------------------ Times of events to come
+# Times of events to come, tied by what driving and doing take and by who waits for whom; as
 # variables of CP-SAT no more of them than have to be told apart.
 
 

@@ -47,7 +47,8 @@ class Do:
 Command = Go | Hold | Do
 
 
-# ------------------ What robots tell, before it is believed: what cannot be is not, and the answer
+# ------------------ What robots tell
+# What robots tell, before it is believed: what cannot be is not, and the answer says why.
 
 
 class Heard(enum.Enum):

@@ -149,8 +149,9 @@ def _stops(delays: Delays, rng: random.Random, horizon: float) -> list[tuple[flo
     return found
 
 
-# ------------------ A simulated robot on its path: bounded speed and acceleration, always able to s
-# What it tells of where it is may be wrong, and so may be what it drives by.
+# ------------------ A simulated robot on its path
+# A simulated robot on its path: bounded speed and acceleration, always able to stop in time. What
+# it tells of where it is may be wrong, and so may be what it drives by.
 
 
 class SimulatedRobot:
@@ -272,7 +273,8 @@ class SimulatedRobot:
             self.trace.append((now, self.s))
 
 
-# ------------------ Plans on a simulated floor with delays: how long it takes, who waits, who colli
+# ------------------ Plans on a simulated floor with delays
+# Plans on a simulated floor with delays: how long it takes, who waits, who collides.
 
 
 Policy = Literal["timed", "coarse", "staircase", "reorder"]

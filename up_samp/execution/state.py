@@ -77,11 +77,12 @@ class RobotPace(Mapping[str, float]):
         return len(self._driven)
 
 
-# ------------------ What has happened so far: which events, where everybody is, what may happen nex
-# Reported progress is not believed progress. A robot that tells p is somewhere in [p - L, p + L],
-# where L is the localisation error. So *reach* counts late: a robot has surely come to x once it
-# tells x + L; and *leave* counts early: it may have left x as soon as it tells more than x - L,
-# which is why it is told to go no farther. A closed gate stays closed whatever is told.
+# ------------------ What has happened so far
+# What has happened so far: which events, where everybody is, what may happen next. Reported
+# progress is not believed progress. A robot that tells p is somewhere in [p - L, p + L], where L
+# is the localisation error. So *reach* counts late: a robot has surely come to x once it tells x
+# + L; and *leave* counts early: it may have left x as soon as it tells more than x - L, which is
+# why it is told to go no farther. A closed gate stays closed whatever is told.
 
 
 class TaskPhase(enum.Enum):

@@ -42,7 +42,8 @@ def earlier_than(records: FleetRecords, job: Order | Task) -> tuple[str, ...]:
     return tuple(dict.fromkeys(found))
 
 
-# ------------------ What is wrong with the records of a fleet problem, told with its place and what
+# ------------------ What is wrong with the records of a fleet problem
+# What is wrong with the records of a fleet problem, told with its place and what to do.
 
 
 Path = tuple[str | int, ...]

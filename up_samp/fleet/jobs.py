@@ -73,7 +73,8 @@ def _level(site: Site, work: Work, robot: str, load: str, orders: Sequence[Order
             deliver.add_increase_effect(deliver.end, fluent(), amount)
 
 
-# ------------------ What binds activities to jobs: who does them, what comes first, what may be lef
+# ------------------ What binds activities to jobs
+# What binds activities to jobs: who does them, what comes first, what may be left out.
 
 
 class JobRules:

@@ -107,7 +107,8 @@ class Crowd:
         return MotionService(grid, margin=self._records.margin)
 
 
-# ------------------ What there is before anything happens: objects, places, fluents and resources o
+# ------------------ What there is before anything happens
+# What there is before anything happens: objects, places, fluents and resources of a problem.
 
 
 class Site:

@@ -36,7 +36,8 @@ def inner(function: F) -> F:
     return compiled
 
 
-# ------------------ The records that compiled collision checks take: grids and their frames, footpr
+# ------------------ The records that compiled collision checks take
+# The records that compiled collision checks take: grids and their frames, footprints, bodies.
 
 
 Coordinate = TypeVar("Coordinate", float, npt.NDArray[np.float64])

@@ -72,7 +72,8 @@ class Versions:
 VERSIONS = Versions()
 
 
-# ------------------ Plans as plain dictionaries, ready for JSON. The format is documented in docs/p
+# ------------------ Plans as plain dictionaries
+# Plans as plain dictionaries, ready for JSON. The format is documented in docs/plan-format.md.
 
 
 FORMAT = "up-samp-plan"

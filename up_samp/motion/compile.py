@@ -44,10 +44,11 @@ def warm_up(model: MotionModel) -> float:
     return 0.0 if is_compiling() else precompile([model], several=False)
 
 
-# ------------------ Compile the kernels that a problem needs, before any time limit runs, side by s
-# They are kept on disk (``up_samp.geometry.kernel_cache``), so this happens once per machine and
-# version. A part that was compiled leaves a mark that lists its files: where one is gone or
-# damaged, the part is compiled again.
+# ------------------ Compile the kernels that a problem needs
+# Compile the kernels that a problem needs, before any time limit runs, side by side. They are
+# kept on disk (``up_samp.geometry.kernel_cache``), so this happens once per machine and version.
+# A part that was compiled leaves a mark that lists its files: where one is gone or damaged, the
+# part is compiled again.
 
 
 log = logging.getLogger(__name__)

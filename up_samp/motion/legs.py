@@ -154,7 +154,8 @@ def _angles(poses: FloatArray) -> FloatArray:
     return np.asarray(4 * np.arcsin(np.clip(near / 2, 0, 1)))
 
 
-# ------------------ Legs strung together to one motion, without needless stops at the poses between
+# ------------------ Legs strung together to one motion
+# Legs strung together to one motion, without needless stops at the poses between them.
 
 
 def strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Trajectory, bool]:
@@ -187,7 +188,8 @@ def strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Traject
     return whole, False
 
 
-# ------------------ Legs from the cache or from planners, asked one after the other, with proofs in
+# ------------------ Legs from the cache or from planners
+# Legs from the cache or from planners, asked one after the other, with proofs in between.
 
 
 PLANAR = (MotionModel.REEDSSHEPP, MotionModel.PIVOT, MotionModel.SE2)

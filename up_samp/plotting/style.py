@@ -122,7 +122,8 @@ def with_short_names(plan: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-# ------------------ Put labels next to points so that they cover neither each other nor what must s
+# ------------------ Put labels next to points so that they cover neither each other nor what must
+# Put labels next to points so that they cover neither each other nor what must stay visible.
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,8 @@ class Budget:
             self._asking = False
 
 
-# ------------------ How long the scheduler may take for its next answer, and what it is asked for
+# ------------------ How long the scheduler may take for its next answer
+# How long the scheduler may take for its next answer, and what it is asked for.
 
 
 class SchedulerPace(Protocol):
@@ -135,7 +136,8 @@ class Staged:
         return True
 
 
-# ------------------ Restarts without what was only guessed, from other random numbers (lines 17 to
+# ------------------ Restarts without what was only guessed
+# Restarts without what was only guessed, from other random numbers (lines 17 to 20).
 
 
 @dataclass

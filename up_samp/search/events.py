@@ -245,7 +245,8 @@ class ProgressObserver(Observer):
         self._tell(event.state, "restart", message)
 
 
-# ------------------ A readable trace: every candidate schedule and every refinement, one text file
+# ------------------ A readable trace
+# A readable trace: every candidate schedule and every refinement, one text file a round.
 
 
 class TraceObserver(Observer):

@@ -74,7 +74,8 @@ def peak_memory() -> float | None:
     return held / (1024.0 * 1024.0 if sys.platform == "darwin" else 1024.0)
 
 
-# ------------------ What happened in a search: rounds, refinements, times, bounds. Exported as CSV
+# ------------------ What happened in a search
+# What happened in a search: rounds, refinements, times, bounds. Exported as CSV and JSON.
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,8 @@ class Knowledge:
         return [r for r in self.active if r.strength is Strength.HEURISTIC]
 
 
-# ------------------ The bounds of a search: the best plan so far, and what no plan can be better th
+# ------------------ The bounds of a search
+# The bounds of a search: the best plan so far, and what no plan can be better than.
 
 
 @dataclass(frozen=True)

@@ -95,15 +95,16 @@ def _copy_timed(source: TimedCondsEffs, target: TimedCondsEffs, rewriter: Rewrit
         raise UnsupportedError("simulated effects are not supported in scheduling problems")
 
 
-# ------------------ The relaxation: the scheduling problem that remains when nothing is known of mo
-# Motion activities become plain ones, configurations plain objects. So that trajectories can be
+# ------------------ The relaxation
+# The relaxation: the scheduling problem that remains when nothing is known of motions. Motion
+# activities become plain ones, configurations plain objects. So that trajectories can be
 # continuous (Definition 9.3), each object that changes its configuration has a state: an object-
-# valued fluent that its motions need at their start and set in the end. Where one of the problem's
-# own fluents does just that already (``robot_at``), it serves, if it is set at the motions' ends
-# or a unit *early*. A state of our own is set a unit early, if all that set it last that long: an
-# effect at t is seen from t + 1 on, so that motions of one object may touch. Where it is set at
-# their ends, motions need it right after their starts, for the same reason; what else the problem
-# itself asks of its fluent at their starts stays as it is.
+# valued fluent that its motions need at their start and set in the end. Where one of the
+# problem's own fluents does just that already (``robot_at``), it serves, if it is set at the
+# motions' ends or a unit *early*. A state of our own is set a unit early, if all that set it last
+# that long: an effect at t is seen from t + 1 on, so that motions of one object may touch. Where
+# it is set at their ends, motions need it right after their starts, for the same reason; what
+# else the problem itself asks of its fluent at their starts stays as it is.
 
 
 _ANYWHERE = "samp_anywhere"

@@ -196,7 +196,8 @@ class PresenceFixer:
         return False
 
 
-# ------------------ A problem with some of its optional activities only: who does what is decided,
+# ------------------ A problem with some of its optional activities only
+# A problem with some of its optional activities only: who does what is decided, or nearly so.
 
 
 def thinned(problem: SchedulingMotionProblem, keep: Collection[str]) -> SchedulingMotionProblem:

@@ -61,7 +61,8 @@ class Bicycle:
         qdot[2] = speed * math.tan(steering) / self.length
 
 
-# ------------------ What a problem in a published form is made of: robots, doors, and what activiti
+# ------------------ What a problem in a published form is made of
+# What a problem in a published form is made of: robots, doors, and what activities need.
 
 
 @dataclass(frozen=True)

@@ -75,8 +75,9 @@ def order_decides(
     return one_decides(workspace.conflicts(one, other))
 
 
-# ------------------ Several robots at once: a ladder of efforts, and a report of what really confli
-# Everybody is first planned alone; orders of priority are tried with more and more effort
+# ------------------ Several robots at once
+# Several robots at once: a ladder of efforts, and a report of what really conflicts. Everybody is
+# first planned alone; orders of priority are tried with more and more effort
 # (``up_samp.motion.fleet.priority_search``), and a few robots for which no order works are moved
 # together. A group that fails or is late is shrunk to the few motions that really conflict.
 

@@ -251,8 +251,9 @@ def _steps(node: _Node) -> list[tuple[RoadmapEdge, ...]]:
     return steps[::-1]
 
 
-# ------------------ Joint moves made into few drives: moves that do not meet are independent of eac
-# Each robot's moves are joined into as few drives as the others allow, in a sequence in which one
+# ------------------ Joint moves made into few drives
+# Joint moves made into few drives: moves that do not meet are independent of each other. Each
+# robot's moves are joined into as few drives as the others allow, in a sequence in which one
 # drives while the others rest.
 
 
@@ -436,11 +437,12 @@ def _route(
     return roadmap.route(ends, estimate, allowed, limit)[0]
 
 
-# ------------------ Knots solved by construction: joint moves on roadmaps, made into drives that ne
+# ------------------ Knots solved by construction
+# Knots solved by construction: joint moves on roadmaps, made into drives that need few stops.
 # Where no order of priorities works, a plan for everybody is searched on roadmaps of rest poses
 # (``up_samp.motion.fleet.deadlocks``), coarse to fine. It is then made into few drives
-# (``up_samp.motion.fleet.deadlocks``). A planner's own path replaces the moves of a drive where it
-# finds one. Finding nothing proves nothing: the roadmaps leave poses out.
+# (``up_samp.motion.fleet.deadlocks``). A planner's own path replaces the moves of a drive where
+# it finds one. Finding nothing proves nothing: the roadmaps leave poses out.
 
 
 DRAWS = ((4, 0), (4, 1), (1, 0), (1, 0))

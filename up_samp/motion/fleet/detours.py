@@ -202,10 +202,11 @@ def ways_past(
         path = found
 
 
-# ------------------ Two robots that would meet on one line pass each other, each in a lane of its o
-# Where a way is just wide enough for both, neither can stay in the middle of it: who goes first
-# has to leave room for who comes. Lanes to both sides are tried, as far from the paths as it takes
-# and a bit more, around where the two would meet and longer ones.
+# ------------------ Two robots that would meet on one line pass each other
+# Two robots that would meet on one line pass each other, each in a lane of its own. Where a way
+# is just wide enough for both, neither can stay in the middle of it: who goes first has to leave
+# room for who comes. Lanes to both sides are tried, as far from the paths as it takes and a bit
+# more, around where the two would meet and longer ones.
 
 
 def pass_by(

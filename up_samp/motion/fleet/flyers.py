@@ -192,10 +192,11 @@ def _contact_within(a: Flight, b: Flight, low: float, high: float, margin: float
         t = max(t, float(np.interp(reach, way, marks)))
 
 
-# ------------------ Flyers as bodies that drive below them meet them: moving shadows on the floor
-# While all of a flyer is above the drivers it is no obstacle to them. While some of it is not, it
-# counts as the hull of all of it, in every orientation that it has in that while: more than it is,
-# which proves nothing and is never told as a proof.
+# ------------------ Flyers as bodies that drive below them meet them
+# Flyers as bodies that drive below them meet them: moving shadows on the floor. While all of a
+# flyer is above the drivers it is no obstacle to them. While some of it is not, it counts as the
+# hull of all of it, in every orientation that it has in that while: more than it is, which proves
+# nothing and is never told as a proof.
 
 
 SLACK = 0.02
@@ -267,7 +268,8 @@ def _hull(points: Sequence[FloatArray], limits: Kinematics) -> Body:
     return Body(tuple(map(tuple, ring.tolist())), kinematics)
 
 
-# ------------------ One flyer among flights that are decided: its best path when it meets nobody th
+# ------------------ One flyer among flights that are decided
+# One flyer among flights that are decided: its best path when it meets nobody there, a detour.
 
 
 @dataclass
@@ -480,11 +482,13 @@ def resting(rest: Rest) -> Flight:
     return Flight(rest.name, rest.name, rest.body, where, rest.since, rest.until)
 
 
-# ------------------ Several free flyers (SE3) at once: one after the other, each as early as those
+# ------------------ Several free flyers
+# Several free flyers (SE3) at once: one after the other, each as early as those before it allow.
 # Prioritised planning (Erdmann & Lozano-Perez 1987): every flyer takes its planner's best path
 # among what rests and leaves when it meets nobody on it, or a path around where it would meet
-# somebody. Other orders, and paths that keep out of the places where the others start and end, are
-# tried where somebody is late. Nobody steps aside for another: finding nothing proves nothing.
+# somebody. Other orders, and paths that keep out of the places where the others start and end,
+# are tried where somebody is late. Nobody steps aside for another: finding nothing proves
+# nothing.
 #
 # Bodies that drive in the plane among them are decided already: groups of both kinds are planned
 # by ``up_samp.motion.fleet.coordination``.

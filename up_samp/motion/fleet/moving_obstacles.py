@@ -136,7 +136,8 @@ def _add(out: FloatArray, count: int, low: float, high: float) -> int:
     return count
 
 
-# ------------------ Drives along a few arcs among movers, at sampled poses: how long they take, whe
+# ------------------ Drives along a few arcs among movers
+# Drives along a few arcs among movers, at sampled poses: how long they take, when they clash.
 
 
 @inner

@@ -48,9 +48,10 @@ def abilities_of(body: Body) -> Abilities:
     return Abilities(sideways=False, pivots=False, radius=kin.turning_radius, free=True)
 
 
-# ------------------ Compiled bookkeeping in time: who is in which cell when, and what that leaves f
-# ``occupied`` of a run has shape (cells + 3,): extended cell ``i`` is held during ``[occupied[i],
-# occupied[i + 1]]``. A body that waits between two cells counts as being in the one behind it.
+# ------------------ Compiled bookkeeping in time
+# Compiled bookkeeping in time: who is in which cell when, and what that leaves free. ``occupied``
+# of a run has shape (cells + 3,): extended cell ``i`` is held during ``[occupied[i], occupied[i +
+# 1]]``. A body that waits between two cells counts as being in the one behind it.
 
 
 FloatArray = npt.NDArray[np.float64]
@@ -331,7 +332,8 @@ def first_gap(blocked: FloatArray, earliest: float, latest: float) -> float:
     return at if at <= latest else np.inf
 
 
-# ------------------ Where paths bend: their parameter, where they kink, where the body must rest or
+# ------------------ Where paths bend
+# Where paths bend: their parameter, where they kink, where the body must rest or drive slowly.
 
 
 BoolArray = npt.NDArray[np.bool_]
@@ -431,8 +433,9 @@ def bends_hard(poses: FloatArray, s: FloatArray, stop: BoolArray, body: Body) ->
     return bool(np.any(change[moving] > most * mean[moving]) or np.any(turn > most))
 
 
-# ------------------ Fixed paths, cut into short cells: the geometry that speed tuning and conflict
-# A path keeps the shape of a planner's trajectory and forgets its timing. Its parameter ``s`` (m)
+# ------------------ Fixed paths, cut into short cells: the geometry that speed tuning and
+# Fixed paths, cut into short cells: the geometry that speed tuning and conflict checks share. A
+# path keeps the shape of a planner's trajectory and forgets its timing. Its parameter ``s`` (m)
 # is driven length for cars, and for bodies that turn on the spot where they drive; for
 # omnidirectional bodies, and on the spot, it is the larger of the length and the turn scaled by
 # ``v_max / omega_max``, so that ``|ds/dt| <= v_max`` bounds speed and turn rate at once.

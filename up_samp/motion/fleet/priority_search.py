@@ -341,12 +341,13 @@ def _one_run(motion: TimedMotion, legs: Sequence[TimedPath]) -> TimedPath:
     return run_of(motion, path, Timing(whole, path.natural_s), legs[0].since)
 
 
-# ------------------ Orders of priority: search over who goes before whom, and by how much effort ea
-# Priority-based search (Ma et al. 2019): conflicts are resolved one by one, earliest first, by
-# giving one of two robots priority and planning the other one again around all that come before
-# it. The first branch is prioritised planning by release time and slack; the others are other
-# priorities. Lateness orders the branches. Where no order works for a few robots, they are moved
-# together (``up_samp.motion.fleet.priority_search``).
+# ------------------ Orders of priority
+# Orders of priority: search over who goes before whom, and by how much effort each one is
+# planned. Priority-based search (Ma et al. 2019): conflicts are resolved one by one, earliest
+# first, by giving one of two robots priority and planning the other one again around all that
+# come before it. The first branch is prioritised planning by release time and slack; the others
+# are other priorities. Lateness orders the branches. Where no order works for a few robots, they
+# are moved together (``up_samp.motion.fleet.priority_search``).
 
 
 Pair = tuple[str, str]

@@ -264,10 +264,11 @@ def steps_of(rows: FloatArray, radius: float) -> FloatArray:
     return np.asarray(np.maximum(steps, 1e-9))
 
 
-# ------------------ A roadmap of one kind of body: places to rest at, and the short moves between t
-# The places are those of a lattice around everybody's ends, the ends themselves, and marks along
-# the robots' own best paths, so that what is too tight for the lattice is on the map all the same.
-# Every move is swept against the map and what rests for good.
+# ------------------ A roadmap of one kind of body
+# A roadmap of one kind of body: places to rest at, and the short moves between them. The places
+# are those of a lattice around everybody's ends, the ends themselves, and marks along the robots'
+# own best paths, so that what is too tight for the lattice is on the map all the same. Every move
+# is swept against the map and what rests for good.
 
 
 def cells_of(body: Body, tuning: RoadmapTuning) -> tuple[float, float, float, float]:

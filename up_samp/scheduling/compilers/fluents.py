@@ -252,7 +252,8 @@ def empty(problem: PlainProblem, condition: Condition) -> Expr:
     return conjunction(early)
 
 
-# ------------------ Numbers to objects: bounded integer fluents that are only assigned, for engines
+# ------------------ Numbers to objects
+# Numbers to objects: bounded integer fluents that are only assigned, for engines that take no
 # conditions on numbers over intervals.
 
 

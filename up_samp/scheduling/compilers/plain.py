@@ -26,15 +26,17 @@ class CompilerLimits:
 LIMITS = CompilerLimits()
 
 
-# ------------------ Expressions as nested tuples: conditions, constraints and durations of plain pr
+# ------------------ Expressions as nested tuples
+# Expressions as nested tuples: conditions, constraints and durations of plain problems.
 # ==================================== ===========================================================
 # ``("bool", b)``, ``("int", n)`` constants ``("obj", name)`` an object ``("par", name)`` a
-# decision variable (``activity.parameter`` or a global one) ``("pres", activity)`` the activity is
-# present ``("time", anchor, activity, k)`` ``anchor + k``; anchor is one of ``start``, ``end`` (of
-# the activity), ``zero``, ``horizon`` (activity ``None``) ``("flu", name, *arguments)`` a fluent
-# ``("and"|"or", *operands)`` n-ary; ``("not", x)``, ``("implies"|"iff", a, b)`` ``("eq"|"le"|"lt",
-# a, b)`` comparisons ``("plus"|"times", *operands)`` n-ary; ``("minus"|"div", a, b)``
-# ==================================== ===========================================================
+# decision variable (``activity.parameter`` or a global one) ``("pres", activity)`` the activity
+# is present ``("time", anchor, activity, k)`` ``anchor + k``; anchor is one of ``start``, ``end``
+# (of the activity), ``zero``, ``horizon`` (activity ``None``) ``("flu", name, *arguments)`` a
+# fluent ``("and"|"or", *operands)`` n-ary; ``("not", x)``, ``("implies"|"iff", a, b)``
+# ``("eq"|"le"|"lt", a, b)`` comparisons ``("plus"|"times", *operands)`` n-ary; ``("minus"|"div",
+# a, b)`` ====================================
+# ===========================================================
 #
 # Types are ``("bool",)``, ``("int", low, high)`` (``None``: open) and ``("user", name)``. Times
 # are integers (schedule units).

@@ -53,7 +53,8 @@ def compile_flat_types(problem: PlainProblem) -> Compiled:
     return Compiled(flattened)
 
 
-# ------------------ User types that nothing has, with their objects, away: engines need not support
+# ------------------ User types that nothing has
+# User types that nothing has, with their objects, away: engines need not support them then.
 
 
 def compile_unused(problem: PlainProblem) -> Compiled:

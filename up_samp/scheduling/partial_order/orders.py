@@ -37,7 +37,8 @@ class OrderConstraint:
     instead: Difference | None = None
 
 
-# ------------------ What objects ask of the order of activities: they move one way at a time, and r
+# ------------------ What objects ask of the order of activities
+# What objects ask of the order of activities: they move one way at a time, and rest for others.
 
 
 def _movers(planned: Planned, snapshot: Snapshot) -> dict[str, list[tuple[str, bool]]]:
@@ -116,7 +117,8 @@ def performers(planned: Planned, snapshot: Snapshot) -> Mapping[str, tuple[str, 
     return {name: tuple(sorted(who)) for name, who in found.items()}
 
 
-# ------------------ What the problem asks of the order of activities, as differences: constraints,
+# ------------------ What the problem asks of the order of activities
+# What the problem asks of the order of activities, as differences: constraints, fluents,
 # resources, objects that rest, one motion after the other for each robot.
 
 

@@ -155,14 +155,15 @@ def _sooner(stuck: str, first: Sequence[str]) -> list[str]:
     return [stuck, *(name for name in first if name != stuck)]
 
 
-# ------------------ Better rounds: whose turn comes when is changed a little, and kept if everybody
+# ------------------ Better rounds
+# Better rounds: whose turn comes when is changed a little, and kept if everybody is done sooner.
 # A round decides all tours anew in the order of time, on the ways that are known
-# (``up_samp.search.fleet.improve``): it is over in a fraction of a second, and hangs on whose turn
-# comes sooner than it would. So those turns are searched (iterated local search; Lourenço, Martin
-# and Stützle 2003): some robots, those that end last most often, have their turns sooner or later;
-# or those motions of theirs that take much longer than they would alone look for other ways, which
-# all rounds know from then on. A round is given up as soon as somebody cannot end any more before
-# the last one of the best round does.
+#: it is over in a fraction of a second, and hangs on whose
+# turn comes sooner than it would. So those turns are searched (iterated local search; Lourenço,
+# Martin and Stützle 2003): some robots, those that end last most often, have their turns sooner
+# or later; or those motions of theirs that take much longer than they would alone look for other
+# ways, which all rounds know from then on. A round is given up as soon as somebody cannot end any
+# more before the last one of the best round does.
 
 
 @dataclass
@@ -239,15 +240,16 @@ class PriorityLocalSearch:
         return ranked[min(int(self.rng.expovariate(0.5)), len(ranked) - 1)]
 
 
-# ------------------ Better plans of a fleet: some tours are withdrawn and decided anew among the ot
-# First all tours are decided again and again (``up_samp.search.fleet.improve``), if that is how
-# they were found, until that brings nothing any more. Then comes a large-neighbourhood search
-# (Shaw 1998; for paths of many robots: Li et al., "Anytime Multi-Agent Path Finding via Large
-# Neighborhood Search", IJCAI 2021). One of the tours that end last is decided anew, with some of
-# those that delay it or with any others, in a random order or in the order of time; or its robot
-# gives a job to another one, or exchanges one with it. What is not withdrawn stays as it is,
-# motions and times. A change is kept if the plan gets shorter, or if it does not and its tours do
-# on the whole.
+# ------------------ Better plans of a fleet
+# Better plans of a fleet: some tours are withdrawn and decided anew among the others. First all
+# tours are decided again and again, if that is how they were
+# found, until that brings nothing any more. Then comes a large-neighbourhood search (Shaw 1998;
+# for paths of many robots: Li et al., "Anytime Multi-Agent Path Finding via Large Neighborhood
+# Search", IJCAI 2021). One of the tours that end last is decided anew, with some of those that
+# delay it or with any others, in a random order or in the order of time; or its robot gives a job
+# to another one, or exchanges one with it. What is not withdrawn stays as it is, motions and
+# times. A change is kept if the plan gets shorter, or if it does not and its tours do on the
+# whole.
 
 
 OpenTours = Callable[[Assignment, Deadline], TourPlanner | None]

@@ -81,7 +81,8 @@ class RobotKinds:
         self.starts = Counter((self.kind_of[r], snapshot.initial[r]) for r in self.robots)
 
 
-# ------------------ What doing a job takes a robot at least: drives, work, and units between them
+# ------------------ What doing a job takes a robot at least
+# What doing a job takes a robot at least: drives, work, and units between them.
 
 
 class JobWork:

@@ -128,7 +128,8 @@ def _clause(constraint: FNode) -> tuple[str, ...]:
     return tuple(a.presence().container for a in args)
 
 
-# ------------------ The plan that a neighbourhood is chosen in: who is busy when, who waits for who
+# ------------------ The plan that a neighbourhood is chosen in
+# The plan that a neighbourhood is chosen in: who is busy when, who waits for whom, who meets.
 
 
 @dataclass(frozen=True)
@@ -277,9 +278,10 @@ def _gap(one: Trajectory, two: Trajectory, moments: int = 16) -> float:
     return float(np.hypot(*apart).min())
 
 
-# ------------------ Neighbourhoods: which robots are freed, and when. Each is one function of a pla
-# Each takes the plan, random numbers and how many robots to free, and returns them; the rest of
-# the plan is kept.
+# ------------------ Neighbourhoods
+# Neighbourhoods: which robots are freed, and when. Each is one function of a plan. Each takes the
+# plan, random numbers and how many robots to free, and returns them; the rest of the plan is
+# kept.
 
 
 @dataclass(frozen=True)

@@ -71,7 +71,8 @@ class Roulette:
         return round(self.size)
 
 
-# ------------------ The scheduling problem that is left where some robots of a plan are freed, and
+# ------------------ The scheduling problem that is left where some robots of a plan are freed
+# The scheduling problem that is left where some robots of a plan are freed, and its solution.
 
 
 @dataclass(frozen=True)

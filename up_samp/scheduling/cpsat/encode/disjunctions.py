@@ -407,7 +407,8 @@ def _grow(graph: Graph, uncovered: Graph, v: int, w: int) -> set[int]:
     return clique
 
 
-# ------------------ Disjunctions between pairs of activities: recognised, and stated as NoOverlaps
+# ------------------ Disjunctions between pairs of activities
+# Disjunctions between pairs of activities: recognised, and stated as NoOverlaps.
 
 
 Owners = dict[int, list[ActivityVars]]

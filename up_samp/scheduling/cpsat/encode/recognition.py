@@ -299,9 +299,10 @@ def _read(activity: ActivityVars, allowed: frozenset[int]) -> Read:
     return Read(activity.index, activity.present, start, start, allowed=allowed)
 
 
-# ------------------ What clauses say of who comes first: someone who needs one of some others to ha
-# ``Or(not A.present, another value, And(H.present, H.end + k <= A.end), ...)`` asks no more than a
-# condition of A on a state that each H sets once and for all. Where a state variable tells just
+# ------------------ What clauses say of who comes first
+# What clauses say of who comes first: someone who needs one of some others to have ended before.
+# ``Or(not A.present, another value, And(H.present, H.end + k <= A.end), ...)`` asks no more than
+# a condition of A on a state that each H sets once and for all. Where a state variable tells just
 # that (a door that nobody shuts), it is that one; else there is a *milestone* for it. The clauses
 # stay as they are: what is found here constrains nothing, but routes are read off it.
 
@@ -464,8 +465,9 @@ def _read_clause(found: ClausePrecedence, state: StateVar, states: States) -> Re
     return Read(activity.index, active, at, at, allowed=allowed)
 
 
-# ------------------ Unary resources in whatever style: levels of one, busy flags, and states that a
-# Each finder returns activities of which no two overlap, with the gap that they keep: what follows
+# ------------------ Unary resources in whatever style
+# Unary resources in whatever style: levels of one, busy flags, and states that are held. Each
+# finder returns activities of which no two overlap, with the gap that they keep: what follows
 # from the effects and conditions on one state variable. ``whole`` says that the state variable
 # asks nothing else, so that the disjunctions may take its place.
 

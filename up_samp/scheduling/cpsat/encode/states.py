@@ -105,7 +105,8 @@ class StateVar:
         return any(w.add for w in self.writes)
 
 
-# ------------------ The ground fluents of a problem: which one an expression stands for, and what i
+# ------------------ The ground fluents of a problem
+# The ground fluents of a problem: which one an expression stands for, and what it is at first.
 
 
 class GroundFluents:
@@ -193,7 +194,8 @@ def no_fluents(node: FNode) -> Lin:
     raise UnsupportedError(f"the fluent '{node}' is read at no time; cpsat needs one")
 
 
-# ------------------ How conditions and values read state variables: the reads that are registered f
+# ------------------ How conditions and values read state variables
+# How conditions and values read state variables: the reads that are registered for them.
 
 
 class Readings(GroundFluents):
@@ -343,12 +345,12 @@ class Readings(GroundFluents):
         return value
 
 
-# ------------------ State variables: ground fluents with who writes and who reads them, and when
-# Semantics (PDDL 2.1 as up-aries has it; see ``up_samp/validation/semantics.md``): an effect at t
-# is seen from t + 1 on; a condition over integer instants lo..hi holds at each of them; an effect
-# of another activity on a fluent that the condition reads must not lie in lo..hi, whatever its
-# value; the activity's own effects and the problem's own are not kept apart, the old value counts
-# at t.
+# ------------------ State variables
+# State variables: ground fluents with who writes and who reads them, and when. Semantics (PDDL
+# 2.1 as up-aries has it; see ``up_samp/validation/semantics.md``): an effect at t is seen from t
+# + 1 on; a condition over integer instants lo..hi holds at each of them; an effect of another
+# activity on a fluent that the condition reads must not lie in lo..hi, whatever its value; the
+# activity's own effects and the problem's own are not kept apart, the old value counts at t.
 
 
 class States(Readings):

@@ -36,9 +36,11 @@ def guard(states: States, state: StateVar, read: Read) -> None:
         store.clause([before, after, ~read.active, ~write.active])
 
 
-# ------------------ Numeric state variables: resources that are borrowed, levels that rise and fall
+# ------------------ Numeric state variables
+# Numeric state variables: resources that are borrowed, levels that rise and fall, and reads.
 # Increases and decreases of one instant add up, and bounds are looked at after each instant. So a
-# borrowing over [start, end) may begin when another one ends, and one of duration 0 takes nothing.
+# borrowing over [start, end) may begin when another one ends, and one of duration 0 takes
+# nothing.
 
 
 @dataclass

@@ -37,7 +37,8 @@ def _anchored(timing: Timing, owner: Activity | None) -> Timing:
     return Timing(timing.delay - lower, owner.end)
 
 
-# ------------------ Who is there together: activities and bool variables that ``Iff`` makes one dec
+# ------------------ Who is there together
+# Who is there together: activities and bool variables that ``Iff`` makes one decision.
 
 
 @dataclass(frozen=True)
@@ -100,9 +101,10 @@ def find_presences(
     return Presences({n: r for r, names in together.items() if len(names) > 1 for n in names})
 
 
-# ------------------ The normal form of a problem: the list of steps from what is written to what is
-# Each step says the same in one way, so a model may be built from any of them; what recognition
-# finds in the form only adds what follows anyway, or replaces what is equivalent.
+# ------------------ The normal form of a problem
+# The normal form of a problem: the list of steps from what is written to what is recognised. Each
+# step says the same in one way, so a model may be built from any of them; what recognition finds
+# in the form only adds what follows anyway, or replaces what is equivalent.
 
 
 @dataclass(frozen=True)

@@ -161,7 +161,8 @@ def _variable(value: Lin | None) -> int | None:
     return value.terms[0][0]
 
 
-# ------------------ How long a move lasts at least, if its parameters have certain values; or that
+# ------------------ How long a move lasts at least
+# How long a move lasts at least, if its parameters have certain values; or that they cannot.
 
 
 Values = Mapping[int, int]

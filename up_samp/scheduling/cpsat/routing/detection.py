@@ -73,7 +73,8 @@ def _leading(
     )
 
 
-# ------------------ What moves of one traveller need of other states: doors, rooms behind them, wha
+# ------------------ What moves of one traveller need of other states
+# What moves of one traveller need of other states: doors, rooms behind them, what holds still.
 
 
 def find_entries(model: ScheduleModel, route: Route, changes: list[Mover]) -> None:
@@ -211,8 +212,9 @@ def _kept(model: ScheduleModel, activity: ActivityVars, read: Read) -> tuple[int
     return (after, before) if near and read.active == activity.present else None
 
 
-# ------------------ Routes inside a problem: a state variable that some members of a clique change
-# need (work at places), all one at a time.
+# ------------------ Routes inside a problem
+# Routes inside a problem: a state variable that some members of a clique change (moves) and
+# others need (work at places), all one at a time.
 
 
 def find_routes(model: ScheduleModel) -> list[Route]:

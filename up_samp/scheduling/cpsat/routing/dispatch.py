@@ -314,10 +314,11 @@ def _entrances(routes: list[Route], task: RoutedTask) -> dict[Entrance, int]:
     return common or {}
 
 
-# ------------------ Who does what where: the tasks of travellers, for quick constructive schedules
-# A task is one of several alternatives (stops of routes) that are done once; its times are one
-# start variable, and whatever opens the same door is one task. What the tasks need is read off the
-# full model: order, machines, doors, unary places.
+# ------------------ Who does what where
+# Who does what where: the tasks of travellers, for quick constructive schedules. A task is one of
+# several alternatives (stops of routes) that are done once; its times are one start variable, and
+# whatever opens the same door is one task. What the tasks need is read off the full model: order,
+# machines, doors, unary places.
 
 
 Memory = dict[tuple[object, ...], dict[int, int]]

@@ -120,7 +120,8 @@ class LabelTable:
         return worse
 
 
-# ------------------ From beginnings of sequences of tasks to those that are longer by a task: array
+# ------------------ From beginnings of sequences of tasks to those that are longer by a task
+# From beginnings of sequences of tasks to those that are longer by a task: arrays of labels.
 
 
 @dataclass(frozen=True)
@@ -364,9 +365,10 @@ class Steps:
         return np.where(labels.last >= 0, begun, 0).max(1)
 
 
-# ------------------ Travellers who can do the same in the same times: beginnings that differ in who
-# are one. Where they start is their own, so only those that have done something are exchanged; all
-# of them, where everybody begins anywhere.
+# ------------------ Travellers who can do the same in the same times
+# Travellers who can do the same in the same times: beginnings that differ in who of them did what
+# are one. Where they start is their own, so only those that have done something are exchanged;
+# all of them, where everybody begins anywhere.
 
 
 @dataclass(frozen=True)

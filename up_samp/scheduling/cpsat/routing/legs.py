@@ -189,10 +189,11 @@ def entry_form(stop: ActivityVars, time: Lin, lead: int) -> Form:
     return disjunction([~stop.present, time.shift(lead).le(stop.start)])
 
 
-# ------------------ What travellers have left on their way (batteries, tanks), in the routing relax
-# A level is taken from by moves alone and changed by stops of one traveller. As that one does one
-# thing at a time, the level at a stop follows from the one at the stop before, less what the way
-# takes at least. So a schedule of the relaxation charges about where one of the problem has to.
+# ------------------ What travellers have left on their way
+# What travellers have left on their way (batteries, tanks), in the routing relaxation. A level is
+# taken from by moves alone and changed by stops of one traveller. As that one does one thing at a
+# time, the level at a stop follows from the one at the stop before, less what the way takes at
+# least. So a schedule of the relaxation charges about where one of the problem has to.
 
 
 Ways = dict[tuple[int, int], int]

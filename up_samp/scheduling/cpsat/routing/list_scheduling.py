@@ -272,8 +272,9 @@ def times_of(
     return expand(work.routes, CandidateSchedule(times), changes_by_name(model))
 
 
-# ------------------ Schedules of travellers by list scheduling: one task after the other, as early
-# A plan is a sequence of tasks with who does each; ``Decoder`` gives every task and move its time
+# ------------------ Schedules of travellers by list scheduling
+# Schedules of travellers by list scheduling: one task after the other, as early as it fits. A
+# plan is a sequence of tasks with who does each; ``Decoder`` gives every task and move its time
 # (a serial schedule generation scheme, Kolisch 1996): doors are opened where nobody has done so
 # before, moves wait until nothing changes in their midst, and robots leave a unary place when
 # somebody else needs it. ``improve`` anneals the sequence (Kirkpatrick et al. 1983).

@@ -37,7 +37,8 @@ def shorten(lengths: dict[Pair, int], places: Iterable[int]) -> dict[Pair, int]:
     return via
 
 
-# ------------------ The route of one traveller, as it is read off a model: moves, stops, the ways b
+# ------------------ The route of one traveller
+# The route of one traveller, as it is read off a model: moves, stops, the ways between places.
 
 
 INFINITE = 10**12

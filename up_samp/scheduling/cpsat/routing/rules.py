@@ -97,9 +97,10 @@ def _told_apart(route: Route, axis: int, tasks: list[RoutedTask]) -> list[tuple[
     ]
 
 
-# ------------------ The least time that travellers together spend on their tasks, by dynamic progra
-# Over (tasks done, where everybody did its last one), after Held and Karp (1962). Times between
-# two tasks of one traveller hold whatever it does in between.
+# ------------------ The least time that travellers together spend on their tasks
+# The least time that travellers together spend on their tasks, by dynamic programming. Over
+# (tasks done, where everybody did its last one), after Held and Karp (1962). Times between two
+# tasks of one traveller hold whatever it does in between.
 
 
 def cost(route: Route, here: int, place: int, stop: str, *, first: bool) -> int:
@@ -224,7 +225,8 @@ def _ideals(before: list[int], most: int) -> list[list[int]] | None:
     return layers
 
 
-# ------------------ What a sequence of tasks has to obey: who may do what where, precedences, chang
+# ------------------ What a sequence of tasks has to obey
+# What a sequence of tasks has to obey: who may do what where, precedences, changes, ways left.
 
 
 @dataclass(frozen=True)

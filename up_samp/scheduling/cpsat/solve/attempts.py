@@ -64,7 +64,8 @@ def hint_values(model: ScheduleModel, schedule: CandidateSchedule) -> dict[int, 
     return values
 
 
-# ------------------ Attempts at one model: what is known of its schedules, and single runs of CP-SA
+# ------------------ Attempts at one model
+# Attempts at one model: what is known of its schedules, and single runs of CP-SAT to know more.
 
 
 Progress = Callable[[CandidateSchedule, "int | None"], None]
