@@ -5,6 +5,7 @@ model, told as an error, and what is returned rests on nothing that was recognis
 import logging
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from cpsat import fleets
@@ -14,7 +15,11 @@ from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.shortcuts import OneshotPlanner
 
 from up_samp.fleet import Fleet
+from up_samp.model import CandidateSchedule
 from up_samp.scheduling.cpsat.solve import strategy
+from up_samp.search.conclusion import Conclusion, conclude
+from up_samp.search.history import History
+from up_samp.search.knowledge import Bounds, Incumbent
 from up_samp.validation import validate_plan
 
 MAPS = Path(__file__).parents[2] / "examples" / "maps"
@@ -71,3 +76,27 @@ def test_a_plan_rests_on_nothing_that_was_refuted(optimal, wrong):
 def test_what_holds_is_not_refuted(name):
     with OneshotPlanner(name=name) as planner:
         assert not refuted(planner.solve(write_fleet(PAIR, 3)))
+
+
+@pytest.mark.parametrize("native", [True, False])
+@pytest.mark.parametrize("plain", [True, False])
+def test_no_plan_is_optimal_that_ends_before_a_bound_that_was_doubted_in_vain(
+    native, plain, caplog
+):
+    caplog.set_level(logging.CRITICAL, "up_samp")
+    schedule = CandidateSchedule({"a": (0, 8)}, {})
+    history, forgotten = History(), []
+    search = SimpleNamespace(
+        bounds=Bounds(lower=10, stood=10, incumbent=Incumbent(schedule, {}, None)),
+        problem=SimpleNamespace(native=native),
+        plain=plain,
+        prover=SimpleNamespace(sooner_than=lambda *_: False),
+        knowledge=SimpleNamespace(active=[]),
+        history=history,
+        recognise_nothing=lambda: forgotten.append(True),
+    )
+    ended = conclude(search)
+    assert ended.conclusion is Conclusion.SOLVED
+    assert search.bounds.lower == 0
+    told = native and not plain
+    assert (len(history.refuted), len(forgotten)) == (told, told)

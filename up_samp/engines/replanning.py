@@ -20,7 +20,7 @@ from up_samp.engines.direct import Call, DirectFace
 from up_samp.model import UnsupportedError
 
 
-class AgainFace(DirectFace, ReplannerMixin, PlanRepairerMixin):  # type: ignore[misc]
+class ReplanningFace(DirectFace, ReplannerMixin, PlanRepairerMixin):  # type: ignore[misc]
     """``Replanner`` and ``PlanRepairer`` of an engine that can begin from a plan.
 
     The replanner keeps a copy of the problem and the plan of its last :meth:`resolve`, from which

@@ -22,7 +22,7 @@ from unified_planning.model.motion import MotionModels, MovableObject, Schedulin
 from unified_planning.plans import Plan, Schedule
 
 from up_samp.engines.direct import Call
-from up_samp.engines.replanning import AgainFace
+from up_samp.engines.replanning import ReplanningFace
 from up_samp.engines.results import (
     SampResult,
     broke_down,
@@ -151,7 +151,7 @@ credits = Credits(
 )
 
 
-class SampRefine(AgainFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixin):  # type: ignore[misc]
+class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlannerMixin):  # type: ignore[misc]
     """Schedules with the wrapped engine and refines with motion planning.
 
     Parameters that are fields of :class:`up_samp.search.Parameters` are ours; all others go to

@@ -135,11 +135,14 @@ def stands(search: Search, *, nothing: Sequence[Refinement] | None = None) -> bo
     recognised.
     """
     bounds = search.bounds
-    ours = search.problem.native and bounds.lower > bounds.stood
+    claim, best = bounds.lower if nothing is None else None, bounds.incumbent
+    beaten = claim is not None and best is not None and claim > best.schedule.makespan
+    # what was doubted and stood may still be beaten by a plan that came later
+    ours = search.problem.native and (beaten or bounds.lower > bounds.stood)
     if search.plain or not (ours or nothing is not None):
         return True
-    claim, best = bounds.lower if nothing is None else None, bounds.incumbent
-    if claim is not None and best is not None and claim > best.schedule.makespan:
+    if beaten:
+        assert best is not None
         found: CandidateSchedule | None = best.schedule
     elif claim is not None and claim <= bounds.beside:
         return True  # it rests on more than what the scheduler is told
@@ -214,8 +217,8 @@ def conclude(search: Search) -> SearchResult:
     if search.problem.native:
         believed = stands(search)
     else:
-        believed = bound <= makespan and not prover.sooner_than(active, makespan)
-    if believed:
+        believed = not prover.sooner_than(active, makespan)
+    if believed and bound <= makespan:
         return SearchResult(Conclusion.OPTIMAL)
     bounds.forget()
     what = "plan" if bound > makespan else "schedule that agrees with all that is known"
