@@ -214,10 +214,8 @@ def conclude(search: Search) -> SearchResult:
         return SearchResult(Conclusion.SOLVED)
     makespan, bound = bounds.incumbent.schedule.makespan, bounds.lower
     active, prover = search.knowledge.active, search.prover
-    if search.problem.native:
-        believed = stands(search)
-    else:
-        believed = not prover.sooner_than(active, makespan)
+    native = search.problem.native
+    believed = stands(search) if native else not prover.sooner_than(active, makespan)
     if believed and bound <= makespan:
         return SearchResult(Conclusion.OPTIMAL)
     bounds.forget()
