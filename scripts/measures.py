@@ -144,7 +144,7 @@ def warehouse_of(case: str) -> Any:
     size, _, form = case.partition(", ")
     robots, orders = map(int, size.split("x"))
     if form == "file":
-        return helper(".", "tests.search.store_fleet").fleet_of(robots, orders).problem
+        return helper(".", "tests.search.fleet_bound.store_fleet").fleet_of(robots, orders).problem
     from up_samp.benchmarks.warehouse import warehouse
 
     return warehouse(robots, orders, encoding=form or "compact")
@@ -234,7 +234,7 @@ def tight_place(case: str) -> Values:
     report, cpu, total = arrivals(traffic, 60.0)
     told: Values = {"found": int(total is not None), "cpu": cpu, "ratio": None}
     if total is not None:
-        judge = helper(".", "tests.spacetime.independent").judge
+        judge = helper(".", "tests.motion.fleet.independent").judge
         with tempfile.TemporaryDirectory() as folder:
             judge(traffic, report, Path(folder))
         least = alone(traffic)

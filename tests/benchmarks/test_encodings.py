@@ -5,10 +5,10 @@ import random
 
 import pytest
 from ortools.sat.python import cp_model
-from schedule_oracle import holds
 from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.shortcuts import MinimizeMakespan, OneshotPlanner
 
+from tests.benchmarks.schedule_oracle import holds
 from up_samp.benchmarks import job_shop, logistics, transport
 from up_samp.benchmarks.transport import FT06
 from up_samp.upio import read_problem, relax

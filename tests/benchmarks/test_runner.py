@@ -7,8 +7,8 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-import sweep_doubles
 
+from tests.benchmarks import sweep_doubles
 from up_samp.benchmarks import cli, report, runner
 from up_samp.benchmarks.one_run import RunSpec, select, sweep
 from up_samp.model import EngineError, ProblemError

@@ -3,11 +3,11 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
-import handmade
 import pytest
 from unified_planning.engines import PlanGenerationResult, PlanGenerationResultStatus
 
 import up_samp.cli
+from tests import handmade
 from up_samp import cli
 from up_samp.cli import main, solving
 from up_samp.cli.progress import Progress, schedule_table, table
@@ -17,9 +17,9 @@ from up_samp.model import ProblemError
 
 SCRIPT = """
 import sys
-sys.path.insert(0, {tests!r})
+sys.path.insert(0, {root!r})
 from pathlib import Path
-import handmade
+from tests import handmade
 {body}
 """
 
@@ -34,9 +34,9 @@ def script(tmp_path):
     """Write a problem script with the given last lines."""
 
     def write(body="problem = handmade.make(Path(__file__).parent).problem"):
-        tests = str(handmade.__file__).rsplit("/", 1)[0]
+        root = str(handmade.__file__).rsplit("/", 2)[0]
         path = tmp_path / "hall_problem.py"
-        path.write_text(SCRIPT.format(tests=tests, body=body))
+        path.write_text(SCRIPT.format(root=root, body=body))
         return str(path)
 
     return write

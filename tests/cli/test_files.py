@@ -7,9 +7,9 @@ import shutil
 import subprocess
 import sys
 
-import handmade
 import pytest
 
+from tests import handmade
 from up_samp.cli import main
 from up_samp.cli.outputs import write_outputs
 from up_samp.io import plan_to_dict, read_plan
@@ -93,9 +93,10 @@ def test_the_folder_is_checked_before_solving(tmp_path, capsys):
 
 SOLVE = """
 import sys, types
-sys.path.insert(0, {tests!r})
-import handmade, os
+sys.path.insert(0, {root!r})
+import os
 from pathlib import Path
+from tests import handmade
 from unified_planning.engines import PlanGenerationResult, PlanGenerationResultStatus as S
 from up_samp.cli import solving, main, commands
 made = handmade.make(Path({folder!r}))
@@ -110,8 +111,8 @@ sys.exit(main())
 
 @pytest.mark.parametrize("how", ["ascii", "closed", "full"])
 def test_a_plan_is_not_lost_with_standard_output(tmp_path, how):
-    tests = str(handmade.__file__).rsplit("/", 1)[0]
-    code = SOLVE.format(tests=tests, folder=str(tmp_path))
+    root = str(handmade.__file__).rsplit("/", 2)[0]
+    code = SOLVE.format(root=root, folder=str(tmp_path))
     command = child.command(code)
     env = child.environment({"PYTHONIOENCODING": "ascii"} if how == "ascii" else {})
     if how == "closed":

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from cpsat.random_problems import random_problem
-from scheduling.test_own_effects import drawn
 from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.exceptions import (
     UPNoRequestedEngineAvailableException,
@@ -26,6 +24,8 @@ from unified_planning.shortcuts import (
 )
 from unified_planning.test.examples.scheduling import get_example_problems
 
+from tests.scheduling.compilers.test_own_effects import drawn
+from tests.scheduling.cpsat.random_problems import random_problem
 from up_samp.engines.factory import engine_named
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.scheduling import known_engines, open_scheduler

@@ -3,12 +3,12 @@
 import pickle
 
 import pytest
-from oracles.fresh import fresh_environment
-from oracles.odd_executors import Backwards
 from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.environment import get_environment
 from unified_planning.shortcuts import OneshotPlanner
 
+from tests.oracles.fresh import fresh_environment
+from tests.oracles.odd_executors import Backwards
 from up_samp import portfolio
 from up_samp.benchmarks.instances import instance
 from up_samp.model import ProblemError

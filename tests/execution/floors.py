@@ -11,7 +11,6 @@ import itertools
 import math
 import random
 
-import handmade
 import numpy as np
 from PIL import Image
 from unified_planning.model import (
@@ -44,6 +43,7 @@ from unified_planning.shortcuts import (
     UserType,
 )
 
+from tests import handmade
 from up_samp import Fleet
 from up_samp.execution.judge import contacts_of
 from up_samp.io.sampling import trajectory_rows

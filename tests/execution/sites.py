@@ -1,6 +1,5 @@
 """Small motion problems with their plans, written drive by drive."""
 
-import handmade
 from unified_planning.model.motion import (
     SE2,
     ActivityWaypoints,
@@ -13,6 +12,7 @@ from unified_planning.model.motion import (
 )
 from unified_planning.shortcuts import ConfigurationType, MovableType
 
+from tests import handmade
 from up_samp.io.sampling import trajectory_rows
 
 BOX = [(-0.4, -0.25), (0.4, -0.25), (0.4, 0.25), (-0.4, 0.25)]

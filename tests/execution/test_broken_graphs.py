@@ -4,12 +4,11 @@ import copy
 import re
 from pathlib import Path
 
-import floors
 import pytest
-import sites
 from unified_planning.model import Fluent
 from unified_planning.shortcuts import LE, LT, IntType, Or
 
+from tests.execution import floors, sites
 from up_samp.cli import main
 from up_samp.execution import dependencies_from_plan, dependency_faults, with_dependencies
 from up_samp.export import export_plan
@@ -266,10 +265,11 @@ def test_without_the_problem_what_the_motions_need_is_asked_for(full, name, tmp_
 
 def test_commands_refuse_what_is_broken(full, yaml, tmp_path, capsys):
     script = tmp_path / "crossing.py"
-    here = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
+    here = [str(Path(__file__).parents[2])]
     script.write_text(
         f"import sys\nsys.path[:0] = {here}\n"
-        f"from test_broken_graphs import written\nproblem = written({str(yaml)!r}).problem\n"
+        "from tests.execution.test_broken_graphs import written\n"
+        f"problem = written({str(yaml)!r}).problem\n"
     )
     good = str(write_plan(tmp_path / "good.json", full))
     problem = ["--problem", str(script)]

@@ -4,11 +4,11 @@ round keeps everything that the problem asks for.
 
 import random
 
-import floors
 import pytest
-from test_orders import made
 from unified_planning.shortcuts import LT, And, Or
 
+from tests.execution import floors
+from tests.execution.test_orders import made
 from up_samp.execution import Delays, Executor, dependencies_of, simulate
 from up_samp.execution.build import with_sides
 from up_samp.execution.reorder import _load, can_wait, happened

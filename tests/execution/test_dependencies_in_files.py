@@ -1,10 +1,10 @@
 import json
 from importlib.resources import files
 
-import floors
 import jsonschema
 import pytest
 
+from tests.execution import floors
 from up_samp.execution import Delays, Executor, dependencies_of, simulate, with_dependencies
 from up_samp.io import check_plan, read_plan, write_plan
 from up_samp.model import ProblemError

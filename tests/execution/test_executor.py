@@ -1,8 +1,8 @@
 """The hall of ``handmade``: r0 drives to a button, opens the door and drives through it."""
 
-import handmade
 import pytest
 
+from tests import handmade
 from up_samp.execution import At, Do, Executor, Go, Heard, Hold, Reply, dependencies_of
 from up_samp.execution.reports import TAKEN
 from up_samp.io import plan_to_dict

@@ -3,9 +3,9 @@
 import dataclasses
 import random
 
-import floors
 import pytest
 
+from tests.execution import floors
 from up_samp.execution.build import dependencies_of
 from up_samp.execution.simulate import Delays, simulate
 from up_samp.io import plan_from_dict

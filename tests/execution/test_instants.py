@@ -5,10 +5,7 @@ the problem's meaning needs, however late anybody is.
 import json
 import random
 
-import floors
-import instants
 import pytest
-import sites
 from unified_planning.model import Fluent, OpenTimeInterval, Timing
 from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.plans import Schedule
@@ -19,6 +16,7 @@ from unified_planning.shortcuts import (
     IntType,
 )
 
+from tests.execution import floors, instants, sites
 from up_samp.execution import At, Delays, Event, dependencies_of, simulate, with_dependencies
 from up_samp.execution.judge import broken_rules
 from up_samp.export import export_plan

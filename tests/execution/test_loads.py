@@ -5,10 +5,10 @@ import importlib.resources
 import json
 import math
 
-import floors
 import pytest
 from jsonschema import Draft202012Validator
 
+from tests.execution import floors
 from tests.search.test_rides import carrying, solve
 from up_samp.execution import (
     Delays,

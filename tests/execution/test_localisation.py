@@ -4,10 +4,10 @@ plan has no room for it, or an error is larger, that is said. Judged by where th
 
 import dataclasses
 
-import floors
 import numpy as np
 import pytest
 
+from tests.execution import floors
 from up_samp.execution import Delays, Executor, dependencies_of, simulate
 from up_samp.execution.judge import record_of
 from up_samp.execution.replan import _floor

@@ -8,10 +8,10 @@ import math
 import random
 from concurrent.futures import ThreadPoolExecutor
 
-import floors
 import numpy as np
 import pytest
 
+from tests.execution import floors
 from up_samp.execution import (
     At,
     Delays,

@@ -2,10 +2,10 @@
 
 import itertools
 
-import floors
 import pytest
 from ortools.sat.python import cp_model
 
+from tests.execution import floors
 from up_samp.execution.build import dependencies_of
 from up_samp.execution.graph import topological
 from up_samp.execution.reorder import NOW, SCALE, _solve, open_decisions, tied

@@ -70,7 +70,7 @@ def run(
     env = os.environ | {
         TOKEN: token,
         "TMPDIR": str(temporary),
-        "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests")]),
+        "PYTHONPATH": str(ROOT),
         **(environment or {}),
     }
     if command is None:

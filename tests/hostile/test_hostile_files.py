@@ -12,7 +12,7 @@ from up_samp.cli import main
 from up_samp.fleet.importers import import_file
 from up_samp.model import SampError
 
-SAMPLES = Path(__file__).parents[1] / "fleet" / "samples"
+SAMPLES = Path(__file__).parents[1] / "fleet" / "importers" / "samples"
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink">{}</svg>'
 BOX = '<rect width="9" height="9"/>'
 BOMB = "".join(

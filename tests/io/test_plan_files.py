@@ -2,7 +2,6 @@ import json
 import re
 from pathlib import Path
 
-import handmade
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,6 +10,7 @@ from unified_planning.engines import PlanGenerationResult, PlanGenerationResultS
 from unified_planning.model.motion import SE2, SE2Path, SE2WithControlsPath
 from unified_planning.plans import MotionSchedule
 
+from tests import handmade
 from up_samp.io import (
     check_plan,
     dump_plan,

@@ -3,10 +3,10 @@
 import math
 import random
 
-import handmade
 import numpy as np
 import pytest
 
+from tests import handmade
 from up_samp.io.sampling import rows_trajectory, trajectory_rows
 from up_samp.model import Trajectory
 from up_samp.validation.kinematics import motion_violations

@@ -4,9 +4,9 @@ import copy
 import json
 import time
 
-import handmade
 import pytest
 
+from tests import handmade
 from up_samp.cli import main
 from up_samp.io import check_plan, contradictions, plan_to_dict, read_plan, write_plan
 from up_samp.io.plan_dict import LIMITS
@@ -31,9 +31,10 @@ def data(made):
 @pytest.fixture(scope="module")
 def script(tmp_path_factory):
     path = tmp_path_factory.mktemp("script") / "hall_problem.py"
-    tests = str(handmade.__file__).rsplit("/", 1)[0]
+    root = str(handmade.__file__).rsplit("/", 2)[0]
     path.write_text(
-        f"import sys\nsys.path.insert(0, {tests!r})\nfrom pathlib import Path\nimport handmade\n"
+        f"import sys\nsys.path.insert(0, {root!r})\n"
+        "from pathlib import Path\nfrom tests import handmade\n"
         "problem = handmade.make(Path(__file__).parent).problem\n"
     )
     return str(path)

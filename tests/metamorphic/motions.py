@@ -31,9 +31,9 @@ from unified_planning.shortcuts import (
     Plus,
 )
 
-from tests.cpsat.styles import Style, numbered
-from tests.cpsat.writer import Writer, listed
 from tests.metamorphic.sites import GAP, PREPARE, ROBOT, MotionSite
+from tests.scheduling.cpsat.styles import Style, numbered
+from tests.scheduling.cpsat.writer import Writer, listed
 
 LEAF = GAP / 2 + 0.1
 LONGEST = 60

@@ -1,7 +1,7 @@
 """Small sites with floors: what is meant by a problem, before it is written in any style.
 
-A :class:`MotionSite` is a :class:`~tests.cpsat.sites.Site` whose places are poses on a floor and
-whose doors are leaves on it. Lengths of roads are not said: the motions tell them.
+A :class:`MotionSite` is a :class:`~tests.scheduling.cpsat.sites.Site` whose places are poses on a
+floor and whose doors are leaves on it. Lengths of roads are not said: the motions tell them.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import math
 import random
 from dataclasses import dataclass, field
 
-from tests.cpsat.sites import Site, Task
+from tests.scheduling.cpsat.sites import Site, Task
 from up_samp.benchmarks.maps import Rectangle, draw, write_map
 
 Pose = tuple[float, float, float]

@@ -7,17 +7,17 @@ import functools
 import pytest
 from unified_planning.engines import PlanGenerationResultStatus as Status
 
-from tests.cpsat.odd_routes import odd_routes
-from tests.cpsat.random_routes import random_routes
-from tests.cpsat.sites import dispatch, small
-from tests.cpsat.styles import LOOSE, SPOILED, TIGHT
-from tests.cpsat.writer import write as write_schedule
 from tests.fleet.witness import NoWitnessError, fleet_of
 from tests.fuzz.problems import SECONDS, build
 from tests.fuzz.small import small_case
 from tests.metamorphic.answers import Answer, answer_in, answer_to, in_one_meaning
 from tests.metamorphic.motions import ALIKE, OTHERS, write
 from tests.metamorphic.sites import FAMILIES
+from tests.scheduling.cpsat.odd_routes import odd_routes
+from tests.scheduling.cpsat.random_routes import random_routes
+from tests.scheduling.cpsat.sites import dispatch, small
+from tests.scheduling.cpsat.styles import LOOSE, SPOILED, TIGHT
+from tests.scheduling.cpsat.writer import write as write_schedule
 from tests.shuffled import shuffled, shuffled_fleet
 from up_samp.benchmarks.instances import instance
 from up_samp.fleet.build import write_problem

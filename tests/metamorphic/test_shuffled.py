@@ -9,14 +9,14 @@ from unified_planning.model.motion import ActivityWaypoints, MovableObject, Sche
 from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.shortcuts import LE, Equals, IntType, OneshotPlanner, Or, Plus
 
-from tests.cpsat.random_problems import HORIZON, random_problem
-from tests.cpsat.random_routes import random_routes
 from tests.fleet.witness import fleet_of
 from tests.fuzz.problems import SECONDS, build
 from tests.fuzz.wide import wide_case
 from tests.metamorphic.motions import MotionStyle, write
 from tests.metamorphic.sites import doors, haulage, store
 from tests.oracles.brute_force_schedule import solve as brute_force
+from tests.scheduling.cpsat.random_problems import HORIZON, random_problem
+from tests.scheduling.cpsat.random_routes import random_routes
 from tests.shuffled import COMMUTATIVE, SORTS, shuffled, shuffled_fleet
 from up_samp.fleet.files import read_record
 from up_samp.fleet.records import FleetRecords

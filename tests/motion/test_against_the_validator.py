@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from oracle import RECTANGLE, box_map
 
+from tests.motion.oracle import RECTANGLE, box_map
 from up_samp.geometry import load_map, write_map
 from up_samp.model import Body, Deadline, Kinematics, MotionModel, Outcome, PathQuery, Placed
 from up_samp.motion import MotionService

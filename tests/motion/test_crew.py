@@ -8,8 +8,8 @@ from multiprocessing import get_context
 
 import numpy as np
 import pytest
-from oracles.odd_executors import Backwards, Killing
 
+from tests.oracles.odd_executors import Backwards, Killing
 from up_samp.benchmarks import tight_places as tight
 from up_samp.model import Body, Deadline, Kinematics, MotionModel, Outcome, PathQuery
 from up_samp.motion.crew import Crew, can_be_sent

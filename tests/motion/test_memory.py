@@ -6,8 +6,8 @@ import tracemalloc
 import weakref
 
 import pytest
-from oracle import CAR, RECTANGLE, box_map
 
+from tests.motion.oracle import CAR, RECTANGLE, box_map
 from up_samp.geometry.memory import Memory
 from up_samp.model import (
     Body,

@@ -7,8 +7,8 @@ import tempfile
 
 import numpy as np
 import pytest
-from oracle import RECTANGLE, ROBOT, box_map, car_faults, smallest_clearance
 
+from tests.motion.oracle import RECTANGLE, ROBOT, box_map, car_faults, smallest_clearance
 from up_samp.model import Body, Deadline, Kinematics, MotionModel, Outcome, PathQuery, Placed
 from up_samp.motion import Leg, LegQuery, MotionCache, MotionService
 from up_samp.motion.cache import SUFFIX

@@ -5,7 +5,6 @@ import shutil
 import subprocess
 from pathlib import Path
 
-import handmade
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -13,6 +12,7 @@ from matplotlib.patches import Polygon
 from PIL import Image
 from shapely.geometry import Polygon as Shape
 
+from tests import handmade
 from up_samp.io import plan_to_dict
 from up_samp.model import ProblemError
 from up_samp.plotting import (

@@ -5,11 +5,10 @@ from __future__ import annotations
 import pytest
 from unified_planning.shortcuts import LE, IntType, MinimizeActionCosts, Not, RealType
 
+from tests.scheduling import problems
 from up_samp.model import Deadline, ScheduleStatus, UnsupportedError
 from up_samp.scheduling import known_engines, open_scheduler, to_candidate, to_up_schedule
 from up_samp.validation import validate_schedule
-
-from . import problems
 
 ENGINES = ("cpsat", *(name for name, _, _ in known_engines()))
 PROVING = ("cpsat", "aries-opt", "cpse")

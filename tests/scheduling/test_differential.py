@@ -7,9 +7,9 @@ where there is a schedule. What an engine cannot be given is refused by name.
 from __future__ import annotations
 
 import pytest
-from cpsat.random_problems import HORIZON, random_problem
-from oracles.brute_force_schedule import solve as brute_force
 
+from tests.oracles.brute_force_schedule import solve as brute_force
+from tests.scheduling.cpsat.random_problems import HORIZON, random_problem
 from up_samp.model import Deadline, ScheduleStatus, UnsupportedError
 from up_samp.scheduling import known_engines
 from up_samp.scheduling.adapters import _engine_class

@@ -8,11 +8,14 @@ import subprocess
 import sys
 import time
 from contextlib import closing
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from unified_planning.engines import PlanGenerationResultStatus
 
+from tests.scheduling import doubles
+from tests.scheduling.problems import fetch_and_return, two_after_each_other
 from up_samp.engines.plain import schedule_plainly
 from up_samp.model import (
     Deadline,
@@ -30,9 +33,6 @@ from up_samp.scheduling.process import OverrunError, WorkerProcess
 from up_samp.scheduling.quirks import Quirks
 from up_samp.search import Parameters
 from up_samp.validation import validate_schedule
-
-from . import doubles
-from .problems import fetch_and_return, two_after_each_other
 
 
 def check(problem, schedule):
@@ -88,17 +88,17 @@ def test_nothing_is_left_when_the_caller_is_killed(tmp_path, how):
     script = (
         # where the tests run in the background, they and their children ignore Ctrl-C
         "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "from scheduling import doubles, problems\n"
+        "from tests.scheduling import doubles, problems\n"
         "from up_samp.scheduling import open_scheduler\n"
         "from up_samp.model import Deadline\n"
         "s = open_scheduler(doubles.Sleeper, problems.two_after_each_other(),"
         f" params={{'note': {str(note)!r}}})\n"
         "s.solve(Deadline.after(60))\n"
     )
-    tests = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+    root = str(Path(__file__).parents[2])
     caller = subprocess.Popen(
         [sys.executable, "-c", script],
-        env={**os.environ, "PYTHONPATH": tests},
+        env={**os.environ, "PYTHONPATH": root},
         stderr=subprocess.PIPE,
     )
     pids, folder = read_note(note)

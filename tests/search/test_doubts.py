@@ -8,12 +8,12 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from cpsat import fleets
-from cpsat.fleets import optimum, write_fleet
 from unified_planning.engines import LogLevel
 from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.shortcuts import OneshotPlanner
 
+from tests.scheduling.cpsat import fleets
+from tests.scheduling.cpsat.fleets import optimum, write_fleet
 from up_samp.fleet import Fleet
 from up_samp.model import CandidateSchedule
 from up_samp.scheduling.cpsat.solve import strategy

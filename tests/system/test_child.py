@@ -65,8 +65,8 @@ def test_the_current_folder_is_not_run(trap):
 
 
 def test_workers_do_not_run_the_current_folder(trap):
-    from scheduling import doubles
-    from scheduling.problems import two_after_each_other
+    from tests.scheduling import doubles
+    from tests.scheduling.problems import two_after_each_other
 
     with open_scheduler(doubles.InSequence, two_after_each_other()) as scheduler:
         report = scheduler.solve(Deadline.after(10.0))

@@ -1,7 +1,8 @@
 """What several tests of the validator start from."""
 
 import pytest
-from validation_kit import HOME, World
+
+from tests.validation.validation_kit import HOME, World
 
 
 @pytest.fixture

@@ -7,9 +7,9 @@ import copy
 import math
 import re
 
-import handmade
 import pytest
 
+from tests import handmade
 from up_samp.io import plan_from_dict, plan_to_dict
 from up_samp.validation import validate_plan
 

@@ -3,8 +3,8 @@
 import math
 
 import pytest
-from validation_kit import HOME, World, drive, kinds
 
+from tests.validation.validation_kit import HOME, World, drive, kinds
 from up_samp.validation import validate_plan
 
 PALLET = [(-0.5, -1.0), (0.5, -1.0), (0.5, 1.0), (-0.5, 1.0)]

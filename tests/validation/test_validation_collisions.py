@@ -7,7 +7,8 @@ import pytest
 from unified_planning.model.motion import (
     ActivityWaypoints,
 )
-from validation_kit import DOOR, HOME, WAY, World, drive, judge, kinds
+
+from tests.validation.validation_kit import DOOR, HOME, WAY, World, drive, judge, kinds
 
 
 def test_thin_wall_between_samples(tmp_path):

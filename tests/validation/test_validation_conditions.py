@@ -1,8 +1,6 @@
 """When effects are seen, and what is kept apart: rules 9 to 12, and Definition 3."""
 
 import pytest
-from oracles import brute_force_schedule
-from schedule_kit import INTERVALS, judge, kinds
 from unified_planning.model import (
     ClosedTimeInterval,
     GlobalEndTiming,
@@ -19,6 +17,8 @@ from unified_planning.shortcuts import (
     OneshotPlanner,
 )
 
+from tests.oracles import brute_force_schedule
+from tests.validation.schedule_kit import INTERVALS, judge, kinds
 from up_samp.validation import validate_schedule
 
 

@@ -1,7 +1,6 @@
 """Effects: when they happen, conflicts, bounds, resources: rules 6 to 8 and 13."""
 
 import pytest
-from schedule_kit import judge, kinds
 from unified_planning.model import (
     GlobalEndTiming,
     Timing,
@@ -17,6 +16,7 @@ from unified_planning.shortcuts import (
     Variable,
 )
 
+from tests.validation.schedule_kit import judge, kinds
 from up_samp.model import ProblemError, UnsupportedError
 
 

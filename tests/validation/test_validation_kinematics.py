@@ -8,8 +8,8 @@ from unified_planning.model.motion import (
     MotionModels,
     SE2Path,
 )
-from validation_kit import HOME, World, changed, drive, judge, kinds
 
+from tests.validation.validation_kit import HOME, World, changed, drive, judge, kinds
 from up_samp.model import Trajectory
 from up_samp.validation import validate_plan
 

@@ -15,8 +15,8 @@ from unified_planning.model.motion import (
     OccupancyMap,
 )
 from unified_planning.shortcuts import ConfigurationType
-from validation_kit import HOME, WAY, World, controls, drive, hall, judge, kinds
 
+from tests.validation.validation_kit import HOME, WAY, World, controls, drive, hall, judge, kinds
 from up_samp.engines.validator import SampValidator
 from up_samp.model import ProblemError, Trajectory
 from up_samp.validation import validate_plan

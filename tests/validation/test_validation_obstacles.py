@@ -5,8 +5,8 @@ from unified_planning.model import Timing
 from unified_planning.model.motion import (
     ActivityWaypoints,
 )
-from validation_kit import DOOR, HOME, World, drive, judge, kinds
 
+from tests.validation.validation_kit import DOOR, HOME, World, drive, judge, kinds
 from up_samp.validation import validate_plan
 
 

@@ -2,7 +2,6 @@
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from schedule_kit import INTERVALS, judge
 from unified_planning.model import (
     Timing,
 )
@@ -10,6 +9,8 @@ from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.shortcuts import (
     Not,
 )
+
+from tests.validation.schedule_kit import INTERVALS, judge
 
 small = st.integers(0, 6)
 

@@ -2,8 +2,7 @@
 
 import math
 
-from validation_kit import HOME, WAY, World, drive, judge, kinds
-
+from tests.validation.validation_kit import HOME, WAY, World, drive, judge, kinds
 from up_samp.validation import validate_plan
 
 

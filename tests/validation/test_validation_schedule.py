@@ -1,7 +1,6 @@
 """Presence, times, parameters and constraints: rules 1 to 5; and UP's own plans."""
 
 import pytest
-from schedule_kit import judge, kinds
 from unified_planning.model import (
     GlobalEndTiming,
 )
@@ -29,6 +28,7 @@ from unified_planning.shortcuts import (
 )
 from unified_planning.test.examples.scheduling import get_example_problems
 
+from tests.validation.schedule_kit import judge, kinds
 from up_samp.model import UnsupportedError
 from up_samp.validation import validate_schedule
 

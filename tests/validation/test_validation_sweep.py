@@ -8,8 +8,8 @@ import pytest
 import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from validation_kit import A, R, V, World, drive, hall, write_map
 
+from tests.validation.validation_kit import A, R, V, World, drive, hall, write_map
 from up_samp.model import Trajectory
 from up_samp.validation.collisions import JudgedShape, hits_body, hits_map, placed
 from up_samp.validation.kinematics import motion_violations

@@ -8,10 +8,10 @@ import copy
 import itertools
 import math
 
-import handmade
 import numpy as np
 import pytest
 
+from tests import handmade
 from tests.validation import yard
 from tests.validation.test_mutations import WHEN
 from up_samp.io import contradictions, plan_from_dict, plan_to_dict

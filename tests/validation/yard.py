@@ -3,7 +3,6 @@
 import math
 from types import SimpleNamespace
 
-import handmade
 import numpy as np
 from unified_planning.model import Fluent, Timing
 from unified_planning.model.motion import (
@@ -31,6 +30,7 @@ from unified_planning.shortcuts import (
     Plus,
 )
 
+from tests import handmade
 from up_samp.model import Trajectory
 
 PLACES = {

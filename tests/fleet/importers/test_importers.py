@@ -1,0 +1,291 @@
+"""Others' files become problem files that check, and solve."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+import yaml
+from shapely.geometry import Point, Polygon
+
+from up_samp.cli import main
+from up_samp.fleet import Fleet, read_problem_file
+from up_samp.fleet.importers import Options, import_file, map_from_polygons
+from up_samp.geometry import load_map
+from up_samp.model import ProblemError, UnsupportedError
+from up_samp.validation import validate_plan
+
+SAMPLES = Path(__file__).parent / "samples"
+SHARED = Path(__file__).parents[4].parent / "shared" / "data"
+
+
+def imported(name, folder, **options):
+    found = import_file(SAMPLES / name, folder, None, Options(**options))
+    return read_problem_file(found.problem), found
+
+
+def grid(folder, name="map.yaml"):
+    return load_map(folder / name)
+
+
+def test_a_movingai_map_keeps_its_cells(tmp_path):
+    found = import_file(SAMPLES / "small.map", tmp_path, None, Options(cell=0.5))
+    site = grid(tmp_path)
+    assert site.size == pytest.approx((5.0, 3.0))
+    # third cell from the left in the second row from the top, and the tree right of the middle
+    assert site.state_at(1.25, 2.25) == "free"
+    assert site.state_at(2.75, 2.25) == "occupied"
+    assert site.state_at(2.75, 1.25) == "free"
+    assert found.problem.read_text().startswith("# a cell is 0.5 m")
+
+
+@pytest.mark.long
+def test_a_scenario_is_solved(tmp_path):
+    records, _ = imported("small.scen", tmp_path, robots=2)
+    assert records.places["start0"].pose == (1.5, 4.5, 0.0)
+    assert records.places["goal1"].pose == (1.5, 1.5, 0.0)
+    fleet = Fleet.from_file(tmp_path / "problem.yaml")
+    result = fleet.solve()
+    assert result.plan is not None, result.explain()
+    assert validate_plan(fleet.problem, result.plan).valid
+    ends = {m["object"]: m["samples"][-1][1:3] for m in result.data["motions"]}
+    assert ends["r0"] == pytest.approx([8.5, 4.5])
+
+
+def test_a_problem_of_the_league(tmp_path):
+    records, _ = _league(tmp_path)
+    assert [o.id for o in records.orders] == ["t0", "t1"]
+    assert [t.id for t in records.tasks] == ["t2"]
+    # location 31 is row 3, column 1: the third row from below
+    assert records.places[records.orders[0].pickup.at[0]].pose == (1.5, 2.5, 0.0)
+    assert main(["check", str(tmp_path / "problem.yaml")]) == 0
+
+
+def _league(folder):
+    found = import_file(SAMPLES / "small.json", folder, "league")
+    return read_problem_file(found.problem), found
+
+
+def test_the_leagues_own_problem(tmp_path):
+    source = SHARED / "maps" / "lorr" / "room-example_150.json"
+    if not source.is_file():
+        pytest.skip(f"the League's files are not in {source.parent}")
+    found = import_file(source, tmp_path, "league", Options(robots=3, jobs=2))
+    records = read_problem_file(found.problem)
+    assert (len(records.robots), len(records.orders)) == (3, 2)
+    assert grid(tmp_path).size == (64.0, 64.0)
+
+
+def test_maps_of_the_league_mark_ends_of_tasks(tmp_path):
+    source = SHARED / "maps" / "lorr" / "warehouse_long_corridor_large.map"
+    if not source.is_file():
+        pytest.skip(f"the League's files are not in {source.parent}")
+    import_file(source, tmp_path, None, Options(cell=0.25))
+    text = source.read_text().split("map\n", 1)[1]
+    free = sum(text.count(c) for c in ".SE")
+    assert int((~grid(tmp_path).blocked).sum()) == free
+
+
+def test_marks_of_the_league_are_free_floor(tmp_path):
+    (tmp_path / "x.map").write_text("type octile\nheight 1\nwidth 4\nmap\n.SE@\n")
+    import_file(tmp_path / "x.map", tmp_path / "out")
+    states = [grid(tmp_path / "out").state_at(x + 0.5, 0.5) for x in range(4)]
+    assert states == ["free", "free", "free", "occupied"]
+
+
+def test_stations_and_nodes_of_a_lif_layout(tmp_path):
+    records, found = imported("small.lif.json", tmp_path)
+    assert records.places["Rack_7"].pose == (0.0, 0.0, 1.57)
+    assert records.places["n2"].pose == (8.0, 0.0, 0.0)
+    assert records.places["node4711"].pose == (8.0, 5.0, 3.14)
+    assert any("no walls" in note for note in found.notes)
+    assert grid(tmp_path).state_at(8.0, 5.0) == "free"
+    schema = SHARED / "lif" / "LIF.schema"
+    if schema.is_file():
+        import jsonschema
+
+        jsonschema.validate(
+            json.loads((SAMPLES / "small.lif.json").read_text()), json.loads(schema.read_text())
+        )
+    maps = Path(__file__).parents[3] / "examples" / "maps"
+    again = import_file(
+        SAMPLES / "small.lif.json", tmp_path / "b", None, Options(map=maps / "corridor.yaml")
+    )
+    assert grid(tmp_path / "b").digest == load_map(maps / "corridor.yaml").digest
+    assert not any("no walls" in note for note in again.notes)
+
+
+def test_an_rmf_building(tmp_path):
+    records, found = imported("small.building.yaml", tmp_path)
+    # 400 pixels are 20 m: 0.05 m each; y points up
+    assert records.places["tiny_charger"].pose == pytest.approx((8.0, -10.0, 0.0))
+    assert records.places["tiny_charger"].park == 1
+    assert records.places["tiny_charger"].charger.per_second == 0.05
+    assert records.places["pantry"].charger is None
+    assert any("once robots have a battery: tiny_charger" in note for note in found.notes)
+    assert records.places["pantry"].park == 0
+    site = grid(tmp_path)
+    assert site.state_at(15.0, -6.0) == "occupied"
+    assert site.state_at(15.0, -10.0) == "free"  # the doorway
+    assert site.state_at(4.0, -10.0) in ("occupied", "outside")
+
+
+def test_doors_of_an_rmf_building_are_doors(tmp_path):
+    records, found = imported("small.building.yaml", tmp_path)
+    door = records.doors["main_door"]
+    assert door.leaf == (2.0, 0.1)
+    assert door.closed == pytest.approx((15.0, -10.0, -math.pi / 2), abs=1e-3)
+    # it turns about its first end, (15, -9), by 90 degrees
+    assert door.open == pytest.approx((16.0, -9.0, 0.0), abs=1e-3)
+    assert door.opened_from == ("tiny_charger", "pantry")  # the ends of the lane through it
+    assert any("shut by themselves" in note for note in found.notes)
+    fleet = Fleet.from_file(found.problem)
+    fleet.add_robot("r", "agv", "tiny_charger")
+    fleet.add_task("t", "pantry", duration=1)
+    said = [str(f) for f in fleet.check()]
+    assert said == ["note: pantry: robot 'r' gets there only once door 'main_door' is open"]
+
+
+@pytest.mark.parametrize(
+    ("traits", "opened"),
+    [
+        ({"type": [1, "hinged"], "motion_axis": [1, "end"]}, (14.0, -11.0, 0.0)),
+        ({"type": [1, "hinged"], "motion_direction": [2, -1]}, (14.0, -9.0, math.pi)),
+        ({"type": [1, "sliding"]}, (15.0, -12.0, -math.pi / 2)),
+        ({"type": [1, "double_sliding"], "motion_direction": [2, -1]}, (15.0, -8.0, -math.pi / 2)),
+    ],
+)
+def test_leaves_turn_and_slide(tmp_path, traits, opened):
+    building = yaml.safe_load((SAMPLES / "small.building.yaml").read_text())
+    level = building["levels"]["L1"]
+    level["lanes"] = []
+    level["doors"] = [[2, 3, {"name": [1, "d"], **traits}]]
+    (tmp_path / "x.building.yaml").write_text(yaml.safe_dump(building))
+    found = import_file(tmp_path / "x.building.yaml", tmp_path / "out")
+    records = read_problem_file(found.problem)
+    x, y, theta = records.doors["d"].open
+    assert (x, y) == pytest.approx(opened[:2], abs=1e-3)
+    assert math.cos(theta - opened[2]) == pytest.approx(1.0, abs=1e-6)
+    # without a lane it is opened from either side of it, 1.2 m off
+    sides = [records.places[p].pose for p in records.doors["d"].opened_from]
+    assert sorted(p[0] for p in sides) == pytest.approx([13.8, 16.2])
+
+
+@pytest.mark.parametrize(
+    ("sample", "durations"),
+    [
+        ("small.jsp", [[{1}, {3}, {6}], [{8}, {5}, {10}]]),
+        ("small.fjs", [[{5, 3}, {4}], [{7}]]),
+    ],
+)
+def test_shops_keep_routes_and_durations(tmp_path, sample, durations):
+    records, _ = imported(sample, tmp_path)
+    by_job = {}
+    for task in records.tasks:
+        lengths = {m.duration for m in task.modes.values()} or {task.duration}
+        by_job.setdefault(task.id.split("_")[0], []).append(lengths)
+    assert list(by_job.values()) == durations
+    assert len(records.orders) == sum(len(d) + 1 for d in durations)
+    assert main(["check", str(tmp_path / "problem.yaml")]) == 0
+
+
+@pytest.mark.long
+def test_a_flexible_shop_is_solved(tmp_path):
+    imported("small.fjs", tmp_path, robots=1)
+    fleet = Fleet.from_file(tmp_path / "problem.yaml")
+    result = fleet.solve(timeout=60)
+    assert result.plan is not None, result.explain()
+    times = {a["name"]: (a["start"], a["end"]) for a in result.data["activities"]}
+    (mode,) = [m for m in ("m0", "m1") if f"j0_op0_{m}" in times]
+    start, end = times[f"j0_op0_{mode}"]
+    assert end - start == {"m0": 5, "m1": 3}[mode]
+    assert times[f"deliver_j0_carry0_r0_at_{mode}"][1] <= start
+    assert end <= times[f"pick_j0_carry1_r0_at_{mode}"][0]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_rounding_makes_anything_drivable(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    angles = np.sort(rng.uniform(0, 2 * math.pi, 12))
+    radii = rng.uniform(1, 3, 12)
+    ring = Polygon([(r * math.cos(a), r * math.sin(a)) for a, r in zip(angles, radii, strict=True)])
+    free = shapely.make_valid(ring.difference(Point(0.3, 0.2).buffer(0.4)))
+    site = load_map(map_from_polygons(free, tmp_path, cell=0.1))
+    rows, cols = site.shape
+    drivable = 0
+    for row in range(rows):
+        for col in range(cols):
+            x, y = site.origin[0] + 0.1 * col, site.origin[1] + 0.1 * row
+            cell = shapely.box(x, y, x + 0.1, y + 0.1)
+            if not site.blocked[row, col]:
+                drivable += 1
+                assert free.buffer(1e-6).covers(cell)
+            else:
+                assert not free.covers(cell.buffer(1e-6))
+    assert drivable > 0.5 * free.area / 0.01
+
+
+def test_an_svg_outline(tmp_path):
+    pytest.importorskip("svgelements")
+    imported("small.svg", tmp_path, cell=1.0)
+    _is_the_drawn_hall(grid(tmp_path))
+
+
+def test_a_dxf_outline(tmp_path):
+    ezdxf = pytest.importorskip("ezdxf")
+    drawing = ezdxf.new(units=4)  # mm
+    space = drawing.modelspace()
+    space.add_lwpolyline([(0, 0), (20000, 0), (20000, -10000), (0, -10000)], close=True)
+    space.add_circle((5000, -5000), 1000)
+    space.add_line((10000, 0), (10000, -6000))
+    drawing.saveas(tmp_path / "hall.dxf")
+    import_file(tmp_path / "hall.dxf", tmp_path / "out")
+    _is_the_drawn_hall(grid(tmp_path / "out"))
+
+
+def _is_the_drawn_hall(site):
+    assert site.size == pytest.approx((20.1, 10.1))
+    assert site.state_at(5.0, -5.0) == "occupied"
+    assert site.state_at(6.2, -5.0) == "free"
+    assert site.state_at(10.0, -3.0) == "occupied"
+    assert site.state_at(10.0, -7.0) == "free"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "what"),
+    [
+        ("x.map", "no map", "no Moving AI map"),
+        ("x.map", "type octile\nheight 1\nwidth 2\nmap\n.?\n", "unknown cell '\\?'"),
+        ("x.scen", "a\nb", "no Moving AI scenario"),
+        ("x.lif", "{}", "not readable as a LIF layout: .layouts. is not there"),
+        ("x.building.yaml", "a: 1", "not readable as an RMF building map"),
+        ("x.jsp", "2 2\n0 1 1", "4 numbers are needed"),
+        ("x.fjs", "1 1\n2 1 1", "ends too early"),
+        ("x.svg", "<svg/>", "no closed outline"),
+        ("x.dxf", "nothing", "not readable as DXF"),
+    ],
+)
+def test_what_is_no_such_file_is_refused_by_name(tmp_path, name, text, what):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(ProblemError, match=what):
+        import_file(tmp_path / name, tmp_path / "out")
+
+
+def test_the_command(tmp_path, capsys):
+    source = str(SAMPLES / "small.jsp")
+    assert main(["import", source, "--out", str(tmp_path), "--jobs", "1"]) == 0
+    assert "1 of 2 jobs of small.jsp" in capsys.readouterr().out
+    with pytest.raises(UnsupportedError, match="--kind"):
+        import_file(SAMPLES / "small.agents", tmp_path)
+
+
+def test_a_layout_without_robots_is_drawn_but_is_no_problem_yet(tmp_path, capsys):
+    import_file(SAMPLES / "small.lif.json", tmp_path)
+    file = tmp_path / "problem.yaml"
+    assert main(["check", str(file)]) == 1
+    assert "there is no robot; add one" in capsys.readouterr().out
+    assert (tmp_path / "problem.check.png").stat().st_size > 3000
+    assert main(["solve", str(file)]) == 2
+    assert "there is no robot; add one" in capsys.readouterr().err

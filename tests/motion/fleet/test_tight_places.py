@@ -1,0 +1,137 @@
+"""Groups that no order of priorities gets through, for every kind of body."""
+
+import pytest
+
+from tests.motion.fleet.independent import judge
+from up_samp.benchmarks import tight_places as tight
+from up_samp.model import Deadline, GroupReport, Outcome
+from up_samp.motion.fleet import coordinate
+from up_samp.motion.fleet import priority_search as coupled
+from up_samp.motion.fleet.deadlocks import Agent, Joint, Knot, untied
+from up_samp.motion.fleet.roadmap import Roadmap, cells_of
+from up_samp.motion.fleet.timed_path import natural_timing, run_of
+from up_samp.motion.fleet.workspace import workspace_of
+from up_samp.motion.service import MotionService
+from up_samp.motion.tuning import CoupledTuning, FleetTuning, MotionTuning, RoadmapTuning
+
+SLOW = {"square of ten", "full ring of six", "room of nine, seven"}
+SLOWER = {("differential", "square of six"), ("differential", "full ring of three")}
+SLOWER |= {("differential", "full ring, three speeds"), ("omni", "full ring, three speeds")}
+
+
+def solve(traffic, seconds=300.0):
+    service = MotionService(traffic.grid)
+    return coordinate(service, traffic.query, Deadline.after(seconds))
+
+
+def everything():
+    for name, case in tight.CASES.items():
+        for kind in case.bodies:
+            slow = kind == "car" or name in SLOW or (kind, name) in SLOWER
+            yield pytest.param(name, kind, marks=[pytest.mark.long] if slow else [])
+
+
+@pytest.mark.parametrize(("case", "kind"), list(everything()))
+def test_everybody_gets_through(case, kind, tmp_path):
+    traffic = tight.CASES[case].build(tight.BODIES[kind]())
+    judge(traffic, solve(traffic), tmp_path)
+
+
+@pytest.mark.parametrize("kind", ["omni", "car"])
+def test_the_pocket_is_used_well(kind, tmp_path):
+    traffic = tight.pocket(tight.BODIES[kind]())
+    total = judge(traffic, solve(traffic), tmp_path)
+    # alone both need 15.4 s; one of them has to get out of the way for the other
+    assert 2 * 15.4 < total < 41.0
+
+
+def test_an_l_slides_round_a_corner_wherever_it_starts(tmp_path):
+    grid = tight.corner().grid
+    for start, goal in (((1.9, 1.013), (6.987, 5.5)), ((2.9, 1.028), (6.973, 6.4))):
+        ends = [((*start, 0.0), (*goal, 0.0))]
+        traffic = tight.Traffic("corner", grid, tight.drives(tight.omni(tight.ELL), ends))
+        judge(traffic, solve(traffic), tmp_path)
+
+
+def test_where_nobody_can_go_first_all_go_at_once(tmp_path):
+    body = tight.omni(tight.DISC)
+    traffic = tight.carousel(body)
+    service = MotionService(traffic.grid)
+    workspace, motions = workspace_of(service), traffic.query.motions
+    assert joint(traffic, body, 1.6).search(10_000, Deadline.never()) is None
+    search = joint(traffic, body, 1.6, together=True)
+    steps = search.search(10_000, Deadline.never())
+    assert [len(group) for group in search.turns(steps[0])] == [4]
+    knot = Knot(workspace, service.scene, motions, (), [None] * 4, Deadline.never())
+    [drives] = untied(knot, search.agents, (10_000,), together=True)
+    assert {robot for robot, _ in drives} == {0, 1, 2, 3}
+    found = {motions[robot].name: path.natural for robot, path in drives}
+    judge(traffic, GroupReport(Outcome.FOUND, found), tmp_path)
+
+
+def test_cars_of_a_full_ring_go_at_once(tmp_path, monkeypatch):
+    traffic = tight.CASES["full ring of three"].build(tight.car())
+    motions = traffic.query.motions
+    tuning = MotionTuning(fleet=FleetTuning(coupled=CoupledTuning(robots=0)))
+    service = MotionService(traffic.grid, tuning=tuning)
+    workspace, alone = workspace_of(service), {}
+    for m in motions:
+        path = workspace.path(m.body, m.poses, (), Deadline.never())
+        alone[m.name] = run_of(m, path, natural_timing(path, m.release), m.present_from)
+    search = joint(
+        traffic, motions[0].body, cells_of(motions[0].body, RoadmapTuning())[1], together=True
+    )
+    knot = Knot(workspace, service.scene, motions, (), [None] * 3, Deadline.never())
+    drives = untied(knot, search.agents, (20_000,), together=True)
+    assert max(len(stage) for stage in drives) == 3
+    monkeypatch.setattr(coupled, "untie", lambda *given: drives)
+    runs = coupled.couple(workspace, motions, alone, [], Deadline.never())
+    found = {name: run.timing.trajectory for name, run in runs.items()}
+    judge(traffic, GroupReport(Outcome.FOUND, found), tmp_path)
+
+
+@pytest.mark.long
+def test_no_room_at_all_is_not_called_impossible():
+    grid = tight.hall(20, 10, [(0, 4.2, 20, 5.8)])
+    body = tight.omni()
+    ends = [((2.0, 5.0, 0.0), (18.0, 5.0, 0.0)), ((18.0, 5.0, 0.0), (2.0, 5.0, 0.0))]
+    report = solve(tight.Traffic("corridor", grid, tight.drives(body, ends)), 60.0)
+    assert report.outcome is Outcome.NOT_FOUND  # nobody has proven it
+    assert report.conflict == {"go0", "go1"}
+
+
+def joint(traffic, body, cell=1.0, together=False):
+    service = MotionService(traffic.grid)
+    ends = [pose for m in traffic.query.motions for pose in m.poses]
+    roadmap = Roadmap(service.scene, body, ends, (), (), cell, RoadmapTuning())
+    agents = []
+    for m in traffic.query.motions:
+        goal = roadmap.place(m.poses[-1])
+        agents.append(Agent(roadmap, roadmap.place(m.poses[0]), goal, roadmap.to_go(goal)))
+    heeds = [[i != j for j in range(len(agents))] for i in range(len(agents))]
+    return Joint(agents, heeds, 0.01, 0, together)
+
+
+def test_joint_moves_lead_from_start_to_goal_one_by_one():
+    search = joint(tight.puzzle(tight.omni()), tight.omni())
+    steps = search.search(10_000, Deadline.never())
+    assert steps is not None
+    at = [agent.start for agent in search.agents]
+    for step in steps:
+        groups = search.turns(step)
+        assert groups is not None
+        assert all(len(group) == 1 for group in groups)
+        for [i] in groups:
+            assert step[i].source == at[i]
+            rests = [(j, search.agents[j].roadmap.rest(at[j])) for j in range(len(at)) if j != i]
+            assert not any(search.overlap(i, step[i], j, rest) for j, rest in rests)
+            at[i] = step[i].target
+    assert at == [agent.goal for agent in search.agents]
+
+
+def test_same_seed_same_answer():
+    traffic = tight.puzzle(tight.omni())
+    first, second = (solve(traffic).trajectories for _ in "ab")
+    for name in first:
+        assert (first[name].times == second[name].times).all()
+        assert (first[name].poses == second[name].poses).all()
