@@ -30,6 +30,8 @@ class Knowledge:
     handovers_guessed: bool = False
     """The gaps between the fastest motions were stated: once is enough, also after a restart."""
     failed_together: set[frozenset[str]] = field(default_factory=set)
+    tried_alone: set[frozenset[str]] = field(default_factory=set)
+    """Activities that did not come to a plan even with their motions one after another."""
     feasible_facts: int | None = None
     """How many proven facts alone are known to leave a schedule (or could not be refuted)."""
     asked_at: int = 0

@@ -27,6 +27,7 @@ from up_samp.search.fleet.sequential import InOrder
 from up_samp.search.neighbourhoods import Descent
 from up_samp.search.params import SWITCHES, Parameters
 from up_samp.search.resolve import (
+    LeastWork,
     PruneCandidate,
     PruneMotions,
     RepairDurations,
@@ -118,6 +119,7 @@ def components_of(params: Parameters, *, native: bool) -> Components:
     tuning = tuning_of(params.tuning).search
     slack = Slack(tuning.slack)
     repair = RepairDurations(slack if "slack" in ideas else None, tuning.repair)
+    in_turn = SerializeMotions(tuning.turns)
     # other engines' schedules are full of motions that nothing needs
     lean = () if native else ((PruneCandidate(tuning.tidy), ("tidy", "incumbents")),)
 
@@ -134,7 +136,11 @@ def components_of(params: Parameters, *, native: bool) -> Components:
         shapers=with_ideas((*lean, (slack, ("slack",)))),
         builders=with_ideas(((InOrder(tuning.in_order), ("incumbents",)),)),
         repairs=with_ideas(
-            ((repair, ("incumbents",)), (SerializeMotions(tuning.turns), ("incumbents",)))
+            (
+                (repair, ("incumbents",)),
+                (in_turn, ("incumbents",)),
+                (LeastWork(in_turn, tuning.turns), ("incumbents",)),
+            )
         ),
         after_failure=with_ideas(_after_failure(tuning)),
         for_proofs=() if native else with_ideas(((UNARY_PLACES, ("certificates",)),)),

@@ -8,6 +8,7 @@ where motions are driven tells it what they turned out to need, see ``until_driv
 |---|---|---|---|
 | ``RepairDurations`` | | the problem's | the time that they need |
 | ``SerializeMotions`` | motions one after another | some schedule | what is learned of each alone |
+| ``LeastWork`` | the same, activities open | few motions | the same |
 | ``Slack`` | no later end | time left for motions | |
 | ``PruneMotions`` | no later end, motions optional | few motions | the same, or: some are needed |
 | ``begin_near`` | | near the old times | |
@@ -217,12 +218,12 @@ class SerializeMotions:
         alone = of_failed_groups(itinerary, check)
         everybody = {m.activity for m in itinerary.motions}
         for some in (alone, everybody) if alone != everybody else (everybody,):
-            found = self._in_turn(search, schedule, some)
+            found = self.in_turn(search, schedule, some)
             if found is not None:
                 return found
         return None
 
-    def _in_turn(
+    def in_turn(
         self, search: Search, schedule: CandidateSchedule, some: Collection[str]
     ) -> Incumbent | None:
         """Return a plan in which the motions of ``some`` activities happen one at a time."""
@@ -241,6 +242,48 @@ class SerializeMotions:
             return bool(search.learn(check.refinements))
 
         return until_driven(search, schedule, again, tell, steps=self.tuning.steps, learn=True)
+
+
+@dataclass(frozen=True)
+class LeastWork:
+    """Makes some plan of as little work as there may be, as long as there is none.
+
+    Optional work makes the floor fuller: loads that stand about, robots that come and go. What can
+    be left out is left out first, whatever that costs, and the rest is done one motion after the
+    other; the plan is a plan of the whole problem, and what comes after it adds work where that is
+    worth it. A choice of activities that did not come to a plan is not tried again.
+    """
+
+    serialize: SerializeMotions
+    tuning: TurnsTuning = field(default_factory=TurnsTuning)
+
+    def __call__(
+        self, search: Search, schedule: CandidateSchedule, check: Check
+    ) -> Incumbent | None:
+        """Return a plan with the fewest motions that the scheduler finds soon, or None."""
+        if search.bounds.incumbent is not None:
+            return None
+        tried = search.knowledge.tried_alone
+        tried.add(frozenset(schedule.times))
+        least = self._least(search, schedule)
+        if least is None or frozenset(least.times) in tried:
+            return None
+        tried.add(frozenset(least.times))
+        moving = {t.activity for t in search.facts.snapshot.tasks}
+        return self.serialize.in_turn(search, least, moving & set(least.times))
+
+    def _least(self, search: Search, near: CandidateSchedule) -> CandidateSchedule | None:
+        relaxation = search.own_relaxation()
+        problem = relaxation.problem.clone()
+        moving = {t.activity for t in relaxation.snapshot.tasks}
+        manager = problem.environment.expression_manager
+        drives = [a for a in problem.activities if a.name in moving and a.optional]
+        if not drives:
+            return None
+        problem.clear_quality_metrics()
+        left_out = {manager.Not(a.present): 1 for a in drives}
+        problem.add_quality_metric(Oversubscription(left_out, problem.environment))
+        return Subproblem(search, problem, 10 * self.tuning.effort).schedule(near)
 
 
 def of_failed_groups(itinerary: Itinerary, check: Check) -> set[str]:
