@@ -38,8 +38,8 @@ def tool(name: str) -> str:
 
 
 def pytest(*arguments: str) -> list[str]:
-    """Return the command that runs tests, by two processes."""
-    return [sys.executable, "-m", "pytest", "-n", "2", "-q", *arguments]
+    """Return the command that runs tests, by two processes: what a module shares is made once."""
+    return [sys.executable, "-m", "pytest", "-n", "2", "--dist", "worksteal", "-q", *arguments]
 
 
 STYLE = (
