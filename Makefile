@@ -1,14 +1,22 @@
-# The README's two lines as targets; the virtual environment is made once.
+# The README's two lines as targets, and parts of them; the virtual environment is made once.
 PYTHON ?= python3
 VENV ?= .venv
+# a room of up_samp/, as in: make test ROOM=motion/fleet
+ROOM ?=
 
-.PHONY: demo test figures figures-short clean
+.PHONY: demo test lint fast figures figures-short clean
 
 demo: $(VENV)/installed
 	$(VENV)/bin/up-samp demo
 
 test: $(VENV)/installed-with-tests
-	$(VENV)/bin/python scripts/check.py
+	$(VENV)/bin/python scripts/check.py $(if $(ROOM),room $(ROOM))
+
+lint: $(VENV)/installed-with-tests
+	$(VENV)/bin/python scripts/check.py lint
+
+fast: $(VENV)/installed-with-tests
+	$(VENV)/bin/python scripts/check.py fast
 
 figures: $(VENV)/installed-with-tests
 	$(VENV)/bin/python scripts/figures.py --keep --docs

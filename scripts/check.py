@@ -1,7 +1,14 @@
-"""Run every check: lint, format, types, layers, tests. Stops at the first that fails.
+"""Run the checks: lint, format, types, layers, tests. Stops at the first that fails.
 
-Extra arguments go to pytest (``python scripts/check.py --long``).
+    python scripts/check.py                      all of it, as CI does
+    python scripts/check.py lint                 what reads the code only
+    python scripts/check.py fast                 that, and the rooms whose tests solve nothing whole
+    python scripts/check.py room motion/fleet    the tests of one room
+
+What follows goes to pytest (``python scripts/check.py --long``).
 """
+
+from __future__ import annotations
 
 import subprocess
 import sys
@@ -9,26 +16,69 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 
+FAST = (
+    "export",
+    "fleet/importers",
+    "geometry",
+    "motion/curves",
+    "plotting",
+    "refinement",
+    "scheduling/compilers",
+    "scheduling/cpsat/normal",
+    "scheduling/partial_order",
+    "upio",
+    "validation",
+)
+"""Rooms whose tests take seconds: they read, write, time and judge, and solve nothing whole."""
+
 
 def tool(name: str) -> str:
     """Return a command that was installed beside this Python."""
     return str(Path(sys.executable).parent / name)
 
 
-CHECKS = (
+def pytest(*arguments: str) -> list[str]:
+    """Return the command that runs tests, by two processes: what a module shares is made once."""
+    return [sys.executable, "-m", "pytest", "-n", "2", "--dist", "worksteal", "-q", *arguments]
+
+
+STYLE = (
     [tool("ruff"), "check", "."],
     [tool("ruff"), "format", "--check", "."],
-    [tool("mypy"), "-p", "up_samp"],
     [tool("lint-imports")],
-    # the service starts limited processes: what other tests leave behind must not reach them
-    [sys.executable, "-m", "pytest", "-n", "2", "-q", "tests/server", *sys.argv[1:]],
-    [sys.executable, "-m", "pytest", "-n", "2", "-q", "--ignore=tests/server", *sys.argv[1:]],
 )
+TYPES = [tool("mypy"), "-p", "up_samp"]
+
+
+def room(name: str) -> str:
+    """Return the folder with the tests of a room of ``up_samp/``; exits where there is none."""
+    folder = Path("tests", name.removeprefix("up_samp/").removeprefix("tests/"))
+    if not any((ROOT / folder).rglob("test_*.py")):
+        sys.exit(f"no room has its tests in {folder}")
+    return str(folder)
+
+
+def commands(arguments: list[str]) -> list[list[str]]:
+    """Return what is to be run, in this order."""
+    what, *rest = arguments or [""]
+    if what == "lint":
+        return [*STYLE, TYPES]
+    if what == "fast":
+        return [*STYLE, pytest(*map(room, FAST), *rest)]
+    if what == "room":
+        return [pytest(*map(room, rest[:1] or [""]), *rest[1:])]
+    return [
+        *STYLE,
+        TYPES,
+        # the service starts limited processes: what other tests leave behind must not reach them
+        pytest("tests/server", *arguments),
+        pytest("--ignore=tests/server", *arguments),
+    ]
 
 
 def main() -> int:
     """Run the checks; return the first exit code that is not 0."""
-    for command in CHECKS:
+    for command in commands(sys.argv[1:]):
         print("$", Path(command[0]).name, *command[1:], flush=True)
         code = subprocess.run(command, cwd=ROOT, check=False).returncode
         if code:

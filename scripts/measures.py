@@ -55,10 +55,12 @@ def resident() -> float:
         return next(int(line.split()[1]) for line in lines if line.startswith("VmRSS")) / 1024
 
 
-def helper(folder: str, module: str) -> Any:
-    """Import a module of the measured checkout that is no part of its package."""
-    sys.path.insert(0, str(TREE / folder))
-    return importlib.import_module(module)
+def helper(folder: str, *modules: str) -> Any:
+    """Import a module of the measured checkout outside of its package, by any of its names."""
+    place = TREE / folder
+    sys.path.insert(0, str(place))
+    files = {name: place / f"{name.replace('.', '/')}.py" for name in modules}
+    return importlib.import_module(next(name for name, file in files.items() if file.exists()))
 
 
 def planner(kind: Any = None, **params: Any) -> Any:
@@ -144,7 +146,8 @@ def warehouse_of(case: str) -> Any:
     size, _, form = case.partition(", ")
     robots, orders = map(int, size.split("x"))
     if form == "file":
-        return helper(".", "tests.search.fleet_bound.store_fleet").fleet_of(robots, orders).problem
+        names = "tests.search.fleet_bound.store_fleet", "tests.search.store_fleet"
+        return helper(".", *names).fleet_of(robots, orders).problem
     from up_samp.benchmarks.warehouse import warehouse
 
     return warehouse(robots, orders, encoding=form or "compact")
@@ -234,7 +237,7 @@ def tight_place(case: str) -> Values:
     report, cpu, total = arrivals(traffic, 60.0)
     told: Values = {"found": int(total is not None), "cpu": cpu, "ratio": None}
     if total is not None:
-        judge = helper(".", "tests.motion.fleet.independent").judge
+        judge = helper(".", "tests.motion.fleet.independent", "tests.spacetime.independent").judge
         with tempfile.TemporaryDirectory() as folder:
             judge(traffic, report, Path(folder))
         least = alone(traffic)

@@ -49,7 +49,7 @@ def test_sizes_grow_with_robots_times_orders():
 
 
 @pytest.mark.parametrize(
-    "name", ["warehouse-r2-o3", pytest.param("warehouse-compact-r2-o2", marks=pytest.mark.long)]
+    "name", ["warehouse-r2-o2", pytest.param("warehouse-compact-r2-o2", marks=pytest.mark.long)]
 )
 def test_small_ones_are_solved(name):
     get_environment().credits_stream = None

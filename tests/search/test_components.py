@@ -41,8 +41,10 @@ def crossing(folder):
 
 
 def solve(problem, **params):
+    if params.get("preset") == "paper":
+        params["query_seconds"] = 2.0  # it waits that long for a way through a closed door
     with OneshotPlanner(name="samp-refine[cpsat]", params=params) as planner:
-        return planner.solve(problem, timeout=60)
+        return planner.solve(problem, timeout=120)
 
 
 class Recorder(Observer):

@@ -25,7 +25,7 @@ def blocked(tmp_path):
 @pytest.mark.parametrize("preset", ["default", "paper"])
 def test_the_trace_holds_every_candidate_and_every_refinement(tmp_path, preset):
     folder = tmp_path / "trace"
-    params = {"preset": preset, "trace": str(folder)}
+    params = {"preset": preset, "trace": str(folder), "query_seconds": 2.0}
     with OneshotPlanner(name="samp-refine[cpsat]", params=params) as planner:
         result = planner.solve(blocked(tmp_path), timeout=60)
     assert result.plan is not None
