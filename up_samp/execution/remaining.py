@@ -34,6 +34,7 @@ from up_samp.model import Configuration, ProblemError, UnsupportedError
 from up_samp.model.frames import Frame
 from up_samp.scheduling.partial_order.differences import Planned
 from up_samp.upio.movers import named_as_planned
+from up_samp.upio.spans import conditions_of
 from up_samp.upio.whereabouts import brought, whereabouts
 
 
@@ -171,7 +172,7 @@ def begun(activity: Activity, values: ValuesNow, environment: Environment) -> Ac
     # what was asked at the start was so; it is kept where it still is, for schedulers that
     # find their way by it
     copy._conditions = {}
-    for span, nodes in activity.conditions.items():
+    for span, nodes in conditions_of(activity).items():
         at_start = span.upper.timepoint.kind == TimepointKind.START
         kept = [n for n in nodes if not at_start or values.holds(n)]
         if kept:
@@ -592,7 +593,7 @@ class _Builder:
             effects[later] = items
         base._effects = effects
         conditions: dict[Any, Any] = {}
-        for span, items in base.conditions.items():
+        for span, items in conditions_of(base).items():
             kept = [part for i in items for part in self._kept(i)]
             if kept and span.lower.timepoint.kind == TimepointKind.GLOBAL_START:
                 raise UnsupportedError(f"the problem's own condition over {span}, from now on")

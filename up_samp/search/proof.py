@@ -34,6 +34,9 @@ from up_samp.search.budget import Budget
 from up_samp.search.tuning import ProofTuning
 from up_samp.upio import Relaxation, write_refinement
 
+LONG = 1_000_000
+"""Units that stand for any duration where a longest one is lifted."""
+
 
 @dataclass(frozen=True)
 class Demand:
@@ -52,7 +55,8 @@ class Demand:
         if self.place is None:
             assert self.owner is not None
             activity = relaxation.activities[self.owner]
-            activity.set_duration_bounds(activity.duration.lower, 1_000_000)
+            upper = max(LONG, activity.duration.upper.constant_value())
+            activity.set_duration_bounds(activity.duration.lower, upper)
         elif isinstance(self.place, int):
             _chronicle(relaxation, self.owner)._constraints[self.place] = (true, [])
         else:

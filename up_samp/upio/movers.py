@@ -26,7 +26,7 @@ from unified_planning.model.timing import DurationInterval
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.upio.plan import SampSchedule
 from up_samp.upio.read_maps import LIMITS
-from up_samp.upio.spans import with_timings
+from up_samp.upio.spans import conditions_of
 
 
 @dataclass(frozen=True)
@@ -234,10 +234,10 @@ def _without_motions(activity: MotionActivity, parameters: list[Parameter]) -> A
     # any object shows what speaks of them
     stand_in = {p: Object("?", p.type, activity._environment) for p in parameters}
     put = _PutMover(activity, activity.name, stand_in)
-    for span, conditions in activity.conditions.items():
+    for span, conditions in conditions_of(activity).items():
         rest = [c for c in conditions if not put.speaks([c])]
         if rest:
-            plain._conditions[with_timings(span)] = rest
+            plain._conditions[span] = rest
     for timing, effects in activity.effects.items():
         for effect in effects:
             if not put.speaks(_spoken(effect)):
@@ -267,10 +267,10 @@ def _copy(
             put(lasts.lower), put(lasts.upper), lasts.is_left_open(), lasts.is_right_open()
         )
     )
-    for span, conditions in activity.conditions.items():
+    for span, conditions in conditions_of(activity).items():
         mine = [put(c) for c in conditions if whole or put.speaks([c])]
         if mine:
-            copy._conditions[put.span(with_timings(span))] = mine
+            copy._conditions[put.span(span)] = mine
     for timing, effects in activity.effects.items():
         for effect in effects:
             if whole or put.speaks(_spoken(effect)):

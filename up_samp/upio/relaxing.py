@@ -32,7 +32,7 @@ from up_samp.model import ProblemError, UnsupportedError, check_time
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
 from up_samp.upio.relaxation import Relaxation, choose, every_effect, told_fluents
 from up_samp.upio.rewrite import Rewriter
-from up_samp.upio.spans import closed, inner, whole, with_timings
+from up_samp.upio.spans import closed, conditions_of, inner, own_end, whole
 
 
 def copy_state(
@@ -84,9 +84,8 @@ def copy_chronicle(source: Chronicle, target: Chronicle, rewriter: Rewriter) -> 
 
 
 def _copy_timed(source: TimedCondsEffs, target: TimedCondsEffs, rewriter: Rewriter) -> None:
-    for span, conditions in source.conditions.items():
-        # one interval written in two ways is one interval
-        same = target._conditions.setdefault(with_timings(span), [])
+    for span, conditions in conditions_of(source).items():
+        same = target._conditions.setdefault(span, [])
         same += [c for c in map(rewriter, conditions) if c not in same]
     for timing, effects in source.effects.items():
         for effect in effects:
@@ -200,7 +199,7 @@ def _read_at_start(activity: Activity, state: FNode, task: MotionTask) -> bool:
     if task.terms[0].kind is TermKind.FLUENT:
         return True
     return any(
-        span.lower == Timing(0, activity.start)
+        own_end(span.lower, activity) == (False, 0)
         and not span.is_left_open()
         and any(state in condition.args for condition in conditions)
         for span, conditions in activity.conditions.items()

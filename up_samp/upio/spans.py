@@ -6,7 +6,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from unified_planning.model import Timepoint, Timing
+from unified_planning.model import FNode, Timepoint, Timing
+from unified_planning.model.mixins.timed_conds_effs import TimedCondsEffs
 from unified_planning.model.scheduling import Activity
 from unified_planning.model.timing import (
     ClosedTimeInterval,
@@ -53,6 +54,41 @@ def with_timings(span: TimeInterval) -> TimeInterval:
     if lower is span.lower and upper is span.upper:
         return span
     return TimeInterval(lower, upper, span.is_left_open(), span.is_right_open())
+
+
+def conditions_of(chronicle: TimedCondsEffs) -> dict[TimeInterval, list[FNode]]:
+    """Return the conditions of an activity or of the problem itself by their intervals, each of
+    which is there once, however it was written.
+    """
+    found: dict[TimeInterval, list[FNode]] = {}
+    for span, conditions in chronicle.conditions.items():
+        same = found.setdefault(with_timings(span), [])
+        same += [c for c in conditions if c not in same]
+    return found
+
+
+def own_end(timing: Timing | Timepoint, activity: Activity) -> tuple[bool, object] | None:
+    """Return whether a timing counts from an activity's end (else from its start), and the delay;
+    None for a timing of the whole plan or of another activity.
+    """
+    told = _timing(timing)
+    if told.is_global() or told.timepoint.container not in (None, activity.name):
+        return None
+    return told.is_from_end(), told.delay
+
+
+def asks_at_start(span: TimeInterval, activity: Activity, least: int) -> bool:
+    """Return whether a condition over an interval always asks for something right when an activity
+    starts, at that instant or at the next one.
+
+    :param least: units that the activity lasts at least.
+    """
+    upper = own_end(span.upper, activity)
+    if own_end(span.lower, activity) != (False, 0) or upper is None:
+        return False
+    from_end, delay = upper
+    length = delay + (least if from_end else 0) if isinstance(delay, int) else -1
+    return length >= span.is_left_open() + span.is_right_open()
 
 
 def _timing(end: Any) -> Timing:

@@ -334,7 +334,7 @@ def test_nothing_is_asked_of_an_activity_that_cannot_be_there():
             None,
             ("time", "zero", None, 3),
             False,
-            ["or(lt(zero + 3, a.end - 1), lt(a.end - 1, zero + 3))"],
+            ["or(le(zero + 4, a.end - 1), le(a.end, zero + 3))"],
         ),
     ],
 )

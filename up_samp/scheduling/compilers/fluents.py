@@ -235,21 +235,39 @@ def _lower(problem: PlainProblem, activity: str) -> int:
 
 
 def empty(problem: PlainProblem, condition: Condition) -> Expr:
-    """Return the constraint that the condition's interval holds no instant.
-
-    In conditions the plan's end is one after the last of all ends and effects, not the makespan.
-    """
+    """Return the constraint that the condition's interval holds no instant."""
     low, high = condition.low, condition.high
-    if high[1] != "horizon" or low[1] == "horizon":
-        return ("lt", high, low)
+    if high[1] == "horizon" != low[1]:
+        return reaches_end(problem, int(high[3]) + 1, low)
+    return comes_before(problem, high, low)
+
+
+def comes_before(problem: PlainProblem, time: Expr, until: Expr) -> Expr:
+    """State that a time comes before an end of a condition."""
+    if until[1] == "horizon" != time[1]:
+        return negation(reaches_end(problem, int(until[3]), time))
+    return ("le", later(time, 1), until)
+
+
+def comes_after(problem: PlainProblem, time: Expr, since: Expr) -> Expr:
+    """State that a time comes after an end of a condition."""
+    if since[1] == "horizon" != time[1]:
+        return reaches_end(problem, int(since[3]) + 1, time)
+    return ("le", later(since, 1), time)
+
+
+def reaches_end(problem: PlainProblem, delay: int, time: Expr) -> Expr:
+    """State that a time is not before the plan's end, as conditions see it, plus ``delay``: that is
+    one after the last of all ends and effects, not the makespan.
+    """
     optional = problem.optional_names()
-    early = [("lt", later(high, 1), low)]
+    late: list[Expr] = [("le", ("time", "horizon", None, 1 + delay), time)]
     for effect in problem.effects:
         absent = [negation(("pres", effect.owner))] if effect.owner in optional else []
         if effect.condition != TRUE:
             absent.append(negation(effect.condition))
-        early.append(disjunction([*absent, ("lt", later(effect.time, 1 + high[3]), low)]))
-    return conjunction(early)
+        late.append(disjunction([*absent, ("le", later(effect.time, 1 + delay), time)]))
+    return conjunction(late)
 
 
 # ------------------ Numbers to objects

@@ -10,7 +10,13 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from up_samp.model import CandidateSchedule, UnsupportedError
-from up_samp.scheduling.compilers.fluents import least, never_empty
+from up_samp.scheduling.compilers.fluents import (
+    comes_after,
+    comes_before,
+    empty,
+    least,
+    never_empty,
+)
 from up_samp.scheduling.compilers.plain import (
     LIMITS,
     TRUE,
@@ -97,14 +103,14 @@ def _effect_by_effect(
     constraints: list[Expr] = []
     for effect in effects:
         if not _own(condition, effect):
-            constraints.append(outside(condition, effect, optional))
+            constraints.append(outside(problem, condition, effect))
             continue
         since, until = least(problem, low, effect.time), least(problem, effect.time, high)
         if effect.kind != "assign" or _fluents(effect.value) or _fluents(effect.condition):
             return None
         after = evaluate(rewrite(condition.expression, {effect.fluent: effect.value}.get))
         ways = [negation(("pres", o)) for o in {condition.owner, effect.owner} & optional]
-        ways += [negation(effect.condition), ("lt", effect.time, low)]
+        ways += [negation(effect.condition), comes_before(problem, effect.time, low)]
         if high[1] != "horizon":  # which comes after all effects
             ways.append(("le", high, effect.time))
         if not _fluents(after):
@@ -209,12 +215,12 @@ def _at_other_times(problem: PlainProblem, condition: Condition, effect: Effect)
     """
     ways: list[Expr] = []
     if least(problem, condition.high, effect.time) != 0:
-        ways.append(("lt", effect.time, condition.high))
+        ways.append(comes_before(problem, effect.time, condition.high))
     if least(problem, effect.time, condition.high) != 0:
-        ways.append(("lt", condition.high, effect.time))
+        ways.append(comes_after(problem, effect.time, condition.high))
     span = least(problem, condition.low, condition.high)
     if span is None or span < 0:
-        ways.append(("lt", condition.high, condition.low))
+        ways.append(empty(problem, condition))
     return ways
 
 
@@ -231,7 +237,6 @@ def compile_stillness(problem: PlainProblem) -> Compiled:
     effects: dict[Expr, list[Effect]] = defaultdict(list)
     for effect in problem.effects:
         effects[effect.fluent].append(effect)
-    optional = problem.optional_names()
     constraints: list[Expr] = []
     conditions: dict[Condition, None] = {}
     for condition in problem.conditions:
@@ -240,7 +245,7 @@ def compile_stillness(problem: PlainProblem) -> Compiled:
             conditions[condition] = None
         else:
             constraints += [
-                outside(condition, e, optional)
+                outside(problem, condition, e)
                 for e in effects[fluent]
                 if e.owner is not None and condition.owner not in (None, e.owner)
             ]
@@ -257,9 +262,8 @@ def compile_apart(problem: PlainProblem) -> Compiled:
     """Say by differences, for every condition, that effects of other activities stay out of its
     interval: for engines that sometimes let one coincide with an end of it (quadratic).
     """
-    optional = problem.optional_names()
     constraints = [
-        outside(condition, effect, optional)
+        outside(problem, condition, effect)
         for condition in problem.conditions
         for effect in problem.effects
         if effect.fluent in set(subexpressions(condition.expression))
@@ -284,14 +288,15 @@ def _still(condition: Condition) -> Expr | None:
     return fluent if fluent[0] == "flu" and len(fluent) == 2 else None
 
 
-def outside(condition: Condition, effect: Effect, optional: frozenset[str]) -> Expr:
+def outside(problem: PlainProblem, condition: Condition, effect: Effect) -> Expr:
     """State that the effect does not happen within the interval (always, if that is empty)."""
+    optional = problem.optional_names()
     owners = (condition.owner, effect.owner)
     ways: list[Expr] = [negation(("pres", owner)) for owner in owners if owner in optional]
     if effect.condition != TRUE and all(s[0] != "flu" for s in subexpressions(effect.condition)):
         ways.append(negation(effect.condition))
-    before = ("le", later(effect.time, 1), condition.low)
-    after = ("le", later(condition.high, 1), effect.time)
+    before = comes_before(problem, effect.time, condition.low)
+    after = comes_after(problem, effect.time, condition.high)
     return disjunction([*ways, before, after])
 
 

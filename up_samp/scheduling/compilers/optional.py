@@ -5,6 +5,7 @@ parameter says presence.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -270,7 +271,7 @@ class _OptionalCompiler:
         """Return the shortest duration with which none of the activity's conditions is empty
         (an empty interval makes aries 0.5.0 call a problem unsolvable).
         """
-        shortest = 0
+        shortest, longest = 0, math.inf
         for condition in self.problem.conditions:
             if condition.owner != activity.name:
                 continue
@@ -282,6 +283,8 @@ class _OptionalCompiler:
             if low == "start" and high == "end":
                 shortest = max(shortest, low_delay - high_delay)
             else:
+                longest = min(longest, high_delay - low_delay if low != high else -math.inf)
+            if shortest > longest:
                 raise UnsupportedError(
                     f"the condition of optional activity {activity.name} over "
                     f"[{show(condition.low)}, {show(condition.high)}]"

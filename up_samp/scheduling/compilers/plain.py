@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 from up_samp.model import CandidateSchedule, UnsupportedError, check_time
@@ -240,6 +241,10 @@ class PlainProblem:
 
     def optional_names(self) -> frozenset[str]:
         """Return the names of the optional activities."""
+        return self._optional
+
+    @cached_property
+    def _optional(self) -> frozenset[str]:
         return frozenset(a.name for a in self.activities if a.optional)
 
     def parameter_types(self) -> dict[str, Type]:

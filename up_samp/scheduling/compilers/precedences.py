@@ -21,7 +21,7 @@ from collections import defaultdict
 from dataclasses import dataclass, replace
 
 from up_samp.model import CandidateSchedule, UnsupportedError
-from up_samp.scheduling.compilers.fluents import empty, equals, never_empty
+from up_samp.scheduling.compilers.fluents import empty, equals, never_empty, reaches_end
 from up_samp.scheduling.compilers.plain import (
     FALSE,
     TRUE,
@@ -32,7 +32,6 @@ from up_samp.scheduling.compilers.plain import (
     PlainProblem,
     conjunction,
     disjunction,
-    end,
     evaluate,
     fresh,
     integer,
@@ -262,26 +261,13 @@ class _PrecedenceCompiler:
         high, time, own = condition.high, change.time, self._own(condition, change)
         if high[1] != "horizon":
             return [("le", high, later(time, 0 if own else -1))]
-        return [self._since_end(high[3] + (0 if own else 1), time)] if high[3] < 0 else []
+        return [reaches_end(self.problem, int(high[3]) + (not own), time)] if high[3] < 0 else []
 
     def _before(self, time: Expr, low: Expr) -> Expr:
         """State that an effect at ``time`` has its value at ``low``."""
         if low[1] != "horizon":
             return ("lt", time, low)
-        return TRUE if low[3] >= 0 else negation(self._since_end(low[3], time))
-
-    def _since_end(self, delay: int, time: Expr) -> Expr:
-        """State that ``time`` is not before the plan's end, one after all ends and effects, plus
-        ``delay``.
-        """
-        known = [(end(a.name), self._present(a.name)) for a in self.problem.activities]
-        for effect in self.problem.effects:
-            happens = conjunction([self._present(effect.owner), effect.condition])
-            known.append((effect.time, happens))
-        return conjunction(
-            disjunction([negation(there), ("le", later(last, 1 + delay), time)])
-            for last, there in known
-        )
+        return TRUE if low[3] >= 0 else negation(reaches_end(self.problem, int(low[3]), time))
 
 
 class _RightValues:

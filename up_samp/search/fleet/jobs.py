@@ -24,6 +24,7 @@ from unified_planning.model.timing import Timing
 from up_samp.model import Configuration
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
 from up_samp.scheduling.cpsat.encode.durations import least
+from up_samp.upio.spans import own_end
 from up_samp.upio.whereabouts import whereabouts
 
 Gaps = Mapping[tuple[str, str], int]
@@ -106,15 +107,16 @@ def _held(activity: Activity) -> list[FNode]:
     """Return the resources that an activity takes first and gives back."""
     taken: dict[FNode, list[bool]] = defaultdict(list)
     for timing, effects in activity.effects.items():
+        end = own_end(timing, activity)
         for effect in effects:
             tpe = effect.fluent.type
             one = tpe.is_int_type() and (tpe.lower_bound, tpe.upper_bound) == (0, 1)
-            plain = one and not timing.delay and effect.condition.is_true()
+            plain = one and effect.condition.is_true()
             plain = plain and effect.value.is_int_constant() and effect.value.constant_value() == 1
             # a parameter of its own would be another object elsewhere
             plain = plain and all(argument.is_object_exp() for argument in effect.fluent.args)
-            takes = plain and effect.is_decrease() and timing.is_from_start()
-            gives = plain and effect.is_increase() and timing.is_from_end()
+            takes = plain and effect.is_decrease() and end == (False, 0)
+            gives = plain and effect.is_increase() and end == (True, 0)
             # what is neither is no pair
             taken[effect.fluent] += [takes] if takes or gives else [True, True]
     return [resource for resource, some in taken.items() if sorted(some) == [False, True]]
@@ -187,7 +189,8 @@ def activity_locations(problem: SchedulingMotionProblem, snapshot: Snapshot) -> 
             continue
         told = {
             stand
-            for conditions in activity.conditions.values()
+            for span, conditions in activity.conditions.items()
+            if own_end(span.lower, activity) and own_end(span.upper, activity)
             for condition in conditions
             if (stand := stand_told(condition, whose)) is not None
         }

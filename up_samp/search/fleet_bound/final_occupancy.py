@@ -142,7 +142,8 @@ def _anywhere(
         stops = sorted(work.stops(kind))
         for place in sorted(places):
             legs = tuple((work.body(robot), place, goal) for goal in stops if goal != place)
-            aways[kind, place, None] = legs
+            if legs:
+                aways[kind, place, None] = legs
     # each robot drives away once at most after all of its jobs
     return aways, {away: work.fleet.sizes[away[0]] for away in aways}
 

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 
 from unified_planning.model import Effect, FNode
 from unified_planning.model.motion import SchedulingMotionProblem
-from unified_planning.model.timing import Timing
 
 from up_samp.model.snapshot import Snapshot, TermKind
+from up_samp.scheduling.cpsat.encode.durations import least
 from up_samp.search.fleet.jobs import stand_told
+from up_samp.upio.spans import asks_at_start, own_end
 from up_samp.upio.whereabouts import whereabouts
 
 
@@ -47,8 +48,7 @@ def guaranteed_locations(
     text = {fluent: str(fluent) for fluent in whose}
     for activity in problem.activities if whose else ():
         for interval, conditions in activity.conditions.items():
-            lower = interval.lower
-            if not lower.is_from_start() or lower.delay:
+            if not asks_at_start(interval, activity, least(activity.duration)):
                 continue
             for condition in conditions:
                 stand = stand_told(condition, whose)
@@ -57,7 +57,7 @@ def guaranteed_locations(
                     seen = () if interval.is_left_open() else condition.args
                     reads[activity.name] |= {text[a] for a in seen if a in whose}
         for timing, effects in activity.effects.items():
-            if timing.is_from_end() and not timing.delay:
+            if own_end(timing, activity) == (True, 0):
                 sets[activity.name] |= {text[e.fluent] for e in effects if e.fluent in whose}
     return GuaranteedLocations(frozenset(text.values()), places, _frozen(sets), _frozen(reads))
 
@@ -76,7 +76,7 @@ def _surely_told(problem: SchedulingMotionProblem, snapshot: Snapshot) -> Mappin
     for activity in problem.activities:
         for timing, effects in activity.effects.items():
             for effect in effects:
-                if _is_plain(timing, effect):
+                if own_end(timing, activity) in _AT_END and _is_plain(effect):
                     setting[effect.fluent].add((activity.name, effect.value.object().name))
                 else:
                     wild.add(effect.fluent.fluent().name)
@@ -106,8 +106,10 @@ def _drives(snapshot: Snapshot) -> dict[str, set[tuple[str, str]]]:
     return {robot: ways for robot, ways in found.items() if robot not in other | twice}
 
 
-def _is_plain(timing: Timing, effect: Effect) -> bool:
-    """Return whether an effect sets a ground fluent to an object, at the end of its activity."""
+_AT_END = ((True, 0), (True, -1))
+
+
+def _is_plain(effect: Effect) -> bool:
+    """Return whether an effect sets a ground fluent to an object."""
     plain = effect.is_assignment() and effect.condition.is_true() and effect.value.is_object_exp()
-    grounded = all(a.is_object_exp() for a in effect.fluent.args)
-    return bool(plain and grounded and timing.is_from_end() and timing.delay in (0, -1))
+    return bool(plain and all(a.is_object_exp() for a in effect.fluent.args))

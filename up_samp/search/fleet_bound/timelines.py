@@ -10,7 +10,9 @@ from unified_planning.model import FNode
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity
 
+from up_samp.scheduling.cpsat.encode.durations import least
 from up_samp.search.fleet.jobs import Gaps, closed, idle_between
+from up_samp.upio.spans import asks_at_start, own_end
 
 
 @dataclass(frozen=True)
@@ -126,8 +128,8 @@ def carried(
 def _asked(activity: Activity) -> Iterator[FNode]:
     """Yield the fluents that have to be true when an activity starts."""
     for interval, conditions in activity.conditions.items():
-        lower = interval.lower
-        if not interval.is_left_open() and lower.is_from_start() and not lower.delay:
+        at_once = not interval.is_left_open()
+        if at_once and asks_at_start(interval, activity, least(activity.duration)):
             yield from (c for c in conditions if c.is_fluent_exp())
 
 
@@ -136,7 +138,7 @@ def _set(activity: Activity) -> Iterator[tuple[FNode, bool | None]]:
     None: to something else, or otherwise.
     """
     for timing, effects in activity.effects.items():
-        at_end = timing.is_from_end() and timing.delay in (0, -1)
+        at_end = own_end(timing, activity) in ((True, 0), (True, -1))
         for effect in effects:
             if not effect.fluent.type.is_bool_type():
                 continue
