@@ -13,9 +13,6 @@ from up_samp.model import Deadline
 from up_samp.scheduling.quirks import known_engines
 from up_samp.search.budget import Budget, Restarts
 from up_samp.search.proof import _fewest
-from up_samp.search.tuning import RestartTuning
-
-TUNING = RestartTuning()
 
 
 @pytest.mark.parametrize("seed", range(30))
@@ -52,10 +49,10 @@ def may_restart(*, restarts=0, stale=0, seconds=60.0, limit=None, planned=True):
 
 def test_a_search_with_time_left_begins_anew_while_that_brings_anything():
     assert may_restart(restarts=100)
-    assert not may_restart(restarts=100, stale=TUNING.stale)
-    assert may_restart(restarts=100, stale=TUNING.stale, planned=False)
-    assert may_restart(restarts=TUNING.untimed - 1, seconds=math.inf)
-    assert not may_restart(restarts=TUNING.untimed, seconds=math.inf)
+    assert not may_restart(restarts=100, stale=8)
+    assert may_restart(restarts=100, stale=8, planned=False)
+    assert may_restart(restarts=3 - 1, seconds=math.inf)
+    assert not may_restart(restarts=3, seconds=math.inf)
     assert may_restart(restarts=4, limit=5)
     assert not may_restart(restarts=5, limit=5)
     assert not may_restart(limit=0)

@@ -50,7 +50,7 @@ def test_a_file_changes_what_it_names(tmp_path):
         ("[search.repair]\nsteps = 2.5", "whole number"),
         ("[search.repair]\neffort = nan", "finite number"),
         ("[search.repair]\neffort = true", "finite number"),
-        ("[search.budget]\ngroup_share = 1.5", "1 or less"),
+        ("[search.in_order]\nshare = 1.5", "1 or less"),
         ("[cpsat.stages]\none_thread = 3", "list of numbers"),
         ("[cpsat.stages]\none_thread = []", "list of numbers"),
         ("[cpsat.stages]\none_thread = [1, 'x']", "finite number"),
@@ -94,13 +94,12 @@ def test_the_page_on_tuning_is_true():
 
 def test_components_and_schedulers_get_their_tunables(tmp_path, monkeypatch):
     given = {
-        "search": {"repair": {"steps": 1}, "pace": {"first_proof": 2.0}, "tidy": {"steps": 0}},
+        "search": {"repair": {"steps": 1}, "tidy": {"steps": 0}},
         "cpsat": {"stages": {"tiny": 0}},
     }
     params, _ = parameters.split_parameters({"tuning": given})
     made = components_of(params, native=True)
     assert made.repairs[0].tuning.steps == 1
-    assert made.pace.proof_seconds == 2.0
     assert made.finishers[0].tuning.steps == 0
     sessions = []
     init = CpsatSession.__init__

@@ -11,7 +11,24 @@ from typing import Protocol
 
 from up_samp.model import Deadline
 from up_samp.model.refinement import Refinement
-from up_samp.search.tuning import BudgetTuning, PaceTuning, RestartTuning
+
+PARTS = {
+    "proof": (0.3, 20.0),
+    "doubt": (0.2, 2.0),
+    "unobstructed motions": (0.2, 30.0),
+    "gaps at shared places": (0.1, 6.0),
+    "interaction profile": (0.05, 6.0),
+    "motions one at a time": (0.25, math.inf),
+}
+"""What one part of a search may take of the time that is left: a share, and s at most."""
+_GROUP_SHARE = 0.2
+"""Of the time that is left, for one group of motions: a late answer can still be repaired."""
+_LONGEST_QUERY = 3600.0
+"""s: limit of one motion query, however often it was doubled."""
+_UNTIMED_RESTARTS = 3
+"""Where there is no time limit."""
+_STALE_RESTARTS = 8
+"""In a row, that may bring nothing but guesses made before, from other random numbers."""
 
 
 @dataclass
@@ -23,7 +40,6 @@ class Budget:
 
     deadline: Deadline
     query_seconds: float
-    tuning: BudgetTuning = field(default_factory=BudgetTuning)
     seconds_motion: float = 0.0
     seconds_scheduler: float = 0.0
     _asking: bool = False
@@ -32,21 +48,21 @@ class Budget:
         """Return the deadline of a part: a share of what is left, at most so many seconds."""
         return self.deadline.within(min(most, share * self.deadline.remaining()))
 
+    def part(self, name: str) -> Deadline:
+        """Return the deadline of one of the ``PARTS``."""
+        return self.share(*PARTS[name])
+
     def query(self) -> Deadline:
         """Return the deadline of one motion query."""
         return self.deadline.within(self.query_seconds)
 
     def group(self, count: int) -> Deadline:
-        """Return the deadline of one query for ``count`` motions together.
-
-        No query may use up what is left: a late answer can still be repaired.
-        """
-        limit = self.query_seconds * max(1, count) ** 0.5
-        return self.deadline.within(min(limit, self.tuning.group_share * self.deadline.remaining()))
+        """Return the deadline of one query for ``count`` motions together."""
+        return self.share(_GROUP_SHARE, self.query_seconds * max(1, count) ** 0.5)
 
     def double_queries(self) -> None:
         """Allow motion queries twice the time (line 19)."""
-        self.query_seconds = min(2 * self.query_seconds, self.tuning.longest_query)
+        self.query_seconds = min(2 * self.query_seconds, _LONGEST_QUERY)
 
     @property
     def unlimited(self) -> bool:
@@ -111,10 +127,12 @@ class Staged:
     on from what it knows.
     """
 
-    proof_seconds: float = PaceTuning.first_proof
+    proof_seconds: float = 15.0
     """Limit (s) of the next attempt at a proof."""
-    share: float = PaceTuning.schedule_share
-    """Share for the next schedule; all of the time once a share was not enough for any."""
+    share: float = 0.4
+    """Share for the next schedule: schedules get better with time, but their motions have to be
+    checked, too. All of the time once a share was not enough for any.
+    """
     staged: bool = True
 
     def deadline(self, budget: Budget, *, planned: bool, proving: bool) -> Deadline:
@@ -149,7 +167,6 @@ class Restarts:
     """
 
     limit: int | None = None
-    tuning: RestartTuning = field(default_factory=RestartTuning)
     done: int = 0
     stale: int = 0
     _before: set[frozenset[object]] = field(default_factory=set)
@@ -161,8 +178,8 @@ class Restarts:
         if self.limit is not None:
             return self.done < self.limit
         if budget.unlimited:
-            return self.done < self.tuning.untimed
-        return not planned or self.stale < self.tuning.stale
+            return self.done < _UNTIMED_RESTARTS
+        return not planned or self.stale < _STALE_RESTARTS
 
     def begin(self, guesses: Sequence[Refinement]) -> None:
         """Count a restart that drops these guesses."""

@@ -16,6 +16,9 @@ from up_samp.search.search import Search
 
 log = logging.getLogger(__name__)
 
+_RARER = 3
+"""Times as many rounds of another engine until it is asked again whether anything is left."""
+
 
 class Conclusion(enum.Enum):
     """How a search ended."""
@@ -81,7 +84,7 @@ def conclude_beforehand(search: Search) -> SearchResult | None:
     knowledge, rounds = search.knowledge, len(search.history.rounds)
     if not search.components.for_proofs or search.bounds.incumbent is not None:
         return None
-    if rounds < knowledge.asked_at * search.prover.tuning.rarer:
+    if rounds < knowledge.asked_at * _RARER:
         return None
     knowledge.asked_at = max(1, rounds)
     facts = _facts(search)
@@ -147,13 +150,12 @@ def stands(search: Search, *, nothing: Sequence[Refinement] | None = None) -> bo
     elif claim is not None and claim <= bounds.beside:
         return True  # it rests on more than what the scheduler is told
     else:
-        tuning = search.prover.tuning
         found = sooner(
             search.knowledge.relaxation.problem
             if nothing is None
             else search.prover.problem_with(nothing),
             claim,
-            search.budget.share(tuning.explain_share, tuning.doubt_seconds),
+            search.budget.part("doubt"),
             seed=search.seed,
             tuning=search.cpsat.stages,
         )

@@ -11,7 +11,6 @@ from functools import cached_property
 from up_samp.model import Body, Configuration, Placed, ScheduledMotion
 from up_samp.model.refinement import Given
 from up_samp.model.snapshot import MotionTask, Snapshot, Term, TermKind
-from up_samp.search.tuning import DurationsTuning
 from up_samp.upio import ConfigurationChoice
 
 Choices = Mapping[tuple[str, Term, bool], ConfigurationChoice]
@@ -80,7 +79,7 @@ class Facts:
 
     snapshot: Snapshot
     choices: Mapping[tuple[str, Term, bool], ConfigurationChoice]
-    most_cases: int = DurationsTuning.cases
+    most_cases: int = 128
 
     # ------------------------------------------------------------------ units
     def seconds(self, units: float) -> float:

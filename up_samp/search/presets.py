@@ -7,7 +7,6 @@ the part out. This is the only place that reads the switches.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import TypeVar
 
 from up_samp.model import Body, Configuration, PathReport, Placed
@@ -40,7 +39,6 @@ from up_samp.search.statements.durations import fastest_durations, lower_bounds
 from up_samp.search.statements.handovers import guessed_handovers, proven_handovers
 from up_samp.search.statements.unary_places import unary_places
 from up_samp.search.statements.unreachable import unreachable
-from up_samp.search.tuning import CutsTuning, SearchTuning
 from up_samp.tuning import tuning_of
 
 Part = TypeVar("Part")
@@ -53,14 +51,14 @@ LAYERS: Sequence[tuple[CheckAlone, Ideas]] = (
 )
 
 
-def _statements(tuning: SearchTuning) -> Sequence[tuple[Statement, Ideas]]:
+def _statements() -> Sequence[tuple[Statement, Ideas]]:
     """Return what is told to the scheduler before the first schedule."""
 
     def durations(search: Search) -> list[Refinement]:
         def tell(count: int, total: int) -> None:
             search.tell.stage(Phase.PREPARE, "unobstructed motions", count, total)
 
-        return fastest_durations(search.motions, search.knowledge, tuning.durations, tell)
+        return fastest_durations(search.motions, search.knowledge, tell)
 
     return (
         (
@@ -78,33 +76,27 @@ def _statements(tuning: SearchTuning) -> Sequence[tuple[Statement, Ideas]]:
         (UNARY_PLACES, ("certificates", "native")),
         (Statement("unobstructed motions", durations), ("bounds_first",)),
         (
-            Statement(
-                "handing over places", lambda s: proven_handovers(s.motions, tuning.handovers)
-            ),
+            Statement("handing over places", lambda s: proven_handovers(s.motions)),
             ("bounds_first", "profiles"),
         ),
     )
 
 
-def _after_failure(tuning: SearchTuning) -> Sequence[tuple[Statement, Ideas]]:
-    """Return what is told to the scheduler once a candidate failed."""
-    guess = Statement(
-        "handing over places",
-        lambda s: guessed_handovers(s.motions, s.knowledge, tuning.handovers),
-    )
-    return ((guess, ("bounds_first", "profiles")),)
-
-
-def _attempts(tuning: SearchTuning) -> Sequence[tuple[Attempt, Ideas]]:
-    """Return what a late motion may tell: its goal was just left by another one; it waits for a
-    door; what rests is in its way; it meets another one at a whole range of start offsets.
-    """
-    return (
-        (partial(handover_cuts, tuning=tuning.handovers), ("profiles",)),
-        (door_cuts, ()),
-        (rest_cuts, ()),
-        (partial(pair_cuts, tuning=tuning.cuts), ("profiles",)),
-    )
+AFTER_FAILURE: Sequence[tuple[Statement, Ideas]] = (
+    (
+        Statement("handing over places", lambda s: guessed_handovers(s.motions, s.knowledge)),
+        ("bounds_first", "profiles"),
+    ),
+)
+"""What is told to the scheduler once a candidate failed."""
+ATTEMPTS: Sequence[tuple[Attempt, Ideas]] = (
+    (handover_cuts, ("profiles",)),
+    (door_cuts, ()),
+    (rest_cuts, ()),
+    (pair_cuts, ("profiles",)),
+)
+"""What a late motion may tell: its goal was just left by another one; it waits for a door; what
+rests is in its way; it meets another one at a whole range of start offsets."""
 
 
 def components_of(params: Parameters, *, native: bool) -> Components:
@@ -127,12 +119,10 @@ def components_of(params: Parameters, *, native: bool) -> Components:
         return tuple(part for part, needed in parts if ideas.issuperset(needed))
 
     return Components(
-        statements=with_ideas(_statements(tuning)),
+        statements=with_ideas(_statements()),
         layers=with_ideas(LAYERS),
-        cuts=_cuts(ideas, with_ideas(_attempts(tuning)), params.seed, tuning.cuts),
-        pace=Staged(tuning.pace.first_proof, tuning.pace.schedule_share)
-        if ideas >= {"native", "incumbents"}
-        else AtOnce(),
+        cuts=_cuts(ideas, with_ideas(ATTEMPTS), params.seed),
+        pace=Staged() if ideas >= {"native", "incumbents"} else AtOnce(),
         shapers=with_ideas((*lean, (slack, ("slack",)))),
         builders=with_ideas(((InOrder(tuning.in_order), ("incumbents",)),)),
         repairs=with_ideas(
@@ -142,7 +132,7 @@ def components_of(params: Parameters, *, native: bool) -> Components:
                 (LeastWork(in_turn, tuning.turns), ("incumbents",)),
             )
         ),
-        after_failure=with_ideas(_after_failure(tuning)),
+        after_failure=with_ideas(AFTER_FAILURE),
         for_proofs=() if native else with_ideas(((UNARY_PLACES, ("certificates",)),)),
         improvers=with_ideas(
             ((Descent(tuning.neighbourhoods), ("neighbourhoods", "native", "incumbents")),)
@@ -167,8 +157,8 @@ def motion_service_of(params: Parameters) -> type[MotionService]:
     return MotionService if params.certificates else WithoutProofs
 
 
-def _cuts(ideas: set[str], attempts: tuple[Attempt, ...], seed: int, tuning: CutsTuning) -> Cuts:
+def _cuts(ideas: set[str], attempts: tuple[Attempt, ...], seed: int) -> Cuts:
     alike = Facts.like if "equivalents" in ideas else just_this
     if "small_cuts" in ideas:
         return SmallCuts(alike, attempts)
-    return PaperCuts(alike, widened="equivalents" in ideas, seed=seed, tuning=tuning)
+    return PaperCuts(alike, widened="equivalents" in ideas, seed=seed)

@@ -137,6 +137,12 @@ def _mentioned(expression: FNode) -> set[str]:
 
 SHOWN = 5
 """So many facts are listed in a message."""
+_EXPLAIN_SHARE = 0.2
+"""Of the time that is left, for a shorter reason."""
+_LIMITS = 40
+"""Constraints of the problem that are looked at to tell what the facts run into."""
+_DEMANDS = 300
+"""Demands of the problem that are looked at where no motion is to blame."""
 
 T = TypeVar("T")
 
@@ -157,11 +163,7 @@ class Prover:
         """Return whether the facts alone leave no schedule (None: not known); ``soon``: in little
         time.
         """
-        tuning = self.tuning
-        longest = (
-            (tuning.explain_share, tuning.doubt_seconds) if soon else (tuning.share, tuning.seconds)
-        )
-        report = self._schedule(facts, (), self.budget.share(*longest))
+        report = self._schedule(facts, (), self.budget.part("doubt" if soon else "proof"))
         if report is None or (report.schedule is None and not _none_left(report)):
             return None
         return _none_left(report)
@@ -171,7 +173,7 @@ class Prover:
         play, in little time: an engine that says there is none was told another problem, or is
         wrong.
         """
-        deadline = self.budget.share(self.tuning.explain_share, self.tuning.doubt_seconds)
+        deadline = self.budget.part("doubt")
         report = self._schedule(facts, (), deadline, before=makespan)
         return report is not None and report.schedule is not None
 
@@ -181,7 +183,7 @@ class Prover:
         """Return few of the ``facts`` that leave no schedule (with those ``given``), as all of them
         do: as few as can be where time allows.
         """
-        deadline = self.budget.share(self.tuning.explain_share, self.tuning.explain_seconds)
+        deadline = self.budget.share(_EXPLAIN_SHARE, self.tuning.explain_seconds)
         # those first that one would rather be told
         ordered = sorted(facts, key=lambda r: (r.layer is Layer.BOUND, r.layer is Layer.GROUP))
 
@@ -196,12 +198,12 @@ class Prover:
         """
         few = self.few_of(facts)
         if not few:
-            met = self._met((), list(demands(self.relax())), self.tuning.demands)
+            met = self._met((), list(demands(self.relax())), _DEMANDS)
             text = "the activities cannot be scheduled, whatever the motions"
             return f"{text}: {' and '.join(met)}" if met else text
         text = "these proven facts leave no schedule: " + listed(few)
         names = {a for fact in few for a in activities_of(fact.statement)}
-        limits = self._met(few, list(limits_on(self.relax(), names)), self.tuning.limits)
+        limits = self._met(few, list(limits_on(self.relax(), names)), _LIMITS)
         return f"{text}; but {' and '.join(limits)}" if limits else text
 
     def _met(self, facts: Sequence[Refinement], asked: Sequence[Demand], most: int) -> list[str]:
@@ -210,7 +212,7 @@ class Prover:
         """
         if not asked or len(asked) > most:
             return []
-        deadline = self.budget.share(self.tuning.explain_share, self.tuning.explain_seconds)
+        deadline = self.budget.share(_EXPLAIN_SHARE, self.tuning.explain_seconds)
 
         def fails(kept: Sequence[Demand]) -> bool:
             return self._infeasible(facts, [x for x in asked if x not in kept], deadline)

@@ -222,10 +222,10 @@ def assemble(
     components = components_of(params, native=problem.native)
     tuning = tuning_of(params.tuning)
     mine = tuning.search
-    facts = Facts(relaxation.snapshot, relaxation.choices, mine.durations.cases)
+    facts = Facts(relaxation.snapshot, relaxation.choices)
     history, bounds = History(), Bounds()
     knowledge = Knowledge(relaxation, history)
-    budget = Budget(deadline, params.query_seconds, mine.budget)
+    budget = Budget(deadline, params.query_seconds)
     crew = None if workers is None else Crew(workers, service)
     motions = Motions(facts, service, budget, crew)
     tell = Telling(observers_of(params), partial(state_of, history, bounds, deadline))
@@ -249,7 +249,7 @@ def assemble(
         prover=Prover(problem.relax, budget, params.seed, mine.proof, tuning.cpsat),
         scheduler=problem.schedule(relaxation, 0),
         components=components,
-        restarts=Restarts(params.max_restarts, mine.restarts),
+        restarts=Restarts(params.max_restarts),
         tell=tell,
         stop=params.stop,
         seed=params.seed,

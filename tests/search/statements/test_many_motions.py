@@ -12,7 +12,6 @@ from up_samp.search.history import History
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
 from up_samp.search.statements import durations
-from up_samp.search.tuning import DurationsTuning
 from up_samp.upio import read_problem, relax
 
 
@@ -31,9 +30,10 @@ def parts():
     return fresh
 
 
-def test_far_too_many_motions_are_left_for_later(parts):
-    few = DurationsTuning(probe=2, hopeless=1e-9)
+def test_far_too_many_motions_are_left_for_later(parts, monkeypatch):
+    monkeypatch.setattr(durations, "PROBE", 2)
+    monkeypatch.setattr(durations, "HOPELESS", 1e-9)
     motions, knowledge = parts()
     assert len(motions.facts.by_signature) > 10
-    durations.fastest_durations(motions, knowledge, few, lambda *_: None)
+    durations.fastest_durations(motions, knowledge, lambda *_: None)
     assert len(knowledge.durations) == 2

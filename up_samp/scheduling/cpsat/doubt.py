@@ -10,7 +10,7 @@ from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.model import CandidateSchedule, Deadline, OutOfTimeError, UnsupportedError
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders
+from up_samp.scheduling.cpsat.solve.attempts import NO_PRESOLVE, Attempts, Orders
 from up_samp.scheduling.cpsat.solve.runner import SolverRun
 from up_samp.scheduling.cpsat.tuning import StagesTuning
 
@@ -34,7 +34,7 @@ def sooner(
     except (OutOfTimeError, UnsupportedError):
         return None
     orders = Orders(SolverRun(seed, 1), False, tuning, threading.Event())
-    attempts = Attempts(model, orders, deadline, 0, left=tuning.without_presolve)
+    attempts = Attempts(model, orders, deadline, 0, left=NO_PRESOLVE)
     attempts.below(model.limit if before is None else before - 1)
     return attempts.best
 

@@ -8,10 +8,9 @@ from up_samp.search.cuts.protocol import Failure
 from up_samp.search.facts import MotionCase
 from up_samp.search.motions import Motions
 from up_samp.search.statements.handovers import are_apart, handover
-from up_samp.search.tuning import HandoversTuning
 
 
-def handover_cuts(failure: Failure, late: str, *, tuning: HandoversTuning) -> list[Refinement]:
+def handover_cuts(failure: Failure, late: str) -> list[Refinement]:
     """Return the gaps to whoever leaves the late motion's goal before it arrives, stated for all
     pairs of motions that are the same to the motion planner.
     """
@@ -20,7 +19,7 @@ def handover_cuts(failure: Failure, late: str, *, tuning: HandoversTuning) -> li
     if coming.constraint or knowledge.history.restarts:
         return []  # after a restart, proofs are asked for: guesses would only be dropped again
     # a plan may be a moment away: what these gaps are may not take all the time that is left
-    deadline = motions.budget.share(tuning.share, tuning.seconds)
+    deadline = motions.budget.part("gaps at shared places")
     found = []
     for other in failure.scheduled.values():
         if leaves_for(motions, other, coming):

@@ -5,7 +5,7 @@ Tosello et al. (ICAPS 2026) write them.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from up_samp.model import MotionModel, PathQuery, Placed, ScheduledMotion
 from up_samp.model.refinement import Layer, Refinement, Strength
@@ -15,7 +15,9 @@ from up_samp.search.cuts.protocol import Alike, Alone, Failure
 from up_samp.search.facts import Facts, MotionCase
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
-from up_samp.search.tuning import CutsTuning
+
+_EXPLORE_SHARE = 0.2
+"""Of a query's time, for which the paper's tree grows on to tell what it reaches."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,6 @@ class PaperCuts:
     alike: Alike
     widened: bool = True
     seed: int = 0
-    tuning: CutsTuning = field(default_factory=CutsTuning)
     first_only: bool = True
 
     def unobstructed(
@@ -69,7 +70,7 @@ class PaperCuts:
 
         same = [s for s in facts.by_signature if s[0] == body and len(s[1]) == 2]
         targets = {str(pose): pose for s in same for pose in s[1]}
-        deadline = budget.deadline.within(self.tuning.explore_share * budget.query_seconds)
+        deadline = budget.deadline.within(_EXPLORE_SHARE * budget.query_seconds)
         query = PathQuery(body, motion.poses, obstacles)
         found = explore(motions.service.scene, query, targets, deadline, seed=self.seed)
         if found.goal or not self.widened:

@@ -14,15 +14,14 @@ from up_samp.refinement import rules
 from up_samp.search.cuts.protocol import Failure
 from up_samp.search.facts import MotionCase
 from up_samp.search.motions import Motions
-from up_samp.search.tuning import CutsTuning
 
 
-def pair_cuts(failure: Failure, late: str, *, tuning: CutsTuning) -> list[Refinement]:
+def pair_cuts(failure: Failure, late: str) -> list[Refinement]:
     """Return an interaction profile of the late motion with one that it meets.
 
     Stated for all pairs of motions that are the same to the motion planner.
     """
-    deadline = failure.motions.budget.share(tuning.profile_share, tuning.profile_seconds)
+    deadline = failure.motions.budget.part("interaction profile")
     for other in _partners(failure, late):
         if deadline.expired():
             break

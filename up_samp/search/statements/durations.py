@@ -11,10 +11,16 @@ from up_samp.refinement import rules
 from up_samp.search.facts import Facts, MotionCase
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
-from up_samp.search.tuning import DurationsTuning
 
 TELL_EVERY = 10
 """Progress is told once for so many motions."""
+QUERY = 2.0
+"""s for one motion: what takes longer may never be needed."""
+PROBE = 30
+"""Motions after which is told whether all can be asked for..."""
+HOPELESS = 4.0
+"""...which they are not where all would take so many times the time that there is: others are left
+to be learned when a candidate uses them, and most never are."""
 
 
 def lower_bounds(motions: Motions, knowledge: Knowledge) -> list[Refinement]:
@@ -42,7 +48,6 @@ def lower_bounds(motions: Motions, knowledge: Knowledge) -> list[Refinement]:
 def fastest_durations(
     motions: Motions,
     knowledge: Knowledge,
-    tuning: DurationsTuning,
     tell: Callable[[int, int], None],
 ) -> list[Refinement]:
     """Return the planner's own best duration of every motion, as far as time allows.
@@ -53,18 +58,18 @@ def fastest_durations(
     """
     found = []
     signatures = motions.facts.by_signature
-    seconds = min(tuning.query, motions.budget.query_seconds)
+    seconds = min(QUERY, motions.budget.query_seconds)
     if motions.crew is not None:
         queries = [_among_fixed(motions.facts, cases) for cases in signatures.values()]
-        motions.crew.plan_ahead(queries, motions.budget.share(tuning.share, tuning.seconds))
+        motions.crew.plan_ahead(queries, motions.budget.part("unobstructed motions"))
     # what workers have found takes no time any more
-    deadline = motions.budget.share(tuning.share, tuning.seconds)
+    deadline = motions.budget.part("unobstructed motions")
     whole = deadline.remaining()
     for count, cases in enumerate(signatures.values()):
         if deadline.expired():
             break
         spent = whole - deadline.remaining()
-        if count >= tuning.probe and spent * len(signatures) > tuning.hopeless * whole * count:
+        if count >= PROBE and spent * len(signatures) > HOPELESS * whole * count:
             break
         if count % TELL_EVERY == 0:
             tell(count, len(signatures))

@@ -31,7 +31,9 @@ from up_samp.refinement import rules
 from up_samp.search.facts import MotionCase, Signature
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
-from up_samp.search.tuning import HandoversTuning
+
+PAIRS = 1500
+"""Of motions, whose gaps are stated at once at most; others when they meet."""
 
 LONG_BEFORE = 1000.0
 """Seconds by which who arrives may have set out before the other one leaves."""
@@ -39,11 +41,11 @@ ALLOWANCE = 0.95
 """Accelerations are judged with a little tolerance: proven gaps are that much shorter."""
 
 
-def proven_handovers(motions: Motions, tuning: HandoversTuning) -> list[Refinement]:
+def proven_handovers(motions: Motions) -> list[Refinement]:
     """Return the proven gaps at all shared places, before the first schedule."""
     facts = motions.facts
-    pairs = list(itertools.islice(_pairs(motions), tuning.pairs + 1))
-    if len(pairs) > tuning.pairs:
+    pairs = list(itertools.islice(_pairs(motions), PAIRS + 1))
+    if len(pairs) > PAIRS:
         return []
     found = []
     for leaving, coming in pairs:
@@ -54,17 +56,15 @@ def proven_handovers(motions: Motions, tuning: HandoversTuning) -> list[Refineme
     return found
 
 
-def guessed_handovers(
-    motions: Motions, knowledge: Knowledge, tuning: HandoversTuning
-) -> list[Refinement]:
+def guessed_handovers(motions: Motions, knowledge: Knowledge) -> list[Refinement]:
     """Return the gaps between the fastest motions at all shared places; none the second time."""
     if knowledge.handovers_guessed:
         return []
     knowledge.handovers_guessed = True
-    pairs = list(itertools.islice(_pairs(motions), tuning.pairs + 1))
-    if len(pairs) > tuning.pairs:
+    pairs = list(itertools.islice(_pairs(motions), PAIRS + 1))
+    if len(pairs) > PAIRS:
         return []
-    deadline = motions.budget.share(tuning.share, tuning.seconds)
+    deadline = motions.budget.part("gaps at shared places")
     found = []
     for leaving, coming in pairs:
         cut = handover(motions, knowledge, (leaving, coming), deadline)

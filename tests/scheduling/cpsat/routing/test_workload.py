@@ -15,7 +15,6 @@ from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
 from up_samp.scheduling.cpsat.routing.labels import LabelTable
 from up_samp.scheduling.cpsat.routing.workload import bound_by_assignment, bound_by_work, shares
-from up_samp.scheduling.cpsat.tuning import BoundsTuning
 
 
 def optimum(problem):
@@ -128,7 +127,7 @@ def test_labels_that_are_compared_for_long_look_at_the_clock():
     some = LabelTable.first(np.zeros((1, 1), dtype=np.int32)).rows([0] * 1000)
     for row in range(1000):
         some.free[row] = some.leave[row] = row
-    assert len(some.undominated(BoundsTuning())) == 1
+    assert len(some.undominated()) == 1
     looks = Looks(0)
-    assert len(some.undominated(BoundsTuning(), looks)) == 1000
+    assert len(some.undominated(looks)) == 1000
     assert looks.done == 1

@@ -13,7 +13,11 @@ import numpy as np
 
 from up_samp.scheduling.cpsat.routing.route import INFINITE
 from up_samp.scheduling.cpsat.routing.rules import NEVER, SequenceChoice, SequenceRules, StateChange
-from up_samp.scheduling.cpsat.tuning import BoundsTuning
+
+_NEAR = 24
+"""Labels before each one in order, which it is compared with for dominance."""
+_ROUNDS = 6
+"""Rounds of these comparisons, as long as labels fall away."""
 
 
 @dataclass(frozen=True)
@@ -78,9 +82,7 @@ class LabelTable:
         columns = zip(*(labels._columns() for labels in some), strict=True)
         return LabelTable(*(np.concatenate(column) for column in columns))
 
-    def undominated(
-        self, tuning: BoundsTuning, over: Callable[[], bool] = lambda: False
-    ) -> LabelTable:
+    def undominated(self, over: Callable[[], bool] = lambda: False) -> LabelTable:
         """Return the labels without those that another one is at least as good as: the same is
         done by the same, nothing later, nobody further on its way, with no more moves used up.
 
@@ -90,15 +92,15 @@ class LabelTable:
         """
         sums = self.free.sum(1) + self.leave.sum(1) + self.ready.sum((1, 2), dtype=np.int64)
         mine = self.rows(np.lexsort((sums, *self.last.T, self.done)))
-        first, last = 1, tuning.near
-        for _ in range(tuning.near_rounds):
+        first, last = 1, _NEAR
+        for _ in range(_ROUNDS):
             worse = mine._worse(range(first, last + 1), over)
             left = len(mine) - int(worse.sum())
             if left == len(mine) or over():
                 break
             # those that were further off are nearer now
             first, mine = 1 + last * left // len(mine), mine.rows(~worse)
-            last = first + tuning.near
+            last = first + _NEAR
         return mine
 
     def _worse(self, shifts: range, over: Callable[[], bool]) -> Any:

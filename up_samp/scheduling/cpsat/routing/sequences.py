@@ -30,7 +30,6 @@ import numpy as np
 
 from up_samp.scheduling.cpsat.routing.labels import LabelTable, Steps, Twins
 from up_samp.scheduling.cpsat.routing.rules import NEVER, SequenceRules
-from up_samp.scheduling.cpsat.tuning import BoundsTuning
 
 Found = list[tuple[int, int]]
 """(choice, start) of the tasks of a sequence, in its order."""
@@ -38,6 +37,12 @@ Found = list[tuple[int, int]]
 
 _AT_ONCE = 200_000
 """Beginnings that are looked at before the clock is."""
+_KEPT = 4
+"""Sequences that a bound is met by, and that are made schedules: the first one mostly is."""
+_STEEP = 4.0
+"""How many times as many beginnings as the last proof the next one may cost..."""
+_CHEAP = 2_000
+"""...or as this many, which cost next to nothing."""
 
 
 @dataclass(frozen=True)
@@ -55,17 +60,16 @@ class Sequences:
     """Tasks (bits) that were done before, with everybody wherever it likes now (``None``: nothing
     was done, and everybody is where it begins).
     """
-    tuning: BoundsTuning = field(default_factory=BoundsTuning)
 
     def plain(self) -> Sequences:
         """Return the same with no regard to changes and to moves that happen once: it bounds less,
         but its labels are fewer, and go further where they are too many. It may look at a fifth.
         """
-        return Sequences(self.rules.plain(), self.most // 5, tuning=self.tuning)
+        return Sequences(self.rules.plain(), self.most // 5)
 
     def anew(self, most: int) -> Sequences:
         """Return the same with nothing looked at or found."""
-        return Sequences(self.rules, most, tuning=self.tuning)
+        return Sequences(self.rules, most)
 
     @property
     def is_spent(self) -> bool:
@@ -106,12 +110,12 @@ class Sequences:
             labels = steps.hopeful(LabelTable.joined(following)) if following else labels.rows([])
             if not len(labels):
                 return None
-            labels = self.twins.ordered(labels).undominated(self.tuning, over)
+            labels = self.twins.ordered(labels).undominated(over)
             if 0 < width < len(labels):
                 total = labels.spent.sum(1) + self.rules.rest(labels.done, labels.last)
                 labels = labels.rows(np.sort(np.argsort(total, kind="stable")[:width]))
         ends = labels.free.max(1)
-        order = np.argsort(ends, kind="stable")[: self.tuning.kept]
+        order = np.argsort(ends, kind="stable")[:_KEPT]
         self.found[:] = [self._path([*layers, labels], int(row)) for row in order]
         return True
 
@@ -154,14 +158,14 @@ def raised(sequences: Sequences, known: int, over: Callable[[], bool], value: in
         if sequences.refuted(end, over):
             low = end + 1
             costs.append((end, sequences.seen[0] - before))
-            step = _step(costs, sequences.most - sequences.seen[0], sequences.tuning)
+            step = _step(costs, sequences.most - sequences.seen[0])
         else:
             high = end
             step = max(1, (high - low + 1) // 2)
     return low
 
 
-def _step(costs: list[tuple[int, int]], left: int, tuning: BoundsTuning) -> int:
+def _step(costs: list[tuple[int, int]], left: int) -> int:
     """Return by how much more time may be refuted next: ``costs`` are the efforts so far (end,
     labels), ``left`` is what more there may be.
     """
@@ -169,5 +173,5 @@ def _step(costs: list[tuple[int, int]], left: int, tuning: BoundsTuning) -> int:
         return len(costs)
     (one, few), (other, many) = costs[-2:]
     growth = math.log(max(many, 2) / max(few, 1)) / (other - one)
-    dear = min(tuning.steep * max(many, tuning.cheap), left / 2)
+    dear = min(_STEEP * max(many, _CHEAP), left / 2)
     return max(1, int(math.log(max(1.0, dear / max(many, 1))) / max(growth, 0.05)))

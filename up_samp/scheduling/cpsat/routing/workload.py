@@ -15,6 +15,13 @@ from up_samp.scheduling.cpsat.routing.rules import Programme, SequenceRules, cos
 from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
 from up_samp.scheduling.cpsat.tuning import BoundsTuning
 
+_STATES = 2_000_000
+"""States of the dynamic programme over sets of tasks; with more it is only asked who does what."""
+_SETS = 20_000
+"""Sets of tasks that one proof over who does what may look at."""
+_COVER = 0.5
+"""CP-SAT's deterministic time for one such proof."""
+
 
 def aside_of(programme: Programme) -> int:
     """Return (bits of) the tasks that open doors, as far as nothing else has to come before them:
@@ -37,7 +44,6 @@ def with_lefts(
     most: int,
     over: Callable[[], bool],
     memory: Memory | None = None,
-    tuning: BoundsTuning | None = None,
 ) -> SequenceRules:
     """Return the rules with what is left of each set of tasks, as far as ``most`` beginnings and
     the time allow to find it out. ``memory``: what was found out for the same tasks when no more
@@ -50,7 +56,7 @@ def with_lefts(
     if free is None:
         return rules
     free = replace(free, aside=aside, lefts=rules.lefts.copy())
-    looked = Sequences(free, most, tuning=tuning or BoundsTuning())
+    looked = Sequences(free, most)
     sets = [int(done) for done in rules.sets if int(done) & aside == aside]
     found = {} if memory is None else memory.setdefault(_names(rules, aside), {})
     for done in sorted(sets, key=lambda some: -some.bit_count()):
@@ -166,36 +172,32 @@ def _share(
 
 
 def bound_by_assignment(
-    work: RoutedWork,
-    known: int,
-    over: Callable[[], bool] = lambda: False,
-    tuning: BoundsTuning | None = None,
+    work: RoutedWork, known: int, over: Callable[[], bool] = lambda: False
 ) -> int:
     """Return a lower bound on the makespan, at least ``known``: the first that is not refuted, or
     less if the time is ``over``.
 
     Assumes: a traveller comes to each task from its start or from another task that is done.
     """
-    tuning = tuning or BoundsTuning()
     costs = shares(work)
     if not costs or any(not mine for mine in costs):
         return known
     most = max(known, sum(max(share.most for share in mine.values()) for mine in costs))
     low = max(known, max(min(s.least for s in mine.values()) for mine in costs))
     step = 1
-    while low < most and not over() and _refuted(costs, low + step - 1, tuning):
+    while low < most and not over() and _refuted(costs, low + step - 1):
         low, step = low + step, 2 * step
     high = low + step - 1
     while low < high and not over():
         middle = (low + high - 1) // 2
-        if _refuted(costs, middle, tuning):
+        if _refuted(costs, middle):
             low = middle + 1
         else:
             high = middle
     return low
 
 
-def _refuted(costs: list[dict[int, TaskShare]], end: int, tuning: BoundsTuning) -> bool:
+def _refuted(costs: list[dict[int, TaskShare]], end: int) -> bool:
     """Return whether it is proven that the travellers cannot share all tasks and end by ``end``.
 
     Whoever does some tasks by then does one of the sets that are possible and as large as can be.
@@ -204,7 +206,7 @@ def _refuted(costs: list[dict[int, TaskShare]], end: int, tuning: BoundsTuning) 
     done: list[list[cp_model.IntVar]] = [[] for _ in costs]
     count = 0
     for axis in sorted({axis for mine in costs for axis in mine}):
-        sets = _possible(costs, axis, end, tuning.sets - count)
+        sets = _possible(costs, axis, end, _SETS - count)
         if sets is None:
             return False
         count += len(sets)
@@ -219,7 +221,7 @@ def _refuted(costs: list[dict[int, TaskShare]], end: int, tuning: BoundsTuning) 
     solver = cp_model.CpSolver()
     solver.parameters.num_workers = 1
     solver.parameters.linearization_level = 2
-    solver.parameters.max_deterministic_time = tuning.cover
+    solver.parameters.max_deterministic_time = _COVER
     return bool(solver.solve(model) == cp_model.INFEASIBLE)
 
 
@@ -319,10 +321,9 @@ def bound_by_work(
     :param value: the makespan of a schedule (0: there is none); no more is asked for.
     """
     tuning = tuning or BoundsTuning()
-    states = tuning.states
-    programme = Programme.of(work, states) or Programme.of(work, states, doors=False)
+    programme = Programme.of(work, _STATES) or Programme.of(work, _STATES, doors=False)
     if programme is None:
-        return WorkBound(bound_by_assignment(work, known, over, tuning))
+        return WorkBound(bound_by_assignment(work, known, over))
     tables = programme.tables(over)
     if tables is None or programme.start(tables) >= INFINITE:
         return WorkBound(known)
@@ -338,13 +339,13 @@ def bound_by_work(
     if rules is None:
         return WorkBound(known)
     labels = tuning.labels
-    sequences = Sequences(rules, min(labels, tuning.unaided), tuning=tuning)
+    sequences = Sequences(rules, min(labels, tuning.unaided))
     if labels:
         known = raised(sequences.plain(), known, over, value)
         known = raised(sequences, known, over, value)
     if sequences.is_spent and labels > tuning.unaided and not over():
-        rules = with_lefts(rules, labels // 2, over, work.lefts, tuning)
-        sequences = Sequences(rules, labels, tuning=tuning)
+        rules = with_lefts(rules, labels // 2, over, work.lefts)
+        sequences = Sequences(rules, labels)
         known = raised(sequences, known, over, value)
     return WorkBound(known, sequences)
 

@@ -70,6 +70,25 @@ def hint_values(model: ScheduleModel, schedule: CandidateSchedule) -> dict[int, 
 
 Progress = Callable[[CandidateSchedule, "int | None"], None]
 
+# efforts, in CP-SAT's deterministic time
+NO_PRESOLVE = 0.005
+"""For a tiny problem: presolve costs more than the search."""
+_NO_INPROCESSING = 0.02
+"""For a tiny problem with a schedule near the bound in hand: half of so short a proof would be
+inprocessing."""
+_ONE_PRESOLVE_PASS = 0.3
+"""For a proof from a schedule near the bound in hand."""
+_TWO_SEARCHES = 4.0
+"""For two full searches of a small problem."""
+_REALIZE = 1.0
+"""For a schedule of the whole from one of its relaxation, under each of these caps:"""
+_CAPS = (1.0, 1.1, 1.3, 1.7)
+"""Over the relaxation's makespan."""
+_FIRST_DIVE = 0.5
+"""For the first dive under a loose cap."""
+_FIRST, _GROWTH = 1.0, 1.6
+"""For a first schedule under the tightest cap, and how it grows with each looser one."""
+
 
 @dataclass(frozen=True)
 class Orders:
@@ -151,7 +170,7 @@ class Attempts:
     def without_presolve(self, cap: int) -> None:
         """Try what solves the smallest problems at once."""
         if self.tiny:
-            self.improve(cap, profiles.NO_PRESOLVE, self.orders.tuning.without_presolve)
+            self.improve(cap, profiles.NO_PRESOLVE, NO_PRESOLVE)
 
     def climb(self) -> None:
         """Solve a small problem without routes, with more and more effort."""
@@ -164,7 +183,7 @@ class Attempts:
         if optimal and self.orders.run.workers > 1:
             # a poor schedule as a hint leads both searches astray
             profile = profiles.TWO_FULL_SEARCHES
-            self.improve(self.model.limit, profile, tuning.two_searches, hinted=False)
+            self.improve(self.model.limit, profile, _TWO_SEARCHES, hinted=False)
             return
         turns = zip(itertools.cycle(profiles.ONE_THREAD), tuning.one_thread, strict=False)
         for profile, effort in turns if optimal else itertools.islice(turns, 1):
@@ -177,11 +196,10 @@ class Attempts:
         known = self.best is not None and self.minimizes_makespan and self.orders.optimal
         if not known or not self.small:
             return
-        tuning = self.orders.tuning
         if self.tiny:
-            self.improve(self.cap, profiles.NO_INPROCESSING, tuning.without_inprocessing)
+            self.improve(self.cap, profiles.NO_INPROCESSING, _NO_INPROCESSING)
         if not self.over():
-            self.improve(self.cap, profiles.ONE_PRESOLVE_PASS, tuning.one_presolve_pass)
+            self.improve(self.cap, profiles.ONE_PRESOLVE_PASS, _ONE_PRESOLVE_PASS)
 
     def finish(self, effort: float | None) -> None:
         """Improve the schedule until it is proven optimal, or good enough."""
@@ -194,11 +212,10 @@ class Attempts:
 
         Who is present is taken over; times may shift, for what the relaxation left out.
         """
-        tuning = self.orders.tuning
         hints = hint_values(self.model, guess)
         self.known.update(hints)
         presences = {abs(a.present) for a in self.model.world.activities.values()} - {TRUE}
-        caps = [int(f * guess.makespan) + (2 if f > 1 else 0) for f in tuning.realize_caps]
+        caps = [int(f * guess.makespan) + (2 if f > 1 else 0) for f in _CAPS]
         if self.best is not None:
             # any better one will do, if there is none as short as the guess
             caps = [cap for cap in caps if cap < self.value - 1] + [self.value - 1]
@@ -212,9 +229,9 @@ class Attempts:
             self._set_hints(model)
             answer = None
             if self.tiny:
-                answer = self._run(model, profiles.NO_PRESOLVE, tuning.without_presolve, first=True)
+                answer = self._run(model, profiles.NO_PRESOLVE, NO_PRESOLVE, first=True)
             if answer is None or answer.status == cp_model.UNKNOWN:
-                answer = self._run(model, profiles.NO_LINEARIZATION, tuning.realize, first=True)
+                answer = self._run(model, profiles.NO_LINEARIZATION, _REALIZE, first=True)
             if answer.values is not None or self.over():
                 return answer.values is not None
         return False
@@ -223,20 +240,20 @@ class Attempts:
         """Find some schedule: a dive under a loose cap, which mostly does; then caps from tight
         to loose, with more effort each time. ``base``: the makespan to expect (0: not known).
         """
-        tuning, limit = self.orders.tuning, self.model.limit
+        limit = self.model.limit
         model = self.model.capped(max(limit // 8, 4 * base))
         self._set_hints(model)
-        dived = self._run(model, profiles.FIXED_SEARCH, tuning.first_dive, first=True)
+        dived = self._run(model, profiles.FIXED_SEARCH, _FIRST_DIVE, first=True)
         if dived.values is not None or self.over():
             return
         base = max(base, self.bound)
         cap = int(1.1 * base) + 5 if base else max(20, limit // 64)
-        effort = tuning.first
+        effort = _FIRST
         while self.best is None and not self.over():
             last = cap >= limit
             if self._under(min(cap, limit), effort, last=last) or last:
                 return
-            cap, effort = 2 * cap, tuning.first_growth * effort
+            cap, effort = 2 * cap, _GROWTH * effort
 
     def _under(self, cap: int, effort: float, *, last: bool) -> bool:
         """Look for some schedule under a cap; return whether that is over, well or not."""

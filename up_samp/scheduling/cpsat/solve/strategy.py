@@ -30,6 +30,19 @@ from up_samp.scheduling.cpsat.routing.workload import bound_by_work
 from up_samp.scheduling.cpsat.solve import options as profiles
 from up_samp.scheduling.cpsat.solve.attempts import Attempts, hint_values
 
+_SHARE = 0.35
+"""Of the time that is left: for bounds without search, for tours, for the routing relaxation."""
+_LABELS_AGAIN = 150_000
+"""Beginnings of sequences that proofs may look at if bounds were sought before."""
+_BEAM = 500
+"""Beginnings of each length among which sequences are sought that end before the schedule in hand:
+a fifth of them where the optimum is not asked for."""
+_FEW_TASKS = 8
+"""Up to so many, the relaxation is solved sooner than tours are annealed."""
+_LARGE = 50_000
+"""Constraints of the whole, from which on its relaxation is not solved only for a better schedule
+than the one at hand."""
+
 
 @dataclass
 class Solve:
@@ -60,10 +73,10 @@ class Solve:
         """Whether the proven optimum is asked for."""
         return self.whole.orders.optimal
 
-    def share(self, share: float) -> Deadline:
-        """Return the deadline of a stage that may take a share of what is left."""
+    def share(self) -> Deadline:
+        """Return the deadline of a stage that may take no more than a share of what is left."""
         deadline = self.whole.deadline
-        return deadline.within(share * deadline.remaining())
+        return deadline.within(_SHARE * deadline.remaining())
 
 
 @dataclass(frozen=True)
@@ -111,9 +124,9 @@ def _find_routes(search: Solve) -> None:
 def _bound_by_work(search: Solve) -> None:
     whole = search.whole
     assert search.work is not None
-    ends = search.share(whole.orders.tuning.bound_share).expired
+    ends = search.share().expired
     tuning = whole.orders.bounds
-    labels = tuning.labels_again if search.again else tuning.labels
+    labels = _LABELS_AGAIN if search.again else tuning.labels
     tuning = replace(tuning, labels=labels if search.optimal else 0)
     found = bound_by_work(
         whole.model, search.work, whole.bound, ends, value=whole.value, tuning=tuning
@@ -153,10 +166,10 @@ def _seek_sequences(search: Solve) -> None:
     """Seek sequences that end before the schedule in hand, among a few promising beginnings, as
     long as they lead to better ones.
     """
-    whole, tuning = search.whole, search.whole.orders.tuning
+    whole = search.whole
     assert search.sequences is not None
-    over = search.share(tuning.tour_share).expired
-    width = tuning.beam if search.optimal else tuning.beam_content
+    over = search.share().expired
+    width = _BEAM if search.optimal else _BEAM // 5
     sequences = search.sequences.anew(sys.maxsize)
     while not whole.over() and sequences.sought(whole.value - 1, width, over):
         if not _realize_one(search, sequences):
@@ -178,9 +191,9 @@ def _steps(search: Solve) -> list[Step]:
 def _anneal_tours(search: Solve) -> None:
     work, tuning = search.work, search.whole.orders.tuning
     assert work is not None
-    few = search.optimal and len(work.tasks) <= tuning.few_tasks
+    few = search.optimal and len(work.tasks) <= _FEW_TASKS
     rounds = 0 if few else tuning.tour_rounds * len(work.tasks)
-    deadline = search.share(tuning.tour_share)
+    deadline = search.share()
     seed, bound = search.whole.orders.run.seed, search.whole.bound
     tour = improve(work, rounds, seed, deadline.expired, start=_steps(search), enough=bound)
     if tour is not None:
@@ -193,7 +206,7 @@ def _is_worth_relaxing(search: Solve) -> bool:
     is asked for, to write that of a large model takes longer than it is searched for.
     """
     content = not search.optimal and search.whole.best is not None
-    large = search.whole.size > search.whole.orders.tuning.relaxed_size
+    large = search.whole.size > _LARGE
     return bool(search.routes) and not (content and large)
 
 
@@ -215,7 +228,7 @@ def _solve_relaxation(search: Solve) -> None:
     inner = Attempts(
         relaxation.model,
         replace(whole.orders, progress=None),
-        search.share(tuning.relaxed_share),
+        search.share(),
         whole.bound,
         left=whole.left,
         relaxed=True,
@@ -231,7 +244,7 @@ def _solve_relaxation(search: Solve) -> None:
         inner.first(0)
         if inner.best is not None:
             whole.realize(relaxation.expanded(inner.best))
-            inner.deadline = search.share(tuning.relaxed_share)
+            inner.deadline = search.share()
         if not inner.over():
             inner.finish(effort)
         whole.infeasible = inner.infeasible

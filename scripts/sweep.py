@@ -1,0 +1,570 @@
+"""Try other values of the tunables on short cases, and keep what each of them shows.
+
+    python scripts/sweep.py                        # what is not in the kept file yet
+    python scripts/sweep.py --only cpsat search.repair.steps    # parts or tunables, anew
+    python scripts/sweep.py --reads                # only which case reads which tunable
+
+A tunable is tried at a quarter and at four times its default (a share nearer to nothing and to
+all), in every case that reads it; a whole part of tunables first, and each of them alone only where
+the part changes anything. Each run is a process of its own, forked where all is imported and the
+kernels are compiled. What is compared is what does not hang on the machine: plans found, their
+ends, bounds, rounds; and CPU time with a wide margin. Results go to
+``benchmarks/figures/sweep.json``, from which ``scripts/tuning.py`` writes docs/tuning.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import dataclasses
+import itertools
+import json
+import math
+import multiprocessing
+import os
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+KEPT = ROOT / "benchmarks" / "figures" / "sweep.json"
+sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks" / "scheduling")]
+
+from up_samp.model.tunable import Tunables  # noqa: E402
+from up_samp.tuning import Tuning  # noqa: E402
+
+Table = dict[str, Any]
+Values = dict[str, Any]
+ENGINE = "samp-refine[cpsat]"
+SLOWER = 1.3
+"""CPU times that differ by less are called the same; so are those that differ by less than:"""
+NOISE = 1.0
+"""s of CPU."""
+AT_MOST = 4
+"""Cases in which a part or a tunable is tried."""
+WORSE = 0.01
+"""Share of a makespan, of a bound or of arrivals that counts as worse or better."""
+
+
+# --- cases: each gets a tuning as a nested table, and returns what came of it
+
+
+def told_of(problem: Any, result: Any) -> Values:
+    """Return what a solve came to."""
+    metrics = result.metrics or {}
+    told: Values = {"found": int(result.plan is not None), "status": result.status.name}
+    if "makespan" in metrics:
+        told["makespan"] = float(metrics["makespan"])
+    if "lower_bound" in metrics:
+        told["bound"] = float(metrics["lower_bound"])
+    for name in ("rounds", "motion_queries", "queries"):
+        if name in metrics:
+            told[name] = float(metrics[name])
+    return told
+
+
+def solved(problem: Any, tuning: Table, timeout: float = 60.0, **params: Any) -> Values:
+    """Solve a problem by the meta-engine, by counted work."""
+    from unified_planning.shortcuts import OneshotPlanner
+
+    params = {"tuning": tuning, "reproducible": True, **params}
+    with OneshotPlanner(name=ENGINE, params=params) as planner:
+        return told_of(problem, planner.solve(problem, timeout=timeout))
+
+
+def first_plan(name: str, tuning: Table, encoding: str = "fluents") -> Values:
+    """A first plan of an instance."""
+    from up_samp.benchmarks.instances import instance
+
+    return solved(instance(name).build(encoding, False), tuning, optimal=False)
+
+
+def proof(name: str, tuning: Table) -> Values:
+    """The optimum of an instance."""
+    from up_samp.benchmarks.instances import instance
+
+    return solved(instance(name).build("fluents", True), tuning, 120.0, optimal=True)
+
+
+def store(size: str, tuning: Table) -> Values:
+    """A first plan of a warehouse."""
+    from up_samp.benchmarks.warehouse import warehouse
+
+    robots, orders = map(int, size.split("x"))
+    return solved(warehouse(robots, orders, encoding="compact"), tuning, 300.0)
+
+
+def better(size: str, tuning: Table) -> Values:
+    """The plans of a warehouse in 40 s."""
+    from unified_planning.shortcuts import AnytimePlanner
+
+    from up_samp.benchmarks.warehouse import warehouse
+
+    robots, orders = map(int, size.split("x"))
+    problem, last = warehouse(robots, orders, encoding="compact"), None
+    with AnytimePlanner(name=ENGINE, params={"tuning": tuning, "reproducible": True}) as planner:
+        for result in planner.get_solutions(problem, timeout=40.0):
+            last = result if result.plan is not None else last
+    return told_of(problem, last) if last is not None else {"found": 0}
+
+
+def example(name: str, tuning: Table) -> Values:
+    """A problem of examples/."""
+    from up_samp.cli.problems import find_problem
+
+    return solved(find_problem(str(ROOT / "examples" / name)), tuning)
+
+
+def random_problem(seed: str, tuning: Table) -> Values:
+    """A random problem: 2 s a unit, as the fuzzer has it; "engine seed" is another engine's."""
+    from unified_planning.shortcuts import OneshotPlanner
+
+    from tests.fuzz.problems import build, random_case
+    from tests.fuzz.wide import wide_case
+
+    *kind, number = seed.split()
+    case = (wide_case if "wide" in kind else random_case)(int(number))
+    engine = "aries" if "aries" in kind else "cpsat"
+    params = {"seconds_per_unit": 2.0, "query_seconds": 1.0, "tuning": tuning}
+    params["reproducible"] = engine == "cpsat"
+    with tempfile.TemporaryDirectory() as folder:
+        problem = build(case, Path(folder))
+        with OneshotPlanner(name=f"samp-refine[{engine}]", params=params) as planner:
+            return told_of(problem, planner.solve(problem, timeout=30.0))
+
+
+def shop(name: str, tuning: Table) -> Values:
+    """A scheduling problem without motions."""
+    from compare import problem_of
+    from unified_planning.shortcuts import OneshotPlanner
+
+    problem = problem_of(name)[1]
+    params = {"tuning": tuning, "workers": 1}
+    with OneshotPlanner(name="cpsat", params=params) as planner:
+        result = planner.solve(problem, timeout=30.0)
+    told = told_of(problem, result)
+    if result.plan is not None:
+        ends = [int(str(result.plan.get(a.end))) for a in result.plan.activities]
+        told["makespan"] = max(ends)
+    return told
+
+
+def arrivals(traffic: Any, tuning: Table, **how: Any) -> Values:
+    """Motions of a group."""
+    from up_samp.model import Deadline, Outcome
+    from up_samp.motion.fleet import coordinate
+    from up_samp.motion.service import MotionService
+
+    service = MotionService(traffic.grid, tuning=Tuning.read(tuning).motion)
+    report = coordinate(service, traffic.query, Deadline.after(60.0), **how)
+    found = report.outcome is Outcome.FOUND
+    ends = {"arrivals": sum(t.end for t in report.trajectories.values())} if found else {}
+    return {"found": int(found), **ends}
+
+
+def tight(name: str, tuning: Table) -> Values:
+    """A tight place."""
+    from up_samp.benchmarks import tight_places
+
+    case, _, body = name.rpartition(", ")
+    return arrivals(tight_places.CASES[case].build(tight_places.BODIES[body]()), tuning)
+
+
+def errands(name: str, tuning: Table) -> Values:
+    """Random errands on a map."""
+    from up_samp.benchmarks import tight_places
+
+    place, body, robots, seed, *method = name.split(", ")
+    grid = {"pillars": tight_places.pillars, "aisles": tight_places.aisles}[place]()
+    kind = tight_places.BODIES[body]()
+    how = {"method": method[0]} if method else {}
+    return arrivals(tight_places.errands(grid, kind, int(robots), int(seed)), tuning, **how)
+
+
+def drives(planner: str, tuning: Table) -> Values:
+    """Single motions round the walls of a hall."""
+    import numpy as np
+
+    from up_samp.geometry import OccupancyGrid
+    from up_samp.model import Body, Deadline, Kinematics, MotionModel, Outcome, PathQuery
+    from up_samp.motion import MotionService
+
+    cells = np.zeros((650, 1000), dtype=bool)
+    cells[:2] = cells[-2:] = cells[:, :2] = cells[:, -2:] = True
+    cells[350:400, 520:] = cells[200:250, 520:] = True
+    model = {"car": MotionModel.REEDSSHEPP, "planar": MotionModel.SE2, "pivot": MotionModel.PIVOT}
+    kinematics = Kinematics(model[planner], v_max=2.0, a_max=0.5, omega_max=1.0)
+    body = Body(((-1.0, -0.5), (1.0, -0.5), (1.0, 0.5), (-1.0, 0.5)), kinematics)
+    service = MotionService(OccupancyGrid(cells, 0.1), tuning=Tuning.read(tuning).motion)
+    reports = [
+        service.plan(PathQuery(body, ((x, 59.0, math.pi / 2), goal)), Deadline.after(30))
+        for x in (25.0, 35.0)
+        for goal in ((59.0, 32.0, 0.0), (95.0, 17.0, 0.0), (71.0, 42.0, 0.0))
+    ]
+    found = [r for r in reports if r.outcome is Outcome.FOUND]
+    return {"found": len(found), "arrivals": sum(r.trajectory.duration for r in found)}
+
+
+def runs(name: str, tuning: Table) -> Values:
+    """A plan executed with delays of 30 %, orders looked at again."""
+    from up_samp.execution import Delays, dependencies_from_plan, simulate
+
+    plan, read = _plan_of(name), Tuning.read(tuning).execution
+    fine, delays = dependencies_from_plan(plan), Delays.of_share(0.3)
+    done = [
+        simulate(fine, plan, delays, seed, policy="reorder", tuning=read)
+        for seed in range(5000, 5004)
+    ]
+    bad = sum(bool(r.collisions or r.deadlock or r.overruns or not r.finished) for r in done)
+    return {"found": len(done) - bad, "arrivals": sum(r.makespan for r in done)}
+
+
+_PLANS: dict[str, Any] = {}
+
+
+def _plan_of(name: str) -> Any:
+    """Return a first plan with dependencies, made once with the defaults."""
+    if name not in _PLANS:
+        from unified_planning.shortcuts import OneshotPlanner
+
+        from up_samp.benchmarks.instances import instance
+        from up_samp.execution import with_dependencies
+        from up_samp.io import result_to_dict
+
+        problem = instance(name).build("fluents", False)
+        with OneshotPlanner(name=ENGINE) as planner:
+            result = planner.solve(problem, timeout=120.0)
+        _PLANS[name] = with_dependencies(problem, result_to_dict(problem, result))
+    return _PLANS[name]
+
+
+def lean(name: str, tuning: Table) -> Values:
+    """A first plan of an instance without fluents."""
+    return first_plan(name, tuning, "lean")
+
+
+CASES: dict[str, tuple[Callable[[str, Table], Values], tuple[str, ...]]] = {
+    "tight": (tight, (
+        "pocket, omni", "pocket, car", "pocket, differential", "lay-by, car",
+        "full ring, three speeds, omni", "square of ten, omni", "square of ten, car",
+        "room of nine, four, omni", "corner, omni",
+    )),
+    "errands": (errands, (
+        "pillars, car, 5, 1", "pillars, omni, 10, 0", "aisles, differential, 5, 0",
+        "pillars, car, 5, 0, st-rrt*",
+    )),
+    "drives": (drives, ("car", "planar", "pivot")),
+    "shop": (shop, ("transport-1-3-0", "transport-2-4-0", "ft06", "flexible-4x4x3-0")),
+    "example": (example, ("passing_place.py", "unsolvable.yaml", "charging.py", "drones.py",
+                          "pallets.py")),
+    "random": (random_problem, ("1", "4", "7", "wide 3")),
+    "warehouse": (store, ("2x3", "5x10")),
+    "first plan": (first_plan, (
+        "navigation-r3", "jobshop-r2-j2-m1", "kitting-r2-k2-p2-d2", "doors-r2-d2",
+    )),
+    "lean": (lean, ("jobshop-r2-j2-m2", "logistics-dc-oc-r2-i2")),
+    "optimum": (proof, ("jobshop-r2-j2-m1", "jobshop-r2-j1-m4")),
+    "run": (runs, ("navigation-r10",)),
+    "better": (better, ("5x10",)),
+}  # fmt: skip
+
+
+WARMERS = (
+    *("first plan: jobshop-r1-j1-m1", "shop: flexible-3x3x3-0", "warehouse: 1x1"),
+    *(
+        "tight: ring of three, omni",
+        "tight: ring of three, car",
+        "tight: ring of three, differential",
+    ),
+)
+"""Cases that load what others then have: kernels, libraries."""
+
+
+def cases() -> Iterator[str]:
+    """Yield the names of all cases."""
+    for kind, (_, names) in CASES.items():
+        yield from (f"{kind}: {name}" for name in names)
+
+
+# --- runs
+
+
+def _watch_reads(seen: set[tuple[str, str]]) -> None:
+    """Note which tunables are read from now on, by class and name."""
+    names: dict[type, frozenset[str]] = {}
+
+    def read(self: Tunables, name: str) -> Any:
+        value = object.__getattribute__(self, name)
+        kind = type(self)
+        if kind not in names:
+            names[kind] = frozenset(f.name for f in dataclasses.fields(kind))
+        if name in names[kind] and not isinstance(value, Tunables):
+            seen.add((kind.__name__, name))
+        return value
+
+    Tunables.__post_init__ = lambda self: None  # type: ignore[method-assign]
+    Tunables.__getattribute__ = read  # type: ignore[method-assign, assignment]
+
+
+def _count_cpu_time() -> None:
+    """Let the limits of this process go by its CPU time: others may keep the machine busy."""
+    from types import SimpleNamespace
+
+    from up_samp.model import deadline as clocks
+    from up_samp.scheduling.cpsat.solve import runner
+
+    cpu = SimpleNamespace(monotonic=time.process_time)
+    clocks.time = runner.time = cpu  # type: ignore[attr-defined]
+
+
+def _child(case: str, tuning: Table, reads: bool, pipe: Any) -> None:
+    """Run one case and tell what came of it."""
+    os.setpgrp()
+    _count_cpu_time()
+    seen: set[tuple[str, str]] = set()
+    if reads:
+        _watch_reads(seen)
+    kind, _, name = case.partition(": ")
+    sys.stdout = sys.stderr = open(os.devnull, "w")  # noqa: SIM115
+    try:
+        values = CASES[kind][0](name, tuning)
+    except Exception as error:
+        values = {"found": 0, "error": f"{type(error).__name__}: {error}"[:300]}
+    used = [resource.getrusage(w) for w in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    values["cpu"] = round(sum(u.ru_utime + u.ru_stime for u in used), 2)
+    if reads:
+        values["reads"] = sorted(map(list, seen))
+    pipe.send(values)
+    pipe.close()
+    os._exit(0)
+
+
+def run(case: str, tuning: Table, seconds: float, reads: bool = False) -> Values:
+    """Return what a case comes to, in a forked process of at most so many seconds of CPU (and
+    twenty times as many by the clock).
+    """
+    if case.startswith("run: "):
+        _plan_of(case.partition(": ")[2])
+    context = multiprocessing.get_context("fork")
+    ours, theirs = context.Pipe(duplex=False)
+    child = context.Process(target=_child, args=(case, tuning, reads, theirs))
+    child.start()
+    theirs.close()
+    try:
+        if ours.poll(20 * seconds):
+            return dict(ours.recv())
+        return {"found": 0, "error": f"over {20 * seconds:.0f} s"}
+    except EOFError:
+        return {"found": 0, "error": "died"}
+    finally:
+        if child.pid is not None and child.is_alive():
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(child.pid, signal.SIGKILL)
+        child.join()
+
+
+# --- settings
+
+
+def other(field: dataclasses.Field[Any], value: Any, factor: float) -> Any:
+    """Return a value ``factor`` times as large (a share: nearer to 0 or 1), or None if none such
+    makes sense.
+    """
+    if isinstance(value, tuple):
+        found = tuple(other(field, v, factor) for v in value)
+        kept = tuple(v if new is None else new for v, new in zip(value, found, strict=True))
+        return None if kept == value else kept
+    told = field.metadata
+    if told["most"] == 1.0 and factor > 1:
+        new: Any = 1 - (1 - value) / factor
+    else:
+        new = value * factor
+    if isinstance(value, int):
+        new = round(new) if round(new) != value else value + (1 if factor > 1 else -1)
+    low, high = told["least"], told["most"]
+    new = max(new, low) if low is not None else new
+    new = min(new, high) if high is not None else new
+    new = type(value)(new)
+    return None if new == value else new
+
+
+def tunables() -> dict[str, tuple[Tunables, dataclasses.Field[Any]]]:
+    """Return every tunable by its full name."""
+    return {
+        f"{path}.{field.name}": (part, field)
+        for path, part in Tuning().walk()
+        for field in dataclasses.fields(part)
+    }
+
+
+def nested(values: dict[str, Any]) -> Table:
+    """Return full names and values as a nested table."""
+    table: Table = {}
+    for name, value in values.items():
+        *parts, last = name.split(".")
+        inner = table
+        for part in parts:
+            inner = inner.setdefault(part, {})
+        inner[last] = value
+    return table
+
+
+def setting(names: Iterable[str], factor: float) -> Table:
+    """Return the table in which these tunables have other values."""
+    known = tunables()
+    found = {}
+    for name in names:
+        part, field = known[name]
+        new = other(field, getattr(part, field.name), factor)
+        if new is not None:
+            found[name] = new
+    return nested(found)
+
+
+def differences(base: Values, now: Values) -> list[str]:
+    """Return what differs, in words that end with "worse", "better" or "other"."""
+    told = []
+    if base["found"] != now["found"]:
+        told.append("found worse" if now["found"] < base["found"] else "found better")
+        return told
+    for name, sign in (("makespan", 1), ("arrivals", 1), ("bound", -1)):
+        a, b = base.get(name), now.get(name)
+        if a is None or b is None or a == b:
+            if (a is None) != (b is None):
+                told.append(f"{name} {'worse' if b is None else 'better'}")
+            continue
+        share = sign * (b - a) / max(abs(a), 1e-9)
+        how = "other" if abs(share) < WORSE else "worse" if share > 0 else "better"
+        told.append(f"{name} {a:g} -> {b:g} {how}")
+    if base.get("status") != now.get("status"):
+        told.append(f"{base.get('status')} -> {now.get('status')} other")
+    for name in ("rounds", "queries", "motion_queries"):
+        if base.get(name) != now.get(name):
+            told.append(f"{name} {base.get(name)} -> {now.get(name)} other")
+    a, b = base["cpu"], now.get("cpu", base["cpu"])
+    if abs(a - b) > NOISE and max(a, b) > SLOWER * min(a, b):
+        told.append(f"cpu {a:g} -> {b:g} {'worse' if b > a else 'better'}")
+    return told
+
+
+class Sweep:
+    """The kept results, and how more of them are got."""
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+        self.kept: Table = {"base": {}, "reads": {}, "tried": {}}
+        if file.exists():
+            self.kept |= json.loads(file.read_text(encoding="utf-8"))
+
+    def save(self) -> None:
+        """Write the results."""
+        commit = subprocess.run(
+            ["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True
+        ).stdout.strip()
+        self.kept["commit"] = commit
+        text = json.dumps(self.kept, indent=1, sort_keys=True)
+        self.file.write_text(text + "\n", encoding="utf-8")
+
+    def bases(self, wanted: list[str]) -> None:
+        """Run every case with the defaults: what it reads, and what it comes to."""
+        for case in wanted:
+            if case in self.kept["base"]:
+                continue
+            values = run(case, {}, 120.0, reads=True)
+            self.kept["reads"][case] = [".".join(pair) for pair in values.pop("reads", [])]
+            print(case, values, f"{len(self.kept['reads'][case])} tunables read", flush=True)
+            self.kept["base"][case] = values
+            self.save()
+
+    def readers(self, names: Iterable[str]) -> list[str]:
+        """Return the cases that read any of these tunables: the ``AT_MOST`` cheapest, of several
+        kinds if there are.
+        """
+        known = tunables()
+        keys = {f"{type(known[n][0]).__name__}.{known[n][1].name}" for n in names}
+        found = [c for c, read in self.kept["reads"].items() if keys & set(read)]
+        found.sort(key=lambda c: self.kept["base"][c]["cpu"])
+        kinds: dict[str, int] = {}
+        turns = []
+        for case in found:
+            kind = case.partition(": ")[0]
+            kinds[kind] = kinds.get(kind, 0) + 1
+            turns.append((kinds[kind], case))
+        return [case for _, case in sorted(turns, key=lambda t: t[0])][:AT_MOST]
+
+    def attempt(self, label: str, names: list[str]) -> bool:
+        """Return whether anything is worse or better if these tunables have other values; what is
+        shown first is enough.
+        """
+        shown: dict[str, list[str]] = {}
+        readers, runs, matters = self.readers(names), 0, False
+        for case, factor in itertools.product(readers, (0.25, 4.0)):
+            table = setting(names, factor)
+            if not table:
+                continue
+            base = self.kept["base"][case]
+            now, runs = run(case, table, 4 * base["cpu"] + 10), runs + 1
+            if found := differences(base, now):
+                shown[f"x{factor:g} {case}"] = found
+                if matters := any(f.endswith(("worse", "better")) for f in found):
+                    break
+        told = {"cases": readers, "runs": runs, "shown": shown, "matters": matters}
+        self.kept["tried"][label] = told
+        self.save()
+        print(label, runs, "runs", "MATTERS" if matters else "", json.dumps(shown), flush=True)
+        return matters
+
+    def screen(self, path: str, names: list[str]) -> None:
+        """Try a part of the tunables at once, and each alone if that shows anything."""
+        read = [n for n in names if self.readers([n])]
+        for name in set(names) - set(read):
+            self.kept["tried"][name] = {"cases": [], "runs": 0, "shown": {}, "matters": False}
+        names = read
+        if names and self.attempt(path, names) and len(names) > 1:
+            for name in names:
+                self.attempt(name, [name])
+
+
+def main() -> None:
+    """Sweep."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", nargs="+", default=[], help="parts or tunables, tried anew")
+    parser.add_argument("--reads", action="store_true", help="only the defaults")
+    parser.add_argument("--cases", nargs="+", default=None, help="kinds of cases")
+    parser.add_argument("--out", type=Path, default=KEPT)
+    args = parser.parse_args()
+    import unified_planning.shortcuts as shortcuts
+
+    import up_samp  # noqa: F401
+    from up_samp.model import MotionModel
+    from up_samp.motion.compile import precompile
+
+    shortcuts.get_environment().credits_stream = None
+    precompile(MotionModel)
+    for case in WARMERS:
+        kind, _, name = case.partition(": ")
+        CASES[kind][0](name, {})
+    began, sweep = time.monotonic(), Sweep(args.out)
+    sweep.bases([c for c in cases() if args.cases is None or c.partition(": ")[0] in args.cases])
+    if args.reads:
+        return
+    parts: dict[str, list[str]] = {}
+    for name in tunables():
+        parts.setdefault(name.rpartition(".")[0], []).append(name)
+    for path, names in parts.items():
+        if args.only and not any(path == o or path.startswith(f"{o}.") for o in args.only):
+            for name in [n for n in names if n in args.only]:
+                sweep.attempt(name, [name])
+        elif args.only or path not in sweep.kept["tried"]:
+            sweep.screen(path, names)
+    print(f"{time.monotonic() - began:.0f} s")
+
+
+if __name__ == "__main__":
+    main()
