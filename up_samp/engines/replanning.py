@@ -10,7 +10,7 @@ from unified_planning.engines import PlanGenerationResult
 from unified_planning.engines.mixins.plan_repairer import PlanRepairerMixin
 from unified_planning.engines.mixins.replanner import ReplannerMixin
 from unified_planning.exceptions import UPUsageError
-from unified_planning.model import FNode, TimePointInterval, Timing
+from unified_planning.model import TimePointInterval, Timing
 from unified_planning.model.motion import MotionActivity, SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity, SchedulingProblem
 from unified_planning.model.timing import GlobalEndTiming
@@ -18,6 +18,7 @@ from unified_planning.plans import Plan, PlanKind, Schedule
 
 from up_samp.engines.direct import Call, DirectFace
 from up_samp.model import UnsupportedError
+from up_samp.upio.expressions import activities_in
 
 
 class ReplanningFace(DirectFace, ReplannerMixin, PlanRepairerMixin):  # type: ignore[misc]
@@ -163,30 +164,21 @@ def _speakers(problem: SchedulingProblem, activity: Activity) -> Iterator[str]:
         if chronicle is activity:
             continue
         for constraint, scope in chronicle.scoped_constraints:
-            if any(_speaks_of(e, activity) for e in (constraint, *scope)):
+            if any(activity.name in activities_in(e) for e in (constraint, *scope)):
                 yield f"constraint '{constraint}'"
         for span, conditions in chronicle.conditions.items():
             timed = any(_is_of(t, activity) for t in (span.lower, span.upper))
             for condition in conditions:
-                if timed or _speaks_of(condition, activity):
+                if timed or activity.name in activities_in(condition):
                     yield f"condition '{condition}'"
         for timing, effects in chronicle.effects.items():
             for effect in effects:
                 parts = (effect.fluent, effect.value, effect.condition)
-                if _is_of(timing, activity) or any(_speaks_of(e, activity) for e in parts):
+                said = {name for e in parts for name in activities_in(e)}
+                if _is_of(timing, activity) or activity.name in said:
                     yield f"effect '{effect}'"
 
 
 def _is_of(time: Any, activity: Activity) -> bool:
     point = time.timepoint if isinstance(time, Timing) else time
     return bool(point.container == activity.name)
-
-
-def _speaks_of(expression: FNode, activity: Activity) -> bool:
-    if expression.is_timing_exp():
-        return _is_of(expression.timing(), activity)
-    if expression.is_present_exp():
-        return bool(expression.presence().container == activity.name)
-    if expression.is_parameter_exp():
-        return expression.parameter() in activity.parameters
-    return any(_speaks_of(e, activity) for e in expression.args)

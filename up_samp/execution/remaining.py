@@ -26,13 +26,14 @@ from up_samp.execution.build import planned_of
 from up_samp.execution.graph import At, Event
 from up_samp.execution.lives import DriveCells
 from up_samp.execution.state import FloorState, TaskPhase
-from up_samp.execution.substitute import Substitution, ValuesNow, later_by, names_in
+from up_samp.execution.substitute import Substitution, ValuesNow, later_by
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.floors import map_number, side_by_side
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import Configuration, ProblemError, UnsupportedError
 from up_samp.model.frames import Frame
 from up_samp.scheduling.partial_order.differences import Planned
+from up_samp.upio.expressions import activities_in, walk
 from up_samp.upio.movers import named_as_planned
 from up_samp.upio.spans import conditions_of
 from up_samp.upio.whereabouts import brought, whereabouts
@@ -84,7 +85,7 @@ class Involved:
 
     def about(self, node: FNode) -> frozenset[str]:
         """Return the movable objects that an expression speaks of, or of whose whereabouts."""
-        return _objects(node) | {self.told[n] for n in _parts(node) if n in self.told}
+        return _objects(node) | {self.told[n] for n in walk(node) if n in self.told}
 
 
 def _spoken(activity: Activity) -> Iterator[FNode]:
@@ -94,16 +95,8 @@ def _spoken(activity: Activity) -> Iterator[FNode]:
         yield from (e.fluent for e in effects)
 
 
-def _parts(node: FNode) -> Iterator[FNode]:
-    stack = [node]
-    while stack:
-        item = stack.pop()
-        yield item
-        stack += item.args
-
-
 def _objects(node: FNode) -> frozenset[str]:
-    objects = (n.object() for n in _parts(node) if n.is_object_exp())
+    objects = (n.object() for n in walk(node) if n.is_object_exp())
     return frozenset(o.name for o in objects if isinstance(o, MovableObject))
 
 
@@ -126,10 +119,10 @@ def _rivals(problem: SchedulingMotionProblem) -> dict[str, set[str]]:
     owners += [(a.name, a) for a in problem.activities]
     for owner, chronicle in owners:
         for constraint, _ in chronicle._constraints:
-            pair = names_in(constraint) | ({owner} if owner else set())
+            pair = activities_in(constraint) | ({owner} if owner else set())
             points = {
                 (n.timing().timepoint.container or owner, n.timing().is_from_start())
-                for n in _parts(constraint)
+                for n in walk(constraint)
                 if n.is_timing_exp()
             }
             if len(pair) == 2 and len(points) == 4:
@@ -565,7 +558,7 @@ class _Builder:
         """A constraint that cannot hold any more: fine if it was about cancelled tasks alone."""
         text = str(constraint)
         text = text if len(text) < 160 else text[:157] + "..."
-        names = names_in(constraint)
+        names = activities_in(constraint)
         cancelled = set(self.surprise.cancelled)
         own = any(
             all(self.involved.needs(name, robot) for name in names)

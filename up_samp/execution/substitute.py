@@ -296,22 +296,6 @@ class Substitution:
         return node, 1
 
 
-def names_in(node: FNode) -> set[str]:
-    """Return the activities that an expression mentions."""
-    found: set[str] = set()
-    stack = [node]
-    while stack:
-        item = stack.pop()
-        stack += item.args
-        if item.is_timing_exp() and item.timing().timepoint.container:
-            found.add(item.timing().timepoint.container)
-        elif item.is_present_exp():
-            found.add(item.presence().container)
-        elif item.is_parameter_exp() and "." in item.parameter().name:
-            found.add(item.parameter().name.split(".")[0])
-    return found
-
-
 def later_by(timing: Timing, shift: int) -> Timing:
     """Return an absolute time on a clock that starts ``shift`` units later."""
     absolute = timing.timepoint.kind == TimepointKind.GLOBAL_START

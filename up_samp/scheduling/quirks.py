@@ -22,7 +22,6 @@ class Quirks:
         optional: understands optional activities (presence) itself.
         assignments: understands effects that assign values to fluents, and conditions on them.
         hierarchical_types: understands types below other types.
-        long_names: digests any name.
         resources_with_variable_durations: counts resources rightly then.
         intervals_of_numbers: takes conditions on numbers over intervals.
         empty_intervals: takes a condition over an empty interval as none.

@@ -76,14 +76,6 @@ def slim_down(engine: Any, problem: SchedulingProblem, limit: int) -> None:
     engine._writer.convert(problem)
 
 
-# ------------------ Runs UP engines in a process of its own
-# Runs UP engines in a process of its own (started by ``process.WorkerProcess``). The parent sends
-# a ``WorkerTask`` and gets a ``WorkerAnswer`` back, one after the other, as pickles with a length
-# in front, over the worker's standard input and output (what an engine prints goes to standard
-# error). When the parent goes away, however that happens, the worker ends its whole process
-# group, removes its temporary folder and so leaves nothing behind.
-
-
 _LENGTH = struct.Struct("!Q")
 
 

@@ -33,6 +33,7 @@ from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.search.budget import Budget
 from up_samp.search.tuning import ProofTuning
 from up_samp.upio import Relaxation, write_refinement
+from up_samp.upio.expressions import walk
 
 LONG = 1_000_000
 """Units that stand for any duration where a longest one is lifted."""
@@ -119,14 +120,8 @@ def _chronicle(relaxation: Relaxation, owner: str | None) -> Any:
 
 def _mentioned(expression: FNode) -> set[str]:
     """Return the activities whose start or end an expression speaks of."""
-    found: set[str] = set()
-    stack = [expression]
-    while stack:
-        node = stack.pop()
-        stack.extend(node.args)
-        if node.is_timing_exp() and node.timing().timepoint.container is not None:
-            found.add(node.timing().timepoint.container)
-    return found
+    times = (node.timing().timepoint for node in walk(expression) if node.is_timing_exp())
+    return {point.container for point in times if point.container is not None}
 
 
 # ------------------ Why there is no schedule

@@ -18,6 +18,7 @@ from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.scheduling import Activity, SchedulingProblem
 
 from up_samp.model import check_time
+from up_samp.upio.expressions import activity_named
 from up_samp.upio.relaxation import Relaxation
 
 _UNORDERED = frozenset((Op.AND, Op.OR, Op.EQUALS, Op.IFF, Op.PLUS, Op.TIMES))
@@ -203,12 +204,8 @@ class _Keys:
         found = self._names.get(node.node_id)
         if found is None:
             found = frozenset[str]().union(*map(self.names, node.args))
-            if node.node_type is Op.TIMING_EXP:
-                found |= {str(node.timing().timepoint.container or "")}
-            elif node.node_type is Op.PRESENT_EXP:
-                found |= {str(node.presence().container)}
-            elif node.node_type is Op.PARAM_EXP:
-                found |= {node.parameter().name.rpartition(".")[0]}
+            named = activity_named(node)
+            found |= set() if named is None else {named}
             self._names[node.node_id] = found
         return found
 

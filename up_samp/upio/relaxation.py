@@ -24,7 +24,9 @@ from unified_planning.model.timing import TimePointInterval
 from up_samp.model import UnsupportedError
 from up_samp.model.refinement import Literal
 from up_samp.model.snapshot import Snapshot, Term, TermKind
+from up_samp.upio.expressions import walk
 from up_samp.upio.rewrite import Rewriter
+from up_samp.upio.whereabouts import Changes, changes_of
 
 
 @dataclass(frozen=True)
@@ -92,29 +94,15 @@ class Relaxation:
         return {str(expression): expression for expression in self.given_values}
 
     @cached_property
-    def given_assignments(self) -> dict[FNode, list[tuple[Activity, Timing, Effect]]]:
-        """The effects of activities on each of the problem's own ground fluents."""
-        found: dict[FNode, list[tuple[Activity, Timing, Effect]]] = {}
-        for activity in self.problem.activities:
-            for timing, effects in activity.effects.items():
-                for effect in effects:
-                    found.setdefault(effect.fluent, []).append((activity, timing, effect))
-        return found
-
-    @cached_property
-    def loosely_set(self) -> frozenset[Fluent]:
-        """Fluents that something sets without an activity, or with arguments that are decided."""
-        found = {effect.fluent.fluent() for _, effect in self.problem.base_effects}
-        for expression in self.given_assignments:
-            if not all(a.is_constant() for a in expression.args):
-                found.add(expression.fluent())
-        return frozenset(found)
+    def given_changes(self) -> tuple[Changes, frozenset[Fluent]]:
+        """What activities change of the problem's own fluents, and those that are set loosely."""
+        return changes_of(self.problem)
 
     @cached_property
     def given_effects(self) -> dict[Fluent, list[Effect]]:
         """The effects on each of the problem's own fluents (states that are added have others)."""
         found: dict[Fluent, list[Effect]] = {}
-        for effect in every_effect(self.problem):
+        for _, effect, _ in self.problem.all_effects():
             found.setdefault(effect.fluent.fluent(), []).append(effect)
         return found
 
@@ -249,12 +237,6 @@ def _reached(relaxation: Relaxation, fluent: FNode) -> tuple[str, ...]:
     return tuple(sorted(found))
 
 
-def every_effect(problem: SchedulingProblem) -> list[Effect]:
-    """Return the effects of a problem, and of all its activities."""
-    mine = [e for _, e in problem.base_effects]
-    return mine + [e for a in problem.activities for es in a.effects.values() for e in es]
-
-
 def _surely_other(one: FNode, two: FNode) -> bool:
     """Return whether two expressions of one fluent differ in a constant argument."""
     return any(a != b and a.is_constant() for a, b in zip(one.args, two.args, strict=True))
@@ -288,23 +270,11 @@ def constraints_on_one(problem: SchedulingProblem) -> dict[FNode, list[FNode]]:
     found: dict[FNode, list[FNode]] = {}
     for owner in (problem._base, *problem.activities):
         for constraint, scope in owner.scoped_constraints:
-            leaves = _leaves(constraint)
+            leaves = {e for e in walk(constraint) if e.is_fluent_exp() or not e.args}
             free = [e for e in leaves if not e.is_constant()]
             if len(free) != 1 or not free[0].is_parameter_exp():
                 continue
             activity = free[0].parameter().name.rpartition(".")[0]
             if all(s.is_present_exp() and s.presence().container == activity for s in scope):
                 found.setdefault(free[0], []).append(constraint)
-    return found
-
-
-def _leaves(expression: FNode) -> set[FNode]:
-    found: set[FNode] = set()
-    stack = [expression]
-    while stack:
-        node = stack.pop()
-        if node.args and not node.is_fluent_exp():
-            stack.extend(node.args)
-        else:
-            found.add(node)
     return found

@@ -30,7 +30,7 @@ from unified_planning.model.timing import (
 
 from up_samp.model import ProblemError, UnsupportedError, check_time
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
-from up_samp.upio.relaxation import Relaxation, choose, every_effect, told_fluents
+from up_samp.upio.relaxation import Relaxation, choose, told_fluents
 from up_samp.upio.rewrite import Rewriter
 from up_samp.upio.spans import closed, conditions_of, inner, own_end, whole
 
@@ -68,7 +68,7 @@ def check_fluents(problem: SchedulingMotionProblem, rewriter: Rewriter) -> None:
         )
     given = {f for f, value in problem.fluents_defaults.items() if value is not None}
     given |= {e.fluent() for e in problem.explicit_initial_values}
-    given |= {e.fluent.fluent() for e in every_effect(problem)}
+    given |= {effect.fluent.fluent() for _, effect, _ in problem.all_effects()}
     empty = sorted(f.name for f in rewriter.fluents if f not in given)
     if empty:
         raise ProblemError(f"the fluent '{empty[0]}' has no initial value, and nothing sets it")
@@ -95,15 +95,6 @@ def _copy_timed(source: TimedCondsEffs, target: TimedCondsEffs, rewriter: Rewrit
 
 
 # ------------------ The relaxation
-# The relaxation: the scheduling problem that remains when nothing is known of motions. Motion
-# activities become plain ones, configurations plain objects. So that trajectories can be
-# continuous (Definition 9.3), each object that changes its configuration has a state: an object-
-# valued fluent that its motions need at their start and set in the end. Where one of the
-# problem's own fluents does just that already (``robot_at``), it serves, if it is set at the
-# motions' ends or a unit *early*. A state of our own is set a unit early, if all that set it last
-# that long: an effect at t is seen from t + 1 on, so that motions of one object may touch. Where
-# it is set at their ends, motions need it right after their starts, for the same reason; what
-# else the problem itself asks of its fluent at their starts stays as it is.
 
 
 _ANYWHERE = "samp_anywhere"
@@ -314,11 +305,11 @@ def _assigned_by(relaxation: Relaxation, expression: FNode, early: int) -> dict[
 
     ``None`` where it may be assigned in any other way.
     """
-    fluent = expression.fluent()
-    if fluent in relaxation.loosely_set:
+    changes, loose = relaxation.given_changes
+    if expression.fluent() in loose:
         return None
     found: dict[str, Term] = {}
-    for activity, timing, effect in relaxation.given_assignments.get(expression, ()):
+    for activity, timing, effect in changes.get(expression, ()):
         term = _term(effect)
         at_end = timing == Timing(-early, activity.end)
         if term is None or not at_end or effect.is_conditional():

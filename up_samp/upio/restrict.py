@@ -12,6 +12,7 @@ from unified_planning.model.scheduling.chronicle import Chronicle
 
 from up_samp.model import CandidateSchedule
 from up_samp.model.snapshot import Snapshot
+from up_samp.upio.expressions import walk
 from up_samp.upio.relaxation import Relaxation
 
 
@@ -185,19 +186,14 @@ class PresenceFixer:
 
     def _unknown(self, expression: FNode) -> bool:
         """Return whether something in it belongs to an absent activity."""
-        stack = [expression]
-        while stack:
-            node = stack.pop()
-            stack.extend(node.args)
-            if node.is_timing_exp() and node.timing().timepoint.container in self.gone:
-                return True
-            if node.is_parameter_exp() and node.parameter().name in self.gone_parameters:
-                return True
-        return False
+        return any(
+            (node.is_timing_exp() and node.timing().timepoint.container in self.gone)
+            or (node.is_parameter_exp() and node.parameter().name in self.gone_parameters)
+            for node in walk(expression)
+        )
 
 
 # ------------------ A problem with some of its optional activities only
-# A problem with some of its optional activities only: who does what is decided, or nearly so.
 
 
 def thinned(problem: SchedulingMotionProblem, keep: Collection[str]) -> SchedulingMotionProblem:

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from unified_planning.model import FNode
+from unified_planning.model import Effect, Fluent, FNode, Timing
 from unified_planning.model.motion import ActivityWaypoints, MotionActivity, SchedulingMotionProblem
-from unified_planning.model.scheduling import Activity
+from unified_planning.model.scheduling import Activity, SchedulingProblem
 
 from up_samp.upio.movers import settle_movers
 
@@ -24,26 +24,40 @@ def whereabouts(problem: SchedulingMotionProblem) -> Mapping[FNode, str]:
     """
     settled = settle_movers(problem)
     source = problem if settled is None else settled.problem
-    loose = {effect.fluent.fluent() for _, effect in source.base_effects}
-    told: dict[FNode, set[str]] = {}
-    for activity in source.activities:
-        reached = brought(activity)
-        set_to: dict[FNode, set[FNode]] = {}
-        for effects in activity.effects.values():
-            for effect in effects:
-                plain = effect.is_assignment() and effect.condition.is_true()
-                set_to.setdefault(effect.fluent, set()).update([effect.value] if plain else [])
-        for fluent, values in set_to.items():
-            if not all(a.is_object_exp() for a in fluent.args):
-                loose.add(fluent.fluent())
-            told.setdefault(fluent, set()).update(
-                {who for who, goal in reached.items() if goal in values} or {""}
-            )
-    return {
-        fluent: next(iter(who))
-        for fluent, who in told.items()
-        if len(who) == 1 and "" not in who and fluent.fluent() not in loose
-    }
+    assigned, loose = changes_of(source)
+    reached = {activity.name: brought(activity) for activity in source.activities}
+    found: dict[FNode, str] = {}
+    for fluent, changes in assigned.items():
+        set_to: dict[str, set[FNode]] = {}
+        for activity, _, effect in changes:
+            plain = effect.is_assignment() and effect.condition.is_true()
+            set_to.setdefault(activity.name, set()).update([effect.value] if plain else [])
+        told = {
+            who
+            for name, values in set_to.items()
+            for who in {o for o, goal in reached[name].items() if goal in values} or {""}
+        }
+        if fluent.fluent() not in loose and len(told) == 1 and "" not in told:
+            (found[fluent],) = told
+    return found
+
+
+Changes = dict[FNode, list[tuple[Activity, Timing, Effect]]]
+"""Fluent expression -> what activities do to it, and when."""
+
+
+def changes_of(problem: SchedulingProblem) -> tuple[Changes, frozenset[Fluent]]:
+    """Return what activities change, and the fluents that something sets without an activity, or
+    with arguments that are decided.
+    """
+    found: Changes = {}
+    loose = set()
+    for timing, effect, activity in problem.all_effects():
+        if activity is None or not all(a.is_constant() for a in effect.fluent.args):
+            loose.add(effect.fluent.fluent())
+        if activity is not None:
+            found.setdefault(effect.fluent, []).append((activity, timing, effect))
+    return found, frozenset(loose)
 
 
 def brought(activity: Activity) -> dict[str, FNode]:

@@ -14,9 +14,7 @@ from up_samp.scheduling.compilers.plain import (
     FALSE,
     LIMITS,
     TRUE,
-    Activity,
     Compiled,
-    Condition,
     Effect,
     Expr,
     Fluent,
@@ -25,6 +23,7 @@ from up_samp.scheduling.compilers.plain import (
     conjunction,
     disjunction,
     end,
+    fluents_in,
     integer,
     later,
     negation,
@@ -41,27 +40,7 @@ def compile_products(problem: PlainProblem) -> Compiled:
     Raises:
         UnsupportedError: a product of two things that are not constants, or with a large constant.
     """
-    return Compiled(
-        replace(
-            problem,
-            activities=tuple(map(_activity, problem.activities)),
-            constraints=tuple(map(_sums, problem.constraints)),
-            conditions=tuple(map(_condition, problem.conditions)),
-            effects=tuple(map(_effect, problem.effects)),
-        )
-    )
-
-
-def _activity(a: Activity) -> Activity:
-    return replace(a, lower=_sums(a.lower), upper=_sums(a.upper))
-
-
-def _condition(c: Condition) -> Condition:
-    return replace(c, expression=_sums(c.expression))
-
-
-def _effect(e: Effect) -> Effect:
-    return replace(e, value=_sums(e.value), condition=_sums(e.condition))
+    return Compiled(problem.mapped(_sums))
 
 
 def _sums(expression: Expr) -> Expr:
@@ -94,34 +73,22 @@ def _sum(expression: Expr) -> Expr | None:
 
 def compile_rules(problem: PlainProblem) -> Compiled:
     """Add the rules as constraints, as far as effects can break them."""
-    optional = problem.optional_names()
     constraints: list[Expr] = []
     by_instant: dict[tuple[Expr, Expr], list[Effect]] = defaultdict(list)
     for effect in problem.effects:
         by_instant[effect.time, effect.fluent].append(effect)
         if effect.time[3] < 0:
-            absent = [negation(("pres", effect.owner))] if effect.owner in optional else []
-            constraints.append(disjunction([*absent, ("le", integer(0), effect.time)]))
+            absent = negation(problem.presence(effect.owner))
+            constraints.append(disjunction([absent, ("le", integer(0), effect.time)]))
     for effects in by_instant.values():
         for a, b in itertools.combinations(effects, 2):
             counted = a.kind != "assign" and b.kind != "assign"
-            certain = not (_timed_by_state(a) or _timed_by_state(b))
+            certain = not (fluents_in(a.condition) or fluents_in(b.condition))
             if certain and not counted and a.owner == b.owner:
-                constraints.append(disjunction([*_idle(a, optional), *_idle(b, optional)]))
+                constraints.append(disjunction(negation(problem.happens(e)) for e in (a, b)))
     if not constraints:
         return Compiled(problem)
     return Compiled(replace(problem, constraints=(*problem.constraints, *constraints)))
-
-
-def _timed_by_state(effect: Effect) -> bool:
-    """Return whether the effect happens or not depending on fluents."""
-    return any(e[0] == "flu" for e in subexpressions(effect.condition))
-
-
-def _idle(effect: Effect, optional: frozenset[str]) -> list[Expr]:
-    """Return the ways in which the effect does not happen."""
-    ways = [] if effect.condition == TRUE else [negation(effect.condition)]
-    return [*ways, negation(("pres", effect.owner))] if effect.owner in optional else ways
 
 
 def compile_differences(problem: PlainProblem) -> Compiled:
@@ -198,11 +165,6 @@ def _product(expression: Expr) -> Linear:
         else:
             raise UnsupportedError(f"the product of variables {show(expression)}")
     return result
-
-
-def at_most(left: Expr, right: Expr, slack: int = 0) -> Expr:
-    """Return ``left + slack <= right`` without ``Minus`` and without negative numbers."""
-    return less_equal_zero(linear(left).add(linear(right), -1).add(Linear({}, slack), 1))
 
 
 def less_equal_zero(form: Linear) -> Expr:

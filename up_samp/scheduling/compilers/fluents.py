@@ -22,6 +22,7 @@ from up_samp.scheduling.compilers.plain import (
     conjunction,
     disjunction,
     evaluate,
+    fluents_in,
     fresh,
     later,
     names_in_use,
@@ -38,31 +39,33 @@ def compile_instances(problem: PlainProblem) -> Compiled:
     conditions: list[Condition] = []
     for condition in problem.conditions:
         for guard, put in _choices(problem, [condition.expression]):
-            chosen = evaluate(rewrite(condition.expression, put))
+            chosen = evaluate(rewrite(condition.expression, put.get))
             expression = disjunction([negation(guard), chosen])
             conditions.append(replace(condition, expression=expression))
     effects: list[Effect] = []
     for effect in problem.effects:
         parts = [effect.fluent, effect.value, effect.condition]
         for guard, put in _choices(problem, parts):
-            fluent, value, given = (evaluate(rewrite(e, put)) for e in parts)
+            fluent, value, given = (evaluate(rewrite(e, put.get)) for e in parts)
             effects.append(
                 replace(effect, fluent=fluent, value=value, condition=conjunction([guard, given]))
             )
     for constraint in problem.constraints:
-        if any(e[0] == "flu" and len(e) > 2 for e in subexpressions(constraint)):
+        if any(len(f) > 2 for f in fluents_in(constraint)):
             raise UnsupportedError(f"the constraint over fluents {show(constraint)}")
     return Compiled(replace(problem, conditions=tuple(conditions), effects=tuple(effects)))
 
 
-def _choices(problem: PlainProblem, expressions: list[Expr]) -> Iterator[tuple[Expr, _PutInstance]]:
+def _choices(
+    problem: PlainProblem, expressions: list[Expr]
+) -> Iterator[tuple[Expr, dict[Expr, Expr]]]:
     """Yield each choice of values for the parameters in arguments of fluents: a guard that says
-    it is taken, and the substitution.
+    it is taken, and these values.
     """
     types = problem.parameter_types()
     open_parameters: dict[Expr, None] = {}
     for expression in expressions:
-        for fluent in (e for e in subexpressions(expression) if e[0] == "flu"):
+        for fluent in fluents_in(expression):
             for argument in fluent[2:]:
                 if argument[0] == "par":
                     open_parameters[argument] = None
@@ -71,7 +74,7 @@ def _choices(problem: PlainProblem, expressions: list[Expr]) -> Iterator[tuple[E
     domains = [values_of(problem, types[p[1]]) for p in open_parameters]
     for choice in itertools.product(*domains):
         values = dict(zip(open_parameters, choice, strict=True))
-        yield conjunction(equals(p, v) for p, v in values.items()), _PutInstance(values)
+        yield conjunction(equals(p, v) for p, v in values.items()), values
 
 
 def equals(variable: Expr, value: Expr) -> Expr:
@@ -79,16 +82,6 @@ def equals(variable: Expr, value: Expr) -> Expr:
     if value[0] == "bool":
         return variable if value[1] else negation(variable)
     return ("eq", variable, value)
-
-
-class _PutInstance:
-    """Replaces parameters by values, everywhere."""
-
-    def __init__(self, values: dict[Expr, Expr]):
-        self.values = values
-
-    def __call__(self, expression: Expr) -> Expr | None:
-        return self.values.get(expression)
 
 
 def compile_ground(problem: PlainProblem) -> Compiled:
@@ -118,7 +111,7 @@ def compile_ground(problem: PlainProblem) -> Compiled:
             replaced[fluent] = ("flu", name)
             declared = problem.fluents[fluent[1]]
             ground[name] = Fluent(declared.type, (), problem.initial_value(fluent))
-    compiled = _Rewriter(replaced).problem(problem, ground, open_names)
+    compiled = _grounded(problem, replaced, ground, open_names)
     for activity in compiled.activities:
         _refuse_fluents(activity, {e.fluent[1] for e in problem.effects})
     return Compiled(compiled)
@@ -129,11 +122,10 @@ def _refuse_fluents(activity: Activity, changed: set[str]) -> None:
     never change have been replaced).
     """
     for bound in (activity.lower, activity.upper):
-        for expression in subexpressions(bound):
-            if expression[0] == "flu":
-                what = f"the duration of {activity.name} reads the fluent {show(expression)}"
-                why = "which effects change" if expression[1] in changed else "with its parameters"
-                raise UnsupportedError(f"{what}, {why}")
+        for fluent in fluents_in(bound):
+            what = f"the duration of {activity.name} reads the fluent {show(fluent)}"
+            why = "which effects change" if fluent[1] in changed else "with its parameters"
+            raise UnsupportedError(f"{what}, {why}")
 
 
 def _fluent_expressions(problem: PlainProblem) -> list[Expr]:
@@ -144,61 +136,40 @@ def _fluent_expressions(problem: PlainProblem) -> list[Expr]:
     places += [c.expression for c in problem.conditions]
     for effect in problem.effects:
         places += [effect.fluent, effect.value, effect.condition]
-    found: dict[Expr, None] = {}
-    for place in places:
-        found.update((e, None) for e in subexpressions(place) if e[0] == "flu")
-    return list(found)
+    return list(dict.fromkeys(f for place in places for f in fluents_in(place)))
 
 
-class _Rewriter:
-    def __init__(self, replaced: dict[Expr, Expr]):
-        self.replaced = replaced
-
-    def __call__(self, expression: Expr) -> Expr:
-        return evaluate(rewrite(expression, self.replaced.get))
-
-    def problem(
-        self, problem: PlainProblem, fluents: dict[str, Fluent], kept: set[str]
-    ) -> PlainProblem:
-        conditions: list[Condition] = []
-        constraints = [self(c) for c in problem.constraints]
-        for condition in problem.conditions:
-            said = rewrite(condition.expression, self.replaced.get)
-            expression = evaluate(said)
-            # what decides nothing still keeps others' effects away
-            idle = dict.fromkeys(e for e in subexpressions(said) if e[0] == "flu")
-            idle = {f: None for f in idle if f not in set(subexpressions(expression))}
-            conditions += [replace(condition, expression=("eq", f, f)) for f in idle]
-            if any(e[0] == "flu" for e in subexpressions(expression)):
-                conditions.append(replace(condition, expression=expression))
-            else:
-                constraints.append(_timeless(problem, condition, expression))
-        return replace(
-            problem,
-            activities=tuple(self._activity(a) for a in problem.activities),
-            constraints=tuple(c for c in constraints if c != TRUE),
-            conditions=tuple(conditions),
-            effects=tuple(e for e in map(self._effect, problem.effects) if e.condition != FALSE),
-            fluents=fluents,
-            initial={k: v for k, v in problem.initial.items() if k[1] in kept},
-        )
-
-    def _activity(self, a: Activity) -> Activity:
-        return replace(a, lower=self(a.lower), upper=self(a.upper))
-
-    def _effect(self, e: Effect) -> Effect:
-        return replace(e, fluent=self(e.fluent), value=self(e.value), condition=self(e.condition))
+def _grounded(
+    problem: PlainProblem, replaced: dict[Expr, Expr], fluents: dict[str, Fluent], kept: set[str]
+) -> PlainProblem:
+    conditions: list[Condition] = []
+    found = problem.mapped(lambda e: evaluate(rewrite(e, replaced.get)))
+    constraints = list(found.constraints)
+    for given, condition in zip(problem.conditions, found.conditions, strict=True):
+        left = fluents_in(condition.expression)
+        # what decides nothing still keeps others' effects away
+        idle = (f for f in fluents_in(rewrite(given.expression, replaced.get)) if f not in left)
+        conditions += [replace(condition, expression=("eq", f, f)) for f in idle]
+        if left:
+            conditions.append(condition)
+        else:
+            constraints.append(_timeless(problem, condition))
+    return replace(
+        found,
+        constraints=tuple(c for c in constraints if c != TRUE),
+        conditions=tuple(conditions),
+        effects=tuple(e for e in found.effects if e.condition != FALSE),
+        fluents=fluents,
+        initial={k: v for k, v in problem.initial.items() if k[1] in kept},
+    )
 
 
-def _timeless(problem: PlainProblem, condition: Condition, expression: Expr) -> Expr:
+def _timeless(problem: PlainProblem, condition: Condition) -> Expr:
     """Return the constraint that a condition without fluents amounts to: it holds, or its owner
     is absent, or its interval empty.
     """
-    if expression == TRUE:
-        return TRUE
-    ways = [] if expression == FALSE else [expression]
-    if condition.owner in problem.optional_names():
-        ways.append(negation(("pres", condition.owner)))
+    ways = [condition.expression]
+    ways.append(negation(problem.presence(condition.owner)))
     if not never_empty(problem, condition):
         ways.append(empty(problem, condition))
     return disjunction(ways)
@@ -260,19 +231,14 @@ def reaches_end(problem: PlainProblem, delay: int, time: Expr) -> Expr:
     """State that a time is not before the plan's end, as conditions see it, plus ``delay``: that is
     one after the last of all ends and effects, not the makespan.
     """
-    optional = problem.optional_names()
     late: list[Expr] = [("le", ("time", "horizon", None, 1 + delay), time)]
     for effect in problem.effects:
-        absent = [negation(("pres", effect.owner))] if effect.owner in optional else []
-        if effect.condition != TRUE:
-            absent.append(negation(effect.condition))
-        late.append(disjunction([*absent, ("le", later(effect.time, 1 + delay), time)]))
+        idle = negation(problem.happens(effect))
+        late.append(disjunction([idle, ("le", later(effect.time, 1 + delay), time)]))
     return conjunction(late)
 
 
 # ------------------ Numbers to objects
-# Numbers to objects: bounded integer fluents that are only assigned, for engines that take no
-# conditions on numbers over intervals.
 
 
 def compile_numbers(problem: PlainProblem) -> Compiled:
@@ -323,8 +289,7 @@ def _numbers(problem: PlainProblem) -> list[Expr]:
             raise UnsupportedError(f"fluent {name}, both assigned and counted")
     found: dict[Expr, None] = {}
     for condition in problem.conditions:
-        fluents = [e for e in subexpressions(condition.expression) if e[0] == "flu"]
-        for fluent in fluents:
+        for fluent in fluents_in(condition.expression):
             _, low, high = (*problem.fluents[fluent[1]].type, None, None)[:3]
             if problem.fluents[fluent[1]].type[0] != "int" or len(fluent) > 2:
                 continue

@@ -9,7 +9,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
-from up_samp.model import CandidateSchedule, UnsupportedError
+from up_samp.model import UnsupportedError
 from up_samp.scheduling.compilers.fluents import (
     comes_after,
     comes_before,
@@ -30,7 +30,9 @@ from up_samp.scheduling.compilers.plain import (
     disjunction,
     end,
     evaluate,
+    fluents_in,
     fresh,
+    hiding,
     implies,
     integer,
     later,
@@ -57,7 +59,7 @@ def compile_support(problem: PlainProblem) -> Compiled:
         behind = least(problem, condition.high, condition.low)
         if behind is not None and behind > 0:
             continue  # over nothing
-        read = {f[1] for f in _fluents(condition.expression)}
+        read = {f[1] for f in fluents_in(condition.expression)}
         near = [e for e in problem.effects if e.fluent[1] in read]
         instant = behind == 0  # or nothing
         renewed = not instant and any(
@@ -94,8 +96,10 @@ def _effect_by_effect(
     """Return conditions at instants, and constraints, that say the same as a condition over an
     interval, given all effects on what it reads; ``None`` where these cannot say it.
     """
-    low, high, optional = condition.low, condition.high, problem.optional_names()
-    flat = all(len(f) == 2 for f in (*_fluents(condition.expression), *(e.fluent for e in effects)))
+    low, high = condition.low, condition.high
+    flat = all(
+        len(f) == 2 for f in (*fluents_in(condition.expression), *(e.fluent for e in effects))
+    )
     before_the_end = high[1] == "horizon" and high[3] < 0
     if not flat or before_the_end or not never_empty(problem, condition):
         return None
@@ -106,14 +110,14 @@ def _effect_by_effect(
             constraints.append(outside(problem, condition, effect))
             continue
         since, until = least(problem, low, effect.time), least(problem, effect.time, high)
-        if effect.kind != "assign" or _fluents(effect.value) or _fluents(effect.condition):
+        if effect.kind != "assign" or fluents_in(effect.value) or fluents_in(effect.condition):
             return None
         after = evaluate(rewrite(condition.expression, {effect.fluent: effect.value}.get))
-        ways = [negation(("pres", o)) for o in {condition.owner, effect.owner} & optional]
+        ways = [negation(problem.presence(o)) for o in (condition.owner, effect.owner)]
         ways += [negation(effect.condition), comes_before(problem, effect.time, low)]
         if high[1] != "horizon":  # which comes after all effects
             ways.append(("le", high, effect.time))
-        if not _fluents(after):
+        if not fluents_in(after):
             constraints.append(disjunction([*ways, after]))
         elif since is None or since < 0 or until is None or until < 1:
             return None
@@ -123,10 +127,6 @@ def _effect_by_effect(
             then = later(effect.time, 1)
             conditions.append(replace(condition, low=then, high=then))
     return conditions, constraints
-
-
-def _fluents(expression: Expr) -> list[Expr]:
-    return [e for e in subexpressions(expression) if e[0] == "flu"]
 
 
 def _renews(problem: PlainProblem, condition: Condition, effect: Effect) -> bool:
@@ -165,7 +165,6 @@ def compile_dense(problem: PlainProblem) -> Compiled:
     The result is not exact where what it sets cannot be told from parameters alone: there it is
     kept away.
     """
-    optional = problem.optional_names()
     constraints: list[Expr] = []
     conditions: dict[Condition, None] = {}
     exact = True
@@ -176,12 +175,11 @@ def compile_dense(problem: PlainProblem) -> Compiled:
                 continue
             after = _after(condition.expression, effect)
             exact = exact and after is not None
-            ways = [negation(("pres", o)) for o in {condition.owner, effect.owner} & optional]
-            if effect.condition != TRUE:
+            ways = [negation(problem.presence(o)) for o in (condition.owner, effect.owner)]
+            if fluents_in(effect.condition):
+                exact = False  # whether it holds cannot be told: as if it did
+            else:
                 ways.append(negation(effect.condition))
-            if any(e[0] == "flu" for e in subexpressions(effect.condition)):
-                ways.pop()  # whether it holds cannot be told: as if it did
-                exact = False
             ways += _at_other_times(problem, condition, effect)
             constraints.append(disjunction([*ways, *([after] if after is not None else [])]))
     every = (*problem.constraints, *(c for c in constraints if c != TRUE))
@@ -191,8 +189,7 @@ def compile_dense(problem: PlainProblem) -> Compiled:
 
 def _may_meet(problem: PlainProblem, condition: Condition, effect: Effect) -> bool:
     """Return whether an effect may come at the condition's last instant, and matters to it."""
-    read = {e[1] for e in subexpressions(condition.expression) if e[0] == "flu"}
-    if effect.fluent[1] not in read:
+    if effect.fluent[1] not in {f[1] for f in fluents_in(condition.expression)}:
         return False
     if None not in (condition.owner, effect.owner) and condition.owner != effect.owner:
         return False
@@ -203,10 +200,10 @@ def _may_meet(problem: PlainProblem, condition: Condition, effect: Effect) -> bo
 
 def _after(expression: Expr, effect: Effect) -> Expr | None:
     """Return an expression with what an effect sets; ``None`` if other fluents matter, too."""
-    if effect.kind != "assign" or any(e[0] == "flu" for e in subexpressions(effect.value)):
+    if effect.kind != "assign" or fluents_in(effect.value):
         return None
     said = evaluate(rewrite(expression, lambda e: effect.value if e == effect.fluent else None))
-    return None if any(e[0] == "flu" for e in subexpressions(said)) else said
+    return None if fluents_in(said) else said
 
 
 def _at_other_times(problem: PlainProblem, condition: Condition, effect: Effect) -> list[Expr]:
@@ -290,10 +287,8 @@ def _still(condition: Condition) -> Expr | None:
 
 def outside(problem: PlainProblem, condition: Condition, effect: Effect) -> Expr:
     """State that the effect does not happen within the interval (always, if that is empty)."""
-    optional = problem.optional_names()
-    owners = (condition.owner, effect.owner)
-    ways: list[Expr] = [negation(("pres", owner)) for owner in owners if owner in optional]
-    if effect.condition != TRUE and all(s[0] != "flu" for s in subexpressions(effect.condition)):
+    ways = [negation(problem.presence(owner)) for owner in (condition.owner, effect.owner)]
+    if not fluents_in(effect.condition):
         ways.append(negation(effect.condition))
     before = comes_before(problem, effect.time, condition.low)
     after = comes_after(problem, effect.time, condition.high)
@@ -323,7 +318,7 @@ def _inside(c: Condition, d: Condition) -> bool:
 
 # ------------------ Conditions over intervals that may be empty
 # Conditions over intervals that may be empty, for engines that do not take those as asking
-# nothing. nothing.
+# nothing.
 #
 # Where the duration decides whether the interval holds an instant, the condition moves to an
 # auxiliary optional activity that spans just the interval and is present if that is not empty.
@@ -364,7 +359,8 @@ class _IntervalCompiler:
         elif not self._always_empty(condition):
             if self._changes_itself(condition):
                 self.exact = False
-                self._demand(condition)
+                here = self.problem.presence(condition.owner)
+                self.constraints.append(implies(here, ("le", condition.low, condition.high)))
                 self.conditions.append(condition)
             else:
                 self.host(condition)
@@ -377,28 +373,15 @@ class _IntervalCompiler:
             conditions=tuple(self.conditions),
             constraints=tuple(self.constraints),
         )
-
-        def map_back(schedule: CandidateSchedule) -> CandidateSchedule:
-            times = {a: t for a, t in schedule.times.items() if a not in self.added}
-            return CandidateSchedule(times, schedule.parameters)
-
-        return Compiled(problem, map_back, exact=self.exact)
+        return Compiled(problem, hiding(self.added), exact=self.exact)
 
     def _always_empty(self, condition: Condition) -> bool:
         gap = least(self.problem, condition.high, condition.low)
         return gap is not None and gap >= 1
 
     def _changes_itself(self, condition: Condition) -> bool:
-        read = {e[1] for e in subexpressions(condition.expression) if e[0] == "flu"}
+        read = {f[1] for f in fluents_in(condition.expression)}
         return any(e.owner == condition.owner and e.fluent[1] in read for e in self.problem.effects)
-
-    def _present(self, condition: Condition) -> Expr:
-        optional = self.problem.optional_names()
-        return ("pres", condition.owner) if condition.owner in optional else TRUE
-
-    def _demand(self, condition: Condition) -> None:
-        not_empty = ("le", condition.low, condition.high)
-        self.constraints.append(implies(self._present(condition), not_empty))
 
     def host(self, condition: Condition) -> None:
         """Move a condition to an activity that spans its interval, if that is not empty."""
@@ -409,7 +392,7 @@ class _IntervalCompiler:
         most = abs(condition.low[3]) + abs(condition.high[3])
         length = upper[1] + most if upper is not None and upper[0] == "int" else LIMITS.span
         self.activities.append(Activity(name, True, integer(0), integer(length)))
-        here, owner = ("pres", name), self._present(condition)
+        here, owner = ("pres", name), self.problem.presence(condition.owner)
         empty = ("lt", condition.high, condition.low)
         self.constraints += [
             disjunction([here, negation(owner), empty]),
@@ -474,25 +457,19 @@ def compile_ends(problem: PlainProblem) -> Compiled:
 
 def _is_last(problem: PlainProblem, time: Expr) -> list[Expr]:
     """State that ``time`` is the latest of all ends and effects."""
-    optional = problem.optional_names()
     spoken = any(
         e[:2] == ("time", "horizon") for c in problem.constraints for e in subexpressions(c)
     )
-
-    def present(owner: str | None) -> Expr:
-        return ("pres", owner) if owner in optional else TRUE
-
-    known = [(end(a.name), present(a.name)) for a in problem.activities]
+    known = [(end(a.name), problem.presence(a.name)) for a in problem.activities]
     for effect in problem.effects:
         if not _may_be_last(problem, effect):
             continue
-        hangs = any(e[0] == "flu" for e in subexpressions(effect.condition))
-        if spoken or hangs or effect.time[1] == "horizon":
+        if spoken or fluents_in(effect.condition) or effect.time[1] == "horizon":
             raise UnsupportedError(
                 f"a condition before the plan's end, where the effect on {show(effect.fluent)} may "
                 "come after all activities"
             )
-        known.append((effect.time, conjunction([present(effect.owner), effect.condition])))
+        known.append((effect.time, problem.happens(effect)))
     none_later = [disjunction([negation(there), ("le", last, time)]) for last, there in known]
     some = [conjunction([there, ("le", time, last)]) for last, there in known]
     return [*none_later, disjunction([*some, ("le", time, integer(0))])]

@@ -25,7 +25,9 @@ from up_samp.scheduling.compilers.plain import (
     disjunction,
     end,
     evaluate,
+    fluents_in,
     fresh,
+    hiding,
     integer,
     names_in_use,
     rewrite,
@@ -41,7 +43,7 @@ def touched_fluents(problem: PlainProblem, optional: frozenset[str]) -> set[str]
     touched = {e.fluent[1] for e in problem.effects if e.owner in optional or e.condition != TRUE}
     for condition in problem.conditions:
         if condition.owner in optional:
-            touched.update(e[1] for e in subexpressions(condition.expression) if e[0] == "flu")
+            touched.update(f[1] for f in fluents_in(condition.expression))
     return touched
 
 
@@ -88,9 +90,8 @@ def wished_values(
     """Return values of the fluents with which the condition holds if the parameters have their
     ``idle`` values, whatever others do; None where none are known.
     """
-    atoms = [e for e in subexpressions(condition.expression) if e[0] == "flu"]
-    distinct = list(dict.fromkeys(atoms))
     expression = condition.expression
+    distinct = fluents_in(expression)
     domains = [_candidates(problem, expression, atom) for atom in distinct]
     for choice in itertools.islice(itertools.product(*domains), 100_000):
         values = dict(zip(distinct, choice, strict=True))
@@ -128,12 +129,7 @@ def compile_variables(problem: PlainProblem) -> Compiled:
         constraints=(*problem.constraints, ("le", start(name), integer(0))),
         variables={},
     )
-
-    def map_back(schedule: CandidateSchedule) -> CandidateSchedule:
-        times = {a: t for a, t in schedule.times.items() if a != name}
-        return CandidateSchedule(times, schedule.parameters)
-
-    return Compiled(compiled, map_back)
+    return Compiled(compiled, hiding({name}))
 
 
 def compile_anchor(problem: PlainProblem) -> Compiled:
@@ -145,12 +141,7 @@ def compile_anchor(problem: PlainProblem) -> Compiled:
     name = fresh("anchor", names_in_use(problem))
     anchor = Activity(name, False, integer(0), integer(0))
     compiled = replace(problem, activities=(*problem.activities, anchor))
-
-    def map_back(schedule: CandidateSchedule) -> CandidateSchedule:
-        times = {a: t for a, t in schedule.times.items() if a != name}
-        return CandidateSchedule(times, schedule.parameters)
-
-    return Compiled(compiled, map_back)
+    return Compiled(compiled, hiding({name}))
 
 
 # ------------------ Optional activities away
@@ -341,14 +332,13 @@ class _OptionalCompiler:
         if owner not in self.idle:
             self.idle[owner] = idle_values(self.problem, owner)
         condition = replace(condition, expression=self._with_own(owner, condition.expression))
-        atoms = [e for e in subexpressions(condition.expression) if e[0] == "flu"]
         wishes = wished_values(self.problem, condition, self.idle[owner])
         assert wishes is not None
         slots = {
             atom: self._slot(
                 owner, self._present(owner), atom[1], self._reading_copy(atom, wishes[atom])
             )(atom)
-            for atom in dict.fromkeys(atoms)
+            for atom in fluents_in(condition.expression)
         }
         return replace(condition, expression=rewrite(condition.expression, slots.get))
 
@@ -376,7 +366,7 @@ class _OptionalCompiler:
         value, condition = self._expression(effect.value), self._expression(effect.condition)
         if owner not in self.optional and condition == TRUE:
             return replace(effect, fluent=self._expression(fluent), value=value)
-        if any(e[0] == "flu" for e in subexpressions(condition)):
+        if fluents_in(condition):
             raise UnsupportedError(
                 f"the effect of {owner or 'the problem'} on {show(fluent)} that depends on fluents"
             )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -28,16 +28,13 @@ LIMITS = CompilerLimits()
 
 
 # ------------------ Expressions as nested tuples
-# Expressions as nested tuples: conditions, constraints and durations of plain problems.
-# ==================================== ===========================================================
-# ``("bool", b)``, ``("int", n)`` constants ``("obj", name)`` an object ``("par", name)`` a
-# decision variable (``activity.parameter`` or a global one) ``("pres", activity)`` the activity
-# is present ``("time", anchor, activity, k)`` ``anchor + k``; anchor is one of ``start``, ``end``
-# (of the activity), ``zero``, ``horizon`` (activity ``None``) ``("flu", name, *arguments)`` a
-# fluent ``("and"|"or", *operands)`` n-ary; ``("not", x)``, ``("implies"|"iff", a, b)``
-# ``("eq"|"le"|"lt", a, b)`` comparisons ``("plus"|"times", *operands)`` n-ary; ``("minus"|"div",
-# a, b)`` ====================================
-# ===========================================================
+# ``("bool", b)``, ``("int", n)``, ``("obj", name)``: constants;
+# ``("par", name)``: a decision variable (``activity.parameter`` or a global one);
+# ``("pres", activity)``: the activity is present;
+# ``("time", anchor, activity, k)``: ``anchor + k``; anchor is one of ``start``, ``end`` (of the
+# activity), ``zero``, ``horizon`` (activity ``None``); ``("flu", name, *arguments)``: a fluent;
+# ``("and"|"or", *operands)``, ``("not", x)``, ``("implies"|"iff", a, b)``,
+# ``("eq"|"le"|"lt", a, b)``, ``("plus"|"times", *operands)``, ``("minus"|"div", a, b)``.
 #
 # Types are ``("bool",)``, ``("int", low, high)`` (``None``: open) and ``("user", name)``. Times
 # are integers (schedule units).
@@ -128,6 +125,11 @@ def subexpressions(expression: Expr) -> Iterator[Expr]:
     elif expression[0] not in _LEAVES:
         for operand in expression[1:]:
             yield from subexpressions(operand)
+
+
+def fluents_in(expression: Expr) -> list[Expr]:
+    """Return the fluent expressions in it, each once, in order of appearance."""
+    return list(dict.fromkeys(e for e in subexpressions(expression) if e[0] == "flu"))
 
 
 def rewrite(expression: Expr, leaf: Callable[[Expr], Expr | None]) -> Expr:
@@ -234,10 +236,44 @@ class PlainProblem:
 
     def activity(self, name: str) -> Activity:
         """Return the activity with this name."""
-        for activity in self.activities:
-            if activity.name == name:
-                return activity
-        raise KeyError(name)
+        return self._by_name[name]
+
+    @cached_property
+    def _by_name(self) -> dict[str, Activity]:
+        return {a.name: a for a in self.activities}
+
+    def presence(self, owner: str | None) -> Expr:
+        """Return that ``owner`` is there (true for the problem itself and mandatory activities)."""
+        there = owner in self._by_name and self._by_name[owner].optional
+        return ("pres", owner) if there else TRUE
+
+    def happens(self, effect: Effect) -> Expr:
+        """Return that an effect happens: its owner is there, and its condition holds."""
+        return conjunction([self.presence(effect.owner), effect.condition])
+
+    def mapped(self, put: Callable[[Expr], Expr]) -> PlainProblem:
+        """Return the problem with every expression of it replaced, but for initial values."""
+        return replace(
+            self,
+            activities=tuple(
+                replace(a, lower=put(a.lower), upper=put(a.upper)) for a in self.activities
+            ),
+            constraints=tuple(map(put, self.constraints)),
+            conditions=tuple(
+                replace(c, low=put(c.low), high=put(c.high), expression=put(c.expression))
+                for c in self.conditions
+            ),
+            effects=tuple(
+                replace(
+                    e,
+                    time=put(e.time),
+                    fluent=put(e.fluent),
+                    value=put(e.value),
+                    condition=put(e.condition),
+                )
+                for e in self.effects
+            ),
+        )
 
     def optional_names(self) -> frozenset[str]:
         """Return the names of the optional activities."""
@@ -286,6 +322,18 @@ class Compiled:
     map_back: Callable[[CandidateSchedule], CandidateSchedule] = lambda schedule: schedule
     floor: int = 0
     exact: bool = True
+
+
+def hiding(added: Collection[str]) -> Callable[[CandidateSchedule], CandidateSchedule]:
+    """Return the way back that leaves out ``added`` activities and parameters."""
+
+    def map_back(schedule: CandidateSchedule) -> CandidateSchedule:
+        return CandidateSchedule(
+            {a: t for a, t in schedule.times.items() if a not in added},
+            {p: v for p, v in schedule.parameters.items() if p not in added},
+        )
+
+    return map_back
 
 
 # ------------------ Values of types and of constant expressions

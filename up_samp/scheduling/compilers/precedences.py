@@ -20,7 +20,7 @@ import itertools
 from collections import defaultdict
 from dataclasses import dataclass, replace
 
-from up_samp.model import CandidateSchedule, UnsupportedError
+from up_samp.model import UnsupportedError
 from up_samp.scheduling.compilers.fluents import empty, equals, never_empty, reaches_end
 from up_samp.scheduling.compilers.plain import (
     FALSE,
@@ -33,14 +33,15 @@ from up_samp.scheduling.compilers.plain import (
     conjunction,
     disjunction,
     evaluate,
+    fluents_in,
     fresh,
+    hiding,
     integer,
     later,
     names_in_use,
     negation,
     rewrite,
     show,
-    subexpressions,
     values_of,
 )
 
@@ -71,7 +72,6 @@ class _Change:
 class _PrecedenceCompiler:
     def __init__(self, problem: PlainProblem):
         self.problem = problem
-        self.optional = problem.optional_names()
         self.taken = names_in_use(problem)
         self.variables = dict(problem.variables)
         self.constraints: list[Expr] = []
@@ -85,7 +85,7 @@ class _PrecedenceCompiler:
                 if effect.kind == "assign":
                     name = show(effect.fluent)
                     raise UnsupportedError(f"fluent {name}, both assigned and counted")
-                if any(e[0] == "flu" for e in subexpressions(effect.condition)):
+                if fluents_in(effect.condition):
                     name = show(effect.fluent)
                     raise UnsupportedError(f"a change of {name} that depends on fluents")
                 kept.append(effect)
@@ -97,7 +97,6 @@ class _PrecedenceCompiler:
                 self._apart(a, b)
         for condition in self.problem.conditions:
             self._condition(condition)
-        added = set(self.variables) - set(self.problem.variables)
         counted = {f[1] for f in self.counted}
         compiled = replace(
             self.problem,
@@ -108,25 +107,17 @@ class _PrecedenceCompiler:
             fluents={n: f for n, f in self.problem.fluents.items() if n in counted},
             initial={k: v for k, v in self.problem.initial.items() if k[1] in counted},
         )
-
-        def map_back(schedule: CandidateSchedule) -> CandidateSchedule:
-            parameters = {p: v for p, v in schedule.parameters.items() if p not in added}
-            return CandidateSchedule(schedule.times, parameters)
-
-        return Compiled(compiled, map_back)
-
-    def _present(self, owner: str | None) -> Expr:
-        return ("pres", owner) if owner in self.optional else TRUE
+        return Compiled(compiled, hiding(set(self.variables) - set(self.problem.variables)))
 
     def _change(self, effect: Effect) -> _Change:
         for part in (effect.value, effect.condition):
-            if any(e[0] == "flu" for e in subexpressions(part)):
+            if fluents_in(part):
                 raise UnsupportedError(
                     f"the effect of {effect.owner} on {show(effect.fluent)} that depends on fluents"
                 )
         if effect.time[1] == "horizon":
             raise UnsupportedError(f"the effect on {show(effect.fluent)} at the plan's end")
-        happens = conjunction([self._present(effect.owner), effect.condition])
+        happens = self.problem.happens(effect)
         return _Change(effect.time, effect.value, happens, effect.owner)
 
     def _bounds(self, fluent: Expr, changes: list[_Change]) -> None:
@@ -170,14 +161,14 @@ class _PrecedenceCompiler:
 
     def _void(self, condition: Condition) -> list[Expr]:
         """Return the ways in which a condition asks nothing."""
-        ways = [negation(self._present(condition.owner))]
+        ways = [negation(self.problem.presence(condition.owner))]
         if not never_empty(self.problem, condition):
             ways.append(empty(self.problem, condition))
         return ways
 
     def _holds(self, condition: Condition, expression: Expr) -> Expr:
         """State that ``expression`` holds throughout the condition's interval."""
-        fluents = list(dict.fromkeys(e for e in subexpressions(expression) if e[0] == "flu"))
+        fluents = fluents_in(expression)
         if not fluents:
             return expression
         if len(fluents) == 1:
@@ -185,7 +176,7 @@ class _PrecedenceCompiler:
         if expression[0] == "and":
             return conjunction(self._holds(condition, e) for e in expression[1:])
         if expression[0] == "or":
-            timeless = [e for e in expression[1:] if all(s[0] != "flu" for s in subexpressions(e))]
+            timeless = [e for e in expression[1:] if not fluents_in(e)]
             timed = [e for e in expression[1:] if e not in timeless]
             if len(timed) == 1 or condition.low == condition.high:
                 return disjunction([*timeless, *(self._holds(condition, e) for e in timed)])

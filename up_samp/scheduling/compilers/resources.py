@@ -25,10 +25,10 @@ from up_samp.scheduling.compilers.plain import (
     PlainProblem,
     disjunction,
     end,
+    fluents_in,
     negation,
     show,
     start,
-    subexpressions,
 )
 
 
@@ -51,14 +51,13 @@ def compile_resources(problem: PlainProblem) -> Compiled:
         UnsupportedError: more than ``LIMITS.forbidden_sets`` such sets of users, some of whose
             durations vary, or that may be absent.
     """
-    optional = problem.optional_names()
     constraints: list[Expr] = []
     gone: set[Expr] = set()
     for resource in find_resources(problem):
         sets = list(itertools.islice(_minimal_sets(resource), LIMITS.forbidden_sets + 1))
         if len(sets) <= LIMITS.forbidden_sets:
             gone.add(resource.fluent)
-            constraints += [_not_all_at_once(problem, optional, users) for users in sets]
+            constraints += [_not_all_at_once(problem, users) for users in sets]
         elif not all(_fixed(problem.activity(name)) for name in resource.amounts):
             raise UnsupportedError(
                 f"resource {show(resource.fluent)}: too many sets of activities take more "
@@ -89,12 +88,7 @@ def find_resources(problem: PlainProblem) -> list[PlainResource]:
     effects: dict[Expr, list[Effect]] = defaultdict(list)
     for effect in problem.effects:
         effects[effect.fluent].append(effect)
-    read = {
-        e
-        for expression in _read_expressions(problem)
-        for e in subexpressions(expression)
-        if e[0] == "flu"
-    }
+    read = {f for expression in _read_expressions(problem) for f in fluents_in(expression)}
     found = []
     for fluent, changes in effects.items():
         if fluent in read or len(fluent) > 2:
@@ -155,13 +149,9 @@ def _minimal_sets(resource: PlainResource) -> Iterator[tuple[str, ...]]:
     yield from extend((), 0, 0)
 
 
-def _not_all_at_once(
-    problem: PlainProblem, optional: frozenset[str], users: tuple[str, ...]
-) -> Expr:
-    ways: list[Expr] = []
+def _not_all_at_once(problem: PlainProblem, users: tuple[str, ...]) -> Expr:
+    ways = [negation(problem.presence(name)) for name in users]
     for name in users:
-        if name in optional:
-            ways.append(negation(("pres", name)))
         lower = problem.activity(name).lower
         if lower[0] != "int" or lower[1] < 1:
             ways.append(("le", end(name), start(name)))

@@ -4,7 +4,7 @@ times.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from up_samp.model import CandidateSchedule
@@ -15,8 +15,8 @@ from up_samp.scheduling.compilers.plain import (
     Compiled,
     Expr,
     PlainProblem,
-    conjunction,
-    disjunction,
+    evaluate,
+    rewrite,
 )
 
 _FOREVER = 10**12
@@ -60,8 +60,10 @@ class TimeBounds:
         high = self.high[key]
         return self.low[key] + e[3], high if high >= _FOREVER else high + e[3]
 
-    def decide(self, atom: Expr) -> Expr:
-        """Return the comparison, or its truth value if the bounds decide it."""
+    def decide(self, atom: Expr) -> Expr | None:
+        """Return a comparison, or its truth value if the bounds decide it (``None``: no such)."""
+        if atom[0] != "le":
+            return None
         left, right = self._range(atom[1]), self._range(atom[2])
         if left is None or right is None:
             return atom
@@ -95,8 +97,9 @@ def compile_settled(problem: PlainProblem) -> Compiled:
     settled: dict[Expr, bool] = {}
     while True:
         bounds = TimeBounds(problem, constraints)
-        decide = _Decider(bounds)
-        constraints = _flat(c if is_bound(c) else decide(c) for c in constraints)
+        constraints = _flat(
+            c if is_bound(c) else evaluate(rewrite(c, bounds.decide)) for c in constraints
+        )
         units = {}
         for constraint in constraints:
             literal, sign = (constraint[1], False) if constraint[0] == "not" else (constraint, True)
@@ -105,7 +108,7 @@ def compile_settled(problem: PlainProblem) -> Compiled:
         if not units:
             break
         settled.update(units)
-        simplify = _Simplifier(units)
+        simplify = _simplified(units)
         constraints = _flat(simplify(c) for c in constraints)
     if FALSE in constraints:
         constraints = [FALSE]
@@ -125,7 +128,7 @@ def _rebuilt(problem: PlainProblem, constraints: list[Expr], settled: dict[Expr,
     gone = {e[1] for e, sign in settled.items() if e[0] == "pres" and not sign}
     certain = {e[1] for e, sign in settled.items() if e[0] == "pres" and sign}
     values: dict[str, Value] = {e[1]: sign for e, sign in settled.items() if e[0] == "par"}
-    simplify = _Simplifier(settled)
+    simplify = _simplified(settled)
     activities = tuple(
         replace(
             a,
@@ -135,22 +138,15 @@ def _rebuilt(problem: PlainProblem, constraints: list[Expr], settled: dict[Expr,
         for a in problem.activities
         if a.name not in gone
     )
-    conditions = [
-        replace(c, expression=simplify(c.expression))
-        for c in problem.conditions
-        if c.owner not in gone
-    ]
-    effects = [
-        replace(e, value=simplify(e.value), condition=simplify(e.condition))
-        for e in problem.effects
-        if e.owner not in gone
-    ]
+    left = replace(problem, activities=(), constraints=()).mapped(simplify)
     compiled = replace(
         problem,
         activities=activities,
         constraints=tuple(constraints),
-        conditions=tuple(c for c in conditions if c.expression != TRUE),
-        effects=tuple(e for e in effects if e.condition != FALSE),
+        conditions=tuple(
+            c for c in left.conditions if c.expression != TRUE and c.owner not in gone
+        ),
+        effects=tuple(e for e in left.effects if e.condition != FALSE and e.owner not in gone),
         variables={n: t for n, t in problem.variables.items() if n not in values},
     )
 
@@ -160,50 +156,15 @@ def _rebuilt(problem: PlainProblem, constraints: list[Expr], settled: dict[Expr,
     return Compiled(compiled, map_back)
 
 
-class _Decider:
-    """Puts truth values for the comparisons that bounds decide."""
+def _simplified(settled: dict[Expr, bool]) -> Callable[[Expr], Expr]:
+    """Return what puts constants for settled literals into expressions."""
+    gone = {literal[1] for literal, sign in settled.items() if literal[0] == "pres" and not sign}
 
-    def __init__(self, bounds: TimeBounds):
-        self.bounds = bounds
+    def leaf(e: Expr) -> Expr | None:
+        if e in settled:
+            return ("bool", settled[e])
+        # where such a comparison is not guarded by the absence, it counts with presence only
+        broken = e[0] == "le" and any(x[0] == "time" and x[2] in gone for x in e[1:])
+        return FALSE if broken else None
 
-    def __call__(self, e: Expr) -> Expr:
-        if e[0] == "le":
-            return self.bounds.decide(e)
-        if e[0] in ("and", "or"):
-            return (conjunction if e[0] == "and" else disjunction)([self(x) for x in e[1:]])
-        return e
-
-
-class _Simplifier:
-    """Puts constants for settled literals into expressions and simplifies (memoised)."""
-
-    def __init__(self, settled: dict[Expr, bool]):
-        self.settled = settled
-        self._memo: dict[Expr, Expr] = {}
-
-    def __call__(self, expression: Expr) -> Expr:
-        done = self._memo.get(expression)
-        if done is None:
-            done = self._memo[expression] = self._simplify(expression)
-        return done
-
-    def _is_gone(self, activity: str | None) -> bool:
-        return self.settled.get(("pres", activity)) is False
-
-    def _simplify(self, e: Expr) -> Expr:
-        operator = e[0]
-        if operator in ("pres", "par"):
-            return ("bool", self.settled[e]) if e in self.settled else e
-        if operator in ("bool", "int", "obj", "time"):
-            return e
-        if operator in ("and", "or"):
-            return (conjunction if operator == "and" else disjunction)([self(x) for x in e[1:]])
-        if operator == "le" and any(x[0] == "time" and self._is_gone(x[2]) for x in e[1:]):
-            # where such a comparison is not guarded by the absence, it counts with presence only
-            return FALSE
-        if operator == "flu":
-            return (*e[:2], *(self(x) for x in e[2:]))
-        operands = [self(x) for x in e[1:]]
-        if operator == "not" and operands[0][0] == "bool":
-            return ("bool", not operands[0][1])
-        return (operator, *operands)
+    return lambda e: evaluate(rewrite(e, leaf))

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from dataclasses import dataclass, replace
 
+from up_samp.scheduling.cliques import clique_cover, graph_of
 from up_samp.scheduling.compilers.plain import (
     Compiled,
     Condition,
@@ -53,65 +53,17 @@ def disjunctive_pair(constraint: Expr, optional: frozenset[str]) -> tuple[str, s
     return (a, b, gap) if guards == {a, b} & optional else None
 
 
-def find_cliques(
-    pairs: dict[tuple[str, str], int], order: list[str], smallest: int = 3
-) -> list[Clique]:
-    """Cover the edges ``pairs`` (sorted names -> gap) greedily by cliques of one gap.
-
-    Edges that fall into no clique of at least ``smallest`` members stay uncovered. Greedy edge
-    clique cover after Kellerman (1973): grow a clique from each uncovered edge, preferring those
-    who add most uncovered edges.
-    """
+def find_cliques(pairs: dict[tuple[str, str], int], order: list[str]) -> list[Clique]:
+    """Return cliques of three and more of one gap among ``pairs`` (sorted names -> gap)."""
     number = {name: i for i, name in enumerate(order)}
-    found: list[Clique] = []
-    for gap in sorted(set(pairs.values())):
-        neighbours: dict[int, int] = defaultdict(int)
-        for (a, b), g in pairs.items():
-            if g == gap:
-                neighbours[number[a]] |= 1 << number[b]
-                neighbours[number[b]] |= 1 << number[a]
-        found += [
-            Clique(tuple(order[i] for i in members), gap)
-            for members in _cover(dict(neighbours), smallest)
-        ]
-    return found
-
-
-def _cover(neighbours: dict[int, int], smallest: int) -> list[list[int]]:
-    uncovered = dict(neighbours)
-    cliques = []
-    for a in sorted(neighbours):
-        left = uncovered[a]
-        while left:
-            b = (left & -left).bit_length() - 1
-            left &= left - 1
-            clique = _grow(neighbours, uncovered, a, b)
-            if len(clique) < smallest:
-                continue
-            mask = sum(1 << i for i in clique)
-            for i in clique:
-                uncovered[i] &= ~mask
-            left &= uncovered[a]
-            cliques.append(sorted(clique))
-    return cliques
-
-
-def _grow(neighbours: dict[int, int], uncovered: dict[int, int], a: int, b: int) -> list[int]:
-    clique, mask = [a, b], (1 << a) | (1 << b)
-    common = neighbours[a] & neighbours[b]
-    while common:
-        best, most = -1, -1
-        rest = common
-        while rest:
-            i = (rest & -rest).bit_length() - 1
-            rest &= rest - 1
-            new = (uncovered[i] & mask).bit_count() * 4096 + (neighbours[i] & common).bit_count()
-            if new > most:
-                best, most = i, new
-        clique.append(best)
-        mask |= 1 << best
-        common &= neighbours[best]
-    return clique
+    return [
+        Clique(tuple(order[i] for i in members), gap)
+        for gap in sorted(set(pairs.values()))
+        for members in clique_cover(
+            graph_of((number[a], number[b]) for (a, b), g in pairs.items() if g == gap)
+        )
+        if len(members) > 2
+    ]
 
 
 def pairs_of(problem: PlainProblem) -> dict[tuple[str, str], tuple[int, Expr]]:

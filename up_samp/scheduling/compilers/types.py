@@ -8,8 +8,6 @@ from up_samp.model import CandidateSchedule
 from up_samp.scheduling.compilers.plain import (
     Activity,
     Compiled,
-    Condition,
-    Effect,
     Expr,
     Fluent,
     PlainProblem,
@@ -54,7 +52,6 @@ def compile_flat_types(problem: PlainProblem) -> Compiled:
 
 
 # ------------------ User types that nothing has
-# User types that nothing has, with their objects, away: engines need not support them then.
 
 
 def compile_unused(problem: PlainProblem) -> Compiled:
@@ -110,14 +107,21 @@ class _Renamer:
         self._memo: dict[Expr, Expr] = {}
 
     def problem(self) -> PlainProblem:
-        old = self.old
+        old, said = self.old, self.old.mapped(self)
         return replace(
-            old,
+            said,
             name="p",
-            activities=tuple(self._activity(a) for a in old.activities),
-            constraints=tuple(self(c) for c in old.constraints),
-            conditions=tuple(self._condition(c) for c in old.conditions),
-            effects=tuple(self._effect(e) for e in old.effects),
+            activities=tuple(
+                replace(a, name=self.activities[a.name], parameters=self._signature(a))
+                for a in said.activities
+            ),
+            conditions=tuple(
+                replace(c, owner=self.activities.get(c.owner or ""), dense=False)
+                for c in said.conditions
+            ),
+            effects=tuple(
+                replace(e, owner=self.activities.get(e.owner or "")) for e in said.effects
+            ),
             variables={self.parameters[n]: self._type(t) for n, t in old.variables.items()},
             types={
                 self.types[n]: None if father is None else self.types[father]
@@ -131,23 +135,8 @@ class _Renamer:
     def _type(self, tpe: Type) -> Type:
         return ("user", self.types[tpe[1]]) if tpe[0] == "user" else tpe
 
-    def _activity(self, a: Activity) -> Activity:
-        parameters = tuple((self.parameters[n], self._type(t)) for n, t in a.parameters)
-        return replace(
-            a,
-            name=self.activities[a.name],
-            lower=self(a.lower),
-            upper=self(a.upper),
-            parameters=parameters,
-        )
-
-    def _condition(self, c: Condition) -> Condition:
-        owner = None if c.owner is None else self.activities[c.owner]
-        return Condition(self(c.low), self(c.high), self(c.expression), owner)
-
-    def _effect(self, e: Effect) -> Effect:
-        owner = None if e.owner is None else self.activities[e.owner]
-        return Effect(self(e.time), e.kind, self(e.fluent), self(e.value), self(e.condition), owner)
+    def _signature(self, a: Activity) -> tuple[tuple[str, Type], ...]:
+        return tuple((self.parameters[n], self._type(t)) for n, t in a.parameters)
 
     def _fluent(self, f: Fluent) -> Fluent:
         parameters = tuple((n, self._type(t)) for n, t in f.parameters)

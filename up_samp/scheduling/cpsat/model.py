@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from unified_planning.model import FNode
 from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.model import Deadline, OutOfTimeError, UnsupportedError, check_time, in_force
-from up_samp.scheduling.cpsat.draft import ModelDraft
 from up_samp.scheduling.cpsat.encode.disjunctions import Disjunctions, find_groups, merge_forms
-from up_samp.scheduling.cpsat.encode.durations import LIMITS, constant_bounds
+from up_samp.scheduling.cpsat.encode.durations import LIMITS, constant_bounds, constants, least
 from up_samp.scheduling.cpsat.encode.forms import TRUE, Form, Lin, Literal, constant, disjunction
 from up_samp.scheduling.cpsat.encode.horizon import Horizon, objective_of
 from up_samp.scheduling.cpsat.encode.recognition import find_histories, find_milestones, find_unary
@@ -26,6 +26,22 @@ from up_samp.scheduling.cpsat.normal.precedences import FollowUp, Precondition
 from up_samp.scheduling.cpsat.problem import Additions, Watcher
 
 T = TypeVar("T")
+
+
+@dataclass
+class ModelDraft:
+    """What the families of a model hand on while it is built: the problem's parts in normal form,
+    ``forms`` that are read from its constraints, and the ``rest`` that nothing else says.
+    """
+
+    form: NormalForm
+    forms: list[Form] = field(default_factory=list)
+    rest: list[Form] = field(default_factory=list)
+
+    @property
+    def parts(self) -> Additions:
+        """All of the problem."""
+        return self.form.parts
 
 
 class ScheduleModel:
@@ -185,8 +201,40 @@ class ScheduleModel:
             yield part
 
     # -- growing ---------------------------------------------------------------------------------
+    def only_tightened(self, parts: Additions) -> bool:
+        """Return whether every schedule of the problem was one before (bounds stay valid).
+
+        New effects may support conditions, new objects widen domains, longer durations may end
+        what shorter ones may not, and new activities move the global end for what speaks of it.
+
+        Assumes: what is appended takes schedules away: no effects, objects or longer reach of
+        durations.
+        """
+        if parts.rewritten or parts.effects or parts.new_objects:
+            return False
+        if parts.activities and (self.states.final is not None or self.world.makespan_used):
+            return False
+        return all(self.variables.narrower(a) for a in parts.durations)
+
+    def can_grow(self, parts: Additions) -> bool:
+        """Return whether what was appended fits into the model as it is; else it is built anew."""
+        if not self.only_tightened(parts):
+            return False
+        if any(None in constant_bounds(a.duration) for a in parts.activities):
+            return False
+        horizon = self.horizon
+        before = horizon.bound()
+        for activity in parts.activities:
+            horizon.total += 2 * (4 + least(activity.duration))
+        for span, _, _ in parts.conditions:
+            horizon.beside(int(abs(span.lower.delay) + abs(span.upper.delay)))
+        for activity in parts.durations:
+            horizon.total += least(activity.duration)
+        horizon.total += sum(constants(c) for c, _, _ in parts.constraints)
+        return horizon.bound() <= max(self.limit, before)
+
     def grow(self, parts: Additions) -> None:
-        """Add what was appended (no effects, no new objects; ``growth.can_grow``)."""
+        """Add what was appended (:meth:`can_grow`)."""
         for activity in parts.activities:
             self.variables.add_activity(activity, self.limit)
             self.variables.link_times(activity)

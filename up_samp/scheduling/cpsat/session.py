@@ -14,7 +14,6 @@ from up_samp.model.deadline import in_force
 from up_samp.model.errors import OutOfTimeError
 from up_samp.scheduling.cpsat.doubt import refuted_by, sooner
 from up_samp.scheduling.cpsat.explain import Explanation, explain
-from up_samp.scheduling.cpsat.growth import can_grow, only_tightened
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.problem import Watcher
 from up_samp.scheduling.cpsat.routing.dispatch import Memory
@@ -176,9 +175,9 @@ class CpsatSession:
     # -- stages --------------------------------------------------------------------------------
     def _update(self, deadline: Deadline) -> ScheduleModel:
         parts = self._watcher.look()
-        if self._model is None or not only_tightened(self._model, parts):
+        if self._model is None or not self._model.only_tightened(parts):
             self.bound, self._bounded, self._memory = 0, False, {}
-        if self._model is not None and can_grow(self._model, parts):
+        if self._model is not None and self._model.can_grow(parts):
             # a model that the time ended in the middle of is not used any more
             grown, self._model = self._model, None
             with in_force(deadline):

@@ -38,7 +38,6 @@ class OrderConstraint:
 
 
 # ------------------ What objects ask of the order of activities
-# What objects ask of the order of activities: they move one way at a time, and rest for others.
 
 
 def _movers(planned: Planned, snapshot: Snapshot) -> dict[str, list[tuple[str, bool]]]:
@@ -118,8 +117,6 @@ def performers(planned: Planned, snapshot: Snapshot) -> Mapping[str, tuple[str, 
 
 
 # ------------------ What the problem asks of the order of activities
-# What the problem asks of the order of activities, as differences: constraints, fluents,
-# resources, objects that rest, one motion after the other for each robot.
 
 
 def orders_of(planned: Planned, snapshot: Snapshot) -> list[OrderConstraint]:

@@ -19,11 +19,11 @@ from unified_planning.model import FNode
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.scheduling import Activity
-from unified_planning.model.timing import Timing
 
 from up_samp.model import Configuration
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
 from up_samp.scheduling.cpsat.encode.durations import least
+from up_samp.upio.expressions import end_before_start, fluent_told
 from up_samp.upio.spans import own_end
 from up_samp.upio.whereabouts import whereabouts
 
@@ -40,7 +40,7 @@ def stated_gaps(problem: SchedulingMotionProblem) -> dict[tuple[str, str], int]:
     found: dict[tuple[str, str], int] = {}
     for owner in (problem._base, *problem.activities):
         for constraint, scope in owner._constraints:
-            told = _told(constraint)
+            told = end_before_start(constraint)
             if told is None:
                 continue
             first, then, units = told
@@ -62,27 +62,6 @@ def stated_precedences(
 
 def _is_presence(node: FNode) -> bool:
     return bool(node.node_type is Op.PRESENT_EXP)
-
-
-def _told(constraint: FNode) -> tuple[str, str, int] | None:
-    if constraint.node_type not in (Op.LE, Op.LT):
-        return None
-    if not all(argument.is_timing_exp() for argument in constraint.args):
-        return None
-    end, start = (argument.timing() for argument in constraint.args)
-    first, then = end.timepoint.container, start.timepoint.container
-    if not (first and then and end.is_from_end() and start.is_from_start()):
-        return None
-    delays = _delay(end), _delay(start)
-    if None in delays:
-        return None
-    assert delays[0] is not None
-    assert delays[1] is not None
-    return first, then, delays[0] - delays[1] + (constraint.node_type is Op.LT)
-
-
-def _delay(timing: Timing) -> int | None:
-    return timing.delay if isinstance(timing.delay, int) else None
 
 
 def held_by(problem: SchedulingMotionProblem) -> dict[str, frozenset[FNode]]:
@@ -201,12 +180,10 @@ def activity_locations(problem: SchedulingMotionProblem, snapshot: Snapshot) -> 
 
 def stand_told(condition: FNode, whose: Mapping[FNode, str]) -> Stand | None:
     """Return what a condition of the form "fluent equals place" tells."""
-    if condition.node_type is not Op.EQUALS:
+    told = fluent_told(condition)
+    if told is None or told[0] not in whose or not told[1].is_object_exp():
         return None
-    for fluent, place in (condition.args, condition.args[::-1]):
-        if fluent in whose and place.is_object_exp():
-            return whose[fluent], place.object().name
-    return None
+    return whose[told[0]], told[1].object().name
 
 
 # ------------------ Jobs of which one robot or another does each

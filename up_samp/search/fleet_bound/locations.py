@@ -17,7 +17,7 @@ from up_samp.model.snapshot import Snapshot, TermKind
 from up_samp.scheduling.cpsat.encode.durations import least
 from up_samp.search.fleet.jobs import stand_told
 from up_samp.upio.spans import asks_at_start, own_end
-from up_samp.upio.whereabouts import whereabouts
+from up_samp.upio.whereabouts import changes_of, whereabouts
 
 
 @dataclass(frozen=True)
@@ -71,21 +71,21 @@ def _surely_told(problem: SchedulingMotionProblem, snapshot: Snapshot) -> Mappin
     its drive (or a unit before), and never otherwise. It comes nowhere but by drives.
     """
     drives = _drives(snapshot)
-    wild = {effect.fluent.fluent().name for _, effect in problem.base_effects}
-    setting: dict[FNode, set[tuple[str, str]]] = defaultdict(set)
-    for activity in problem.activities:
-        for timing, effects in activity.effects.items():
-            for effect in effects:
-                if own_end(timing, activity) in _AT_END and _is_plain(effect):
-                    setting[effect.fluent].add((activity.name, effect.value.object().name))
-                else:
-                    wild.add(effect.fluent.fluent().name)
+    assigned, loose = changes_of(problem)
+    wild = loose.union(
+        fluent.fluent()
+        for fluent, changes in assigned.items()
+        if not all(own_end(t, a) in _AT_END and _is_plain(effect) for a, t, effect in changes)
+    )
     found: dict[FNode, str] = {}
     for fluent, robot in whereabouts(problem).items():
         start = problem.initial_value(fluent)
         here = start.is_object_exp() and start.object().name == snapshot.initial[robot]
-        always = robot in drives and setting[fluent] == drives[robot]
-        if here and always and fluent.fluent().name not in wild:
+        if not here or robot not in drives or fluent.fluent() in wild:
+            continue
+        if drives[robot] == {
+            (a.name, e.value.object().name) for a, _, e in assigned.get(fluent, ())
+        }:
             found[fluent] = robot
     return found
 

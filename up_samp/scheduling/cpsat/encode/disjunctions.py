@@ -14,23 +14,25 @@ from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.scheduling import Activity
 from unified_planning.model.timing import TimepointKind
 
-from up_samp.model import check_time
-from up_samp.scheduling.cpsat.encode.durations import LIMITS
+from up_samp.scheduling.cliques import clique_cover, graph_of
+from up_samp.scheduling.cpsat.encode.durations import LIMITS, constant_bounds
 from up_samp.scheduling.cpsat.encode.forms import (
     TRUE,
     Cmp,
     Form,
     Lin,
     Literal,
+    difference_told,
     disjunction,
     indicator_sum,
 )
 from up_samp.scheduling.cpsat.encode.recognition import Unary
 from up_samp.scheduling.cpsat.encode.states import States
 from up_samp.scheduling.cpsat.encode.store import ModelStore
-from up_samp.scheduling.cpsat.encode.terms import ActivityVars, walk
+from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.normal.form import Presences, decided
 from up_samp.scheduling.cpsat.problem import Additions
+from up_samp.upio.expressions import end_before_start, fluent_told, walk
 
 
 @dataclass(frozen=True)
@@ -179,15 +181,9 @@ def _all_decided(nodes: Iterable[FNode]) -> tuple[str, ...] | None:
 
 
 def _length(activity: Activity) -> int | None:
-    """Return the duration if it is a fixed integer."""
-    duration = activity.duration
-    lower, upper = duration.lower, duration.upper
-    if duration.is_left_open() or duration.is_right_open():
-        return None
-    if not (lower.is_int_constant() and upper.is_int_constant()):
-        return None
-    value = int(lower.constant_value())
-    return value if value == int(upper.constant_value()) else None
+    """Return the duration if it is fixed."""
+    lower, upper = constant_bounds(activity.duration)
+    return lower if lower == upper else None
 
 
 # -- switches ----------------------------------------------------------------------------------
@@ -246,13 +242,10 @@ def _needs(parts: Additions) -> dict[tuple[str, FNode], list[tuple[int, int, FNo
     """Return (activity, fluent) -> (first and last time after the start, value that it needs)."""
     found: dict[tuple[str, FNode], list[tuple[int, int, FNode]]] = {}
     for span, condition, owner in parts.conditions:
-        if owner is None or condition.node_type is not Op.EQUALS:
+        told = fluent_told(condition)
+        if owner is None or told is None or not told[1].is_constant():
             continue
-        fluent, value = condition.args
-        if not fluent.is_fluent_exp():
-            fluent, value = value, fluent
-        if not fluent.is_fluent_exp() or not value.is_constant():
-            continue
+        fluent, value = told
         ends = (_offset(span.lower, owner), _offset(span.upper, owner))
         if ends[0] is not None and ends[1] is not None:
             first, last = ends[0] + span.is_left_open(), ends[1] - span.is_right_open()
@@ -346,69 +339,7 @@ def _rebuild(key: tuple[object, ...]) -> Form:
     return disjunction([*others, *said])  # type: ignore[misc]
 
 
-# ------------------ Find "one at a time" in what users write pair by pair
-# ``Or(a.end + k <= b.start, b.end + k <= a.start)`` for every pair of a set of activities is one
-# NoOverlap over intervals [start, end + k). Pure functions on graphs.
-
-
-Graph = dict[int, set[int]]
-
-
-def graph_of(edges: Iterable[tuple[int, int]]) -> Graph:
-    """Return adjacency sets."""
-    graph: Graph = {}
-    for a, b in edges:
-        graph.setdefault(a, set()).add(b)
-        graph.setdefault(b, set()).add(a)
-    return graph
-
-
-def clique_cover(
-    graph: Graph,
-    covered: Iterable[Iterable[int]] = (),
-    spare: Iterable[tuple[int, int]] = (),
-) -> list[list[int]]:
-    """Return cliques that together contain every edge (greedy, deterministic).
-
-    Edges in ``spare`` and inside the sets in ``covered`` need not be in any. Each clique is grown
-    from an edge that is not covered yet, first by vertices that cover many uncovered edges; that
-    finds the intended sets of unary resources at once.
-    """
-    uncovered = {v: set(others) for v, others in graph.items()}
-    for done in covered:
-        members = set(done)
-        for a in members & uncovered.keys():
-            uncovered[a] -= members
-    for a, b in spare:
-        uncovered[a].discard(b)
-        uncovered[b].discard(a)
-    cliques = []
-    for v in sorted(graph, key=lambda x: (-len(graph[x]), x)):
-        while uncovered[v]:
-            w = max(uncovered[v], key=lambda x: (len(graph[x] & graph[v]), -x))
-            clique = _grow(graph, uncovered, v, w)
-            for a in clique:
-                uncovered[a].difference_update(clique)
-            cliques.append(sorted(clique))
-    return cliques
-
-
-def _grow(graph: Graph, uncovered: Graph, v: int, w: int) -> set[int]:
-    clique = {v, w}
-    candidates = graph[v] & graph[w]
-    gains = {x: len(uncovered[x] & clique) for x in candidates}
-    while candidates:
-        check_time()
-        best = max(candidates, key=lambda x: (gains[x], len(graph[x]), -x))
-        clique.add(best)
-        candidates = candidates & graph[best]
-        for x in candidates & uncovered[best]:
-            gains[x] += 1
-    return clique
-
-
 # ------------------ Disjunctions between pairs of activities
-# Disjunctions between pairs of activities: recognised, and stated as NoOverlaps.
 
 
 Owners = dict[int, list[ActivityVars]]
@@ -429,7 +360,6 @@ class Disjunctions:
         self.exclusive: set[tuple[int, int]] = set()
         """Pairs (a, b), a < b, that are never both present."""
         self._activities: list[ActivityVars] = []
-        self._timepoints: dict[FNode, tuple[TimepointKind, str] | None] = {}
 
     def apart(self, activities: frozenset[int]) -> bool:
         """Return whether no two of these activities (indices) ever overlap."""
@@ -471,8 +401,10 @@ class Disjunctions:
         """
         if constraint.node_type is not Op.OR or len(constraint.args) != 2:
             return False
-        first, second = self._written(constraint.arg(0)), self._written(constraint.arg(1))
+        first, second = map(end_before_start, constraint.args)
         if first is None or second is None or first != (second[1], second[0], second[2]):
+            return False
+        if first[2] not in (0, 1):
             return False
         a, b = activities.get(first[0]), activities.get(first[1])
         if a is None or b is None or a is b:
@@ -485,30 +417,6 @@ class Disjunctions:
                 return False
         self._note(a.index, b.index, first[2])
         return True
-
-    def _written(self, node: FNode) -> tuple[str, str, int] | None:
-        """Return (a, b, gap) if ``node`` is ``a.end < b.start`` (gap 1) or ``<=`` (gap 0)."""
-        kind = node.node_type
-        if kind is not Op.LT and kind is not Op.LE:
-            return None
-        left, right = node.args
-        end, start = self._timepoint(left), self._timepoint(right)
-        if end is None or start is None:
-            return None
-        if end[0] is not TimepointKind.END or start[0] is not TimepointKind.START:
-            return None
-        return end[1], start[1], 1 if kind is Op.LT else 0
-
-    def _timepoint(self, node: FNode) -> tuple[TimepointKind, str] | None:
-        """Return which end of which activity ``node`` is, if it is just that."""
-        if node.node_type is not Op.TIMING_EXP:
-            return None
-        if node not in self._timepoints:
-            timing = node.timing()
-            name = timing.timepoint.container
-            plain = timing.delay == 0 and name is not None
-            self._timepoints[node] = (timing.timepoint.kind, name) if plain else None
-        return self._timepoints[node]
 
     def add_unary(self, unary: Unary) -> None:
         """Remember that no two members of a unary resource overlap."""
@@ -632,17 +540,13 @@ def _precedence(
     cmp: Cmp, starts: Owners, ends: Owners
 ) -> tuple[ActivityVars, ActivityVars, int] | None:
     """Return (a, b, gap) for ``a.end + gap <= b.start``."""
-    if cmp.op != "<=" or len(cmp.terms) != 2:
+    told = difference_told(cmp)
+    if told is None:
         return None
-    (u, cu), (v, cv) = cmp.terms
-    if (cu, cv) == (-1, 1):
-        u, v = v, u
-    elif (cu, cv) != (1, -1):
-        return None
-    a, b = _owner(u, ends, cmp), _owner(v, starts, cmp)
+    a, b = _owner(told[0], ends, cmp), _owner(told[1], starts, cmp)
     if a is None or b is None or a is b:
         return None
-    return a, b, cmp.const - a.end.const + b.start.const
+    return a, b, told[2] - a.end.const + b.start.const
 
 
 def _owner(var: int, owners: Owners, cmp: Cmp) -> ActivityVars | None:

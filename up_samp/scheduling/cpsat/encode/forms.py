@@ -128,6 +128,16 @@ def value_told(form: Form, op: str) -> tuple[int, int] | None:
     return None
 
 
+def difference_told(form: Form) -> tuple[int, int, int] | None:
+    """Return (u, v, k) if a form says ``u + k <= v`` of two variables, and nothing else."""
+    if form.__class__ is not Cmp or form.op != "<=" or len(form.terms) != 2:
+        return None
+    (u, one), (v, other) = form.terms
+    if (one, other) == (1, -1):
+        return u, v, form.const
+    return (v, u, form.const) if (one, other) == (-1, 1) else None
+
+
 def conjunction(forms: Iterable[Form]) -> Form:
     """Return the conjunction of ``forms``, flattened and folded."""
     return _combine("&", TRUE, FALSE, forms)

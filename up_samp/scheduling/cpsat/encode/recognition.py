@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from up_samp.scheduling.cpsat.encode.forms import (
     TRUE,
@@ -16,16 +15,13 @@ from up_samp.scheduling.cpsat.encode.forms import (
     Lin,
     Literal,
     constant,
+    difference_told,
     value_told,
 )
 from up_samp.scheduling.cpsat.encode.states import Key, Read, States, StateVar, Write
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.encode.timeline import pair_uses
 from up_samp.scheduling.cpsat.normal.precedences import Precondition
-
-if TYPE_CHECKING:
-    from up_samp.scheduling.cpsat.encode.states import States
-
 
 Gap = Callable[[int, int], int]
 """How far apart two activities (indices) are in every schedule; negative if they may overlap."""
@@ -394,21 +390,21 @@ class _ClauseReader:
         order = [p for p in parts if p.__class__ is Cmp]
         if len(order) != 1 or len(present) + 1 < len(parts):
             return None
-        cmp = order[0]
-        if cmp.op != "<=" or sorted(c for _, c in cmp.terms) != [-1, 1]:
+        cmp, told = order[0], difference_told(order[0])
+        if told is None:
             return None
-        first, then = sorted(cmp.terms, key=lambda t: -t[1])
-        activity = self._whose(then[0], cmp.needs)
+        first, then, units = told
+        activity = self._whose(then, cmp.needs)
         if activity is None or activity.index not in self._movers:
             return None
-        helper = self._whose(first[0], cmp.needs)
+        helper = self._whose(first, cmp.needs)
         if helper is None or helper is activity:
             return None
         if not {helper.present} - {TRUE} <= present <= {helper.present, activity.present}:
             return None
         # first + const <= then, and the helper's end is at most ``late`` after ``first``
-        late = self._states.difference(helper.end, Lin(((first[0], 1),)))[1]
-        gap, point = cmp.const - late, Lin(((then[0], 1),))
+        late = self._states.difference(helper.end, Lin(((first, 1),)))[1]
+        gap, point = units - late, Lin(((then, 1),))
         ended = gap + self._states.difference(activity.end, point)[0] >= 0
         return ((helper.index, gap), activity, point) if ended else None
 

@@ -27,7 +27,6 @@ from up_samp.scheduling.cpsat.encode.terms import (
     ActivityVars,
     Terms,
     World,
-    conjuncts,
     equals_object,
     equals_parameter,
     fluents_in,
@@ -35,6 +34,7 @@ from up_samp.scheduling.cpsat.encode.terms import (
     int_bounds,
     unless_decided,
 )
+from up_samp.upio.expressions import conjuncts
 
 Key = tuple[Any, ...]
 
@@ -106,7 +106,6 @@ class StateVar:
 
 
 # ------------------ The ground fluents of a problem
-# The ground fluents of a problem: which one an expression stands for, and what it is at first.
 
 
 class GroundFluents:
@@ -195,7 +194,6 @@ def no_fluents(node: FNode) -> Lin:
 
 
 # ------------------ How conditions and values read state variables
-# How conditions and values read state variables: the reads that are registered for them.
 
 
 class Readings(GroundFluents):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
@@ -27,44 +27,21 @@ from up_samp.scheduling.cpsat.encode.forms import (
     disjunction,
 )
 from up_samp.scheduling.cpsat.encode.store import ModelStore
+from up_samp.upio.expressions import fluent_told, walk
 
 
 def equals_object(node: FNode) -> str | None:
     """Return the object's name if ``node`` says that a fluent equals an object."""
-    if node.node_type is not Op.EQUALS:
-        return None
-    left, right = node.args
-    if right.node_type is Op.FLUENT_EXP:
-        left, right = right, left
-    if left.node_type is Op.FLUENT_EXP and right.node_type is Op.OBJECT_EXP:
-        return str(right.object().name)
-    return None
+    told = fluent_told(node)
+    return str(told[1].object().name) if told and told[1].is_object_exp() else None
 
 
 def equals_parameter(node: FNode) -> str | None:
     """Return the parameter's name if ``node`` says that a fluent equals an object parameter."""
-    if node.node_type is not Op.EQUALS:
+    told = fluent_told(node)
+    if told is None or not told[1].is_parameter_exp() or not told[1].type.is_user_type():
         return None
-    left, right = node.args
-    if right.node_type is Op.FLUENT_EXP:
-        left, right = right, left
-    if left.node_type is Op.FLUENT_EXP and right.node_type is Op.PARAM_EXP:
-        return str(right.parameter().name) if right.type.is_user_type() else None
-    return None
-
-
-def conjuncts(node: FNode) -> list[FNode]:
-    """Return the parts of a conjunction (the node itself if it is none)."""
-    if node.node_type is Op.AND:
-        return [part for arg in node.args for part in conjuncts(arg)]
-    return [node]
-
-
-def walk(node: FNode) -> Iterator[FNode]:
-    """Yield ``node`` and everything below it."""
-    yield node
-    for arg in node.args:
-        yield from walk(arg)
+    return str(told[1].parameter().name)
 
 
 def fluents_in(node: FNode) -> dict[FNode, None]:

@@ -14,6 +14,7 @@ from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.scheduling import Activity
 
 from up_samp.model import check_time
+from up_samp.upio.expressions import conjuncts
 
 Constraint = tuple[FNode, list[FNode], "Activity | None"]
 Known = dict[tuple[int, bool], FNode]
@@ -39,10 +40,7 @@ def _clauses(
     if node.node_type is Op.OR and _is_order(node) and all(map(_is_presence, scope)):
         yield node, list(dict.fromkeys(scope)), owner  # the same with a scope
         return
-    heads: list[FNode] = []
-    for part in scope:
-        heads += _conjuncts(part)
-    heads = list(dict.fromkeys(heads))
+    heads = list(dict.fromkeys(h for part in scope for h in conjuncts(part) if not h.is_true()))
     for rest, more in _scoped(_inwards(node, known)):
         every = list(dict.fromkeys([*heads, *more]))
         if rest is None and len(every) <= 2 and all(_is_presence(p) for p in every):
@@ -64,12 +62,6 @@ def _is_order(node: FNode) -> bool:
 
 def _is_presence(node: FNode) -> bool:
     return bool(node.node_type is Op.PRESENT_EXP)
-
-
-def _conjuncts(node: FNode) -> list[FNode]:
-    if node.node_type is Op.AND:
-        return [part for arg in node.args for part in _conjuncts(arg)]
-    return [] if node.is_true() else [node]
 
 
 def _inwards(node: FNode, known: Known, positive: bool = True) -> FNode:

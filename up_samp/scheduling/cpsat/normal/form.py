@@ -38,7 +38,6 @@ def _anchored(timing: Timing, owner: Activity | None) -> Timing:
 
 
 # ------------------ Who is there together
-# Who is there together: activities and bool variables that ``Iff`` makes one decision.
 
 
 @dataclass(frozen=True)
@@ -102,9 +101,6 @@ def find_presences(
 
 
 # ------------------ The normal form of a problem
-# The normal form of a problem: the list of steps from what is written to what is recognised. Each
-# step says the same in one way, so a model may be built from any of them; what recognition finds
-# in the form only adds what follows anyway, or replaces what is equivalent.
 
 
 @dataclass(frozen=True)

@@ -9,15 +9,15 @@ overlaps, see :mod:`up_samp.scheduling.cpsat.encode.recognition`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from unified_planning.model import FNode
 from unified_planning.model.operators import OperatorKind as Op
-from unified_planning.model.timing import TimepointKind
 
 from up_samp.model import check_time
 from up_samp.scheduling.cpsat.normal.clauses import Constraint
+from up_samp.upio.expressions import conjuncts, end_before_start
 
 Before = tuple[str, str, int]
 """(a, b, gap): ``a.end + gap <= b.start``; gap 1 is written ``a.end < b.start``."""
@@ -52,7 +52,6 @@ class PrecedenceReader:
     """Reads preconditions and follow-ups among constraints."""
 
     def __init__(self) -> None:
-        self._times: dict[FNode, tuple[TimepointKind, str] | None] = {}
         self._befores: dict[int, Before | None] = {}
         self._presences: dict[int, str | None] = {}
 
@@ -87,7 +86,7 @@ class PrecedenceReader:
         initially = None
         gap = 0
         for option in options:
-            parts = list(_conjuncts(option))
+            parts = conjuncts(option)
             helper = self._helper(parts)
             rest = [p for p in parts if p.node_type in (Op.OR, Op.IMPLIES)]
             order = [b for b in map(self._before, parts) if b is not None]
@@ -182,32 +181,6 @@ class PrecedenceReader:
     def _before(self, node: FNode) -> Before | None:
         key = node.node_id
         if key not in self._befores:
-            self._befores[key] = self._read_before(node)
+            found = end_before_start(node)
+            self._befores[key] = found if found is not None and found[2] in (0, 1) else None
         return self._befores[key]
-
-    def _read_before(self, node: FNode) -> Before | None:
-        if node.node_type not in (Op.LE, Op.LT):
-            return None
-        left, right = (self._timepoint(a) for a in node.args)
-        if left is None or right is None:
-            return None
-        if left[0] is not TimepointKind.END or right[0] is not TimepointKind.START:
-            return None
-        return left[1], right[1], int(node.node_type is Op.LT)
-
-    def _timepoint(self, node: FNode) -> tuple[TimepointKind, str] | None:
-        if node not in self._times:
-            self._times[node] = None
-            if node.node_type is Op.TIMING_EXP:
-                timing = node.timing()
-                if timing.delay == 0 and timing.timepoint.container is not None:
-                    self._times[node] = (timing.timepoint.kind, timing.timepoint.container)
-        return self._times[node]
-
-
-def _conjuncts(node: FNode) -> Iterator[FNode]:
-    if node.node_type is Op.AND:
-        for arg in node.args:
-            yield from _conjuncts(arg)
-    else:
-        yield node

@@ -162,7 +162,6 @@ def _variable(value: Lin | None) -> int | None:
 
 
 # ------------------ How long a move lasts at least
-# How long a move lasts at least, if its parameters have certain values; or that they cannot.
 
 
 Values = Mapping[int, int]

@@ -74,7 +74,6 @@ def _leading(
 
 
 # ------------------ What moves of one traveller need of other states
-# What moves of one traveller need of other states: doors, rooms behind them, what holds still.
 
 
 def find_entries(model: ScheduleModel, route: Route, changes: list[Mover]) -> None:
@@ -213,8 +212,6 @@ def _kept(model: ScheduleModel, activity: ActivityVars, read: Read) -> tuple[int
 
 
 # ------------------ Routes inside a problem
-# Routes inside a problem: a state variable that some members of a clique change (moves) and
-# others need (work at places), all one at a time.
 
 
 def find_routes(model: ScheduleModel) -> list[Route]:

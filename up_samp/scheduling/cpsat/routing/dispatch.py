@@ -7,19 +7,14 @@ model: order, machines, doors, unary places.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
 
-from up_samp.scheduling.cpsat.encode.forms import TRUE, Cmp, Literal
+from up_samp.scheduling.cpsat.encode.forms import TRUE, Literal, difference_told
 from up_samp.scheduling.cpsat.encode.states import Key, StateVar, Write
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.route import Move, Route
-
-if TYPE_CHECKING:
-    from up_samp.scheduling.cpsat.model import ScheduleModel
 
 
 @dataclass(frozen=True)
@@ -174,7 +169,7 @@ class RoutedTask:
     """(needed task, time from its start): what opens the way to this one, whoever does it."""
 
 
-Entrance = tuple[Key, frozenset[int]]
+Need = tuple[Key, frozenset[int]]
 """A state, and the values that it must have for somebody to come."""
 
 
@@ -207,7 +202,7 @@ def with_openings(
     return tasks
 
 
-def _openers(model: ScheduleModel, tasks: list[RoutedTask], entrance: Entrance) -> list[int] | None:
+def _openers(model: ScheduleModel, tasks: list[RoutedTask], entrance: Need) -> list[int] | None:
     """Return the tasks that open an entrance, if all that changes it does just that, and alike."""
     key, allowed = entrance
     state = model.states.vars[key]
@@ -279,13 +274,13 @@ def _greatest(some: list[tuple[int, int]]) -> dict[int, int]:
     return found
 
 
-def _mark(routes: list[Route], tasks: list[RoutedTask], openers: dict[Entrance, int]) -> None:
+def _mark(routes: list[Route], tasks: list[RoutedTask], openers: dict[Need, int]) -> None:
     """Mark what has to be opened for what is wanted, and so on."""
     agenda = [i for i, task in enumerate(tasks) if task.wanted]
     known = set(agenda)
     while agenda:
         number = agenda.pop()
-        for entrance, lead in _entrances(routes, tasks[number]).items():
+        for entrance, lead in entrances_of(routes, tasks[number]).items():
             opener = openers.get(entrance)
             if opener is None or opener == number:
                 continue
@@ -297,9 +292,9 @@ def _mark(routes: list[Route], tasks: list[RoutedTask], openers: dict[Entrance, 
                 agenda.append(opener)
 
 
-def _entrances(routes: list[Route], task: RoutedTask) -> dict[Entrance, int]:
+def entrances_of(routes: list[Route], task: RoutedTask) -> dict[Need, int]:
     """Return what must be open for a task whoever does it wherever, and for how long at least."""
-    common: dict[Entrance, int] | None = None
+    common: dict[Need, int] | None = None
     for number, stop, places in task.ways:
         route = routes[number]
         late = route.step - route.rest(stop)
@@ -315,10 +310,6 @@ def _entrances(routes: list[Route], task: RoutedTask) -> dict[Entrance, int]:
 
 
 # ------------------ Who does what where
-# Who does what where: the tasks of travellers, for quick constructive schedules. A task is one of
-# several alternatives (stops of routes) that are done once; its times are one start variable, and
-# whatever opens the same door is one task. What the tasks need is read off the full model: order,
-# machines, doors, unary places.
 
 
 Memory = dict[tuple[object, ...], dict[int, int]]
@@ -388,9 +379,10 @@ def find_tasks(model: ScheduleModel, routes: list[Route]) -> list[RoutedTask]:
     for number, some in presences.items():
         # what may be done without any route is not sure, though one of the alternatives is
         tasks[number].wanted = model.surely(some)
-    for first, then, gap in _differences(model):
-        if first in numbers and then in numbers:
-            tasks[numbers[then]].after.append((numbers[first], gap))
+    for form in model.stated:
+        told = difference_told(form)
+        if told is not None and not form.needs and told[0] in numbers and told[1] in numbers:
+            tasks[numbers[told[1]]].after.append((numbers[told[0]], told[2]))
     seen = set[tuple[int, int]]()
     for a, b in model.disjunctions.gaps:
         i, j = sorted((owners.get(a, -1), owners.get(b, -1)))
@@ -410,17 +402,6 @@ def find_tasks(model: ScheduleModel, routes: list[Route]) -> list[RoutedTask]:
     _find_changes(model, states, owners, tasks)
     _find_stirs(model, states, tasks)
     return with_openings(model, routes, tasks)
-
-
-def _differences(model: ScheduleModel) -> Iterator[tuple[int, int, int]]:
-    """Yield (u, v, k) for every unconditional u + k <= v."""
-    for form in model.stated:
-        if form.__class__ is Cmp and not form.needs and form.op == "<=" and len(form.terms) == 2:
-            (u, cu), (v, cv) = form.terms
-            if (cu, cv) == (1, -1):
-                yield u, v, form.const
-            elif (cu, cv) == (-1, 1):
-                yield v, u, form.const
 
 
 def _gap_between(model: ScheduleModel, one: RoutedTask, other: RoutedTask) -> int | None:

@@ -123,7 +123,6 @@ class LabelTable:
 
 
 # ------------------ From beginnings of sequences of tasks to those that are longer by a task
-# From beginnings of sequences of tasks to those that are longer by a task: arrays of labels.
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,11 @@ from up_samp.model import CandidateSchedule, Deadline
 from up_samp.scheduling.cpsat.encode.disjunctions import merge_forms
 from up_samp.scheduling.cpsat.encode.forms import (
     TRUE,
-    Cmp,
     Form,
     Lin,
     Literal,
     constant,
+    difference_told,
     disjunction,
     indicator_sum,
 )
@@ -39,7 +39,7 @@ from up_samp.scheduling.cpsat.routing.legs import (
     entry_form,
     find_levels,
 )
-from up_samp.scheduling.cpsat.routing.route import INFINITE, Entrance, Route
+from up_samp.scheduling.cpsat.routing.route import INFINITE, Entrance, Route, way_back
 
 
 class PrecedenceClosure:
@@ -54,12 +54,9 @@ class PrecedenceClosure:
     def __init__(self, forms: Iterable[Form]) -> None:
         self._after: dict[int, set[int]] = {}
         for form in forms:
-            if form.__class__ is Cmp and not form.needs and form.op == "<=":
-                coefficients = dict(form.terms)
-                if sorted(coefficients.values()) == [-1, 1] and form.const > 0:
-                    (first,) = (v for v, c in form.terms if c == 1)
-                    (then,) = (v for v, c in form.terms if c == -1)
-                    self._after.setdefault(first, set()).add(then)
+            told = difference_told(form)
+            if told is not None and not form.needs and told[2] > 0:
+                self._after.setdefault(told[0], set()).add(told[1])
         self._known: dict[int, set[int]] = {}
 
     def before(self, first: int, then: int) -> bool:
@@ -76,7 +73,6 @@ class PrecedenceClosure:
 
 
 # ------------------ A problem without some of its activities
-# A problem without some of its activities, and without whatever speaks of them.
 
 
 TimedEffect = tuple[Timing, Effect, Activity | None]
@@ -336,7 +332,7 @@ class RoutingRelaxation:
                 self._legs.when(soonest.le(stop.start), arc.literal)
                 if arc.hop is not None:
                     hops.setdefault(arc.hop, []).append(arc.literal)
-            back = self._way_back(route, stop.name, places)
+            back = way_back(route, places, route.returns.get(stop.name, route.final))
             literal = store.boolean()
             circuit.append((j, 0, store.raw(literal)))
             load.append((literal, back))
@@ -408,15 +404,6 @@ class RoutingRelaxation:
             if detour is not None:
                 ways.append((detour[0], last, None))
         return ways
-
-    @staticmethod
-    def _way_back(route: Route, stop: str, places: frozenset[int]) -> int:
-        """Return the time from the end of a last stop to the end of everything."""
-        final = route.returns.get(stop, route.final)
-        if final is None or places & final:
-            return 0
-        distance = route.between(places, final)
-        return 0 if distance >= INFINITE else max(0, route.gap + distance - route.step)
 
     # -- what moves need -----------------------------------------------------------------------
     def _enter(

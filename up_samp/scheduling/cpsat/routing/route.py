@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Set
 from dataclasses import dataclass, field, replace
 
 from up_samp.scheduling.cpsat.encode.states import Key
@@ -38,7 +38,6 @@ def shorten(lengths: dict[Pair, int], places: Iterable[int]) -> dict[Pair, int]:
 
 
 # ------------------ The route of one traveller
-# The route of one traveller, as it is read off a model: moves, stops, the ways between places.
 
 
 INFINITE = 10**12
@@ -158,7 +157,7 @@ class Route:
                 self.travel[a, b], self._via[a, b] = 0, b
         self._via.update(shorten(self.travel, order))
 
-    def between(self, some: frozenset[int], others: frozenset[int]) -> int:
+    def between(self, some: Set[int], others: Set[int]) -> int:
         """Return the least travel time from a place in ``some`` to one in ``others``."""
         return min(
             (self.travel.get((a, b), INFINITE) for a in some for b in others), default=INFINITE
@@ -255,3 +254,13 @@ class Route:
             found.append(min(same, key=lambda m: m.least, default=move))
             here = move.to
         return found
+
+
+def way_back(route: Route, places: Set[int], final: Set[int] | None) -> int:
+    """Return the least time from the end of a last stop, at one of ``places``, to that of
+    everything, if the traveller has to come to one of ``final`` (``None``: anywhere).
+    """
+    if final is None or places & final:
+        return 0
+    distance = route.between(places, final)
+    return 0 if distance >= INFINITE else max(0, route.gap + distance - route.step)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from up_samp.scheduling.cpsat.routing.dispatch import RoutedTask, RoutedWork
-from up_samp.scheduling.cpsat.routing.route import INFINITE, Route
+from up_samp.scheduling.cpsat.routing.route import INFINITE, Route, way_back
 
 MOST_BITS = 62
 """Places, or direct moves, that have a bit in a word."""
@@ -112,14 +112,6 @@ def cost(route: Route, here: int, place: int, stop: str, *, first: bool) -> int:
     return distance - late + (0 if first else route.gap)
 
 
-def way_back(route: Route, place: int) -> int:
-    """Return the least time from the end of a last stop, at ``place``, to that of everything."""
-    if route.final is None or place in route.final:
-        return 0
-    distance = route.between(frozenset((place,)), route.final)
-    return 0 if distance >= INFINITE else max(0, route.gap + distance - route.step)
-
-
 @dataclass(frozen=True)
 class Programme:
     """The wanted tasks, and all sets of them (bits) that may be done at some time.
@@ -167,7 +159,7 @@ class Programme:
         steps = [list(self._steps(task, anywhere=anywhere)) for task in self.tasks]
         end = np.zeros(shape, dtype=np.int64)
         for axis, (route, some) in enumerate(zip(self.routes, self.spots, strict=True)):
-            end = end + self._along(axis, [0, *(way_back(route, p) for p in some)])
+            end = end + self._along(axis, [0, *(way_back(route, {p}, route.final) for p in some)])
         tables = {self.layers[-1][0]: end}
         for layer in reversed(self.layers[:-1]):
             for count, done in enumerate(layer):
@@ -226,7 +218,6 @@ def _ideals(before: list[int], most: int) -> list[list[int]] | None:
 
 
 # ------------------ What a sequence of tasks has to obey
-# What a sequence of tasks has to obey: who may do what where, precedences, changes, ways left.
 
 
 @dataclass(frozen=True)
@@ -267,7 +258,7 @@ def choices_of(programme: Programme, ways: list[TravelTables]) -> list[SequenceC
             ways[axis].number[place],
             1 + programme.spots[axis].index(place),
             programme.routes[axis].step - programme.routes[axis].rest(stop),
-            way_back(programme.routes[axis], place),
+            way_back(programme.routes[axis], {place}, programme.routes[axis].final),
         )
         for number, task in enumerate(programme.tasks)
         for axis, stop, places in task.ways

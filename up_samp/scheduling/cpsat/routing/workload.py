@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 from ortools.sat.python import cp_model
 
-from up_samp.scheduling.cpsat.encode.states import Key
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.routing.dispatch import Memory, RoutedTask, RoutedWork
-from up_samp.scheduling.cpsat.routing.route import INFINITE, Route
-from up_samp.scheduling.cpsat.routing.rules import Programme, SequenceRules, cost, way_back
+from up_samp.scheduling.cpsat.routing.dispatch import (
+    Memory,
+    Need,
+    RoutedTask,
+    RoutedWork,
+    entrances_of,
+)
+from up_samp.scheduling.cpsat.routing.route import INFINITE, Route, way_back
+from up_samp.scheduling.cpsat.routing.rules import Programme, SequenceRules, cost
 from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
 from up_samp.scheduling.cpsat.tuning import BoundsTuning
 
@@ -168,7 +174,7 @@ def _share(
     )
     if min(first, later) >= INFINITE:
         return None
-    return TaskShare(first, later, min(way_back(route, place) for place in places))
+    return TaskShare(first, later, way_back(route, places, route.final))
 
 
 def bound_by_assignment(
@@ -355,17 +361,11 @@ def _needed(model: ScheduleModel, work: RoutedWork) -> list[list[RoutedTask]]:
     """Return sets of tasks of each of which one has to be done, though nobody wants it by itself:
     what opens the doors on the only ways to what is wanted. The sets have no task in common.
     """
-    wanted: dict[tuple[Key, frozenset[int]], None] = {}
+    wanted: dict[Need, None] = {}
     for task in work.tasks:
         if task.wanted:
-            common: set[tuple[Key, frozenset[int]]] | None = None
-            for route_number, _, places in task.ways:
-                route = work.routes[route_number]
-                for place in places:
-                    entries = () if place == route.initial else route.entries.get(place, ())
-                    mine = {(e.state, e.allowed) for e in entries}
-                    common = mine if common is None else common & mine
-            wanted.update(dict.fromkeys(sorted(common or (), key=str)))
+            needs = entrances_of(work.routes, task)
+            wanted.update(dict.fromkeys(sorted(needs, key=str)))
     owners = {name: i for i, task in enumerate(work.tasks) for _, name, _ in task.ways}
     found, taken = [], set[int]()
     for key, allowed in wanted:
@@ -404,11 +404,12 @@ def _squeezed(work: RoutedWork, tasks: list[RoutedTask]) -> int:
 
 def _detours(route: Route, stop: str, place: int, spots: set[int], late: int) -> Iterator[int]:
     """Yield how much longer a route is by ``place`` between any two places, or in the end."""
+    back = partial(way_back, route, final=route.final)
     for a in spots:
         coming = cost(route, a, place, stop, first=True)
         if coming >= INFINITE:
             continue
-        yield coming + way_back(route, place) - way_back(route, a)
+        yield coming + back({place}) - back({a})
         for b in spots:
             going = route.travel.get((place, b), INFINITE)
             direct = route.travel.get((a, b), INFINITE)

@@ -65,7 +65,6 @@ def hint_values(model: ScheduleModel, schedule: CandidateSchedule) -> dict[int, 
 
 
 # ------------------ Attempts at one model
-# Attempts at one model: what is known of its schedules, and single runs of CP-SAT to know more.
 
 
 Progress = Callable[[CandidateSchedule, "int | None"], None]
