@@ -9,7 +9,6 @@ from up_samp.search.fleet.tuning import (
     DealsTuning,
     InOrderTuning,
     LargeTuning,
-    RoundsTuning,
     ToursTuning,
 )
 
@@ -124,7 +123,6 @@ class SearchTuning(Tunables):
     tours: ToursTuning = field(default_factory=ToursTuning)
     deals: DealsTuning = field(default_factory=DealsTuning)
     large: LargeTuning = field(default_factory=LargeTuning)
-    rounds: RoundsTuning = field(default_factory=RoundsTuning)
     start: StartTuning = field(default_factory=StartTuning)
     slack: SlackTuning = field(default_factory=SlackTuning)
     neighbourhoods: NeighbourhoodsTuning = field(default_factory=NeighbourhoodsTuning)

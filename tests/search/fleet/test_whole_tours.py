@@ -102,7 +102,9 @@ def test_a_way_past_all_ends_is_open_once_everybody_is_there():
 
 
 def opened(problem, seed):
-    """Return a search on what was dealt out of a problem, and its first candidate."""
+    """Return a search on what was dealt out of a problem, its first candidate, what makes plans of
+    it, and what was dealt out.
+    """
     get_environment().credits_stream = None
     snapshot, grid = lay_out(read_problem(problem))
     service = session.open_service(snapshot, grid, Parameters())
@@ -116,7 +118,7 @@ def opened(problem, seed):
     report = get_schedule(search, optimal=False)
     search.scheduler.close()
     build = partial(session.to_plan, problem, snapshot, 0.01)
-    return search, read_itinerary(search.knowledge.relaxation, report.schedule), build
+    return search, read_itinerary(search.knowledge.relaxation, report.schedule), build, dealt
 
 
 @pytest.mark.parametrize(
@@ -126,7 +128,7 @@ def test_every_fleet_that_parks_out_of_the_way_gets_a_plan(seed):
     rng = random.Random(seed)
     encoding = WAREHOUSE_ENCODINGS[seed % 2]
     problem = warehouse(rng.randint(3, 4), rng.randint(5, 7), encoding=encoding, seed=seed)
-    search, itinerary, build = opened(problem, seed)
+    search, itinerary, build, _ = opened(problem, seed)
     found = plan_tours(search, itinerary, Deadline.after(100))
     assert found is not None
     done = found.decided
@@ -136,7 +138,7 @@ def test_every_fleet_that_parks_out_of_the_way_gets_a_plan(seed):
 
 def test_what_is_late_goes_first_and_who_is_not_in_its_way_keeps_its_tour():
     problem = warehouse(4, 6, encoding="compact")
-    search, itinerary, _ = opened(problem, 0)
+    search, itinerary, _, _ = opened(problem, 0)
     tours = undecided_tours(search, itinerary, frozenset())
     assert tours.decide(Priorities(), Deadline.after(60)) is None
     done = tours.decided()
@@ -159,7 +161,7 @@ def test_what_is_late_goes_first_and_who_is_not_in_its_way_keeps_its_tour():
 
 def test_needless_ways_home_are_left_out_of_plans():
     problem = warehouse(3, 5, encoding="compact")
-    search, itinerary, build = opened(problem, 0)
+    search, itinerary, build, _ = opened(problem, 0)
     homes = homes_of(find_jobs(problem, read_problem(problem)))
     done = plan_tours(search, itinerary, Deadline.after(100), homes=homes).decided
     assert done.needless

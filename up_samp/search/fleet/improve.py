@@ -1,4 +1,13 @@
-"""First tours of a candidate, and better ones: priority search, large-neighbourhood search."""
+"""Tours of a fleet by large-neighbourhood search: first ones, and better and better ones.
+
+*First tours*: all tours are decided in the order of time, again and again; those that ended late
+have their turns sooner in the next round (squeaky wheel optimisation; Joslin and Clements 1999).
+*Better tours*: some are withdrawn and decided anew among the others, whose motions and times stay
+as they are (Shaw 1998; for paths of many robots: Li et al., "Anytime Multi-Agent Path Finding via
+Large Neighborhood Search", IJCAI 2021). What is withdrawn, and who goes first then, is the choice
+of a *move*: one of the functions in :data:`MOVES`. A change is kept unless the plan gets longer by
+it, or its tours do on the whole.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +21,7 @@ from up_samp.search.fleet.assignment import Assignment
 from up_samp.search.fleet.evaluator import Step
 from up_samp.search.fleet.sequential import FleetSolution, alone, can_decide, times_of
 from up_samp.search.fleet.tours import Past, Priorities, TourPlanner
-from up_samp.search.fleet.tuning import LargeTuning, RoundsTuning, ToursTuning
+from up_samp.search.fleet.tuning import LargeTuning, ToursTuning
 from up_samp.search.search import Search
 from up_samp.upio import Itinerary
 
@@ -20,12 +29,12 @@ from up_samp.upio import Itinerary
 @dataclass(frozen=True)
 class FirstTours:
     """Tours and the best way to decide them that was found. ``ahead``: how much sooner (s) robots
-    had their turns than they would, None if they had none.
+    had their turns than they would.
     """
 
     tours: TourPlanner
     decided: FleetSolution
-    ahead: Mapping[str, float] | None
+    ahead: Mapping[str, float] = field(default_factory=dict)
 
 
 def plan_tours(
@@ -46,12 +55,10 @@ def plan_tours(
         if tours is None:
             return None
         tours.learn_ways_past(tuning.past, deadline)
-        rounds = PrioritySearch(tours, tuning, random.Random(search.seed))
-        best = rounds.best(deadline)
-        if best is not None:
-            return FirstTours(tours, best, rounds.good)
-        whole = _whole(tours, tuning, deadline)
-    return FirstTours(tours, tours.decided(), None) if whole else None
+        found = squeaky_wheel(tours, tuning, random.Random(search.seed), deadline)
+        if found is None and _whole(tours, tuning, deadline):
+            found = FirstTours(tours, tours.decided())
+    return found
 
 
 def undecided_tours(
@@ -66,72 +73,42 @@ def undecided_tours(
     return None if times is None else TourPlanner(search, itinerary, times, homes)
 
 
-@dataclass
-class PrioritySearch:
-    """All tours decided in the order of time, again and again."""
-
-    tours: TourPlanner
-    tuning: ToursTuning
-    rng: random.Random
-    first: list[str] = field(default_factory=list)
-    """Whose whole tours go before all others."""
-    ahead: dict[str, float] = field(default_factory=dict)
-    """How much sooner (s) robots have their turns than they would."""
-    late: set[str] = field(default_factory=set)
-    """Who was stuck before there was any good round."""
-    good: dict[str, float] | None = None
-    """What that was in the best round."""
-
-    def best(self, deadline: Deadline) -> FleetSolution | None:
-        """Return the tours of the best round, if any round brought some."""
-        tuning, best = self.tuning, None
-        for number in range(tuning.rounds):
-            if deadline.expired():
-                break
-            looking, more = divmod(number, tuning.each)
-            looks = looking if not more else 0
-            given = Priorities(
-                tuple(self.first),
-                self._turns(),
-                looks,
-                past=Past.QUICK if looks else Past.NONE,
-            )
-            found = self._round(given, deadline)
-            if found is None and best is None and number + 1 >= tuning.hopeless:
-                break
-            if found is not None and (best is None or found.cost(1) < best.cost(1)):
-                best, self.good = found, dict(given.ahead)
-            if found is not None:
-                self._hear(found.ends())
-        return best
-
-    def _turns(self) -> dict[str, float]:
-        """Return how much sooner (s) robots have their turns in the next round."""
-        noise = self.tuning.noise if self.ahead else 0.0
-        return {r: self.ahead.get(r, 0.0) + self.rng.uniform(0, noise) for r in self.tours.robots}
-
-    def _round(self, given: Priorities, deadline: Deadline) -> FleetSolution | None:
-        """Return the tours of one round; None where somebody was stuck: who goes first then."""
-        tours = self.tours
+def squeaky_wheel(
+    tours: TourPlanner, tuning: ToursTuning, rng: random.Random, deadline: Deadline
+) -> FirstTours | None:
+    """Return the tours of the best of some rounds, if any brings some. In each all are decided in
+    the order of time; who is stuck, or ends late, has its turns sooner in the next one.
+    """
+    best: FirstTours | None = None
+    ahead: dict[str, float] = {}
+    first: list[str] = []  # whose whole tours go before all others
+    late = set[str]()  # who was stuck before there was any good round
+    for number in range(tuning.rounds):
+        if deadline.expired() or (best is None and number >= tuning.hopeless):
+            break
+        noise = tuning.noise if ahead else 0.0
+        turns = {r: ahead.get(r, 0.0) + rng.uniform(0, noise) for r in tours.robots}
+        looks = number // tuning.each if number % tuning.each == 0 else 0
+        past = Past.QUICK if looks else Past.NONE
         tours.reset()
-        stuck = tours.decide_in_turns(given, deadline)
-        if stuck is None:
-            return tours.decided()
-        if self.good is None and stuck in self.late:
-            self.first = _sooner(stuck, self.first)
-        self.late.add(stuck)
-        before = self.ahead if self.good is None else self.good
-        self.ahead = {**before, stuck: before.get(stuck, 0.0) + self.tuning.sooner}
-        return None
-
-    def _hear(self, ends: Mapping[str, float]) -> None:
-        """Let those that ended later than most (s) have their turns sooner."""
+        stuck = tours.decide_in_turns(Priorities(tuple(first), turns, looks, past=past), deadline)
+        if stuck is not None:
+            if best is None and stuck in late:
+                first = _sooner(stuck, first)
+            late.add(stuck)
+            before = ahead if best is None else best.ahead
+            ahead = {**before, stuck: before.get(stuck, 0.0) + tuning.sooner}
+            continue
+        found = tours.decided()
+        if best is None or found.cost(1) < best.decided.cost(1):
+            best = FirstTours(tours, found, turns)
+        ends = found.ends()
         usual = sorted(ends.values())[len(ends) // 2]
-        kept, heard = self.tuning.kept, self.tuning.heard
-        self.ahead = {
-            robot: kept * self.ahead.get(robot, 0.0) + heard * max(0.0, end - usual)
+        ahead = {
+            robot: tuning.kept * ahead.get(robot, 0.0) + tuning.heard * max(0.0, end - usual)
             for robot, end in ends.items()
         }
+    return best
 
 
 def _whole(tours: TourPlanner, tuning: ToursTuning, deadline: Deadline) -> bool:
@@ -155,250 +132,198 @@ def _sooner(stuck: str, first: Sequence[str]) -> list[str]:
     return [stuck, *(name for name in first if name != stuck)]
 
 
-# ------------------ Better rounds
-# Better rounds: whose turn comes when is changed a little, and kept if everybody is done sooner.
-# A round decides all tours anew in the order of time, on the ways that are known
-#: it is over in a fraction of a second, and hangs on whose
-# turn comes sooner than it would. So those turns are searched (iterated local search; Lourenço,
-# Martin and Stützle 2003): some robots, those that end last most often, have their turns sooner
-# or later; or those motions of theirs that take much longer than they would alone look for other
-# ways, which all rounds know from then on. A round is given up as soon as somebody cannot end any
-# more before the last one of the best round does.
-
-
-@dataclass
-class PriorityLocalSearch:
-    """The best round so far, with how much sooner (s) robots have their turns in it, and the search
-    for better ones.
-
-    :param steep: to which power a tour's end counts.
-    """
-
-    tours: TourPlanner
-    best: FleetSolution
-    ahead: Mapping[str, float]
-    tuning: RoundsTuning
-    steep: int
-    rng: random.Random
-
-    def improved(self, over: Callable[[], bool], deadline: Deadline) -> Iterator[FleetSolution]:
-        """Yield tours that are over sooner than all before, until it is ``over`` or many rounds in
-        a row bring nothing.
-        """
-        stale = 0
-        while stale < self.tuning.stale and not over():
-            looking = self._looking() if self.rng.random() < self.tuning.looking else {}
-            turned = not looking or self.rng.random() < self.tuning.both
-            ahead = self._other_turns() if turned else self.ahead
-            found, before = self._round(ahead, looking, deadline), self.best
-            stale += 1
-            if found is None or found.cost(self.steep) > before.cost(self.steep):
-                continue
-            self.best, self.ahead = found, ahead  # as good ones, too: they lead elsewhere
-            if found.cost(self.steep) < before.cost(self.steep):
-                stale = 0
-            if found.lean().makespan < before.lean().makespan:
-                yield found
-
-    def _round(
-        self, ahead: Mapping[str, float], looking: Mapping[str, int], deadline: Deadline
-    ) -> FleetSolution | None:
-        """Return the tours of a round; None where somebody was stuck or ends too late."""
-        latest = self.best.lean().makespan
-        given = Priorities(ahead=ahead, looking=looking, latest=latest)
-        self.tours.reset()
-        stuck = self.tours.decide_in_turns(given, deadline)
-        return self.tours.decided() if stuck is None else None
-
-    def _other_turns(self) -> dict[str, float]:
-        """Return turns of which some come sooner or later."""
-        rng, last, found = self.rng, self._last_first(), dict(self.ahead)
-        for _ in range(rng.choice(self.tuning.turns)):
-            robot = self._one_of_the_last(last) if rng.random() < 0.5 else rng.choice(last)
-            sooner = rng.uniform(-self.tuning.sooner, self.tuning.sooner)
-            found[robot] = found.get(robot, 0.0) + sooner
-        return found
-
-    def _looking(self) -> dict[str, int]:
-        """Return how often motions look for other ways, those of some of the last robots that take
-        longest.
-        """
-        last, found = self._last_first(), dict[str, int]()
-        for robot in sorted({self._one_of_the_last(last) for _ in range(2)}):
-            delays = self.tours.delays(self.best, robot)
-            longest = sorted(delays, key=lambda name: (-delays[name], name))[: self.tuning.motions]
-            for name in longest:
-                if delays[name] > self.tuning.delayed:
-                    found[name] = self.tours.looked(name) + 1
-        return found
-
-    def _last_first(self) -> list[str]:
-        ends = self.best.ends()
-        return sorted(self.tours.robots, key=lambda robot: (-ends.get(robot, 0.0), robot))
-
-    def _one_of_the_last(self, ranked: list[str]) -> str:
-        return ranked[min(int(self.rng.expovariate(0.5)), len(ranked) - 1)]
-
-
-# ------------------ Better plans of a fleet
-# Better plans of a fleet: some tours are withdrawn and decided anew among the others. First all
-# tours are decided again and again, if that is how they were
-# found, until that brings nothing any more. Then comes a large-neighbourhood search (Shaw 1998;
-# for paths of many robots: Li et al., "Anytime Multi-Agent Path Finding via Large Neighborhood
-# Search", IJCAI 2021). One of the tours that end last is decided anew, with some of those that
-# delay it or with any others, in a random order or in the order of time; or its robot gives a job
-# to another one, or exchanges one with it. What is not withdrawn stays as it is, motions and
-# times. A change is kept if the plan gets shorter, or if it does not and its tours do on the
-# whole.
+# ------------------ Better tours
 
 
 OpenTours = Callable[[Assignment, Deadline], TourPlanner | None]
 """Opens tours of what was dealt out, with nothing decided; None where they cannot be."""
 
 
+@dataclass(frozen=True)
+class Change:
+    """What a move asks for: the tours of some robots are ``withdrawn`` (None: all) and decided
+    anew, in the order of time or whole, with ``given`` priorities.
+
+    :param dealt: what is dealt out then, if that is something else.
+    """
+
+    withdrawn: Sequence[str] | None
+    given: Priorities
+    in_turns: bool = True
+    dealt: Assignment | None = None
+
+
 @dataclass
-class TourLNS:
-    """The best tours so far of a fleet, and the search for better ones."""
+class FleetLNS:
+    """The best tours so far of a fleet, and the search for better ones.
+
+    :param ahead: how much sooner (s) robots have their turns when all tours are decided anew.
+    """
 
     dealt: Assignment
     tours: TourPlanner
     best: FleetSolution
+    ahead: Mapping[str, float]
     open_tours: OpenTours
     tuning: LargeTuning
     rng: random.Random
     tried: set[tuple[object, ...]] = field(default_factory=set)
     """Exchanges of jobs that did not help since the last change."""
-    delays: dict[str, set[str]] = field(default_factory=dict)
+    _delaying: dict[str, set[str]] = field(default_factory=dict)
     """Who delays a robot, as far as that was asked since the last change."""
-    ahead: Mapping[str, float] | None = None
-    """How much sooner (s) robots had their turns in the round that these tours are of, if any."""
-    rounds: RoundsTuning = field(default_factory=RoundsTuning)
 
     def improved(self, over: Callable[[], bool], deadline: Deadline) -> Iterator[FleetSolution]:
-        """Yield tours that are over sooner than all before, until it is ``over``."""
-        if self.ahead is not None:
-            steep, ahead = self.dealt.tuning.steep, self.ahead
-            rounds = PriorityLocalSearch(self.tours, self.best, ahead, self.rounds, steep, self.rng)
-            for found in rounds.improved(over, deadline):
-                self._keep(found)
-                yield found
-            self._keep(rounds.best)
-        yield from self._changed(over, deadline)
-
-    def _changed(self, over: Callable[[], bool], deadline: Deadline) -> Iterator[FleetSolution]:
-        """Yield the same, with a few tours decided anew at a time."""
-        stale = 0
+        """Yield tours that are over sooner than all before, until it is ``over`` or many changes in
+        a row bring nothing.
+        """
+        stale, shares = 0, [share for _, share in MOVES]
         while stale < self.tuning.stale and not over():
-            change = self._other_jobs if self.rng.random() < self.tuning.jobs else self._other_order
-            found, before = change(deadline), self.best
+            ((move, _),) = self.rng.choices(MOVES, shares)
             stale += 1
-            if found is None or self._cost(found) >= self._cost(before):
+            before = self.cost(self.best)
+            found = self._decided(move(self, deadline), deadline)
+            if found is None or self.cost(found) > before:
                 continue
-            self._keep(found)
-            stale = 0
-            if found.lean().makespan < before.lean().makespan:
+            # as good ones, too: they lead elsewhere
+            self.best = found
+            self.tried.clear()
+            self._delaying.clear()
+            if self.cost(found) < before:
+                stale = 0
+            if self.cost(found)[0] < before[0]:
                 yield found
 
-    def polished(self, changes: int, deadline: Deadline) -> FleetSolution:
-        """Return the best tours after some ``changes``, none of which gives jobs to others."""
-        for _ in range(changes):
-            if deadline.expired():
-                break
-            found = self._other_order(deadline)
-            if found is not None and self._cost(found) < self._cost(self.best):
-                self._keep(found)
-        return self.best
-
-    def _keep(self, found: FleetSolution) -> None:
-        """Go on from better tours."""
-        self.best = found
-        self.tried.clear()
-        self.delays.clear()
-
-    def _cost(self, decided: FleetSolution) -> tuple[int, float]:
+    def cost(self, decided: FleetSolution) -> tuple[int, float]:
+        """Return the makespan of tours, and what they are worth on the whole."""
         return decided.cost(self.dealt.tuning.steep)
 
-    def _ranked(self) -> list[str]:
+    def last_first(self) -> list[str]:
         """Return the robots, those that end last first."""
         ends = self.best.ends()
         return sorted(self.tours.robots, key=lambda r: (-ends.get(r, 0.0), r))
 
-    def _other_order(self, deadline: Deadline) -> FleetSolution | None:
-        """Return what comes of deciding one of the last tours anew, with those that delay it or
-        with any others, in a random order.
-        """
-        rng, ranked = self.rng, self._ranked()
-        last = ranked[min(int(rng.expovariate(1.0)), len(ranked) - 1)]
-        others = sorted(set(ranked) - {last})
-        many = min(len(others), rng.randint(1, self.tuning.together))
-        asked = rng.random() < self.tuning.delaying
-        delaying = sorted(self._delaying(last, deadline)) if asked else []
-        some = rng.sample(delaying, min(len(delaying), many))
-        some += rng.sample([r for r in others if r not in some], many - len(some))
-        some.append(last)
-        rng.shuffle(some)
-        if rng.random() < self.tuning.ahead:
-            some.sort(key=lambda robot: robot != last)
-        return self._anew(self.tours, some, deadline)
+    def one_of_the_last(self) -> str:
+        """Return a robot at random, one that ends last more likely than others."""
+        ranked = self.last_first()
+        return ranked[min(int(self.rng.expovariate(0.7)), len(ranked) - 1)]
 
-    def _delaying(self, robot: str, deadline: Deadline) -> set[str]:
+    def delaying(self, robot: str, deadline: Deadline) -> list[str]:
         """Return who delays a robot in the best tours."""
-        if robot not in self.delays:
-            self.delays[robot] = self.tours.delaying(self.best, robot, deadline)
-        return self.delays[robot]
+        if robot not in self._delaying:
+            self._delaying[robot] = self.tours.delaying(self.best, robot, deadline)
+        return sorted(self._delaying[robot])
 
-    def _other_jobs(self, deadline: Deadline) -> FleetSolution | None:
-        """Return what comes of giving a job of the last tour to another robot."""
-        options = self._exchanges()
-        if not options:
-            return self._other_order(deadline)
-        _, key, changed = options[self.rng.randrange(min(len(options), self.tuning.choice))]
-        self.tried.add(key)
-        dealt = self.dealt.with_tours(changed)
-        tours = self.open_tours(dealt, deadline)
-        found = None if tours is None else self._anew(tours, list(changed), deadline)
-        if tours is not None and found is not None and self._cost(found) < self._cost(self.best):
-            self.dealt, self.tours = dealt, tours
-        return found
-
-    def _anew(
-        self, tours: TourPlanner, some: list[str], deadline: Deadline
-    ) -> FleetSolution | None:
-        """Return what comes of deciding some tours anew, in that order or in the order of time."""
-        # other ways are looked for now and then: that takes far longer than to wait on known ones
-        looks = self.tuning.looks if self.rng.random() < self.tuning.looking else 0
-        in_turns = self.rng.random() < self.tuning.in_turns
-        if not tours.adopt(self.best, some):
-            return None
-        given = Priorities(looks=looks, limit=self.best.lean().makespan)
-        if in_turns:
-            stuck = tours.decide_in_turns(given, deadline)
-        else:
-            stuck = tours.decide(replace(given, first=tuple(some)), deadline)
-        return None if stuck is not None else tours.decided()
-
-    def _exchanges(self) -> list[tuple[float, tuple[object, ...], dict[str, list[Step]]]]:
-        """Return ways to take a job from the last tour, those first that are over soonest as far as
-        driving alone tells: (s, key, tours).
+    def _decided(self, change: Change, deadline: Deadline) -> FleetSolution | None:
+        """Return what comes of a change; None where somebody is stuck or too late. What is better
+        is gone on from.
         """
-        ends, (worst, *_) = self.best.ends(), self._ranked()
-        found = []
-        for key, changed in _changes(self.dealt, worst):
-            if key in self.tried:
-                continue
-            then = max(
-                ends.get(r, 0.0)
-                + self.dealt.cost(r, changed[r])
-                - self.dealt.cost(r, self.dealt.tours[r])
-                for r in changed
-            )
-            if then < ends[worst]:
-                found.append((then, key, changed))
-        found.sort(key=lambda option: (option[0], str(option[1])))
+        tours = self.tours if change.dealt is None else self.open_tours(change.dealt, deadline)
+        if tours is None:
+            return None
+        if change.withdrawn is None:
+            tours.reset()
+        elif not tours.adopt(self.best, change.withdrawn):
+            return None
+        decide = tours.decide_in_turns if change.in_turns else tours.decide
+        if decide(change.given, deadline) is not None:
+            return None
+        found = tours.decided()
+        if self.cost(found) <= self.cost(self.best):
+            self.tours, self.dealt = tours, change.dealt or self.dealt
+            if change.withdrawn is None:
+                self.ahead = change.given.ahead
         return found
 
 
-def _changes(
+# ------------------ Moves: what is withdrawn, and who goes first then
+
+
+Move = Callable[[FleetLNS, Deadline], Change]
+
+
+def other_turns(search: FleetLNS, deadline: Deadline) -> Change:
+    """Everybody anew in the order of time, some with their turns sooner or later."""
+    del deadline
+    rng, tuning, ahead = search.rng, search.tuning, dict(search.ahead)
+    for _ in range(rng.choice(tuning.turns)):
+        robot = search.one_of_the_last() if rng.random() < 0.5 else rng.choice(search.tours.robots)
+        ahead[robot] = ahead.get(robot, 0.0) + rng.uniform(-tuning.sooner, tuning.sooner)
+    return Change(None, Priorities(ahead=ahead, latest=search.best.lean().makespan))
+
+
+def other_ways(search: FleetLNS, deadline: Deadline) -> Change:
+    """Everybody anew in the order of time; those motions of some of the last that take longest look
+    for other ways, which all know from then on.
+    """
+    change, looking = other_turns(search, deadline), dict[str, int]()
+    for robot in sorted({search.one_of_the_last() for _ in range(2)}):
+        delays = search.tours.delays(search.best, robot)
+        longest = sorted(delays, key=lambda name: (-delays[name], name))
+        for name in longest[: search.tuning.motions]:
+            if delays[name] > search.tuning.delayed:
+                looking[name] = search.tours.looked(name) + 1
+    ahead = change.given.ahead if search.rng.random() < 0.5 else search.ahead
+    return replace(change, given=replace(change.given, ahead=ahead, looking=looking))
+
+
+def some_of_the_last(search: FleetLNS, deadline: Deadline) -> Change:
+    """One of the last tours anew, with some of those that delay it, or with any others."""
+    rng, tuning = search.rng, search.tuning
+    last = search.one_of_the_last()
+    others = sorted(set(search.tours.robots) - {last})
+    many = min(len(others), rng.randint(1, tuning.together))
+    delaying = search.delaying(last, deadline) if rng.random() < tuning.delaying else []
+    some = rng.sample(delaying, min(len(delaying), many))
+    some += rng.sample([r for r in others if r not in some], many - len(some))
+    some.append(last)
+    rng.shuffle(some)
+    if rng.random() < 0.5:
+        some.sort(key=lambda robot: robot != last)
+    return _anew(search, some)
+
+
+def other_jobs(search: FleetLNS, deadline: Deadline) -> Change:
+    """A job of the last tour done by another robot, with or without one in exchange: one of those
+    changes that are over soonest as far as driving alone tells.
+    """
+    ends, worst = search.best.ends(), search.last_first()[0]
+    options = []
+    for key, changed in _exchanges(search.dealt, worst):
+        longer = {r: search.dealt.cost(r, changed[r]) - search.dealt.cost(r, search.dealt.tours[r])
+                  for r in changed}  # fmt: skip
+        then = max(ends.get(r, 0.0) + more for r, more in longer.items())
+        if key not in search.tried and then < ends[worst]:
+            options.append((then, str(key), key, changed))
+    if not options:
+        return some_of_the_last(search, deadline)
+    options.sort(key=lambda option: option[:2])
+    few = min(len(options), search.tuning.choice)
+    _, _, key, changed = options[search.rng.randrange(few)]
+    search.tried.add(key)
+    return replace(_anew(search, list(changed)), dealt=search.dealt.with_tours(changed))
+
+
+def _anew(search: FleetLNS, some: Sequence[str]) -> Change:
+    """Return a change in which some tours are decided anew, in that order or in that of time."""
+    rng, tuning = search.rng, search.tuning
+    # other ways are looked for now and then: that takes far longer than to wait on known ones
+    looks = tuning.looks if rng.random() < tuning.looking else 0
+    in_turns = rng.random() < 0.5
+    first = () if in_turns else tuple(some)
+    limit = search.best.lean().makespan
+    return Change(some, Priorities(first, looks=looks, limit=limit), in_turns)
+
+
+MOVES: tuple[tuple[Move, float], ...] = (
+    (other_turns, 0.35),
+    (other_ways, 0.1),
+    (some_of_the_last, 0.5),
+    (other_jobs, 0.05),
+)
+"""What may be changed, and how large a share of all changes each move has."""
+
+
+def _exchanges(
     dealt: Assignment, worst: str
 ) -> Iterator[tuple[tuple[object, ...], dict[str, list[Step]]]]:
     """Yield tours in which a job of one robot is done by another one, with or without one in

@@ -27,7 +27,7 @@ from up_samp.search.conclusion import SearchResult, conclude, conclude_stopped
 from up_samp.search.events import Phase
 from up_samp.search.fleet.assignment import Assignment, assign, biased, decided_by, state_order
 from up_samp.search.fleet.evaluator import AssignmentEvaluator
-from up_samp.search.fleet.improve import TourLNS, plan_tours, undecided_tours
+from up_samp.search.fleet.improve import FleetLNS, plan_tours, undecided_tours
 from up_samp.search.fleet.jobs import Jobs, find_jobs
 from up_samp.search.fleet.sequential import FleetSolution
 from up_samp.search.fleet.tours import TourPlanner
@@ -148,7 +148,7 @@ class Found:
     """A valid plan, and how to make it ``better`` where it is made of tours."""
 
     plan: Incumbent
-    better: TourLNS | None
+    better: FleetLNS | None
 
 
 def plan_of_deal(
@@ -174,10 +174,8 @@ def plan_of_deal(
         plan = None if built is None else search.plan_of(built.schedule, built.trajectories)
         return None if plan is None or search.judged(plan.plan) else Found(plan, None)
     rng, again = random.Random(search.seed), partial(open_tours, large)
-    better = TourLNS(dealt, found.tours, found.decided, again, large.tuning, rng)
-    if found.ahead is not None:
-        better.ahead, better.rounds = found.ahead, search.tuning.rounds
-    plan = plan_of_tours(search, better.polished(large.tuning.polish, deadline))
+    plan = plan_of_tours(search, found.decided)
+    better = FleetLNS(dealt, found.tours, found.decided, found.ahead, again, large.tuning, rng)
     return None if plan is None else Found(plan, better)
 
 
@@ -227,7 +225,7 @@ def open_tours(large: LargeProblem, dealt: Assignment, deadline: Deadline) -> To
     return tours
 
 
-def improve(search: Search, large: LargeProblem, better: TourLNS) -> Iterator[Incumbent]:
+def improve(search: Search, large: LargeProblem, better: FleetLNS) -> Iterator[Incumbent]:
     """Yield better plans made of tours, until the time is over that there is for it."""
     deadline = search.budget.share(large.nearly_all(large.tuning.again), float("inf"))
     changes = better.improved(lambda: deadline.expired() or search.stopped, deadline)

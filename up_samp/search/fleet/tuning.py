@@ -146,34 +146,21 @@ class LargeTuning(Tunables):
         3000, "drives", "at most, that the planner is asked for to raise the bound", least=0
     )
     stale: int = tunable(1_000, "changes", "of tours in a row that may bring nothing", least=1)
-    jobs: float = share_of(0.05, "of the changes, that give a job to another robot")
     looks: int = tunable(
         4, "times", "that other ways from pose to pose are looked for, for better tours", least=0
     )
     looking: float = share_of(0.1, "of the changes, in which other ways are looked for")
-    polish: int = tunable(0, "changes", "of tours before the first plan is judged", least=0)
     delaying: float = share_of(0.7, "of the changes, that free who delays one of the last")
-    ahead: float = share_of(0.5, "of the changes, in which one of the last goes before others")
-    in_turns: float = share_of(0.5, "of the changes, that are decided in the order of time")
     together: int = tunable(
         5, "tours", "at most, that are decided anew with one of the last", least=1
     )
     choice: int = tunable(
         6, "exchanges of jobs", "that look best, of which one is tried at random", least=1
     )
-
-
-@dataclass(frozen=True)
-class RoundsTuning(Tunables):
-    """Rounds in the order of time, again and again (``search/fleet/improve.py``)."""
-
-    stale: int = tunable(150, "rounds", "in a row that may bring nothing better", least=0)
     turns: tuple[int, ...] = tunable(
-        (1, 1, 2, 3, 5), "robots", "whose turns change in a round: one of these", least=1
+        (1, 1, 2, 3, 5), "robots", "whose turns change at once: one of these", least=1
     )
     sooner: float = tunable(10.0, "s", "at most, by which turns come sooner or later", least=0)
-    looking: float = share_of(0.3, "of the rounds, in which other ways are looked for")
-    both: float = share_of(0.5, "of those, in which turns change, too")
     motions: int = tunable(2, "motions", "of a robot that look for other ways at once", least=1)
     delayed: float = tunable(
         6.0, "s", "by which a motion takes longer than alone, if it looks for other ways", least=0
