@@ -1,8 +1,11 @@
 """What is left of a problem: solved, drawn up after breakdowns, and what falls away with them."""
 
+import time
+
 import pytest
+from unified_planning.model import TimePointInterval, Timing
 from unified_planning.model.motion import ConfigurationObject
-from unified_planning.shortcuts import IntType, OneshotPlanner, get_environment
+from unified_planning.shortcuts import BoolType, IntType, Not, OneshotPlanner, get_environment
 
 import up_samp  # noqa: F401
 from tests.execution.floors import hall
@@ -13,6 +16,7 @@ from up_samp.benchmarks import instance
 from up_samp.execution import Delays, Executor, Surprise, dependencies_of, solve_remaining
 from up_samp.execution.simulate import Floor, draw
 from up_samp.fleet import Fleet
+from up_samp.fleet.starter import write_starter
 from up_samp.io import result_to_dict
 from up_samp.model import ProblemError
 from up_samp.validation import validate_plan
@@ -132,6 +136,47 @@ def test_a_broken_robot_of_a_fleet_need_not_come_to_its_end(tmp_path):
     left = executor.remaining_problem(Surprise(broken={"r1": (2.0, 8.0, 0.0)}))
     assert left.notes == ("about a broken robot, dropped: (r1_at == home1)",)
     assert {m["object"] for m in solve_remaining(left, seconds=60)["motions"]} == {"r0"}
+
+
+def test_the_rest_of_the_starter_is_solved_when_one_of_its_robots_breaks_down(tmp_path):
+    """Who is under way uses its robot all the same: the scheduler finds its route by that."""
+    write_starter(tmp_path)
+    fleet = Fleet.from_file(tmp_path / "problem.yaml")
+    plan = fleet.solve(60).data
+    found = dependencies_of(fleet.problem, plan)
+    executor = Executor(plan, fleet.problem, dependencies=found)
+    luck = draw(Delays(), ("r1", "r2"), found.graph.tasks, plan["makespan"], 3)
+    floor = Floor(executor, found, luck)
+    while floor.now < 12.0:
+        floor.step()
+    x, y, theta = executor.remaining_problem().poses["r1"]
+    left = executor.remaining_problem(Surprise(broken={"r1": (x, y, theta)}))
+    used = {left.problem.fluent(f"busy@{r}") for r in ("r1", "r2")}
+    assert all(left.problem.initial_value(u()).constant_value() == 1 for u in used)
+    begun = time.process_time()
+    rest = solve_remaining(left, seconds=60)
+    assert time.process_time() - begun < 20.0
+    assert {a["name"] for a in rest["activities"]} >= {"deliver_o1_r2", "deliver_o2_r2"}
+
+
+def test_effects_some_time_after_a_start_are_still_to_come(tmp_path):
+    hall = Hall(tmp_path, robots=2)
+    hall.move("go", 0, "left0", "right0", bounds=(1, 100))
+    hall.move("after", 1, "left1", "right1", bounds=(1, 100))
+    shut = hall.problem.add_fluent("shut", BoolType(), default_initial_value=True)
+    work = hall.problem.add_activity("work", 20)
+    work.add_effect(Timing(9, work.start), shut, False)
+    after = hall.problem.get_activity("after")
+    after.add_condition(TimePointInterval(after.start), Not(shut()))
+    executor = Executor(solved(hall.problem), hall.problem)
+    executor.commands(0.0)
+    for now in range(1, 5):
+        executor.commands(float(now))
+    left = executor.remaining_problem()
+    (work,) = (a for a in left.problem.activities if a.name == "work")
+    assert [t.delay for t in work.effects] == [9 - left.since]
+    starts = {a["name"]: a["start"] for a in solved(left.problem)["activities"]}
+    assert starts["after"] > 9 - left.since
 
 
 def test_values_that_a_fluent_cannot_have_are_told(made):

@@ -1,14 +1,17 @@
 """What is wrong with a problem file is told where it is written, in its words, before solving."""
 
 import copy
+import dataclasses
 
 import pytest
 import yaml
 
 from up_samp.fleet import Fleet, FleetError, read_problem_file
 from up_samp.fleet.checks import Level, check_fleet
+from up_samp.fleet.faults import find_faults
+from up_samp.fleet.files import read_record
 from up_samp.fleet.picture import draw_fleet
-from up_samp.fleet.records import FIGURES
+from up_samp.fleet.records import FIGURES, Order
 from up_samp.fleet.starter import write_starter
 
 
@@ -144,3 +147,71 @@ def test_long_chains_and_circles(site):
     site.write_text(f"{head}orders:\n{''.join(chain)}{last.replace('[]', '[o1499]')}")
     with pytest.raises(FleetError, match=r"goes round in a circle: o1(499|500) after o1"):
         read_problem_file(site)
+
+
+def small_site():
+    fleet = Fleet("map.yaml")
+    fleet.add_robot_type("agv", (1, 1), capacity={"item": 1})
+    for k in range(4):
+        fleet.add_place(f"p{k}", k, 0)
+    fleet.add_robot("r", "agv", "p0")
+    fleet.add_resource("tool")
+    fleet.add_task("made", modes={"one": {"duration": 3, "input": "p1", "output": "p2"}})
+    fleet.add_order("box", "p1", "p2", attached={"footprint": [0.4, 0.4], "offset": [1, 0, 0]})
+    fleet.add_order("taken", "p2", "p3", attached="box")
+    return fleet
+
+
+def test_what_is_added_is_looked_at_with_what_it_names_alone(monkeypatch):
+    fleet = small_site()
+
+    def whole(records):
+        raise AssertionError("all of it is looked at")
+
+    monkeypatch.setattr("up_samp.fleet.fleet.find_faults", whole)
+    for k in range(50):
+        after = {"after": f"o{k - 1}"} if k else {}
+        fleet.add_order(f"o{k}", {"at": "p1", "resources": "tool"}, {"task": "made"}, **after)
+        fleet.add_task(f"t{k}", "p2", duration=1, after=f"o{k}")
+    monkeypatch.undo()
+    assert find_faults(fleet.records) == []
+    assert len(fleet.records.jobs) == 103
+    assert [o.id for o in fleet.with_settings(margin=0.2).records.orders][-1] == "o49"
+
+
+@pytest.mark.parametrize(
+    "order",
+    [
+        {"id": "taken", "pickup": "p1", "delivery": "p2"},
+        {"id": "made", "pickup": "p1", "delivery": "p2"},
+        {"id": "x", "pickup": "p1", "delivery": "p9"},
+        {"id": "x", "pickup": "p1", "delivery": "p2", "after": "nobody"},
+        {"id": "x", "pickup": "p1", "delivery": "p2", "after": "x"},
+        {"id": "x", "pickup": "p2", "delivery": "p3", "attached": "box"},
+        {"id": "x", "pickup": "p3", "delivery": "p1", "attached": "x"},
+        {"id": "x", "pickup": "p1", "delivery": "p2", "attached": "taken"},
+        {"id": "x", "pickup": "p1", "delivery": {"task": "mode"}},
+        {"id": "x", "pickup": "p1", "delivery": "p2", "load": {"item": 2}},
+        {"id": "x", "pickup": {"at": "p1", "window": [0, 1], "service": 3}, "delivery": "p2"},
+        {
+            "id": "x",
+            "pickup": "p1",
+            "delivery": "p2",
+            "attached": {"footprint": [[0, 0], [1, 1], [2, 2]], "offset": [1, 0, 0]},
+        },
+        {"id": "x", "pickup": "p1", "delivery": "p2", "penalty": 3},
+        {"id": "x", "pickup": "p1", "delivery": "p2", "skills": "fly"},
+        {"id": "x", "pickup": "p1", "delivery": "p2", "robots": "s"},
+    ],
+    ids=str,
+)
+def test_faults_of_what_is_added_are_those_of_the_whole(order):
+    fleet = small_site()
+    before = fleet.records
+    with pytest.raises(FleetError) as told:
+        fleet.add_order(**order)
+    assert fleet.records == before
+    added = read_record(Order, order, ("orders", 2))
+    whole = find_faults(dataclasses.replace(before, orders=(*before.orders, added)))
+    others = {f for f in whole if f.path[:2] == ("orders", 1)}  # who takes that load, too
+    assert set(told.value.faults) == set(whole) - others

@@ -20,6 +20,7 @@ from unified_planning.model.motion import (
     SchedulingMotionProblem,
 )
 from unified_planning.model.scheduling import Activity
+from unified_planning.model.timing import Timing
 from unified_planning.plans import Schedule
 
 from up_samp.execution.build import planned_of
@@ -159,9 +160,18 @@ def begun(activity: Activity, values: ValuesNow, environment: Environment) -> Ac
     else:
         left = state.graph.tasks[name].expected - gone
         copy.set_fixed_duration(max(1, math.ceil(left / unit - 1e-9)))
-    copy._effects = {
-        t: e for t, e in activity.effects.items() if t.timepoint.kind != TimepointKind.START
-    }
+    copy._effects = {}
+    for timing, effects in activity.effects.items():
+        if timing.timepoint.kind != TimepointKind.START:
+            copy._effects[timing] = effects
+            continue
+        later = math.ceil(start / unit + timing.delay - values.since - 1e-9)
+        # what it uses it takes anew, as schedulers know it
+        kept = (
+            effects if later > 0 else [e for e in effects if e.fluent.fluent().name in values.uses]
+        )
+        if kept:
+            copy._effects.setdefault(Timing(max(later, 0), timing.timepoint), []).extend(kept)
     # what was asked at the start was so; it is kept where it still is, for schedulers that
     # find their way by it
     copy._conditions = {}
@@ -675,10 +685,10 @@ class _Builder:
         :raises ProblemError: where what has happened breaks the bounds of a fluent.
         """
         self.values.check_bounds()
-        for key, value in self.values.changed.items():
+        for key in self.values.changed:
             arguments = [self._constant(e[1]) for e in key[2:]]
             fluent = target.fluent(key[1])
-            target.set_initial_value(fluent(*arguments), self._constant(value))
+            target.set_initial_value(fluent(*arguments), self._constant(self.values.before(key)))
         standing = {m.object().name: place for m, place in target.initial_configuration}
         for told, name in self.involved.told.items():
             if name in self.surprise.broken and told.type.is_compatible(standing[name].type):

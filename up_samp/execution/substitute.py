@@ -12,9 +12,9 @@ from unified_planning.model import FNode, TimepointKind, Timing
 from unified_planning.model.operators import OperatorKind as Op
 
 from up_samp.execution.graph import At, Event
-from up_samp.execution.state import FloorState
+from up_samp.execution.state import FloorState, TaskPhase
 from up_samp.model import ProblemError, UnsupportedError
-from up_samp.scheduling.compilers.plain import Expr, show
+from up_samp.scheduling.compilers.plain import Expr, show, subexpressions
 from up_samp.scheduling.partial_order.differences import Planned
 
 
@@ -91,6 +91,29 @@ class ValuesNow:
                 )
 
     @cached_property
+    def uses(self) -> frozenset[str]:
+        """Fluents that are only taken from and given back to: nothing reads their values."""
+        problem = self.planned.problem
+        read = [c.expression for c in problem.conditions]
+        read += [part for e in problem.effects for part in (e.value, e.condition)]
+        read += [bound for a in problem.activities for bound in (a.lower, a.upper)]
+        told = {e[1] for whole in read for e in subexpressions(whole) if e[0] == "flu"}
+        told |= {e.fluent[1] for e in problem.effects if e.kind == "assign"}
+        return frozenset(problem.fluents.keys() - told)
+
+    def before(self, key: Expr) -> Any:
+        """Return the new initial value of a fluent: what is under way takes anew what it uses."""
+        value = self.changed[key]
+        for _, owner, other, kind, amount in self._happened if key[1] in self.uses else ():
+            if other == key and self.under_way(owner):
+                value += amount if kind == "decrease" else -amount
+        return value
+
+    def under_way(self, name: str) -> bool:
+        """Return whether an activity has begun, goes on, and is not over."""
+        return name not in self.gone and self.state.phase.get(name) is TaskPhase.RUNNING
+
+    @cached_property
     def _happened(self) -> list[tuple[float, str, Expr, str, Any]]:
         """Effects that have happened, in their order: when (s), whose, on what, how."""
         return sorted(self._effects(), key=lambda e: e[0])
@@ -122,7 +145,8 @@ class ValuesNow:
         if owner in self.gone and at is At.START:
             # what a robot that is out of order has taken, it gives back
             return None
-        return fired + delay * self.unit
+        time = fired + delay * self.unit
+        return time if at is At.END or time <= (self.since + 1e-9) * self.unit else None
 
 
 _COMPARISONS = (Op.LE, Op.LT, Op.EQUALS)

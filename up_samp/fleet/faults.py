@@ -103,6 +103,24 @@ def find_faults(records: FleetRecords) -> list[Fault]:
     return [fault for check in CHECKS for fault in check(records)]
 
 
+def job_faults(records: FleetRecords, job: Order | Task) -> Iterator[Fault]:
+    """Yield what is wrong with one order or task beside its id and circles of ``after``.
+
+    :param records: with the jobs that it names, and whatever takes the same load on.
+    """
+    if isinstance(job, Order):
+        yield from _order(records, job, ("orders",))
+    else:
+        yield from _task(records, job, ("tasks",))
+
+
+def named_by(job: Order | Task) -> set[str]:
+    """Return the jobs that one names: those whose load it takes on, too."""
+    stops = (job.pickup, job.delivery) if isinstance(job, Order) else ()
+    taken = [job.attached] if isinstance(job, Order) and isinstance(job.attached, str) else []
+    return {*job.after, *taken, *(s.task for s in stops if s.task is not None)}
+
+
 def same_names(records: FleetRecords) -> Iterator[Fault]:
     """Everything with a name has one of its own: they share the namespace of the UP problem."""
     kinds: list[tuple[str, Mapping[str, Any]]] = [
@@ -199,14 +217,19 @@ def _zones(records: FleetRecords) -> Iterator[Fault]:
 
 def _orders(records: FleetRecords) -> Iterator[Fault]:
     for i, order in enumerate(records.orders):
-        path: Path = ("orders", i)
-        for key, stop in (("pickup", order.pickup), ("delivery", order.delivery)):
-            yield from _stop(records, stop, (*path, key))
-            if stop.task is not None:
-                yield from _machine(records, order, stop.task, (*path, key, "task"))
-        yield from _job(records, order, path)
-        yield from _loads(records, order, path)
-        yield from _attached(records, order, path)
+        yield from _order(records, order, ("orders", i))
+
+
+def _order(records: FleetRecords, order: Order, path: Path) -> Iterator[Fault]:
+    for key, stop in (("pickup", order.pickup), ("delivery", order.delivery)):
+        yield from _stop(records, stop, (*path, key))
+        if stop.task is not None:
+            yield from _machine(records, order, stop.task, (*path, key, "task"))
+    yield from _job(records, order, path)
+    yield from _loads(records, order, path)
+    yield from _attached(records, order, path)
+    if isinstance(order.attached, Attached):
+        yield from _outline(order.attached.footprint, (*path, "attached", "footprint"))
 
 
 def _machine(records: FleetRecords, order: Order, task: str, path: Path) -> Iterator[Fault]:
@@ -260,19 +283,22 @@ def _taken_on(records: FleetRecords, order: Order, name: str, path: Path) -> Ite
 
 def _tasks(records: FleetRecords) -> Iterator[Fault]:
     for i, task in enumerate(records.tasks):
-        path: Path = ("tasks", i)
-        yield from _known(records.places, "place", task.at, (*path, "at"))
-        yield from _known(records.resources, "resource", task.resources, (*path, "resources"))
-        lengths = [m.duration for m in task.modes.values()]
-        if (task.duration is None) == (not task.modes):
-            yield Fault((*path, "duration"), "say how long it lasts (duration), or give it modes")
-        if task.duration is not None:
-            lengths.append(task.duration)
-        yield from _window(task.window, min(lengths, default=0.0), path)
-        yield from _modes(records, task, path)
-        if not task.at and (task.skills or task.robots):
-            yield Fault((*path, "at"), "a robot does it, so say where: at: a place, or several")
-        yield from _job(records, task, path)
+        yield from _task(records, task, ("tasks", i))
+
+
+def _task(records: FleetRecords, task: Task, path: Path) -> Iterator[Fault]:
+    yield from _known(records.places, "place", task.at, (*path, "at"))
+    yield from _known(records.resources, "resource", task.resources, (*path, "resources"))
+    lengths = [m.duration for m in task.modes.values()]
+    if (task.duration is None) == (not task.modes):
+        yield Fault((*path, "duration"), "say how long it lasts (duration), or give it modes")
+    if task.duration is not None:
+        lengths.append(task.duration)
+    yield from _window(task.window, min(lengths, default=0.0), path)
+    yield from _modes(records, task, path)
+    if not task.at and (task.skills or task.robots):
+        yield Fault((*path, "at"), "a robot does it, so say where: at: a place, or several")
+    yield from _job(records, task, path)
 
 
 def _modes(records: FleetRecords, task: Task, path: Path) -> Iterator[Fault]:
@@ -355,14 +381,14 @@ def _outlines(records: FleetRecords) -> Iterator[Fault]:
         shapes.append((("robot_types", name, "footprint"), kind.footprint))
     shapes += [(("doors", name, "leaf"), door.leaf) for name, door in records.doors.items()]
     shapes += [(("zones", name, "polygon"), zone.polygon) for name, zone in records.zones.items()]
-    for i, order in enumerate(records.orders):
-        if isinstance(order.attached, Attached):
-            path: Path = ("orders", i, "attached", "footprint")
-            shapes.append((path, order.attached.footprint))
     for path, outline in shapes:
-        what = _shape_fault(outline)
-        if what:
-            yield Fault(path, what)
+        yield from _outline(outline, path)
+
+
+def _outline(outline: Outline, path: Path) -> Iterator[Fault]:
+    what = _shape_fault(outline)
+    if what:
+        yield Fault(path, what)
 
 
 @cache

@@ -15,7 +15,15 @@ from unified_planning.model.motion import SchedulingMotionProblem
 from up_samp.fleet.batteries import tell_levels
 from up_samp.fleet.build import write_problem
 from up_samp.fleet.checks import Finding, check_fleet
-from up_samp.fleet.faults import NO_ROBOT, Fault, FleetError, find_faults, same_names
+from up_samp.fleet.faults import (
+    NO_ROBOT,
+    Fault,
+    FleetError,
+    find_faults,
+    job_faults,
+    named_by,
+    same_names,
+)
 from up_samp.fleet.files import read_problem_file, read_record, write_problem_file
 from up_samp.fleet.picture import draw_fleet
 from up_samp.fleet.records import (
@@ -49,6 +57,9 @@ class Fleet:
     :param margin: clearance in m that motions keep from walls and from each other.
     """
 
+    _told: FleetRecords
+    _written: Written | None
+
     def __init__(
         self,
         map: str | PathLike[str],
@@ -65,16 +76,16 @@ class Fleet:
             "seconds_per_unit": seconds_per_unit,
             "margin": margin,
         }
-        self._records: FleetRecords = read_record(FleetRecords, data)
         self._folder = Path()
-        self._written: Written | None = None
+        self._hold(read_record(FleetRecords, data))
 
     @classmethod
     def from_file(cls, file: str | PathLike[str]) -> Fleet:
         """Read a problem file (YAML or JSON)."""
         path = Path(file)
         fleet = cls.__new__(cls)
-        fleet._records, fleet._folder, fleet._written = read_problem_file(path), path.parent, None
+        fleet._folder = path.parent
+        fleet._hold(read_problem_file(path))
         return fleet
 
     def save(self, file: str | PathLike[str]) -> Path:
@@ -89,6 +100,29 @@ class Fleet:
     def records(self) -> FleetRecords:
         """All that was said, as frozen records."""
         return self._records
+
+    @property
+    def _records(self) -> FleetRecords:
+        if any(len(some) > len(getattr(self._told, kind)) for kind, some in self._jobs.items()):
+            listed: dict[str, Any] = {kind: tuple(some) for kind, some in self._jobs.items()}
+            self._told = dataclasses.replace(self._told, **listed)
+        return self._told
+
+    def _hold(self, records: FleetRecords) -> None:
+        """Take all records over; jobs that are added later are listed beside them first."""
+        self._told, self._written = records, None
+        self._jobs: dict[str, list[Any]] = {"orders": [], "tasks": []}
+        self._by_id: dict[str, Order | Task] = {}
+        self._takers: dict[str, list[Order]] = {}
+        for kind, some in self._jobs.items():
+            for job in getattr(records, kind):
+                self._list(some, job)
+
+    def _list(self, some: list[Any], job: Order | Task) -> None:
+        some.append(job)
+        self._by_id[job.id], self._written = job, None
+        if isinstance(job, Order) and isinstance(job.attached, str):
+            self._takers.setdefault(job.attached, []).append(job)
 
     @property
     def folder(self) -> Path:
@@ -196,10 +230,8 @@ class Fleet:
             raise FleetError([Fault((min(unknown),), "is no setting of a problem")])
         read = read_record(FleetRecords, {"map": self._records.map, **settings})
         fleet = copy.copy(self)
-        fleet._records = dataclasses.replace(
-            self._records, **{name: getattr(read, name) for name in settings}
-        )
-        fleet._written = None
+        other = {name: getattr(read, name) for name in settings}
+        fleet._hold(dataclasses.replace(self._records, **other))
         return fleet
 
     @property
@@ -223,9 +255,22 @@ class Fleet:
         self._take(kind, {**known, name: read_record(record, data, (kind, name))}, (kind, name))
 
     def _listed(self, kind: str, record: type, data: dict[str, Any]) -> None:
-        known = getattr(self._records, kind)
-        path = (kind, len(known))
-        self._take(kind, (*known, read_record(record, data, path)), path)
+        """Add a job: looked at with those that it names alone, however many there are."""
+        path = (kind, len(self._jobs[kind]))
+        job = read_record(record, data, path)
+        if job.id in self._by_id or any(True for _ in job_faults(self._about(job), job)):
+            self._take(kind, (*getattr(self._records, kind), job), path)
+        else:
+            self._list(self._jobs[kind], job)
+
+    def _about(self, job: Order | Task) -> FleetRecords:
+        """Return the records with a job, and no other jobs but those that it names."""
+        some = [self._by_id[name] for name in named_by(job) if name in self._by_id]
+        rivals = [self._takers.get(name, []) for name in named_by(job)]
+        some += [job, *(other for others in rivals for other in others)]
+        orders = tuple(j for j in some if isinstance(j, Order))
+        tasks = tuple(j for j in some if isinstance(j, Task))
+        return dataclasses.replace(self._told, orders=orders, tasks=tasks)
 
     def _take(self, kind: str, value: Any, path: tuple[str | int, ...]) -> None:
         """Keep what was added, unless something in it is wrong."""
@@ -235,4 +280,4 @@ class Fleet:
         faults += [f for f in clashes if f not in faults]
         if faults:
             raise FleetError(faults)
-        self._records, self._written = changed, None
+        self._hold(changed)
