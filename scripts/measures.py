@@ -370,10 +370,9 @@ def clairvoyant(case: str) -> Values:
     _, plan = executable(case)
     fine, delays = dependencies_from_plan(plan), Delays(slow=0.3)
     graphs = {"coarse": coarse(fine), "staircase": fine, "reorder": fine}
-    robots = [life.object for life in fine.lives.values() if life.drives]
     over: dict[str, list[float]] = {policy: [] for policy in graphs}
     for seed in range(SEED, SEED + DRAWS):
-        luck = draw(delays, robots, (), plan["makespan"], seed)
+        luck = draw(delays, fine, seed)
         problem = instance(case).build()
         for item in problem.all_objects:
             if getattr(item, "name", "") in luck.pace:
@@ -393,14 +392,12 @@ def clairvoyant(case: str) -> Values:
 def replan(case: str) -> Values:
     """What is left of a plan with delays of 30 %, solved from 20, 40, 60 and 80 % of it on."""
     from up_samp.execution import Delays, Executor, Surprise, dependencies_of
-    from up_samp.execution.simulate import Floor, draw
+    from up_samp.execution.simulate import floor_of
 
     problem, plan = executable(case)
     found = dependencies_of(problem, plan)
-    robots = [life.object for life in found.lives.values() if life.drives]
-    luck = draw(Delays.of_share(0.3), robots, found.graph.tasks, plan["makespan"], SEED)
     executor = Executor(plan, problem, dependencies=found)
-    driven, times, solved = Floor(executor, found, luck), [], 0
+    driven, times, solved = floor_of(executor, Delays.of_share(0.3), SEED), [], 0
     for share in (0.2, 0.4, 0.6, 0.8):
         while driven.now < share * plan["makespan"]:
             driven.step()

@@ -10,8 +10,7 @@ import pytest
 from tests.execution import floors
 from up_samp.execution import Delays, Executor, dependencies_of, simulate
 from up_samp.execution.judge import record_of
-from up_samp.execution.replan import _floor
-from up_samp.execution.simulate import simulation_of
+from up_samp.execution.simulate import floor_of, simulation_of
 from up_samp.io import plan_from_dict
 from up_samp.validation import validate_plan
 
@@ -123,8 +122,8 @@ def test_robots_beside_their_paths_meet_nobody_where_there_is_room(yaml):
     plan = {**plan, "objects": [dict(o) for o in plan["objects"]]}
     executor = Executor(plan, problem)
     assert executor.narrow == ()
-    floor = _floor(executor, plan, Delays(slow=0.6, late=0.5), 3)
-    while floor.goes_on(100.0):
+    floor = floor_of(executor, Delays(slow=0.6, late=0.5), 3)
+    while floor.goes_on:
         floor.step()
     rng = np.random.default_rng(1)
     for _ in range(8):
@@ -152,9 +151,9 @@ def test_errors_larger_than_declared_are_held_and_said(yaml):
     """Noise of 40 cm, 5 cm declared: somebody is found where nobody led it, is held, and told."""
     problem, plan = floors.rounds(5, yaml, clearance=ROOM)
     executor = Executor(plan, problem)
-    floor = _floor(executor, plan, Delays(slow=0.3, noise=0.4), 0)
+    floor = floor_of(executor, Delays(slow=0.3, noise=0.4), 0)
     said = held = 0
-    while floor.goes_on(100.0) and floor.now < 15.0:
+    while floor.goes_on and floor.now < 15.0:
         floor.step()
         for overrun in executor.overruns:
             said += 1

@@ -39,7 +39,7 @@ def floor(made):
     problem, plan = made
     found = dependencies_of(problem, plan)
     executor = Executor(plan, problem, dependencies=found)
-    luck = draw(Delays(slow=0.4), ("r0", "r1"), found.graph.tasks, plan["makespan"], 3)
+    luck = draw(Delays(slow=0.4), found, 3)
     floor = Floor(executor, found, luck)
     while floor.now < 0.4 * plan["makespan"]:
         floor.step()
@@ -73,7 +73,7 @@ def test_the_rest_is_planned_anew_and_carried_out(floor):
     assert all(starts[n] == 0 for n in begun)
     again = dependencies_of(left.problem, plan)
     rest = Executor(plan, left.problem, dependencies=again)
-    luck = draw(Delays(slow=0.4), ("r0", "r1"), again.graph.tasks, plan["makespan"], 3)
+    luck = draw(Delays(slow=0.4), again, 3)
     second = Floor(rest, again, luck)
     while not rest.finished and second.now < 1000:
         second.step()

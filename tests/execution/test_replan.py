@@ -108,7 +108,7 @@ def test_the_rest_waits_for_a_robot_that_is_held_up_for_long(open_hall):
     problem, plan = open_hall
     delays = Delays(long_stop=100)
     graph = dependencies_of(problem, plan)
-    robot, since, seconds = draw(delays, ["r0", "r1"], graph.graph.tasks, plan["makespan"], 2).halt
+    robot, since, seconds = draw(delays, graph, 2).halt
     told = Incident(since + 1.0, Surprise(same_choices=True))
     journey = simulate_replanned(problem, plan, delays, 2, incidents=[told])
     check(journey)

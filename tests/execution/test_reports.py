@@ -28,9 +28,8 @@ from up_samp.execution import (
     dependencies_of,
 )
 from up_samp.execution.graph import ORIGIN
-from up_samp.execution.replan import _floor
 from up_samp.execution.reports import TAKEN
-from up_samp.execution.simulate import simulation_of
+from up_samp.execution.simulate import floor_of, simulation_of
 from up_samp.execution.state import told_places
 from up_samp.execution.travel import along
 from up_samp.model import ProblemError
@@ -226,9 +225,9 @@ def test_nonsense_of_all_kinds_ends_nothing(yaml):
         problem, plan, found = rounds(yaml, seed + 5)
         rng = random.Random(seed)
         executor = Executor(plan, problem, dependencies=found)
-        floor = _floor(executor, plan, Delays.of_share(0.5), seed)
+        floor = floor_of(executor, Delays.of_share(0.5), seed)
         names = [*executor.state.phase, "nothing", None]
-        while floor.goes_on(100.0):
+        while floor.goes_on:
             floor.step()
             for _ in range(2):
                 robot, motion = rng.choice([*floor.robots, "nobody"]), rng.choice(names)
@@ -329,7 +328,7 @@ def half_done(yaml, seed, ticks, **wrong):
     """A run of a random plan under way, slow and late: (problem, plan, dependencies, floor)."""
     problem, plan, found = rounds(yaml, seed)
     executor = Executor(plan, problem, dependencies=found)
-    floor = _floor(executor, plan, Delays(slow=0.5, late=0.5, **wrong), seed)
+    floor = floor_of(executor, Delays(slow=0.5, late=0.5, **wrong), seed)
     for _ in range(ticks):
         floor.step()
     return problem, plan, found, floor
@@ -343,7 +342,7 @@ def test_a_saved_execution_goes_on_as_if_nothing_had_been(yaml):
     assert json.loads(json.dumps(again.save())) == saved
     assert again.predicted_makespan() == executor.predicted_makespan()
     floor.executive = Both(executor, again)
-    while floor.goes_on(100.0):
+    while floor.goes_on:
         floor.step()
     assert again.finished
     assert again.times() == executor.times()
@@ -379,7 +378,7 @@ def test_a_plan_is_joined_where_its_robots_say_that_they_are(yaml, ticks):
     for way in executor.state.of_object.values():
         assert way.progress == pytest.approx(floor.robots[way.object].s, abs=0.01)
     floor.executive = executor
-    while floor.goes_on(100.0):
+    while floor.goes_on:
         floor.step()
     run = simulation_of(floor, plan, "staircase", 0)
     assert run.finished
@@ -400,7 +399,7 @@ def test_what_cannot_have_come_about_is_not_joined(crossed):
         ({"done": [FIRST], "under_way": {FIRST: {"r0": 1.0}}}, "told to be over, and to be under"),
         ({"under_way": {FIRST: {}}}, "where is 'r0'"),
         ({"under_way": {FIRST: {"r0": 80.0}}}, "cannot be at 80.0 m"),
-        ({"under_way": {FIRST: {"r0": (3.0, 9.0, 0.0)}}}, "3.000 m off the path"),
+        ({"under_way": {FIRST: {"r0": (3.0, 9.0, 0.0)}}}, "3.000 m off its path"),
         ({"under_way": {FIRST: {"r0": (3.0, math.nan, 0.0)}}}, "three finite numbers"),
     ):
         with pytest.raises(ProblemError, match=match):
@@ -419,7 +418,7 @@ def test_an_order_is_proposed_elsewhere_and_taken_over_if_it_still_can_be(yaml):
     for seed in (5, 6):
         problem, plan, found = rounds(yaml, seed)
         executor = Executor(plan, problem, dependencies=found)
-        floor = _floor(executor, plan, Delays(slow=0.7, long_stop=30.0), seed)
+        floor = floor_of(executor, Delays(slow=0.7, long_stop=30.0), seed)
         for _ in range(12):
             for _ in range(20):
                 floor.step()
@@ -438,7 +437,7 @@ def test_an_order_is_proposed_elsewhere_and_taken_over_if_it_still_can_be(yaml):
             assert executor.adopt(proposal) == 0  # orders are others by now
             adopted += 1
             refused += late.adopt(proposal) == 0
-        while floor.goes_on(100.0):
+        while floor.goes_on:
             floor.step()
         run = simulation_of(floor, plan, "reorder", seed)
         assert run.finished

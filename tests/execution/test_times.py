@@ -25,7 +25,7 @@ def last_end(times, ends, chosen):
     pairs = [(t.first, t.then) for t in kept if t.first != NOW]
     at = [0] * len(times.number)
     order = topological(len(at), pairs, at)
-    if order is None:
+    if len(order) < len(at):
         return None
     into = {}
     for tie in kept:

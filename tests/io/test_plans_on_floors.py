@@ -174,7 +174,7 @@ def test_what_is_left_of_a_plan_on_floors(house, solved, moment):
     """Planned anew on either floor and in the lift: everybody goes on from where they stand."""
     executor = Executor(solved, house.problem)
     found = executor.dependencies
-    floor = Floor(executor, found, draw(Delays(slow=0.3), ["r0", "r1"], (), 60.0, 4))
+    floor = Floor(executor, found, draw(Delays(slow=0.3), found, 4))
     while executor.phase(moment).value == "waiting":
         floor.step()
     for _ in range(20):

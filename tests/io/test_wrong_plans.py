@@ -9,7 +9,7 @@ import pytest
 from tests import handmade
 from up_samp.cli import main
 from up_samp.io import check_plan, contradictions, plan_to_dict, read_plan, write_plan
-from up_samp.io.plan_dict import LIMITS
+from up_samp.io.precision import PRECISION
 from up_samp.model import ProblemError
 
 WRONG = (
@@ -109,7 +109,7 @@ def run(capsys, *arguments):
 def odd_plans(data):
     """Plans that pass the check of shapes though one field of each is odd."""
     for path in fields(data):
-        for value in (-1, "x", "n" * LIMITS.name, [], {}, None, 9_000_000):
+        for value in (-1, "x", "n" * PRECISION.name, [], {}, None, 9_000_000):
             plan = spoilt(data, path, value)
             if refusal(plan) is None:
                 yield path, plan

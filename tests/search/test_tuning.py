@@ -13,9 +13,8 @@ from unified_planning.shortcuts import OneshotPlanner
 from tests.upio.hall import Hall
 from up_samp.benchmarks.cli import _tuning
 from up_samp.benchmarks.one_run import RunSpec, select, sweep
-from up_samp.benchmarks.places import box
 from up_samp.benchmarks.runner import execute
-from up_samp.model import Body, Kinematics, MotionModel, ProblemError
+from up_samp.model import ProblemError
 from up_samp.model.tunable import Tunables
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.search import params as parameters
@@ -118,8 +117,8 @@ def test_components_and_schedulers_get_their_tunables(tmp_path, monkeypatch):
     assert set(sessions) == {0}
 
 
-def test_motion_planning_gets_its_tunables_here_and_in_child_processes(monkeypatch):
-    from up_samp.motion import MotionService, batch
+def test_motion_planning_gets_its_tunables_here_and_in_child_processes():
+    from up_samp.motion import MotionService
     from up_samp.motion.crew import Scope
     from up_samp.motion.fleet.workspace import workspace_of
 
@@ -127,12 +126,6 @@ def test_motion_planning_gets_its_tunables_here_and_in_child_processes(monkeypat
     service = MotionService(None, tuning=tuning.motion)
     assert service.legs.settings.tuning.lazy_rounds == 1
     assert workspace_of(service).tuning.plane.extra == 7
-    jobs = []
-    monkeypatch.setattr(batch, "_pickled", lambda job: jobs.append(job) or pickle.dumps(job))
-    body = Body(box(2, 1), Kinematics(MotionModel.REEDSSHEPP, 1.0, 2.0, 1.0))
-    pairs = [(body, (0.0, 0.0, 0.0), (9.0, y, 0.0)) for y in (0.0, 2.0)]
-    assert batch.precompute(service, pairs, processes=2) == 2
-    assert [job.scope.tuning for job in jobs] == [tuning.motion] * 2
     scope = pickle.loads(pickle.dumps(Scope.of(service)))
     assert scope.service().tuning == tuning.motion
     assert Scope.of(MotionService(None)).service().tuning == Tuning().motion

@@ -6,21 +6,12 @@ import subprocess
 import sys
 import time
 
-import numpy as np
 import pytest
 
-from up_samp.geometry import OccupancyGrid
 from up_samp.model import (
-    Body,
-    ControlLaw,
     Deadline,
-    Kinematics,
-    MotionModel,
     ScheduleStatus,
-    UnsupportedError,
 )
-from up_samp.motion import MotionService
-from up_samp.motion.batch import precompute
 from up_samp.scheduling import open_scheduler
 from up_samp.system import child
 
@@ -72,26 +63,6 @@ def test_workers_do_not_run_the_current_folder(trap):
         report = scheduler.solve(Deadline.after(10.0))
     assert report.status is ScheduleStatus.FOUND, report.message
     assert not list(trap.iterdir())
-
-
-def test_planning_ahead_does_not_run_the_current_folder(trap):
-    service = MotionService(OccupancyGrid(np.zeros((40, 40), dtype=bool), 0.25))
-    disc = Body(((-0.2, -0.2), (0.2, -0.2), (0.2, 0.2), (-0.2, 0.2)), Kinematics(MotionModel.SE2))
-    ends = [(2.0, 2.0, 0.0), (8.0, 8.0, 0.0), (2.0, 8.0, 0.0)]
-    pairs = [(disc, ends[0], ends[1]), (disc, ends[1], ends[2])]
-    assert precompute(service, pairs, processes=2) == 2
-    assert not list(trap.iterdir())
-
-
-def test_planning_ahead_names_what_cannot_be_sent():
-    law = ControlLaw(lambda q, u, qdot: None, (("v", 0.0, 1.0),), "r0")
-    moved = Body(
-        ((-0.2, -0.2), (0.2, -0.2), (0.0, 0.2)), Kinematics(MotionModel.CONTROL, control=law)
-    )
-    service = MotionService(OccupancyGrid(np.zeros((40, 40), dtype=bool), 0.25))
-    pairs = [(moved, (2.0, 2.0, 0.0), (8.0, y, 0.0)) for y in (2.0, 8.0)]
-    with pytest.raises(UnsupportedError, match="processes=1"):
-        precompute(service, pairs, processes=2)
 
 
 def test_a_child_finds_what_its_parent_finds(tmp_path, monkeypatch):

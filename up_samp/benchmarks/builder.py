@@ -17,9 +17,7 @@ import itertools
 from collections.abc import Iterable, Sequence
 from typing import Literal, TypeGuard
 
-from unified_planning.model import (
-    Fluent,
-)
+from unified_planning.model import Fluent
 from unified_planning.model.motion import (
     ActivityWaypoints,
     ConfigurationObject,
@@ -29,12 +27,7 @@ from unified_planning.model.motion import (
     SchedulingMotionProblem,
 )
 from unified_planning.model.scheduling import Activity
-from unified_planning.shortcuts import (
-    Equals,
-    MovableType,
-    Not,
-    Or,
-)
+from unified_planning.shortcuts import Equals, MovableType, Not, Or
 
 from up_samp.benchmarks.places import (
     CAR,
@@ -108,11 +101,7 @@ class Family(ProblemOnMap):
             self.robot_type,
             footprint=list(ROBOT_FOOTPRINT),
             motion_model=MotionModels.REEDSSHEPP,
-            motion_parameters={
-                "turning_radius": CAR.turning_radius,
-                "v_max": CAR.v_max,
-                "a_max": self.a_max,
-            },
+            motion_parameters={**CAR, "a_max": self.a_max},
         )
         self.problem.add_object(robot)
         self.problem.set_initial_configuration(robot, start)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import itertools
 import math
 import random
-from dataclasses import dataclass
 
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.shortcuts import Or
@@ -20,58 +19,45 @@ from up_samp.benchmarks.places import FamilyDoor, Pose, box, check_poses
 from up_samp.benchmarks.published.form import Form, Manner, Published
 from up_samp.model import ProblemError
 
-
-@dataclass(frozen=True)
-class DoorSequencePlan:
-    """Measures of the building (m), and how large an instance may be."""
-
-    height: float = 30.0
-    first_wall: float = 16.3
-    """Where the first wall is (x)."""
-    apart: float = 10.0
-    """How far apart walls are."""
-    button: float = 12.2
-    """Where the first button is (x); each other stands as far before its wall."""
-    behind: float = 13.7
-    """Width of the room behind the last door."""
-    gap: float = 5.0
-    """Width of the gap that a door closes."""
-    most_robots: int = 6
-    most_doors: int = 5
-
-    def wall(self, i: int) -> float:
-        """Return where the middle of wall ``i`` is (x)."""
-        return self.first_wall + self.apart * i
-
-
-PLAN = DoorSequencePlan()
+HEIGHT, GAP = 30.0, 5.0
+"""Height of the building, and width of the gap that a door closes (m)."""
+FIRST_WALL, APART, BEHIND = 16.3, 10.0, 13.7
+"""Where the first wall is (x), how far apart walls are, width of the room behind the last door."""
+FIRST_BUTTON = (12.2, 15.0)
+"""Where the first button is; each other stands as far before its wall."""
+MOST_ROBOTS, MOST_DOORS = 6, 5
 
 _UP = math.pi / 2
+
+
+def wall_at(i: int) -> float:
+    """Return where the middle of wall ``i`` is (x)."""
+    return FIRST_WALL + APART * i
 
 
 def sequence_doors(doors: int) -> list[FamilyDoor]:
     """Return the doors, 1 x 6 m; they open by 6 m along their wall."""
     found = []
     for i in range(doors):
-        x = round(PLAN.wall(i), 2)
-        button = (round(PLAN.button + PLAN.apart * i, 2), 15.0, -_UP)
+        x = round(wall_at(i), 2)
+        button = (round(FIRST_BUTTON[0] + APART * i, 2), FIRST_BUTTON[1], -_UP)
         found.append(FamilyDoor(f"door{i}", box(1, 6), (x, 15.0, 0.0), (x, 21.0, 0.0), button))
     return found
 
 
 def sequence_size(doors: int) -> tuple[float, float]:
     """Return width and height of the building, m."""
-    return round(PLAN.wall(doors - 1) + PLAN.behind, 1), PLAN.height
+    return round(wall_at(doors - 1) + BEHIND, 1), HEIGHT
 
 
 def sequence_walls(doors: int) -> list[Rectangle]:
     """Return what is occupied: walls 0.6 m thick with one gap of 5 m each."""
     walls = outer_wall(*sequence_size(doors))
     for i in range(doors):
-        left, right = PLAN.wall(i) - 0.3, PLAN.wall(i) + 0.3
+        left, right = wall_at(i) - 0.3, wall_at(i) + 0.3
         walls += [
-            (left, 0.0, right, (PLAN.height - PLAN.gap) / 2),
-            (left, (PLAN.height + PLAN.gap) / 2, right, PLAN.height),
+            (left, 0.0, right, (HEIGHT - GAP) / 2),
+            (left, (HEIGHT + GAP) / 2, right, HEIGHT),
         ]
     return walls
 
@@ -86,10 +72,10 @@ def door_sequence(
     name: str | None = None,
 ) -> SchedulingMotionProblem:
     """Build a problem of doors in sequence: every robot has to get to its goal."""
-    if not 1 <= robots <= PLAN.most_robots or not 1 <= doors <= PLAN.most_doors:
+    if not 1 <= robots <= MOST_ROBOTS or not 1 <= doors <= MOST_DOORS:
         raise ProblemError(
-            f"doors in sequence take 1 to {PLAN.most_robots} robots "
-            f"and 1 to {PLAN.most_doors} doors, not {robots} and {doors}"
+            f"doors in sequence take 1 to {MOST_ROBOTS} robots "
+            f"and 1 to {MOST_DOORS} doors, not {robots} and {doors}"
         )
     size, walls, leaves = sequence_size(doors), sequence_walls(doors), sequence_doors(doors)
     starts, goals = _draw(robots, doors, seed)
@@ -121,7 +107,7 @@ def door_sequence(
 def _draw(robots: int, doors: int, seed: int) -> tuple[dict[str, Pose], dict[str, Pose]]:
     """Draw starts before the first door and goals behind the last one, 4 m apart each."""
     rng = random.Random(f"doors-{robots}-{doors}-{seed}")
-    wall = PLAN.wall(doors - 1)
+    wall = wall_at(doors - 1)
     taken: list[Pose] = [leaf.button for leaf in sequence_doors(doors)]
 
     def spot(low: float, high: float) -> Pose:
@@ -132,5 +118,5 @@ def _draw(robots: int, doors: int, seed: int) -> tuple[dict[str, Pose], dict[str
                 return taken[-1]
 
     starts = {f"robot{r}_start": spot(2.0, 13.0) for r in range(robots)}
-    goals = {f"robot{r}_goal": spot(wall + 3.0, wall + PLAN.behind - 3.0) for r in range(robots)}
+    goals = {f"robot{r}_goal": spot(wall + 3.0, wall + BEHIND - 3.0) for r in range(robots)}
     return starts, goals

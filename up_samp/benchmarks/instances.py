@@ -13,8 +13,9 @@ from __future__ import annotations
 import functools
 import itertools
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
 from unified_planning.model.motion import SchedulingMotionProblem
 
@@ -23,8 +24,8 @@ from up_samp.benchmarks.builder import Encoding, check_encoding
 from up_samp.benchmarks.door_sequence import door_sequence
 from up_samp.benchmarks.kitting import kitting
 from up_samp.benchmarks.navigation import navigation
-from up_samp.benchmarks.warehouse import WarehouseEncoding, warehouse
-from up_samp.benchmarks.warehouse import instance_name as warehouse_name
+from up_samp.benchmarks.published.form import PUBLISHED
+from up_samp.benchmarks.warehouse import warehouse
 from up_samp.model import ProblemError
 
 Build = Callable[..., SchedulingMotionProblem]
@@ -45,17 +46,21 @@ class Instance:
     build: Build
 
 
-_NAME = re.compile(
-    r"(?:(?P<logistics>logistics)-d(?P<ldoor>[co])-(?P<sides>all|oc)-r(?P<lr>\d+)-i(?P<items>\d+)"
-    r"|(?P<jobshop>jobshop)-r(?P<jr>\d+)-j(?P<jobs>\d+)-m(?P<machines>\d+)"
-    r"|(?P<transport>transport)-(?:(?P<data>ft06)-)?d(?P<tdoor>[co])-r(?P<tr>\d+)"
-    r"(?P<size>-j(?P<tjobs>\d+)-m(?P<tmachines>\d+))?"
-    r"|(?P<navigation>navigation)-r(?P<nr>\d+)"
-    r"|(?P<kitting>kitting)-r(?P<kr>\d+)-k(?P<kits>\d+)-p(?P<parts>\d+)-d(?P<kdoors>\d+)"
-    r"(?P<operator>-op)?"
-    r"|(?P<warehouse>warehouse)-(?P<compact>compact-)?r(?P<wr>\d+)-o(?P<orders>\d+)"
-    r"|(?P<doors>doors)-r(?P<dr>\d+)-d(?P<ddoors>\d+))(?:-s(?P<seed>\d+))?"
-)
+_FORMS: dict[str, tuple[str, Build]] = {
+    "logistics": (r"-d(?P<door>[co])-(?P<sides>all|oc)-r\d+-i\d+", logistics.logistics),
+    "jobshop": (r"-r\d+-j\d+-m\d+", jobshop.job_shop),
+    "transport": (
+        r"(?P<data>-ft06)?-d(?P<door>[co])-r\d+(?(data)|-j\d+-m\d+)", transport.transport,
+    ),
+    "navigation": (r"-r\d+", navigation),
+    "kitting": (r"-r\d+-k\d+-p\d+-d\d+(?P<operator>-op)?", kitting),
+    "warehouse": (r"-(?P<compact>compact-)?r\d+-o\d+", warehouse),
+    "doors": (r"-r\d+-d\d+", door_sequence),
+}  # fmt: skip
+"""How the names of each family go on (sizes in the builder's order), and what builds it."""
+
+_UNSEEDED = ("navigation", "kitting")
+_PUBLISHED_ONLY = (*_UNSEEDED, "doors")
 
 
 def instance(name: str) -> Instance:
@@ -63,181 +68,109 @@ def instance(name: str) -> Instance:
 
     :raises ProblemError: if the name is none.
     """
-    found = _NAME.fullmatch(name)
-    if found is None or (found["transport"] and bool(found["data"]) == bool(found["size"])):
+    family = name.partition("-")[0]
+    form, make = _FORMS.get(family, ("", None))
+    found = re.fullmatch(rf"{family}{form}(-s(?P<seed>\d+))?", name) if make else None
+    if found is None or make is None:
         raise ProblemError(f"there is no instance {name!r}; `instances(family)` lists them")
-    seed = int(found["seed"] or 0)
-    if found["logistics"]:
-        return _logistics(found, name, seed)
-    if found["navigation"] or found["kitting"] or found["doors"]:
-        return _published_only(found, name, seed)
-    if found["warehouse"]:
-        return _warehouse(found, name, seed)
-    return _job_shop(found, name, seed) if found["jobshop"] else _transport(found, name, seed)
-
-
-def _logistics(found: re.Match[str], name: str, seed: int) -> Instance:
-    robots, items = int(found["lr"]), int(found["items"])
-    door: logistics.DoorState = "closed" if found["ldoor"] == "c" else "open"
-    sides: logistics.Sides = "all" if found["sides"] == "all" else "corridor"
-
-    def build(encoding: Encoding = "lean", metric: bool = True) -> SchedulingMotionProblem:
-        return logistics.logistics(
-            robots,
-            items,
-            door=door,
-            sides=sides,
-            encoding=encoding,
-            metric=metric,
-            seed=seed,
-            name=name,
-        )
-
-    group = f"{found['sides'].upper()}-D{found['ldoor'].upper()}"
-    return Instance(name, "logistics", group, build)
-
-
-def _job_shop(found: re.Match[str], name: str, seed: int) -> Instance:
-    size = int(found["jr"]), int(found["jobs"]), int(found["machines"])
-
-    def build(encoding: Encoding = "lean", metric: bool = True) -> SchedulingMotionProblem:
-        return jobshop.job_shop(*size, encoding=encoding, metric=metric, seed=seed, name=name)
-
-    return Instance(name, "jobshop", "JSP", build)
-
-
-def _transport(found: re.Match[str], name: str, seed: int) -> Instance:
-    size = int(found["tr"]), int(found["tjobs"] or 0), int(found["tmachines"] or 0)
-    door: logistics.DoorState = "closed" if found["tdoor"] == "c" else "open"
-
-    def build(encoding: Encoding = "lean", metric: bool = True) -> SchedulingMotionProblem:
-        return transport.transport(
-            *size,
-            data=found["data"],
-            door=door,
-            encoding=encoding,
-            metric=metric,
-            seed=seed,
-            name=name,
-        )
-
-    return Instance(name, "transport", "transport", build)
-
-
-def _warehouse(found: re.Match[str], name: str, seed: int) -> Instance:
-    size = int(found["wr"]), int(found["orders"])
-    form: WarehouseEncoding = "compact" if found["compact"] else "moves"
-
-    def build(encoding: Encoding = "lean", metric: bool = True) -> SchedulingMotionProblem:
-        # where robots are is always a fluent here
-        check_encoding(encoding, ("lean",))
-        return warehouse(*size, encoding=form, metric=metric, seed=seed, name=name)
-
-    return Instance(name, "warehouse", "warehouse", build)
-
-
-def _published_only(found: re.Match[str], name: str, seed: int) -> Instance:
-    """Return an instance of a family that is published beside the paper's."""
-    make: Build
-    if found["navigation"]:
-        family, make = "navigation", functools.partial(navigation, int(found["nr"]))
-    elif found["kitting"]:
-        size = [int(found[key]) for key in ("kr", "kits", "parts", "kdoors")]
-        family = "kitting"
-        make = functools.partial(kitting, *size, operator=bool(found["operator"]))
-    else:
-        size = [int(found["dr"]), int(found["ddoors"])]
-        family, make = "doors", functools.partial(door_sequence, *size, seed=seed)
-    if seed and family != "doors":
+    options = _options(found)
+    if family in _UNSEEDED and options.pop("seed"):
         raise ProblemError(f"instance {name!r}: the family {family} has no seeds")
+    compact = options.pop("compact", False)
+    sizes = [int(size) for size in re.findall(r"-[a-rt-z](\d+)", name)]
 
-    def build(encoding: Encoding = "fluents", metric: bool = True) -> SchedulingMotionProblem:
-        check_encoding(encoding)
-        form = "fluents" if encoding == "lean" else encoding.removeprefix("lean-")
-        return make(encoding=form, metric=metric, name=name)
+    def build(encoding: Encoding = "lean", metric: bool = True) -> SchedulingMotionProblem:
+        form: str = encoding
+        if family in _PUBLISHED_ONLY:
+            check_encoding(encoding)
+            form = PUBLISHED[0] if encoding == "lean" else encoding.removeprefix("lean-")
+        if family == "warehouse":
+            check_encoding(encoding, ("lean",))  # where robots are is always a fluent here
+            form = "compact" if compact else "moves"
+        return make(*sizes, encoding=form, metric=metric, name=name, **options)
 
-    return Instance(name, family, family, build)
-
-
-def _paper_logistics() -> list[str]:
-    settings: list[tuple[logistics.Sides, logistics.DoorState]] = [
-        ("corridor", "open"),
-        ("corridor", "closed"),
-        ("all", "open"),
-        ("all", "closed"),
-    ]
-    return [
-        logistics.instance_name(robots, items, door, sides)
-        for sides, door in settings
-        for robots in (1, 2, 3)
-        for items in range(1, 9)
-    ]
+    groups = {"logistics": f"{found[2]}-d{found[1]}".upper(), "jobshop": "JSP"} if form else {}
+    return Instance(name, family, groups.get(family, family), build)
 
 
-def _large_logistics() -> list[str]:
-    sizes = itertools.product(range(4, 11), (8, 12, 16))
-    return [logistics.instance_name(r, i, "closed", "all") for r, i in sizes]
+def _options(found: re.Match[str]) -> dict[str, Any]:
+    """Return what a name says beside sizes, as its builder takes it."""
+    options: dict[str, Any] = {"seed": 0}
+    for key, word in found.groupdict().items():
+        if key == "seed":
+            options[key] = int(word or 0)
+        elif key == "door":
+            options[key] = "closed" if word == "c" else "open"
+        elif key == "sides":
+            options[key] = "all" if word == "all" else "corridor"
+        elif key == "data":
+            options[key] = word and word[1:]
+        else:
+            options[key] = word is not None
+    return options
 
 
-def _paper_job_shops() -> list[str]:
-    return [
-        jobshop.instance_name(robots, jobs, machines)
-        for machines in (1, 2, 4, 6)
-        for robots in (1, 2, 3)
-        for jobs in (1, 2, 3)
-    ]
+def _listed(family: str) -> list[str]:
+    """Return the names of a family's instances."""
+    if family == "logistics":
+        return [
+            f"logistics-d{door}-{sides}-r{robots}-i{items}"
+            for sides in ("oc", "all")
+            for door in ("o", "c")
+            for robots in (1, 2, 3)
+            for items in range(1, 9)
+        ]
+    if family == "jobshop":
+        sizes = itertools.product((1, 2, 4, 6), (1, 2, 3), (1, 2, 3))
+        return [f"jobshop-r{r}-j{j}-m{m}" for m, r, j in sizes]
+    return [form.format(*size) for form, sizes in _LISTS[family] for size in sizes]
 
 
-def _large_job_shops() -> list[str]:
-    sizes = [(3, 4, 4), (3, 6, 4), (4, 4, 4), (4, 4, 6), (4, 6, 6), (5, 6, 6)]
-    return [jobshop.instance_name(*size) for size in sizes]
-
-
-def _transports() -> list[str]:
-    sizes = [*itertools.product((1, 2), (1, 2), (1, 2)), (2, 3, 2), (3, 3, 2), (2, 2, 4)]
-    names = [transport.instance_name(*size, "closed") for size in sizes]
-    return [*names, "transport-ft06-do-r2", "transport-ft06-do-r3"]
-
-
-def _navigations() -> list[str]:
-    return [f"navigation-r{robots}" for robots in range(2, 11)]
-
-
-def _kittings() -> list[str]:
-    sizes = [(1, 1, 2, 2), (2, 1, 3, 2), (2, 2, 2, 2), (2, 2, 3, 2), (2, 2, 4, 4), (3, 3, 3, 4)]
-    return [f"kitting-r{r}-k{k}-p{p}-d{d}" for r, k, p, d in sizes]
-
-
-def _door_sequences() -> list[str]:
-    return [f"doors-r{r}-d{d}" for d in (1, 2, 3) for r in (1, 2, 3)]
-
-
-def _warehouses() -> list[str]:
-    sizes = [(2, 3), (3, 5), (5, 10), (10, 30), (20, 60), (50, 150), (50, 200)]
-    return [warehouse_name(*size) for size in sizes]
-
-
-_FAMILIES: dict[str, Callable[[], list[str]]] = {
-    "logistics": _paper_logistics,
-    "jobshop": _paper_job_shops,
-    "logistics-large": _large_logistics,
-    "jobshop-large": _large_job_shops,
-    "transport": _transports,
-    "navigation": _navigations,
-    "kitting": _kittings,
-    "doors": _door_sequences,
-    "warehouse": _warehouses,
+_Sizes = Iterable[tuple[int, ...]]
+_LISTS: dict[str, list[tuple[str, _Sizes]]] = {
+    "logistics-large": [
+        ("logistics-dc-all-r{}-i{}", [*itertools.product(range(4, 11), (8, 12, 16))])
+    ],
+    "jobshop-large": [
+        (
+            "jobshop-r{}-j{}-m{}",
+            [(3, 4, 4), (3, 6, 4), (4, 4, 4), (4, 4, 6), (4, 6, 6), (5, 6, 6)],
+        )
+    ],
+    "transport": [
+        (
+            "transport-dc-r{}-j{}-m{}",
+            [*itertools.product((1, 2), (1, 2), (1, 2)), (2, 3, 2), (3, 3, 2), (2, 2, 4)],
+        ),
+        ("transport-ft06-do-r{}", [(2,), (3,)]),
+    ],
+    "navigation": [("navigation-r{}", [(robots,) for robots in range(2, 11)])],
+    "kitting": [
+        (
+            "kitting-r{}-k{}-p{}-d{}",
+            [(1, 1, 2, 2), (2, 1, 3, 2), (2, 2, 2, 2), (2, 2, 3, 2), (2, 2, 4, 4), (3, 3, 3, 4)],
+        )
+    ],
+    "doors": [("doors-r{1}-d{0}", [*itertools.product((1, 2, 3), (1, 2, 3))])],
+    "warehouse": [
+        (
+            "warehouse-r{}-o{}",
+            [(2, 3), (3, 5), (5, 10), (10, 30), (20, 60), (50, 150), (50, 200)],
+        )
+    ],
 }
+
+_FAMILIES = ("logistics", "jobshop", *_LISTS)
 
 
 def families() -> tuple[str, ...]:
     """Return the names of the families (``paper`` is ``logistics`` and ``jobshop``)."""
-    return tuple(_FAMILIES)
+    return _FAMILIES
 
 
 @functools.cache
 def _instances(family: str) -> tuple[Instance, ...]:
-    return tuple(map(instance, _FAMILIES[family]()))
+    return tuple(map(instance, _listed(family)))
 
 
 def instances(family: str) -> list[Instance]:

@@ -13,39 +13,21 @@ import itertools
 import json
 import math
 import random
-from dataclasses import dataclass
 from typing import Any
 
 from unified_planning.model.motion import ConfigurationObject, SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity
 
 from up_samp.benchmarks.builder import Encoding, Family, is_published
-from up_samp.benchmarks.maps import (
-    DATA,
-    SHOP,
-    job_shop_map,
-    job_shop_size,
-    job_shop_walls,
-)
+from up_samp.benchmarks.maps import DATA, SHOP, job_shop_map, job_shop_size, job_shop_walls
 from up_samp.benchmarks.places import FamilyDoor, Pose, Shop, box, check_poses
 from up_samp.benchmarks.published.jobshop import published_job_shop
 from up_samp.model import ProblemError
 
-
-@dataclass(frozen=True)
-class JobShopSizes:
-    """How large a job shop may be, and what its robots can do."""
-
-    a_max: float = 1.0
-    """Acceleration limit of the robots, m/s^2."""
-    robots: int = 5
-    jobs: int = 6
-    machines: int = 6
-    apart: float = 4.0
-    """Robots start at least so far apart, m."""
-
-
-SIZES = JobShopSizes()
+MOST = {"robots": 5, "jobs": 6, "machines": 6}
+"""How large a job shop may be."""
+ACCELERATION, APART = 1.0, 4.0
+"""What the robots can do at most (m/s^2), and how far apart they start at least (m)."""
 
 _UP = math.pi / 2
 
@@ -65,11 +47,7 @@ def draw_shop(robots: int, jobs: int, machines: int, seed: int) -> Shop:
     all machines once in a random order, for 1 to 10 units each. Robots start in the hall on the
     rows y = 25 or y = 20, at least 4 m apart.
     """
-    for what, n, most in (
-        ("robots", robots, SIZES.robots),
-        ("jobs", jobs, SIZES.jobs),
-        ("machines", machines, SIZES.machines),
-    ):
+    for (what, most), n in zip(MOST.items(), (robots, jobs, machines), strict=True):
         if not 1 <= n <= most:
             raise ProblemError(f"a job shop takes 1 to {most} {what}, not {n}")
     rng = random.Random(f"jobshop-{robots}-{jobs}-{machines}-{seed}")
@@ -90,7 +68,7 @@ def draw_shop(robots: int, jobs: int, machines: int, seed: int) -> Shop:
     while len(starts) < robots:
         x = round(rng.uniform(4, job_shop_size(machines)[0] - 4), 2)
         pose = (x, rng.choice((20.0, 25.0)), rng.choice((_UP, -_UP)))
-        if all(math.dist(pose[:2], other[:2]) >= SIZES.apart for other in starts):
+        if all(math.dist(pose[:2], other[:2]) >= APART for other in starts):
             starts.append(pose)
     return Shop(tuple(routes), places, tuple(starts))
 
@@ -154,7 +132,7 @@ def job_shop(
     if is_published(encoding):
         return published_job_shop(title, data, doors, encoding, metric)
     yaml = str(job_shop_map(machines))
-    family = Family(title, yaml, a_max=SIZES.a_max, encoding=encoding, metric=metric)
+    family = Family(title, yaml, a_max=ACCELERATION, encoding=encoding, metric=metric)
     starts = [family.place(f"start{r}", pose) for r, pose in enumerate(data.starts)]
     for r, start in enumerate(starts):
         family.robot(f"r{r}", start)

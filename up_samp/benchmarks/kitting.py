@@ -13,14 +13,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from unified_planning.model import Parameter
-from unified_planning.model.motion import (
-    ConfigurationObject,
-    MotionModels,
-    SchedulingMotionProblem,
-)
+from unified_planning.model.motion import ConfigurationObject, MotionModels, SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import GE, LE, BoolType, Iff, Implies, Not, Or, Plus
 
@@ -32,25 +27,12 @@ from up_samp.model import ProblemError
 HALL = (30.0, 30.0)
 
 
-@dataclass(frozen=True)
-class KittingPlan:
-    """Measures of the building (m), and how many robots it takes."""
-
-    room: float = 9.2
-    """Width of a room."""
-    lower: float = 11.0
-    """Where the doors below the aisle are (y)."""
-    upper: float = 19.8
-    """Where the doors above the aisle are (y)."""
-    slide: float = 7.0
-    """How far doors slide open."""
-    before: float = 1.5
-    """How far before its door a button is."""
-    most_robots: int = 4
-
-
-PLAN = KittingPlan()
-
+ROOM, LOWER, UPPER = 9.2, 11.0, 19.8
+"""Width of a room, and where the doors below and above the aisle are (y), m."""
+SLIDE, BEFORE = 7.0, 1.5
+"""How far doors slide open, and how far before its door a button is (m)."""
+MOST_ROBOTS, MOST_PARTS = 4, 6
+"""How many robots it takes, and how many parts in a room."""
 LOADING, UNLOADING, PREPARING = 5, 5, 30
 """Units that loading a part, unloading and preparing an unloading take."""
 UNLOAD_WITHIN = (10, 20)
@@ -62,36 +44,34 @@ def kitting_doors(doors: int) -> list[FamilyDoor]:
     """Return the doors: even ones below the aisle, odd ones above it."""
     found = []
     for i in range(doors):
-        x = 25.0 + PLAN.room * (i // 2)
-        y, inward = (PLAN.lower, 1.0) if i % 2 == 0 else (PLAN.upper, -1.0)
-        button = (x, round(y + inward * PLAN.before, 3), 0.0)
-        found.append(
-            FamilyDoor(f"door{i}", box(1, 4.2), (x, y, _UP), (x - PLAN.slide, y, _UP), button)
-        )
+        x = 25.0 + ROOM * (i // 2)
+        y, inward = (LOWER, 1.0) if i % 2 == 0 else (UPPER, -1.0)
+        button = (x, round(y + inward * BEFORE, 3), 0.0)
+        found.append(FamilyDoor(f"door{i}", box(1, 4.2), (x, y, _UP), (x - SLIDE, y, _UP), button))
     return found
 
 
 def kitting_size(doors: int) -> tuple[float, float]:
     """Return width and height of the building, m."""
-    return HALL[0] + PLAN.room * (doors // 2 - 1), HALL[1]
+    return HALL[0] + ROOM * (doors // 2 - 1), HALL[1]
 
 
 def kitting_walls(doors: int) -> list[Rectangle]:
     """Return what is occupied: walls 0.6 m thick with gaps of 4.4 m at the doors."""
     width, height = kitting_size(doors)
     walls = outer_wall(width, height)
-    for y in (PLAN.lower, PLAN.upper):
-        left = 25.0 - PLAN.room / 2
+    for y in (LOWER, UPPER):
+        left = 25.0 - ROOM / 2
         for pair in range(doors // 2):
-            x = 25.0 + PLAN.room * pair
+            x = 25.0 + ROOM * pair
             walls.append((round(left, 1), y - 0.3, x - 2.2, y + 0.3))
             left = x + 2.2
         walls.append((round(left, 1), y - 0.3, width, y + 0.3))
     for pair in range(doors // 2 + 1):
-        x = round(25.0 - PLAN.room / 2 + PLAN.room * pair, 1)
+        x = round(25.0 - ROOM / 2 + ROOM * pair, 1)
         walls += [
-            (x - 0.2, 0.0, x + 0.2, PLAN.lower),
-            (x - 0.2, PLAN.upper, x + 0.2, height),
+            (x - 0.2, 0.0, x + 0.2, LOWER),
+            (x - 0.2, UPPER, x + 0.2, height),
         ]
     return walls
 
@@ -149,12 +129,14 @@ def kitting(
 
 
 def _check_sizes(robots: int, kits: int, parts: int, doors: int) -> None:
-    if not 1 <= robots <= PLAN.most_robots:
-        raise ProblemError(f"kitting takes 1 to {PLAN.most_robots} robots, not {robots}")
+    if not 1 <= robots <= MOST_ROBOTS:
+        raise ProblemError(f"kitting takes 1 to {MOST_ROBOTS} robots, not {robots}")
     if doors not in (2, 4, 6):
         raise ProblemError(f"kitting takes 2, 4 or 6 doors, not {doors}")
-    if kits < 1 or parts < 1 or kits * parts > 6 * doors:
-        raise ProblemError(f"kitting takes 1 to {6 * doors} parts in all, not {kits} x {parts}")
+    if kits < 1 or parts < 1 or kits * parts > MOST_PARTS * doors:
+        raise ProblemError(
+            f"kitting takes 1 to {MOST_PARTS * doors} parts in all, not {kits} x {parts}"
+        )
 
 
 def _spots(kits: int, parts: int, doors: int) -> dict[str, Pose]:
@@ -162,7 +144,7 @@ def _spots(kits: int, parts: int, doors: int) -> dict[str, Pose]:
     spots: dict[str, Pose] = {}
     for n, (k, s) in enumerate(itertools.product(range(kits), range(parts))):
         room, slot = n % doors, n // doors
-        x = round(25.0 + PLAN.room * (room // 2) + (-3.0, 0.0, 3.0)[slot % 3], 2)
+        x = round(25.0 + ROOM * (room // 2) + (-3.0, 0.0, 3.0)[slot % 3], 2)
         row = 4.0 * (slot // 3)
         y, heading = (6.0 - row, -_UP) if room % 2 == 0 else (24.0 + row, _UP)
         spots[f"kit{k}_part{s}"] = (x, y, heading)

@@ -11,7 +11,6 @@ from __future__ import annotations
 import itertools
 import math
 import random
-from dataclasses import dataclass
 from typing import Literal
 
 from unified_planning.model import Fluent
@@ -31,18 +30,10 @@ from up_samp.benchmarks.published.logistics import published_logistics
 from up_samp.benchmarks.routes import at_start
 from up_samp.model import ProblemError
 
-
-@dataclass(frozen=True)
-class LogisticsSizes:
-    """How large an instance may be, and what its robots can do."""
-
-    a_max: float = 0.5
-    """Acceleration limit of the robots, m/s^2."""
-    robots: int = 10
-    items: int = 16
-
-
-SIZES = LogisticsSizes()
+MOST = {"robots": 10, "items": 16}
+"""How large an instance may be."""
+ACCELERATION = 0.5
+"""What the robots can do at most, m/s^2."""
 
 DoorState = Literal["closed", "open"]
 Sides = Literal["all", "corridor"]
@@ -67,10 +58,9 @@ def layout(robots: int, items: int, seed: int = 0) -> Layout:
     Seed 0 is the paper's order of items; any other seed deals the slots of the shelves (8 for up
     to 8 items, else 16) and the depots at random.
     """
-    if not 1 <= robots <= SIZES.robots:
-        raise ProblemError(f"logistics takes 1 to {SIZES.robots} robots, not {robots}")
-    if not 1 <= items <= SIZES.items:
-        raise ProblemError(f"logistics takes 1 to {SIZES.items} items, not {items}")
+    for (what, most), n in zip(MOST.items(), (robots, items), strict=True):
+        if not 1 <= n <= most:
+            raise ProblemError(f"logistics takes 1 to {most} {what}, not {n}")
     columns = [(x, 0) for x in _COLUMNS] + [(x, 1) for x in _COLUMNS]
     if items > len(columns):
         columns += [(x, 0) for x in _EXTRA_COLUMNS] + [(x, 1) for x in _EXTRA_COLUMNS]
@@ -129,7 +119,7 @@ def logistics(
         leaf = DOOR if door == "closed" else None
         return published_logistics(title, spots, leaf, sides == "all", encoding, metric)
     family = Family(
-        title, str(logistics_map()), a_max=SIZES.a_max, encoding=encoding, metric=metric
+        title, str(logistics_map()), a_max=ACCELERATION, encoding=encoding, metric=metric
     )
     shelves = _shelf_places(family, spots, sides)
     depots = [family.place(f"depot{r}", pose) for r, pose in enumerate(spots.depots)]

@@ -17,18 +17,8 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-
-@dataclass(frozen=True)
-class Drawing:
-    """How maps are drawn."""
-
-    resolution: float = 0.1
-    """Metres per pixel."""
-    wall: float = 0.5
-    """Thickness of an outer wall, m."""
-
-
-DRAWING = Drawing()
+RESOLUTION, WALL = 0.1, 0.5
+"""Metres per pixel, and thickness of an outer wall (m)."""
 
 DATA = Path(__file__).parent / "data"
 """Folder of the files that are frozen with the package."""
@@ -88,7 +78,7 @@ def job_shop_walls(cells: int) -> list[Rectangle]:
     walls.append((left, SHOP.hall_top, width, SHOP.room_floor))
     for i in range(1, cells):
         x = SHOP.room_width * i
-        walls.append((x - DRAWING.wall, SHOP.room_floor, x + DRAWING.wall, SHOP.height))
+        walls.append((x - WALL, SHOP.room_floor, x + WALL, SHOP.height))
     return walls
 
 
@@ -99,10 +89,10 @@ def job_shop_size(cells: int) -> tuple[float, float]:
 
 def draw(size: tuple[float, float], walls: Sequence[Rectangle]) -> npt.NDArray[np.bool_]:
     """Return the occupancy grid of ``walls``: shape (rows, columns), row 0 at the *top*."""
-    columns, rows = (round(v / DRAWING.resolution) for v in size)
+    columns, rows = (round(v / RESOLUTION) for v in size)
     occupied = np.zeros((rows, columns), dtype=np.bool_)
     for x0, y0, x1, y1 in walls:
-        c0, c1, r0, r1 = (round(v / DRAWING.resolution) for v in (x0, x1, y0, y1))
+        c0, c1, r0, r1 = (round(v / RESOLUTION) for v in (x0, x1, y0, y1))
         occupied[rows - r1 : rows - r0, c0:c1] = True
     return occupied
 
@@ -119,7 +109,7 @@ def write_map(folder: Path, name: str, occupied: npt.NDArray[np.bool_]) -> Path:
     Image.fromarray(~occupied).save(scratch, format="PNG", optimize=True)
     os.replace(scratch, png)
     scratch.write_text(
-        f"image: {png.name}\nresolution: {DRAWING.resolution}\norigin: [0.0, 0.0, 0.0]\n"
+        f"image: {png.name}\nresolution: {RESOLUTION}\norigin: [0.0, 0.0, 0.0]\n"
         "negate: 0\noccupied_thresh: 0.3\nfree_thresh: 0.1\n",
         encoding="utf-8",
     )
@@ -167,8 +157,8 @@ def drawn_map(name: str, size: tuple[float, float], walls: Sequence[Rectangle]) 
 def outer_wall(width: float, height: float) -> list[Rectangle]:
     """Return the four sides of the wall around a map of that size (m)."""
     return [
-        (0.0, 0.0, width, DRAWING.wall),
-        (0.0, height - DRAWING.wall, width, height),
-        (0.0, 0.0, DRAWING.wall, height),
-        (width - DRAWING.wall, 0.0, width, height),
+        (0.0, 0.0, width, WALL),
+        (0.0, height - WALL, width, height),
+        (0.0, 0.0, WALL, height),
+        (width - WALL, 0.0, width, height),
     ]

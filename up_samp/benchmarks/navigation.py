@@ -7,8 +7,6 @@ families; the measures of the halls are this package's own.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from unified_planning.model.motion import MotionModels, SchedulingMotionProblem
 
 from up_samp.benchmarks.maps import Rectangle, drawn_map, outer_wall
@@ -16,39 +14,29 @@ from up_samp.benchmarks.places import Pose, check_poses
 from up_samp.benchmarks.published.form import Form, Manner, Published
 from up_samp.model import ProblemError
 
-
-@dataclass(frozen=True)
-class NavigationPlan:
-    """Measures of the building, and how many robots it takes."""
-
-    thick: float = 3.0
-    """Thickness of what lies between two halls, m: the corridor's length."""
-    most_robots: int = 10
-
-
-PLAN = NavigationPlan()
-
 HALL = (40.0, 12.0)
 """Width and height of one hall, m."""
 CORRIDOR = (18.0, 22.0)
 """Where corridors are (x), m."""
+THICK, MOST_ROBOTS = 3.0, 10
+"""Thickness of what lies between two halls (m: the corridor's length), and how many there are."""
 
 
 def hall_floor(robot: int) -> float:
     """Return the y of the floor of a robot's hall, m."""
-    return robot * (HALL[1] + PLAN.thick)
+    return robot * (HALL[1] + THICK)
 
 
 def navigation_size(robots: int) -> tuple[float, float]:
     """Return width and height of the building, m."""
-    return HALL[0], robots * HALL[1] + (robots - 1) * PLAN.thick
+    return HALL[0], robots * HALL[1] + (robots - 1) * THICK
 
 
 def navigation_walls(robots: int) -> list[Rectangle]:
     """Return what is occupied."""
     walls = outer_wall(*navigation_size(robots))
     for r in range(1, robots):
-        low, high = hall_floor(r) - PLAN.thick, hall_floor(r)
+        low, high = hall_floor(r) - THICK, hall_floor(r)
         walls += [(0.0, low, CORRIDOR[0], high), (CORRIDOR[1], low, HALL[0], high)]
     return walls
 
@@ -61,8 +49,8 @@ def navigation(
     name: str | None = None,
 ) -> SchedulingMotionProblem:
     """Build a navigation problem: one optional move per robot, that has to be made."""
-    if not 1 <= robots <= PLAN.most_robots:
-        raise ProblemError(f"navigation takes 1 to {PLAN.most_robots} robots, not {robots}")
+    if not 1 <= robots <= MOST_ROBOTS:
+        raise ProblemError(f"navigation takes 1 to {MOST_ROBOTS} robots, not {robots}")
     size, walls = navigation_size(robots), navigation_walls(robots)
     poses: dict[str, Pose] = {}
     for r in range(robots):

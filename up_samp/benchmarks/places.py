@@ -28,28 +28,8 @@ Pose = tuple[float, float, float]
 ROBOT_FOOTPRINT = ((-1.0, -0.5), (1.0, -0.5), (1.0, 0.5), (-1.0, 0.5))
 
 
-@dataclass(frozen=True)
-class Car:
-    """What the robots of all families are: 2 x 1 m large, and this fast."""
-
-    turning_radius: float = 1.0
-    """m"""
-    v_max: float = 2.0
-    """m/s"""
-
-
-CAR = Car()
-
-
-@dataclass(frozen=True)
-class GuessedSpeeds:
-    """Speeds (m/s) from which bounds on durations are guessed."""
-
-    fastest: float = 20.0
-    slowest: float = 0.1
-
-
-GUESS = GuessedSpeeds()
+CAR = {"turning_radius": 1.0, "v_max": 2.0}
+"""Motion parameters of the robots of all families (m, m/s), which are 2 x 1 m large."""
 
 
 @dataclass(frozen=True)
@@ -99,13 +79,14 @@ def duration_bounds(a: Pose, b: Pose, a_max: float) -> tuple[int, int]:
     distance at 0.1 m/s, rounded up.
     """
     distance = math.hypot(b[0] - a[0], b[1] - a[1])
-    ramp = GUESS.fastest**2 / a_max
+    fastest, slowest = 20.0, 0.1
+    ramp = fastest**2 / a_max
     if distance < ramp:
         seconds = 2 * math.sqrt(distance / a_max)
     else:
-        seconds = distance / GUESS.fastest + GUESS.fastest / a_max
+        seconds = distance / fastest + fastest / a_max
     lower = max(1, math.floor(seconds))
-    return lower, max(lower, math.ceil(round(distance / GUESS.slowest, 9)))
+    return lower, max(lower, math.ceil(round(distance / slowest, 9)))
 
 
 def outline(footprint: Sequence[tuple[float, float]], pose: Pose) -> shapely.Polygon:
@@ -122,10 +103,9 @@ def check_poses(
     poses: dict[str, Pose],
     *,
     doors: Iterable[FamilyDoor] = (),
-    clearance: float = 0.5,
 ) -> None:
     """Check that robots may stand at all ``poses`` at the same time: inside the map, out of the
-    walls, clear of every door open or closed, and ``clearance`` m apart from each other.
+    walls, clear of every door open or closed, and 0.5 m apart from each other.
 
     :raises ProblemError: naming the pose that is wrong and what it touches.
     """
@@ -142,9 +122,9 @@ def check_poses(
     names = list(standing)
     tree = shapely.STRtree(list(standing.values()))
     for i, name in enumerate(names):
-        for j in tree.query(standing[name].buffer(clearance), predicate="intersects"):
+        for j in tree.query(standing[name].buffer(0.5), predicate="intersects"):
             if i < j:
-                raise ProblemError(f"{name} and {names[j]} are less than {clearance} m apart")
+                raise ProblemError(f"{name} and {names[j]} are less than 0.5 m apart")
 
 
 # ------------------ A problem under construction on one map: what every family begins with

@@ -114,7 +114,7 @@ def transport(
     family = Family(
         name or title + (f"-s{seed}" if seed else ""),
         str(job_shop_map(machines)),
-        a_max=jobshop.SIZES.a_max,
+        a_max=jobshop.ACCELERATION,
         encoding=encoding,
         metric=metric,
     )

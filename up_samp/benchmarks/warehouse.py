@@ -24,29 +24,17 @@ from typing import Literal
 
 from unified_planning.model import Fluent
 from unified_planning.model.motion import (
-    SE2,
     ActivityWaypoints,
-    ConfigurationKind,
     ConfigurationObject,
     MotionModels,
     MovableObject,
-    OccupancyMap,
     SchedulingMotionProblem,
 )
 from unified_planning.model.scheduling import Activity
-from unified_planning.shortcuts import (
-    LE,
-    LT,
-    ConfigurationType,
-    Equals,
-    IntType,
-    MinimizeMakespan,
-    MovableType,
-    Or,
-)
+from unified_planning.shortcuts import LE, LT, Equals, IntType, MovableType, Or
 
 from up_samp.benchmarks.maps import Rectangle, drawn_map, outer_wall
-from up_samp.benchmarks.places import Pose
+from up_samp.benchmarks.places import Pose, ProblemOnMap
 from up_samp.benchmarks.routes import at_start, scope_of
 from up_samp.model import ProblemError
 
@@ -157,7 +145,7 @@ def warehouse(
         raise ProblemError(f"a warehouse needs robots and orders, not {robots} and {orders}")
     plan = store(robots)
     title = name or instance_name(robots, orders) + (f"-s{seed}" if seed else "")
-    work = _Work(title, plan, compact=encoding == "compact")
+    work = _Work(title, plan, compact=encoding == "compact", metric=metric)
     drawn = draw_orders(plan, orders, seed)
     works = [work.order(k, order) for k, order in enumerate(drawn)]
     pending: list[Activity] = []
@@ -169,33 +157,24 @@ def warehouse(
         if len(pending) > len(loads):
             work.problem.add_constraint(Or([a.present for a in pending]))
             pending = []
-    if metric:
-        work.problem.add_quality_metric(MinimizeMakespan())
     return work.problem
 
 
-class _Work:
+class _Work(ProblemOnMap):
     """A warehouse problem under construction."""
 
-    def __init__(self, title: str, plan: WarehouseLayout, *, compact: bool) -> None:
-        self.plan, self.compact = plan, compact
-        self.problem = SchedulingMotionProblem(title)
+    def __init__(self, title: str, plan: WarehouseLayout, *, compact: bool, metric: bool) -> None:
         file = drawn_map(f"warehouse-{len(plan.docks)}", plan.size, plan.walls)
-        occupancy = OccupancyMap(str(file), SE2(0.0, 0.0, 0.0))
-        self.pose_type = ConfigurationType("pose", occupancy, ConfigurationKind.SE2)
+        super().__init__(title, str(file), metric=metric)
+        self.plan, self.compact = plan, compact
         robot_type = MovableType("robot")
         self.robot_at = Fluent("robot_at", self.pose_type, robot=robot_type)
         self.problem.add_fluent(self.robot_at)
-        self.slots = [self._place(f"slot{i}", pose) for i, pose in enumerate(plan.slots)]
-        self.stations = [self._place(f"station{i}", pose) for i, pose in enumerate(plan.stations)]
+        self.slots = [self.place(f"slot{i}", pose) for i, pose in enumerate(plan.slots)]
+        self.stations = [self.place(f"station{i}", pose) for i, pose in enumerate(plan.stations)]
         self.docks: list[ConfigurationObject] = []
         self.robots = [self._robot(r, pose, robot_type) for r, pose in enumerate(plan.docks)]
         self.hands = [self.problem.add_resource(f"hands{r}", 1) for r in range(len(plan.docks))]
-
-    def _place(self, name: str, pose: Pose) -> ConfigurationObject:
-        place = ConfigurationObject(name, self.pose_type, SE2(*pose))
-        self.problem.add_object(place)
-        return place
 
     def _robot(self, r: int, dock: Pose, kind: MovableType) -> MovableObject:
         radius = RADII[r % len(RADII)]
@@ -209,7 +188,7 @@ class _Work:
             motion_model=MotionModels.SE2 if radius is None else MotionModels.REEDSSHEPP,
             motion_parameters=parameters,
         )
-        start = self._place(f"dock{r}", dock)
+        start = self.place(f"dock{r}", dock)
         self.docks.append(start)
         self.problem.add_object(robot)
         self.problem.set_initial_configuration(robot, start)

@@ -192,7 +192,6 @@ def _import(args: argparse.Namespace) -> int:
 
 
 # ------------------ The commands that plan
-# The commands that plan, judge, draw and compile; each adds its arguments and runs.
 
 
 def add_demo(parser: argparse.ArgumentParser) -> None:

@@ -6,9 +6,12 @@ import shutil
 import sys
 import time
 from collections.abc import Sequence
-from typing import Any, Protocol, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from up_samp.plotting.tracks import tracks_of
+
+if TYPE_CHECKING:
+    from up_samp.search.history import ProgressEvent
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[int] = ()) -> str:
@@ -62,34 +65,6 @@ def schedule_table(plan: dict[str, Any]) -> str:
 _QUIET_SECONDS = 2.0
 
 
-class ShownEvent(Protocol):
-    """What the search tells at each step; bounds are makespans in schedule units."""
-
-    @property
-    def round(self) -> int:
-        """Which candidate schedule it is about."""
-
-    @property
-    def phase(self) -> str:
-        """What is being done."""
-
-    @property
-    def message(self) -> str:
-        """More about it."""
-
-    @property
-    def lower_bound(self) -> int | None:
-        """Proven lower bound on the makespan."""
-
-    @property
-    def upper_bound(self) -> int | None:
-        """Makespan of the best plan so far."""
-
-    @property
-    def elapsed(self) -> float:
-        """Seconds since the start."""
-
-
 class Progress:
     """A progress display; call it with each event, and use it as a context to end the line.
 
@@ -115,7 +90,7 @@ class Progress:
             self.stream.flush()
             self._open = False
 
-    def __call__(self, event: ShownEvent) -> None:
+    def __call__(self, event: ProgressEvent) -> None:
         """Show an event."""
         line = describe(event)
         now = time.monotonic()
@@ -134,7 +109,7 @@ class Progress:
         print(line, file=self.stream, flush=True)
 
 
-def describe(event: ShownEvent) -> str:
+def describe(event: ProgressEvent) -> str:
     """Return an event as a line."""
     parts = [f"[{event.elapsed:6.1f} s]"]
     if event.round:

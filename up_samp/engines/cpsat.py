@@ -93,7 +93,6 @@ FEATURES = [
 
 
 # ------------------ ``cpsat``: exact scheduling on OR-Tools CP-SAT, as a Unified Planning
-# ``cpsat``: exact scheduling on OR-Tools CP-SAT, as a Unified Planning engine.
 
 
 # OR-Tools and the validator are imported when a problem is solved: UP imports this module when it

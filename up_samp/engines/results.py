@@ -36,7 +36,6 @@ STATUSES = {
 
 
 # ------------------ What ``samp-refine`` tells of a search in UP's words
-# What ``samp-refine`` tells of a search in UP's words: statuses, metrics, messages.
 
 
 _STATUSES = {

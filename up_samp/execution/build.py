@@ -26,7 +26,7 @@ from up_samp.execution.graph import (
     Precedence,
     reduced,
 )
-from up_samp.execution.lives import Life, lives_of
+from up_samp.execution.lives import DriveCells, Life, drives_of, lives_of
 from up_samp.execution.meetings import (
     Meeting,
     Narrow,
@@ -55,7 +55,7 @@ class Draft:
 
     def __init__(self, tasks: Mapping[str, PlannedTask], lives: Mapping[str, Life]):
         self.tasks = tasks
-        self.drives = {d.key: d for life in lives.values() for d in life.drives}
+        self.drives = drives_of(lives)
         self.edges: dict[tuple[Event, Event], tuple[float, str, str]] = {}
         self.bounds: list[tuple[Event, Event, float, str]] = []
         self.tight: list[tuple[Event, Event, float, str, str]] = []
@@ -150,11 +150,10 @@ class Draft:
         """Add the edge of one way of a choice, unless it is asked for anyhow."""
         p = choice.ways[way]
         pair = (p.first, p.then)
-        if pair not in self.edges or pair in self.free:
-            self.put(p.first, p.then, p.lag, choice.kind, choice.why)
+        open_ = pair not in self.edges or pair in self.free
+        self.put(*pair, p.lag, choice.kind, choice.why)
+        if open_:
             self.free.add(pair)
-        else:
-            self.put(p.first, p.then, p.lag, choice.kind, choice.why)
 
     def _precedence(self, need: Difference, unit: float) -> Precedence | None:
         """Return a difference as a precedence, where one end has to wait for another activity."""
@@ -189,7 +188,7 @@ class Draft:
         and no cycle comes of it.
         """
         self._settle()
-        graph = self._full(0.0)
+        graph = self.full(0.0)
         after: dict[Event, list[Event]] = {}
         for first, then in graph.implied:
             after.setdefault(graph.events[first], []).append(graph.events[then])
@@ -243,7 +242,7 @@ class Draft:
 
     def _after(self) -> dict[Event, list[Event]]:
         """Return which events follow which directly, in whatever way it will be seen to."""
-        graph = self._full(0.0)
+        graph = self.full(0.0)
         after: dict[Event, list[Event]] = {}
         for a, b in [*graph.implied, *((e.first, e.then) for e in graph.edges)]:
             after.setdefault(graph.events[a], []).append(graph.events[b])
@@ -253,28 +252,66 @@ class Draft:
 
     def time(self, event: Event) -> float:
         """Return when an event happens as planned (s)."""
-        if event.at is At.ORIGIN:
-            return 0.0
-        if event.at in (At.START, At.END):
-            return self.tasks[event.activity].planned[0 if event.at is At.START else 1]
-        drive = self.drives[event.activity, event.object]
-        at = np.array([event.progress])
-        return float((drive.reached if event.at is At.REACH else drive.left)(at)[0])
+        return planned_time(event, self.tasks, self.drives)
 
-    def _full(self, margin: float) -> Graph:
-        events: dict[Event, None] = {ORIGIN: None}
-        for name in self.tasks:
-            events[Event(At.START, name)] = None
-            events[Event(At.END, name)] = None
-        for first, then in [*self.edges, *((t[0], t[1]) for t in self.tight)]:
-            events[first] = events[then] = None
-        lengths = {key: round(drive.path.length, 6) for key, drive in self.drives.items()}
-        return _graph(self, list(events), self.edges.items(), margin, lengths)
+    def full(self, margin: float) -> Graph:
+        """Return the graph so far, with all of its edges."""
+        edges = [(*pair, *told, pair in self.free) for pair, told in self.edges.items()]
+        waiting = [t[:2] for t in self.tight]
+        return graph_of(self.tasks, self.drives, edges, self.bounds, margin, waiting)
 
     def graph(self, margin: float) -> Graph:
         """Return the finished graph."""
         self._settle()
-        return _finished(self._full(margin))
+        return _finished(self.full(margin))
+
+
+Drives = Mapping[tuple[str, str], DriveCells]
+
+
+def planned_time(event: Event, tasks: Mapping[str, PlannedTask], drives: Drives) -> float:
+    """Return when an event happens as planned (s)."""
+    if event.at is At.ORIGIN:
+        return 0.0
+    if event.at in (At.START, At.END):
+        return tasks[event.activity].planned[0 if event.at is At.START else 1]
+    drive = drives.get((event.activity, event.object))
+    if drive is None:
+        raise ProblemError(
+            f"the plan cannot be followed: its dependencies speak of {event}, which is not driven"
+        )
+    at = np.array([event.progress])
+    return float((drive.reached if event.at is At.REACH else drive.left)(at)[0])
+
+
+def graph_of(
+    tasks: Mapping[str, PlannedTask],
+    drives: Drives,
+    edges: Iterable[tuple[Event, Event, float, str, str, bool]],
+    bounds: Iterable[tuple[Event, Event, float, str]],
+    margin: float,
+    also: Iterable[tuple[Event, Event]] = (),
+) -> Graph:
+    """Return a graph of the edges and bounds between these events; those of ``also`` are in it,
+    too.
+    """
+    edges, bounds = list(edges), list(bounds)
+    events: dict[Event, None] = {ORIGIN: None}
+    for name in tasks:
+        events[Event(At.START, name)] = None
+        events[Event(At.END, name)] = None
+    pairs = [*((e[0], e[1]) for e in edges), *((b[0], b[1]) for b in bounds), *also]
+    events.update(dict.fromkeys(event for pair in pairs for event in pair))
+    number = {event: k for k, event in enumerate(events)}
+    return Graph(
+        tasks,
+        tuple(events),
+        tuple(planned_time(e, tasks, drives) for e in events),
+        tuple(Edge(number[e[0]], number[e[1]], *e[2:]) for e in edges),
+        tuple(Bound(number[b[0]], number[b[1]], *b[2:]) for b in bounds),
+        margin=margin,
+        lengths={key: round(drive.path.length, 6) for key, drive in drives.items()},
+    )
 
 
 _WATCHED = ("constraint", "duration")
@@ -295,38 +332,16 @@ def _finished(full: Graph) -> Graph:
     inner = (At.REACH, At.LEAVE)
     kept = [k for k, e in enumerate(full.events) if k in needed or e.at not in inner]
     number = {k: i for i, k in enumerate(kept)}
-    graph = Graph(
-        full.tasks,
-        tuple(full.events[k] for k in kept),
-        tuple(full.times[k] for k in kept),
-        tuple(replace(e, first=number[e.first], then=number[e.then]) for e in edges),
-        tuple(Bound(number[b.first], number[b.then], b.most, b.why) for b in full.bounds),
-        len(full.edges),
-        full.margin,
-        full.lengths,
+    graph = replace(
+        full,
+        events=tuple(full.events[k] for k in kept),
+        times=tuple(full.times[k] for k in kept),
+        edges=tuple(replace(e, first=number[e.first], then=number[e.then]) for e in edges),
+        bounds=tuple(replace(b, first=number[b.first], then=number[b.then]) for b in full.bounds),
+        before_reduction=len(full.edges),
     )
     _ = graph.order  # a cycle is an error now, not on the floor
     return graph
-
-
-def _graph(
-    draft: Draft,
-    events: list[Event],
-    edges: Iterable[tuple[tuple[Event, Event], tuple[float, str, str]]],
-    margin: float,
-    lengths: Mapping[tuple[str, str], float],
-    before: int = 0,
-) -> Graph:
-    number = {event: k for k, event in enumerate(events)}
-    made = tuple(
-        Edge(number[first], number[then], lag, kind, why, (first, then) in draft.free)
-        for (first, then), (lag, kind, why) in edges
-    )
-    bounds = tuple(
-        Bound(number[first], number[then], most, why) for first, then, most, why in draft.bounds
-    )
-    times = tuple(draft.time(e) for e in events)
-    return Graph(draft.tasks, tuple(events), times, made, bounds, before, margin, lengths)
 
 
 def _backward(need: Difference) -> bool:
@@ -361,7 +376,7 @@ def _whole(steps: list[Step]) -> Step | None:
     last = max(steps, key=lambda s: s.first_time)
     first = Event(At.END, last.first.activity)
     then = Event(At.START, last.then.activity) if last.then.at is At.LEAVE else last.then
-    return Step(first, then, last.first_time, last.then_time, last.where)
+    return Step(first, then, last.first_time, last.where)
 
 
 # ------------------ From a problem and its plan to the graph of what depends on what
@@ -581,10 +596,13 @@ def _orders_again(dependencies: Dependencies, turned: Collection[int] = frozense
     return draft
 
 
-def steps_by(meeting: Meeting, sides: Side) -> list[Step]:
-    """Return a meeting's steps, with other sides than planned for some components."""
-    own = {c: sides[(*meeting.pair, c)] for c in meeting.components if (*meeting.pair, c) in sides}
-    found = [] if own and len(own) == len(meeting.components) else steps_of(meeting, without=own)
+def steps_by(meeting: Meeting, sides: Side, without: Collection[int] = ()) -> list[Step]:
+    """Return a meeting's steps, with other sides than planned for some components. Components
+    ``without`` are left out.
+    """
+    left = [c for c in meeting.components if c not in without]
+    own = {c: sides[(*meeting.pair, c)] for c in left if (*meeting.pair, c) in sides}
+    found = steps_of(meeting, without={*own, *without})
     for component, one_first in own.items():
         found += switched(meeting, component, one_first)
     return found

@@ -11,13 +11,13 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from up_samp.execution.build import why_of
-from up_samp.execution.graph import MEETING, ORIGIN, At, Edge, Event, Graph, PlannedTask
-from up_samp.execution.lives import DriveCells, Life, in_turn
+from up_samp.execution.graph import MEETING, ORIGIN, At, Edge, Event, Graph, PlannedTask, Precedence
+from up_samp.execution.lives import DriveCells, Life, drives_of, in_turn
 from up_samp.execution.meetings import Meeting, steps_of
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.plan_dict import PlanDict
@@ -27,19 +27,6 @@ from up_samp.model.errors import short
 
 KINDS = (MEETING, "constraint", "duration", "fluent", "resource", "object", "static obstacle")
 """What an edge may come from: an executive that re-orders changes meetings only."""
-
-
-class Requirement(NamedTuple):
-    """Event ``then`` has to wait until ``lag`` s after ``first``."""
-
-    first: Event
-    then: Event
-    lag: float
-    why: str
-
-    def __str__(self) -> str:
-        lag = f"{self.lag:g} s after " if self.lag > TOLERANCES.strict else ""
-        return f"{self.then} does not wait for {lag}{self.first} ({self.why})"
 
 
 # ------------------------------------------------------------------ the file by itself
@@ -194,7 +181,7 @@ def place_faults(plan: PlanDict, lives: Mapping[str, Life], events: Iterable[Eve
     """Return which values of progress are not those of the samples on their path, and which events
     speak of what is not driven there.
     """
-    drives = {d.key: d for life in lives.values() for d in life.drives}
+    drives = drives_of(lives)
     found = []
     for motion in plan["motions"]:
         drive = drives.get((motion["activity"], motion["object"]))
@@ -221,12 +208,12 @@ def _lost(events: Iterable[Event], drives: Mapping[tuple[str, str], DriveCells])
 
 def needs_of_motions(
     plan: PlanDict, lives: Mapping[str, Life], meetings: Iterable[Meeting]
-) -> list[Requirement]:
+) -> list[Precedence]:
     """Return what the motions ask for, whatever the problem is."""
     found = []
     for meeting in meetings:
         for step in steps_of(meeting):
-            found.append(Requirement(step.first, step.then, 0.0, why_of(meeting, step)))
+            found.append(Precedence(step.first, step.then, 0.0, why_of(meeting, step)))
     for name, life in lives.items():
         turns = dict.fromkeys(
             (item["activity"], "samples" in item or item["activity"] in life.rides)
@@ -236,7 +223,7 @@ def needs_of_motions(
             then = Event(At.START if drives else At.END, two)
             lag = TOLERANCES.strict if drives else 0.0
             found.append(
-                Requirement(Event(At.END, one), then, lag, f"{one} and {two} both move {name}")
+                Precedence(Event(At.END, one), then, lag, f"{one} and {two} both move {name}")
             )
     return found
 
@@ -245,8 +232,8 @@ def needs_of_motions(
 
 
 def lacking(
-    tasks: Mapping[str, PlannedTask], edges: Iterable[Requirement], needs: Sequence[Requirement]
-) -> list[Requirement]:
+    tasks: Mapping[str, PlannedTask], edges: Iterable[Precedence], needs: Sequence[Precedence]
+) -> list[Precedence]:
     """Return the needs that do not follow from ``edges``, with their lags.
 
     Raises :class:`ProblemError` where the edges have a cycle.
@@ -269,7 +256,7 @@ def lacking(
         after.setdefault(before, []).append((then, 0.0))
     for e in made:
         after.setdefault(e.first, []).append((e.then, e.lag))
-    left: dict[Event, list[Requirement]] = {}
+    left: dict[Event, list[Precedence]] = {}
     for need in needs:
         if direct.get((need.first, need.then), -1.0) < need.lag - TOLERANCES.rounded:
             left.setdefault(need.first, []).append(need)
@@ -286,12 +273,12 @@ def lacking(
     return missing
 
 
-def graph_needs(graph: Graph, *, orders: bool = False) -> list[Requirement]:
+def graph_needs(graph: Graph, *, orders: bool = False) -> list[Precedence]:
     """Return a graph's edges; ``orders``: those that stay when meetings are re-ordered and choices
     are turned round.
     """
     return [
-        Requirement(graph.events[e.first], graph.events[e.then], e.lag, e.why)
+        Precedence(graph.events[e.first], graph.events[e.then], e.lag, e.why)
         for e in graph.edges
         if not orders or (e.kind != MEETING and not e.free)
     ]

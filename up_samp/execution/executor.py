@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -14,6 +14,7 @@ from up_samp.execution.build import Dependencies, dependencies_of, with_sides
 from up_samp.execution.files import dependencies_from_plan, event_from_list, event_to_list
 from up_samp.execution.forecast import Forecast, forecast, routes_of
 from up_samp.execution.graph import At, Event, Graph
+from up_samp.execution.lives import drives_of
 from up_samp.execution.meetings import Narrow
 from up_samp.execution.remaining import Remaining, Surprise, remaining_problem
 from up_samp.execution.reorder import Proposal, adopt, planned_sides, propose
@@ -75,8 +76,11 @@ class Executor:
             plan = plan_to_dict(problem, plan, seconds_per_unit=seconds_per_unit)
         self.plan: PlanDict = plan
         self.problem = problem
-        if dependencies is None:
-            dependencies = _dependencies(plan, problem, margin, localisation)
+        if dependencies is None and problem is None:
+            dependencies = dependencies_from_plan(plan)
+        elif dependencies is None:
+            error = TOLERANCES.localisation if localisation is None else localisation
+            dependencies = dependencies_of(problem, plan, margin=margin, localisation=error)
         self.dependencies = dependencies
         graph = self.dependencies.graph
         if localisation is None:
@@ -89,7 +93,7 @@ class Executor:
         """Components that are passed on another side than planned (see ``reorder``)."""
         self.turned: frozenset[int] = frozenset()
         """Choices that are the other way round than planned, by their number."""
-        self._drives = {d.key: d for life in self.dependencies.lives.values() for d in life.drives}
+        self._drives = drives_of(self.dependencies.lives)
         self._drivers = {robot for _, robot in self._drives}
         self._told: dict[str, float] = {}
         """When each robot last told something that was believed (s)."""
@@ -98,10 +102,8 @@ class Executor:
         self._astray: dict[str, Overrun] = {}
         self._running: dict[str, None] = {}
         self._ready = dict.fromkeys(sorted(graph.tasks, key=lambda n: graph.tasks[n].planned))
-        self._of_robot: dict[str, list[str]] = {}
-        for name in self._ready:
-            for who in graph.tasks[name].who:
-                self._of_robot.setdefault(who, []).append(name)
+        whose = dict.fromkeys(who for name in self._ready for who in graph.tasks[name].who)
+        self._of_robot = {r: [n for n in self._ready if r in graph.tasks[n].who] for r in whose}
 
     @property
     def narrow(self) -> tuple[Narrow | Squeezed, ...]:
@@ -219,15 +221,16 @@ class Executor:
         timed = self._time(now, self._told.get(robot, -math.inf))
         if timed is not None:
             return timed
-        way = self._way_of(robot)
+        way = self.state.of_object.get(robot)
         other = self._other_motion(robot, way, motion)
         if other is not None:
             return other
         if pose is not None and way is not None:
-            found = self._placed(way, pose)
-            if isinstance(found, Reply):
-                return found
-            progress = found
+            progress, heard, why = self.placed(way, pose)
+            if heard is Heard.HELD:
+                self._held[robot] = why
+            if heard is not Heard.TAKEN:
+                return Reply(heard, why)
         if not is_number(progress) or progress is None:
             return Reply(Heard.AGAIN, f"progress cannot be {progress!r}: a finite number (m)")
         if way is None:
@@ -317,15 +320,14 @@ class Executor:
         frames = side_by_side(self.plan)[1]
         return {(m["activity"], m["object"]): frames[map_number(m)] for m in self.plan["motions"]}
 
-    def _placed(self, way: MotionUnderWay, pose: Sequence[float]) -> float | Reply:
+    def placed(self, way: MotionUnderWay, pose: Any) -> tuple[float, Heard, str]:
+        """Return the progress (m) of a robot that tells a pose, and what becomes of that."""
         if not isinstance(pose, Sequence) or len(pose) != 3 or not all(map(is_number, pose)):
-            return Reply(Heard.AGAIN, f"a pose cannot be {pose!r}: three finite numbers")
+            return 0.0, Heard.AGAIN, f"a pose cannot be {pose!r}: three finite numbers"
         place = self.progress_of(way.activity, way.object, pose)
         if place.off > 2 * self.state.localisation + TOLERANCES.place:
-            why = f"it is {place.off:.3f} m off its path"
-            self._held[way.object] = why
-            return Reply(Heard.HELD, why)
-        return place.progress
+            return 0.0, Heard.HELD, f"it is {place.off:.3f} m off its path"
+        return place.progress, Heard.TAKEN, ""
 
     def done(self, activity: str, now: float | None = None) -> Reply:
         """Note that a task that drives nothing is over, or that a motion's robots are at its end.
@@ -350,19 +352,18 @@ class Executor:
             if state.phase[activity] is TaskPhase.DONE:
                 return TAKEN
             if all(state.arrived(w) for w in state.ways_of[activity]):
-                waits = ", ".join(self._missing(end))
-                return Reply(Heard.AGAIN, f"'{activity}' may not end yet: it waits for {waits}")
+                return self._not_yet(activity)
             for way in state.ways_of[activity]:
                 way.at_end = False
             return Reply(Heard.AGAIN, f"'{activity}' cannot be over: its motion is not at its end")
         if not state.open(end):
-            waits = ", ".join(self._missing(end))
-            return Reply(Heard.AGAIN, f"'{activity}' may not end yet: it waits for {waits}")
+            return self._not_yet(activity)
         self._end(activity)
         return TAKEN
 
-    def _way_of(self, robot: str) -> MotionUnderWay | None:
-        return self.state.of_object.get(robot)
+    def _not_yet(self, activity: str) -> Reply:
+        waits = ", ".join(self._missing(self.state.end_number[activity]))
+        return Reply(Heard.AGAIN, f"'{activity}' may not end yet: it waits for {waits}")
 
     def _finish_motion(self, activity: str) -> None:
         ways = self.state.ways_of[activity]
@@ -423,9 +424,9 @@ class Executor:
                 command = Do(name, self.state.open(self.state.end_number[name]))
                 for who in [w for w in task.who if w not in found] or [name]:
                     found[who] = command
-        for robot, names in self._of_robot.items():
+        for robot in self._of_robot:
             if robot not in found:
-                found[robot] = Hold(self._waits(names))
+                found[robot] = Hold(self._missing(self._next_of(robot)))
         return found
 
     def _begin(self) -> None:
@@ -452,45 +453,36 @@ class Executor:
         until = state.until(way)
         if way.progress < until - state.tolerance:
             return Go(way.activity, until)
-        number = state.closed(way)
         if until == state.bars.get((way.activity, way.object)):
             return Hold(tuple(str(o) for o in self.overruns if way.object in (*o.held, *o.met)))
-        if number is not None:
-            return Hold(self._missing(number))
-        return Hold(self._missing(state.end_number[way.activity]))
+        return Hold(self._missing(self._next_of(way.object)))
 
-    def _waits(self, names: Sequence[str]) -> tuple[str, ...]:
-        name = next((n for n in names if n in self._ready), None)
-        return () if name is None else self._missing(self.state.start_number[name])
+    def _next_of(self, robot: str) -> int | None:
+        """Return the event that is next for a robot: its closed gate, an end or a start."""
+        state = self.state
+        way = state.of_object.get(robot)
+        if way is None:
+            name = next((n for n in self._of_robot.get(robot, ()) if n in self._ready), None)
+            return None if name is None else state.start_number[name]
+        closed = state.closed(way)
+        return state.end_number[way.activity] if closed is None else closed
 
-    def _missing(self, number: int) -> tuple[str, ...]:
+    def _awaited(self, number: int | None) -> Iterator[tuple[Event, str]]:
+        """Yield the events that an event still waits for, and why."""
+        state = self.state
+        for edge in () if number is None else state.into[number]:
+            since = state.when[edge.first]
+            if since is None or since + edge.lag > state.now + 1e-9:
+                yield state.graph.events[edge.first], edge.why
+
+    def _missing(self, number: int | None) -> tuple[str, ...]:
         """Return what an event waits for, in words."""
-        graph = self.state.graph
-        return tuple(
-            f"{graph.events[e.first]} ({e.why})"
-            for e in self.state.into[number]
-            if not self._holds(e.first, e.lag)
-        )
-
-    def _holds(self, first: int, lag: float) -> bool:
-        since = self.state.fired.get(self.state.graph.events[first])
-        return since is not None and since + lag <= self.state.now + 1e-9
+        return tuple(f"{event} ({why})" for event, why in self._awaited(number))
 
     def waits_for(self, robot: str) -> tuple[str, ...]:
         """Return the objects or activities that a robot waits for now."""
-        state, way = self.state, self._way_of(robot)
-        if way is None:
-            name = next((n for n in self._of_robot.get(robot, ()) if n in self._ready), None)
-            number = None if name is None else state.start_number[name]
-        else:
-            closed = state.closed(way)
-            number = state.end_number[way.activity] if closed is None else closed
-        found: dict[str, None] = {}
-        for edge in () if number is None else state.into[number]:
-            if not self._holds(edge.first, edge.lag):
-                event = state.graph.events[edge.first]
-                found[event.object or event.activity or "time"] = None
-        return tuple(found)
+        awaited = self._awaited(self._next_of(robot))
+        return tuple(dict.fromkeys(e.object or e.activity or "time" for e, _ in awaited))
 
     @property
     def finished(self) -> bool:
@@ -553,31 +545,6 @@ class Executor:
             if over > 1e-6:
                 found[bound.why] = max(over, found.get(bound.why, 0.0))
         return found
-
-
-def _dependencies(
-    plan: PlanDict,
-    problem: SchedulingProblem | None,
-    margin: float | None,
-    localisation: float | None,
-) -> Dependencies:
-    if problem is None:
-        return dependencies_from_plan(plan)
-    error = TOLERANCES.localisation if localisation is None else localisation
-    return dependencies_of(problem, plan, margin=margin, localisation=error)
-
-
-def by_name(commands: Mapping[str, Command]) -> dict[str, dict[str, Any]]:
-    """Return commands as JSON would hold them."""
-    found: dict[str, dict[str, Any]] = {}
-    for name, command in commands.items():
-        if isinstance(command, Go):
-            found[name] = {"go": command.motion, "until": command.until}
-        elif isinstance(command, Do):
-            found[name] = {"do": command.activity, "may_end": command.may_end}
-        else:
-            found[name] = {"hold": list(command.waiting_for)}
-    return found
 
 
 # ------------------ What has happened, kept and taken up again, or told by who was there
@@ -721,14 +688,10 @@ def _where(
     if at is None:
         raise ProblemError(f"'{way.activity}' is under way: where is '{way.object}'?")
     if isinstance(at, Sequence):
-        if len(at) != 3 or not all(map(is_number, at)):
-            raise ProblemError(f"a pose of '{way.object}' cannot be {at!r}: three finite numbers")
-        place = executor.progress_of(way.activity, way.object, at)
-        if place.off > 2 * executor.state.localisation + TOLERANCES.place:
-            raise ProblemError(
-                f"'{way.object}' is {place.off:.3f} m off the path of '{way.activity}'"
-            )
-        return place.progress
+        progress, heard, why = executor.placed(way, at)
+        if heard is not Heard.TAKEN:
+            raise ProblemError(f"'{way.object}' cannot go on: {why}")
+        return progress
     slack = executor.state.localisation + TOLERANCES.progress
     if not is_number(at) or not -slack <= at <= way.length + slack:
         raise ProblemError(

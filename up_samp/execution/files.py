@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from unified_planning.model.scheduling import SchedulingProblem
 
-from up_samp.execution.build import Dependencies, dependencies_of, tasks_of, with_avoid
+from up_samp.execution.build import Dependencies, dependencies_of, graph_of, tasks_of, with_avoid
 from up_samp.execution.check import (
     graph_faults,
     graph_needs,
@@ -21,18 +21,8 @@ from up_samp.execution.check import (
     shape_faults,
 )
 from up_samp.execution.check import named as faults_named
-from up_samp.execution.graph import (
-    MEETING,
-    At,
-    Bound,
-    Choice,
-    Edge,
-    Event,
-    Graph,
-    PlannedTask,
-    Precedence,
-)
-from up_samp.execution.lives import DriveCells, lives_of
+from up_samp.execution.graph import MEETING, At, Choice, Event, Graph, Precedence
+from up_samp.execution.lives import DriveCells, drives_of, lives_of
 from up_samp.execution.meetings import Narrow, meetings_of
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.plan_dict import VERSIONS, PlanDict, snapshot_of
@@ -54,7 +44,7 @@ def with_dependencies(
     dependencies = dependencies_of(problem, plan, margin=margin, localisation=localisation)
     problem = named_as_planned(problem, plan)
     snapshot = snapshot_of(problem, float(plan["seconds_per_unit"]))
-    drives = {d.key: d for life in dependencies.lives.values() for d in life.drives}
+    drives = drives_of(dependencies.lives)
     data: PlanDict = {}
     for key, value in with_avoid(plan, snapshot).items():
         if key == "motions":
@@ -131,10 +121,7 @@ def _choice_to_dict(choice: Choice) -> dict[str, Any]:
 
 
 def _choice_from_dict(entry: Mapping[str, Any]) -> Choice:
-    one, two = (
-        Precedence(event_from_list(w["first"]), event_from_list(w["then"]), float(w["lag"]))
-        for w in entry["ways"]
-    )
+    one, two = (Precedence(*_pair(w), float(w["lag"])) for w in entry["ways"])
     return Choice((one, two), str(entry["kind"]), str(entry["why"]))
 
 
@@ -250,64 +237,32 @@ def _as_told(plan: PlanDict) -> Dependencies:
     """Return what a plan file says."""
     data = plan["dependencies"]
     lives = lives_of(plan)
-    drives = {d.key: d for life in lives.values() for d in life.drives}
+    drives = drives_of(lives)
     who = {t["activity"]: tuple(t["who"]) for t in data["tasks"]}
     tasks = tasks_of(plan, who)
     expected = {t["activity"]: float(t["expected"]) for t in data["tasks"]}
     tasks = {n: replace(t, expected=expected[n]) for n, t in tasks.items()}
     choices = tuple(_choice_from_dict(entry) for entry in data.get("choices", ()))
     free = {(c.ways[0].first, c.ways[0].then) for c in choices}
-    graph = _graph(data, tasks, drives, free, plan["problem"])
+    events = {key: list(map(_pair, data[key])) for key in ("edges", "bounds")}
+    graph = graph_of(
+        tasks,
+        drives,
+        (
+            (*pair, float(e["lag"]), e["kind"], e["why"], pair in free and e["kind"] != MEETING)
+            for pair, e in zip(events["edges"], data["edges"], strict=True)
+        ),
+        (
+            (*pair, float(b["most"]), b["why"])
+            for pair, b in zip(events["bounds"], data["bounds"], strict=True)
+        ),
+        float(data["margin"]),
+    )
+    graph = replace(graph, before_reduction=int(data["edges_before_reduction"]))
     localisation = _localisation(plan)
     meetings = tuple(meetings_of(lives, float(data["margin"]), localisation))
     return Dependencies(graph, lives, meetings, choices, localisation)
 
 
-def _graph(
-    data: Mapping[str, Any],
-    tasks: Mapping[str, PlannedTask],
-    drives: Mapping[tuple[str, str], DriveCells],
-    free: Collection[tuple[Event, Event]],
-    problem: str,
-) -> Graph:
-    events: dict[Event, int] = {Event(At.ORIGIN): 0}
-    for name in tasks:
-        for at in (At.START, At.END):
-            events[Event(at, name)] = len(events)
-
-    def number(item: Any) -> int:
-        event = event_from_list(item)
-        if event.object and (event.activity, event.object) not in drives:
-            raise ProblemError(
-                f"the plan of '{problem}' cannot be followed: its dependencies speak of {event}, "
-                "which is not driven"
-            )
-        return events.setdefault(event, len(events))
-
-    def edge(e: Mapping[str, Any]) -> Edge:
-        pair = (event_from_list(e["first"]), event_from_list(e["then"]))
-        open_ = pair in free and e["kind"] != MEETING
-        first, then = number(e["first"]), number(e["then"])
-        return Edge(first, then, float(e["lag"]), e["kind"], e["why"], open_)
-
-    edges = tuple(edge(e) for e in data["edges"])
-    bounds = tuple(
-        Bound(number(b["first"]), number(b["then"]), float(b["most"]), b["why"])
-        for b in data["bounds"]
-    )
-    times = tuple(_planned(event, tasks, drives) for event in events)
-    lengths = {key: round(drive.path.length, 6) for key, drive in drives.items()}
-    before = int(data["edges_before_reduction"])
-    return Graph(tasks, tuple(events), times, edges, bounds, before, float(data["margin"]), lengths)
-
-
-def _planned(
-    event: Event, tasks: Mapping[str, PlannedTask], drives: Mapping[tuple[str, str], DriveCells]
-) -> float:
-    if event.at is At.ORIGIN:
-        return 0.0
-    if event.at in (At.START, At.END):
-        return tasks[event.activity].planned[0 if event.at is At.START else 1]
-    drive = drives[event.activity, event.object]
-    at = np.array([event.progress])
-    return float((drive.reached if event.at is At.REACH else drive.left)(at)[0])
+def _pair(entry: Mapping[str, Any]) -> tuple[Event, Event]:
+    return event_from_list(entry["first"]), event_from_list(entry["then"])

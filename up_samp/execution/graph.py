@@ -12,9 +12,10 @@ import enum
 import heapq
 import itertools
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
 import numpy.typing as npt
@@ -79,6 +80,11 @@ class Precedence:
     first: Event
     then: Event
     lag: float
+    why: str = ""
+
+    def __str__(self) -> str:
+        lag = f"{self.lag:g} s after " if self.lag > TOLERANCES.strict else ""
+        return f"{self.then} does not wait for {lag}{self.first} ({self.why})"
 
 
 @dataclass(frozen=True)
@@ -142,6 +148,11 @@ class Graph:
         """Each event's number."""
         return {event: k for k, event in enumerate(self.events)}
 
+    @property
+    def planned(self) -> float:
+        """When the last activity ends as planned (s)."""
+        return max((task.planned[1] for task in self.tasks.values()), default=0.0)
+
     @cached_property
     def implied(self) -> tuple[tuple[int, int], ...]:
         """Pairs of events (first, then) that follow each other by themselves."""
@@ -158,8 +169,8 @@ class Graph:
         pairs = [(e.first, e.then) for e in self.edges]
         pairs += self.implied
         found = topological(len(self.events), pairs, self.times)
-        if found is None:
-            names = ", ".join(str(self.events[k]) for k in _circle(len(self.events), pairs))
+        if len(found) < len(self.events):
+            names = ", ".join(str(self.events[k]) for k in _circle(pairs))
             raise ProblemError(f"the dependencies have a cycle: nobody could go first of {names}")
         return tuple(found)
 
@@ -188,52 +199,29 @@ def chained(
 
 def entangled(count: int, pairs: Sequence[tuple[int, int]]) -> set[int]:
     """Return the numbers that lie on a cycle of the pairs, or between two cycles."""
-    left = set(range(count))
-    for forward in (True, False):
-        after: list[list[int]] = [[] for _ in range(count)]
-        missing = [0] * count
-        for pair in pairs:
-            first, then = pair if forward else pair[::-1]
-            after[first].append(then)
-            missing[then] += 1
-        ready = [k for k in range(count) if missing[k] == 0]
-        while ready:
-            k = ready.pop()
-            left.discard(k)
-            for then in after[k]:
-                missing[then] -= 1
-                if missing[then] == 0:
-                    ready.append(then)
-    return left
+    times = [0.0] * count
+    placed = topological(count, pairs, times)
+    return set(range(count)).difference(
+        placed, topological(count, [pair[::-1] for pair in pairs], times)
+    )
 
 
-def _circle(count: int, pairs: Sequence[tuple[int, int]]) -> list[int]:
+def _circle(pairs: Iterable[tuple[int, int]]) -> list[int]:
     """Return events that each wait for the one before, the first one for the last."""
-    into: dict[int, set[int]] = {k: set() for k in range(count)}
-    after: dict[int, set[int]] = {k: set() for k in range(count)}
+    into: dict[int, set[int]] = {}
     for first, then in pairs:
-        into[then].add(first)
-        after[first].add(then)
-    free = [k for k in into if not into[k]]
-    while free:
-        k = free.pop()
-        del into[k]
-        for then in after[k]:
-            if then in into:
-                into[then].discard(k)
-                if not into[then]:
-                    free.append(then)
-    way = [min(into)]
-    while (before := min(into[way[-1]])) not in way:
-        way.append(before)
-    return way[way.index(before) :][::-1]
+        into.setdefault(then, set()).add(first)
+    try:
+        TopologicalSorter(into).prepare()
+    except CycleError as error:
+        return list(error.args[1][:-1])
+    return []
 
 
-def topological(
-    count: int, pairs: Sequence[tuple[int, int]], times: Sequence[float]
-) -> list[int] | None:
-    """Return the numbers 0 .. count - 1 so that each pair's first comes first, ``None`` on a cycle
-    (Kahn 1962). Of those that could come next, the one with the least planned time does.
+def topological(count: int, pairs: Sequence[tuple[int, int]], times: Sequence[float]) -> list[int]:
+    """Return the numbers 0 .. count - 1 so that each pair's first comes first, without those that
+    lie on a cycle or after one (Kahn 1962). Of those that could come next, the one with the least
+    planned time does.
     """
     after: list[list[int]] = [[] for _ in range(count)]
     missing = [0] * count
@@ -250,7 +238,7 @@ def topological(
             missing[then] -= 1
             if missing[then] == 0:
                 heapq.heappush(heap, (times[then], then))
-    return found if len(found) == count else None
+    return found
 
 
 # ------------------ Transitive reduction: edges that follow from others are dropped
@@ -276,11 +264,9 @@ def reduced(graph: Graph) -> list[Edge]:
     change.
     """
     orders = [e for e in graph.edges if e.kind != MEETING and not e.free]
-    alone = Graph(graph.tasks, graph.events, graph.times, tuple(orders), lengths=graph.lengths)
-    kept = set(_needed(alone, frozenset()))
+    kept = set(_needed(replace(graph, edges=tuple(orders)), frozenset()))
     meetings = [e for e in graph.edges if e.kind == MEETING or e.free]
-    both = Graph(graph.tasks, graph.events, graph.times, (*kept, *meetings), lengths=graph.lengths)
-    needed = set(_needed(both, frozenset(kept)))
+    needed = set(_needed(replace(graph, edges=(*kept, *meetings)), frozenset(kept)))
     return [e for e in graph.edges if e in needed]
 
 

@@ -21,7 +21,7 @@ from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.execution.build import Dependencies, planned_of
 from up_samp.execution.graph import At, Bound, Graph
-from up_samp.execution.lives import DriveCells, Life
+from up_samp.execution.lives import DriveCells, Life, drives_of
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.floors import map_number, side_by_side
 from up_samp.io.plan_dict import PlanDict
@@ -59,7 +59,7 @@ def record_of(
     """
     unit = float(plan["seconds_per_unit"])
     done = {n: (a, now if b is None else b) for n, (a, b) in spans.items()}
-    drives = {d.key: d for life in lives.values() for d in life.drives}
+    drives = drives_of(lives)
     planned = {(m["activity"], m["object"]): m for m in plan["motions"]}
     frames = side_by_side(plan)[1]
     motions = []
@@ -151,11 +151,6 @@ def _rows(drive: DriveCells, trace: list[tuple[float, float]], home: Frame) -> l
 
 
 # ------------------ Did anybody meet
-# Did anybody meet, and was all kept that the problem asks? What was driven, by the validator's
-# own geometry and rules.
-#
-# What is judged, it shares no code with: tracks, contacts and rules are those of
-# ``up_samp.validation``. Of the dependencies it only asks which bounds nobody can keep.
 
 
 @dataclass(frozen=True)
@@ -271,7 +266,7 @@ def _known_ends(
     may be wrong by twice the localisation error along its path: such a robot counts as there.
     """
     frames = side_by_side(record)[1]
-    drives = {d.key: d for life in dependencies.lives.values() for d in life.drives}
+    drives = drives_of(dependencies.lives)
     found = {}
     for motion in record["motions"]:
         key, rows = (motion["activity"], motion["object"]), np.array(motion["samples"])

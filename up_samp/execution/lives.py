@@ -12,7 +12,7 @@ import math
 from collections.abc import Container, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -27,17 +27,6 @@ from up_samp.motion.fleet.paths import Path, hull_of, path_of, resting_path
 from up_samp.upio.rides import laden_body
 
 
-class LoadHold(NamedTuple):
-    """From when (s, plan time) on a load stands nowhere in a ride, and from when on it does again;
-    with the events on the floor.
-    """
-
-    gone: float
-    leave: Event
-    back: float
-    enter: Event
-
-
 def laden_bodies(plan: Mapping[str, Any], bodies: Mapping[str, Body]) -> dict[Any, Body]:
     """Return robot and loads as one body, by (activity, object), from a plan dictionary."""
     loads: dict[tuple[str, str], list[Any]] = {}
@@ -49,11 +38,13 @@ def laden_bodies(plan: Mapping[str, Any], bodies: Mapping[str, Body]) -> dict[An
     return {key: laden_body(bodies[key[1]], found) for key, found in loads.items()}
 
 
-def hold_of(drive: Any) -> LoadHold:
-    """Return when a load is off the ground in a ride (``drive``: its carrier's motion)."""
+def hold_of(drive: DriveCells) -> tuple[float, Event, float, Event]:
+    """Return from when (s, plan time) on a load stands nowhere in a ride (``drive``: its carrier's
+    motion), and from when on it does again; each with the event on the floor.
+    """
     near = min(TOLERANCES.grip, drive.path.length / 2)
     low, high = round(near, 6), round(drive.path.length - near, 6)
-    return LoadHold(
+    return (
         float(drive.reached(np.array([low]))[0]),
         Event(At.REACH, drive.activity, drive.object, low),
         float(drive.left(np.array([high]))[0]),
@@ -62,10 +53,6 @@ def hold_of(drive: Any) -> LoadHold:
 
 
 # ------------------ Every object's life as a row of cells
-# Every object's life as a row of cells: stretches of its paths, and where it rests in between.
-# The progress of two objects along their lives spans a plane (O'Donnell & Lozano-Perez,
-# "Deadlock-free and collision-free coordination of two robot manipulators", ICRA 1989); the
-# cells cut it into a grid.
 
 
 FloatArray = npt.NDArray[np.float64]
@@ -181,6 +168,11 @@ class Life:
     def drives(self) -> tuple[DriveCells, ...]:
         """The motions."""
         return tuple(p for p in self.pieces if isinstance(p, DriveCells))
+
+
+def drives_of(lives: Mapping[str, Life]) -> dict[tuple[str, str], DriveCells]:
+    """Return all motions, by activity and object."""
+    return {d.key: d for life in lives.values() for d in life.drives}
 
 
 def body_of(entry: Mapping[str, Any]) -> Body:

@@ -275,7 +275,7 @@ def _on_lives(meetings: list[Meeting]) -> FloatArray:
 
 
 # ------------------ From obstacles to staircases
-# From obstacles to staircases: "this robot may go beyond there once that one has come to here".
+# "This robot may go beyond there once that one has come to here".
 
 
 @dataclass(frozen=True)
@@ -288,7 +288,6 @@ class Step:
     first: Event
     then: Event
     first_time: float
-    then_time: float
     where: tuple[float, float]
 
 
@@ -358,7 +357,7 @@ def _side(
                 f"'{follower.object}' cannot stop on its way, but the plan lets it begin before "
                 f"{first}: no executive could hold it back"
             )
-        yield Step(first, then, gone_at, entered_at, (float(pose[0]), float(pose[1])))
+        yield Step(first, then, gone_at, (float(pose[0]), float(pose[1])))
 
 
 def _corners(exits: IntArray, entries: IntArray) -> list[tuple[int, int]]:

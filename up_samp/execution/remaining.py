@@ -265,7 +265,6 @@ def rest_of_plan(
 
 
 # ------------------ Where everybody stands when a new clock starts
-# Where everybody stands when a new clock starts: at rest, or where they can stop.
 
 
 Place = tuple[Configuration, Any]
@@ -334,7 +333,6 @@ class Places:
 
 
 # ------------------ What is left of a problem
-# What is left of a problem: an ordinary UP problem from now on, with what has begun frozen.
 
 
 def remaining_problem(

@@ -15,7 +15,7 @@ from up_samp.execution.build import Dependencies, steps_by, with_sides
 from up_samp.execution.forecast import Forecast, ObjectRoutes, routes_of
 from up_samp.execution.graph import MEETING, At, Event, Graph, Precedence, topological
 from up_samp.execution.lives import Stay
-from up_samp.execution.meetings import Meeting, Step, steps_of, switched
+from up_samp.execution.meetings import Meeting, Step, switched
 from up_samp.execution.state import FloorState, RobotPace, TaskPhase
 from up_samp.model import MotionModel, ProblemError
 from up_samp.model.execution_tuning import ExecutionTuning
@@ -26,16 +26,21 @@ Key = tuple[str, str, int]
 
 def planned_sides(dependencies: Dependencies) -> dict[Key, bool]:
     """Return the components that could be passed on either side, with the plan's side."""
-    parts: dict[Key, list[Meeting]] = {}
-    for meeting in dependencies.meetings:
-        for component in meeting.components:
-            parts.setdefault((*meeting.pair, component), []).append(meeting)
     found = {}
-    for key, meetings in parts.items():
+    for key, meetings in _parts(dependencies.meetings).items():
         sides = {bool(s) for m in meetings for s in m.one_first[m.component == key[2]]}
         if len(sides) == 1 and all(_free(m) for m in meetings):
             found[key] = sides.pop()
     return found
+
+
+def _parts(meetings: Iterable[Meeting]) -> dict[Key, list[Meeting]]:
+    """Return the meetings that each component is part of."""
+    parts: dict[Key, list[Meeting]] = {}
+    for meeting in meetings:
+        for component in meeting.components:
+            parts.setdefault((*meeting.pair, component), []).append(meeting)
+    return parts
 
 
 def _free(meeting: Meeting) -> bool:
@@ -121,16 +126,11 @@ def open_decisions(
 
 
 def _components(executor: Followed) -> list[Decision]:
-    parts: dict[Key, list[Meeting]] = {}
-    for meeting in executor.dependencies.meetings:
-        if _over(executor.state, meeting):
-            continue
-        for component in meeting.components:
-            key = (*meeting.pair, component)
-            if key in executor.open_sides:
-                parts.setdefault(key, []).append(meeting)
     found = []
-    for key, meetings in parts.items():
+    to_come = (m for m in executor.dependencies.meetings if not _over(executor.state, m))
+    for key, meetings in _parts(to_come).items():
+        if key not in executor.open_sides:
+            continue
         needs = {
             side: tuple(_need(s) for m in meetings for s in switched(m, key[2], side))
             for side in (True, False)
@@ -207,25 +207,13 @@ def settled(executor: Followed, open_: set[Key | int]) -> list[Precedence]:
         if _over(executor.state, meeting):
             continue
         mine = {c for c in meeting.components if (*meeting.pair, c) in open_}
-        sides = {
-            (*meeting.pair, c): executor.sides[(*meeting.pair, c)]
-            for c in meeting.components
-            if (*meeting.pair, c) in executor.sides and c not in mine
-        }
-        if not mine:
-            steps = steps_by(meeting, sides)
-        else:
-            changed = {k[2] for k in sides}
-            steps = steps_of(meeting, without=mine | changed)
-            for key, side in sides.items():
-                steps += switched(meeting, key[2], side)
-        found += [_need(s) for s in steps]
+        found += [_need(s) for s in steps_by(meeting, executor.sides, mine)]
     return found
 
 
 # ------------------ Times of events to come
-# Times of events to come, tied by what driving and doing take and by who waits for whom; as
-# variables of CP-SAT no more of them than have to be told apart.
+# They are tied by what driving and doing take and by who waits for whom; as variables of CP-SAT
+# there are no more of them than have to be told apart.
 
 
 SCALE = 100
@@ -353,7 +341,7 @@ class Times:
         always = [t for t in self.ties if t.only_if == 0 and t.first != NOW]
         count = len(self.number)
         order = topological(count, [(t.first, t.then) for t in always], [0.0] * count)
-        if order is None:
+        if len(order) < count:
             raise ProblemError("the dependencies have a cycle: nobody could go first")
         after: list[list[Tie]] = [[] for _ in range(count)]
         low = [0] * count
@@ -384,7 +372,7 @@ class Times:
                 into[tie.then].append(tie)
         always = [(t.first, t.then) for t in self.ties if t.only_if == 0 and t.first != NOW]
         found: list[cp_model.LinearExprT] = [0] * len(low)
-        for k in topological(len(low), always, [0.0] * len(low)) or ():
+        for k in topological(len(low), always, [0.0] * len(low)):
             only = into[k][0] if len(into[k]) == 1 else None
             if only is not None and not only.only_if and low[k] == low[only.first] + only.ticks:
                 found[k] = found[only.first] + only.ticks
@@ -549,8 +537,7 @@ class Reorderer:
             return 0
         ahead = executor.predicted_makespan()
         if self.known is None:
-            planned = (t.planned[1] for t in executor.state.graph.tasks.values())
-            self.known = min(ahead, max(planned, default=ahead))
+            self.known = min(ahead, executor.state.graph.planned)
         if ahead < self.known + tuning.threshold:
             return 0
         self.since = executor.now

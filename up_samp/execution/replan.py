@@ -12,7 +12,7 @@ from unified_planning.shortcuts import OneshotPlanner
 from up_samp.execution.executor import Executor
 from up_samp.execution.files import with_dependencies
 from up_samp.execution.remaining import Remaining, Surprise
-from up_samp.execution.simulate import Delays, Floor, Simulation, draw, simulation_of
+from up_samp.execution.simulate import Delays, Floor, Simulation, floor_of, simulation_of
 from up_samp.io.plan_dict import PlanDict, result_to_dict
 from up_samp.model import ProblemError
 from up_samp.model.execution_tuning import ExecutionTuning
@@ -210,8 +210,8 @@ def simulate_replanned(
     waiting = sorted(incidents, key=lambda i: i.time)
     while True:
         executor = Executor(plan, problem, tuning=tuning)
-        floor = _floor(executor, plan, delays, seed + len(legs))
-        told = _until(floor, plan, since[-1], waiting, None if legs else late)
+        floor = floor_of(executor, delays, seed + len(legs))
+        told = _until(floor, since[-1], waiting, None if legs else late)
         if told is None:
             legs.append(simulation_of(floor, plan, "replan", seed))
             return Journey(tuple(legs), tuple(since), tuple(problems))
@@ -225,22 +225,12 @@ def simulate_replanned(
         since.append(since[-1] + start)
 
 
-def _floor(executor: Executor, plan: PlanDict, delays: Delays, seed: int) -> Floor:
-    found = executor.dependencies
-    robots = [life.object for life in found.lives.values() if life.drives]
-    luck = draw(delays, robots, found.graph.tasks, float(plan["makespan"]), seed)
-    return Floor(executor, found, luck, executor.tuning.floor)
-
-
-def _until(
-    floor: Floor, plan: PlanDict, since: float, waiting: list[Incident], late: float | None
-) -> Told | None:
+def _until(floor: Floor, since: float, waiting: list[Incident], late: float | None) -> Told | None:
     """Execute until something happens; ``None``: until the end."""
     executor = floor.executive
     assert isinstance(executor, Executor)
-    planned = float(plan["makespan"]) * float(plan["seconds_per_unit"])
-    looked = 0.0
-    while floor.goes_on(planned):
+    planned, looked = floor.dependencies.graph.planned, 0.0
+    while floor.goes_on:
         if waiting and since + floor.now >= waiting[0].time:
             return _told(executor, waiting.pop(0))
         if late is not None and floor.now >= looked + 1.0:

@@ -48,7 +48,6 @@ Command = Go | Hold | Do
 
 
 # ------------------ What robots tell
-# What robots tell, before it is believed: what cannot be is not, and the answer says why.
 
 
 class Heard(enum.Enum):

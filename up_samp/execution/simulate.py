@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import random
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -110,11 +110,10 @@ class Luck:
     senses: Mapping[str, Senses] = field(default_factory=dict)
 
 
-def draw(
-    delays: Delays, robots: Iterable[str], tasks: Iterable[str], makespan: float, seed: int
-) -> Luck:
+def draw(delays: Delays, dependencies: Dependencies, seed: int) -> Luck:
     """Draw one run's delays. Every robot and task has a generator of its own."""
-    names = sorted(robots)
+    names = sorted(life.object for life in dependencies.lives.values() if life.drives)
+    tasks, makespan = dependencies.graph.tasks, dependencies.graph.planned
     pace, stops = {}, {}
     for name in names:
         rng = random.Random(f"robot {name} {seed}")
@@ -150,26 +149,19 @@ def _stops(delays: Delays, rng: random.Random, horizon: float) -> list[tuple[flo
 
 
 # ------------------ A simulated robot on its path
-# A simulated robot on its path: bounded speed and acceleration, always able to stop in time. What
+# It has bounded speed and acceleration, always able to stop in time. What
 # it tells of where it is may be wrong, and so may be what it drives by.
 
 
 class SimulatedRobot:
     """One motion after the other. ``trace`` holds (time, progress) of the motion under way."""
 
-    def __init__(
-        self,
-        name: str,
-        pace: float,
-        stops: Sequence[tuple[float, float]],
-        halt: tuple[float, float] | None,
-        senses: Senses | None = None,
-    ):
-        self.name, self.pace = name, pace
-        self.senses = senses or Senses()
+    def __init__(self, name: str, luck: Luck):
+        self.name, self.pace = name, luck.pace.get(name, 1.0)
+        self.senses = luck.senses.get(name, Senses())
         self._noise = random.Random(self.senses.seed)
-        self.stops = deque(stops)
-        self.halt = halt
+        self.stops = deque(luck.stops.get(name, ()))
+        self.halt = luck.halt[1:] if luck.halt is not None and luck.halt[0] == name else None
         self.driven = 0.0
         """Seconds of driving so far, without stops."""
         self.held_until = -math.inf
@@ -274,7 +266,6 @@ class SimulatedRobot:
 
 
 # ------------------ Plans on a simulated floor with delays
-# Plans on a simulated floor with delays: how long it takes, who waits, who collides.
 
 
 Policy = Literal["timed", "coarse", "staircase", "reorder"]
@@ -335,16 +326,11 @@ class Floor:
 
     def __post_init__(self) -> None:
         self.travels = self.dependencies.travels
-        self.robots: dict[str, SimulatedRobot] = {}
-        for life in self.dependencies.lives.values():
-            if life.drives:
-                name = life.object
-                halt = self.luck.halt
-                mine = None if halt is None or halt[0] != name else (halt[1], halt[2])
-                pace, stops = self.luck.pace.get(name, 1.0), self.luck.stops.get(name, ())
-                self.robots[name] = SimulatedRobot(
-                    name, pace, stops, mine, self.luck.senses.get(name)
-                )
+        self.robots = {
+            life.object: SimulatedRobot(life.object, self.luck)
+            for life in self.dependencies.lives.values()
+            if life.drives
+        }
         self.waiting: dict[str, float] = dict.fromkeys(self.robots, 0.0)
         self.last: dict[str, float] = dict.fromkeys(self.robots, 0.0)
 
@@ -353,11 +339,10 @@ class Floor:
         """Seconds between two looks."""
         return self.tuning.tick
 
-    def goes_on(self, planned: float) -> bool:
-        """Return whether a run that was ``planned`` to take so long (s) is neither over nor stuck
-        nor hopelessly late.
-        """
-        latest = self.tuning.patience * planned + 60.0
+    @property
+    def goes_on(self) -> bool:
+        """Whether the run is neither over nor stuck nor hopelessly late."""
+        latest = self.tuning.patience * self.dependencies.graph.planned + 60.0
         return not self.executive.finished and self.now < latest and not self.stuck
 
     @property
@@ -424,7 +409,6 @@ class Floor:
             return
         for whom in self.executive.waits_for(robot.name)[:1]:
             self.waiting[robot.name] += self.tick
-            last = self.waits[-1] if self.waits else None
             mine = [w for w in self.waits[-12:] if w[0] == robot.name]
             last = mine[-1] if mine else None
             if last is not None and last[3] == whom and last[2] >= self.now - 1e-6:
@@ -450,6 +434,12 @@ class Floor:
                 del self.ends[name]
 
 
+def floor_of(executor: Executor, delays: Delays, seed: int) -> Floor:
+    """Return a floor on which an executor is followed, with the delays of ``seed``."""
+    found = executor.dependencies
+    return Floor(executor, found, draw(delays, found, seed), executor.tuning.floor)
+
+
 def simulate(
     dependencies: Dependencies,
     plan: PlanDict,
@@ -470,10 +460,6 @@ def simulate(
     order.
     """
     tuning = tuning or ExecutionTuning()
-    tasks = dependencies.graph.tasks
-    planned = max((t.planned[1] for t in tasks.values()), default=0.0)
-    robots = [life.object for life in dependencies.lives.values() if life.drives]
-    luck = draw(delays, robots, tasks, planned, seed)
     executive: Executor | Timetable
     if policy == "timed":
         executive = Timetable(dependencies)
@@ -481,10 +467,10 @@ def simulate(
         executive = Executor(plan, dependencies=dependencies, tuning=tuning)
     if policy == "reorder" and watch is None:
         watch = Reorderer()
-    floor = Floor(executive, dependencies, luck, tuning.floor)
+    floor = Floor(executive, dependencies, draw(delays, dependencies, seed), tuning.floor)
     reorders = 0
     looked = 0.0
-    while floor.goes_on(planned):
+    while floor.goes_on:
         floor.step()
         if watch is not None and isinstance(executive, Executor) and floor.now >= looked + 1.0:
             looked = floor.now
@@ -498,8 +484,6 @@ def simulation_of(
     """Return what has happened on a floor so far."""
     for robot in floor.robots.values():
         floor.keep(robot)
-    tasks = floor.dependencies.graph.tasks
-    planned = max((t.planned[1] for t in tasks.values()), default=0.0)
     spans = floor.executive.times()
     makespan = max((end for _, end in spans.values() if end is not None), default=0.0)
     waits = tuple((str(w[0]), w[1], w[2], str(w[3])) for w in floor.waits)
@@ -512,7 +496,7 @@ def simulation_of(
     return Simulation(
         policy=policy,
         seed=seed,
-        planned=planned,
+        planned=floor.dependencies.graph.planned,
         makespan=makespan,
         waiting=min(1.0, sum(floor.waiting.values()) / time) if time else 0.0,
         finished=finished,

@@ -78,11 +78,6 @@ class RobotPace(Mapping[str, float]):
 
 
 # ------------------ What has happened so far
-# What has happened so far: which events, where everybody is, what may happen next. Reported
-# progress is not believed progress. A robot that tells p is somewhere in [p - L, p + L], where L
-# is the localisation error. So *reach* counts late: a robot has surely come to x once it tells x
-# + L; and *leave* counts early: it may have left x as soon as it tells more than x - L, which is
-# why it is told to go no farther. A closed gate stays closed whatever is told.
 
 
 class TaskPhase(enum.Enum):
@@ -247,22 +242,22 @@ class FloorState:
 
     def closed(self, way: MotionUnderWay) -> int | None:
         """Return the event of a motion's next closed gate."""
-        for k in range(way.gate, len(way.gates)):
-            number = way.gates[k][1]
+        gate = self._gate(way)
+        return None if gate is None else gate[1]
+
+    def _gate(self, way: MotionUnderWay) -> tuple[float, int] | None:
+        """Return a motion's next closed gate."""
+        for place, number in way.gates[way.gate :]:
             if self.missing[number] > 0 and self.when[number] is None:
-                return number
+                return place, number
         return None
 
     def until(self, way: MotionUnderWay) -> float:
         """Return how far a motion may go by what its robot tells: up to its next closed gate, less
         the localisation error; and not where somebody is astray.
         """
-        found = way.length
-        for k in range(way.gate, len(way.gates)):
-            place, number = way.gates[k]
-            if self.missing[number] > 0 and self.when[number] is None:
-                found = place
-                break
+        gate = self._gate(way)
+        found = way.length if gate is None else gate[0]
         return min(found, self.bars.get((way.activity, way.object), found))
 
     def reached(self, way: MotionUnderWay, progress: float) -> bool:

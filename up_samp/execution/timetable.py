@@ -11,6 +11,7 @@ import numpy as np
 
 from up_samp.execution.build import Dependencies
 from up_samp.execution.graph import PlannedTask
+from up_samp.execution.lives import drives_of
 from up_samp.execution.reports import Command, Do, Go, Hold
 
 
@@ -19,7 +20,7 @@ class Timetable:
 
     def __init__(self, dependencies: Dependencies):
         self.tasks: Mapping[str, PlannedTask] = dependencies.graph.tasks
-        self.drives = {d.key: d for life in dependencies.lives.values() for d in life.drives}
+        self.drives = drives_of(dependencies.lives)
         self.ready = sorted(self.tasks, key=lambda n: self.tasks[n].planned)
         self.running: dict[str, set[str]] = {}
         self.spans: dict[str, tuple[float, float | None]] = {}

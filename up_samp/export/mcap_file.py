@@ -79,10 +79,6 @@ DEFINITIONS = {name: _whole(text) for name, text in _TOPS.items()}
 
 
 # ------------------ A plan as a recording of ROS 2 messages
-# A plan as a recording of ROS 2 messages (MCAP), which Foxglove, Lichtblick and rerun replay.
-# Topics: ``/map`` (nav_msgs/OccupancyGrid), ``/tf`` (tf2_msgs/TFMessage), ``/footprints`` and
-# ``/activities`` (visualization_msgs/MarkerArray), ``/NAME/path`` (nav_msgs/Path) for each robot.
-# Times are seconds from the plan's start. Needs the extra ``[mcap]``.
 
 
 FRAME = "map"

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -25,20 +24,10 @@ from up_samp.io.sampling import rows_trajectory
 from up_samp.model import Deadline, PathQuery, Placed, Trajectory
 from up_samp.motion import MotionService
 
-
-@dataclass(frozen=True)
-class Counting:
-    """How charges are counted."""
-
-    most_steps: int = 60
-    """Steps of a charger's activity, at most."""
-    way_seconds: float = 10.0
-    """Time for one drive whose way is asked for."""
-    patience: float = 60.0
-    """Time for all of those for which no way is found; the others then get a tenth each."""
-
-
-COUNTING = Counting()
+MOST_STEPS, WAY_SECONDS, PATIENCE = 60, 10.0, 60.0
+"""Steps of a charger's activity, at most; time for one drive whose way is asked for, and for all of
+those for which none is found: the others then get a tenth each (s).
+"""
 
 
 class Meter:
@@ -90,8 +79,8 @@ class Meter:
             if kind in zone.keep_out
         )
         query = PathQuery(body, poses, zones)
-        share = 1.0 if self._in_vain < COUNTING.patience else 0.1
-        deadline = Deadline.after(share * COUNTING.way_seconds)
+        share = 1.0 if self._in_vain < PATIENCE else 0.1
+        deadline = Deadline.after(share * WAY_SECONDS)
         way = self._service.plan(query, deadline).trajectory
         self._in_vain += deadline.elapsed() if way is None else 0.0
         return way
@@ -135,7 +124,7 @@ def step_of(battery: Battery, charger: Charger) -> int:
 
 def steps_of(battery: Battery, charger: Charger) -> int:
     """Return how many steps one visit may have: until an empty battery is full."""
-    return min(COUNTING.most_steps, max(1, usable(battery) // step_of(battery, charger)))
+    return min(MOST_STEPS, max(1, usable(battery) // step_of(battery, charger)))
 
 
 def levels(

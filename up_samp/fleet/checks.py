@@ -21,13 +21,7 @@ from up_samp.fleet.outlines import body_of, placed, still
 from up_samp.fleet.records import Attached, FleetRecords, Order, Pose, Task
 from up_samp.fleet.visits import Role, visits_of
 from up_samp.geometry import load_map
-from up_samp.model import (
-    Body,
-    Deadline,
-    Outcome,
-    PathQuery,
-    Placed,
-)
+from up_samp.model import Body, Deadline, Outcome, PathQuery, Placed
 from up_samp.motion import MotionService
 from up_samp.motion.compile import precompile
 

@@ -43,7 +43,6 @@ def earlier_than(records: FleetRecords, job: Order | Task) -> tuple[str, ...]:
 
 
 # ------------------ What is wrong with the records of a fleet problem
-# What is wrong with the records of a fleet problem, told with its place and what to do.
 
 
 Path = tuple[str | int, ...]

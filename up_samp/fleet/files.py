@@ -172,11 +172,6 @@ LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 ENDINGS = (".yaml", ".yml", ".json")
 
 
-def is_problem_file(name: str) -> bool:
-    """Return whether ``name`` ends like a problem file."""
-    return name.lower().endswith(ENDINGS)
-
-
 def read_problem_file(file: str | File) -> FleetRecords:
     """Read a problem file and check all names in it.
 

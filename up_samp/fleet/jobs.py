@@ -74,7 +74,6 @@ def _level(site: Site, work: Work, robot: str, load: str, orders: Sequence[Order
 
 
 # ------------------ What binds activities to jobs
-# What binds activities to jobs: who does them, what comes first, what may be left out.
 
 
 class JobRules:

@@ -59,8 +59,6 @@ FIGURES = FigureLimits()
 
 
 # ------------------ What a fleet problem says
-# What a fleet problem says, as frozen records: the one source of ``Fleet`` and of problem files.
-# Lengths in m, angles in rad, times in s; poses are ``(x, y, theta)`` in the map's world frame.
 
 
 FORMAT = "up-samp-problem"

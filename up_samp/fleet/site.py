@@ -108,7 +108,6 @@ class Crowd:
 
 
 # ------------------ What there is before anything happens
-# What there is before anything happens: objects, places, fluents and resources of a problem.
 
 
 class Site:

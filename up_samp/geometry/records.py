@@ -37,7 +37,6 @@ def inner(function: F) -> F:
 
 
 # ------------------ The records that compiled collision checks take
-# The records that compiled collision checks take: grids and their frames, footprints, bodies.
 
 
 Coordinate = TypeVar("Coordinate", float, npt.NDArray[np.float64])

@@ -16,13 +16,7 @@ from unified_planning.model.motion import SchedulingMotionProblem
 from up_samp.geometry import load_map
 from up_samp.geometry.atlas import in_world
 from up_samp.io.floors import map_number, maps_of
-from up_samp.io.plan_dict import (
-    LIMITS,
-    PlanDict,
-    described_objects,
-    described_rides,
-    told_by_fluents,
-)
+from up_samp.io.plan_dict import PlanDict, described_objects, described_rides, told_by_fluents
 from up_samp.io.precision import PRECISION
 from up_samp.io.restore import plan_from_dict
 from up_samp.model import ProblemError
@@ -70,7 +64,7 @@ def poses_beyond(problem: SchedulingMotionProblem, plan: PlanDict) -> list[str]:
         for row in motion["samples"]:
             here, turned = row[1:3], row[3] if len(row) == 4 else 0.0
             outside = any(not a <= v <= b for a, v, b in zip(low, here, high, strict=True))
-            if outside or abs(turned) > LIMITS.turned:
+            if outside or abs(turned) > PRECISION.turned:
                 place = ", ".join(f"{v:g}" for v in row[1:])
                 found.append(f"{what} leads to ({place}) at {row[0]:g} s, far from the map")
                 break

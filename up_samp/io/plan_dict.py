@@ -17,35 +17,11 @@ from unified_planning.plans import Schedule
 from up_samp.io.floors import described_map
 from up_samp.io.precision import PRECISION
 from up_samp.io.sampling import path_trajectory, trajectory_rows
-from up_samp.model import (
-    Configuration,
-    MotionModel,
-    Movable,
-    ProblemError,
-    Trajectory,
-)
+from up_samp.model import Configuration, MotionModel, Movable, ProblemError, Trajectory
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
 from up_samp.upio.movers import named_as_planned
 from up_samp.upio.plan import trajectory_key
 from up_samp.upio.read import read_problem
-
-
-@dataclass(frozen=True)
-class PlanFileLimits:
-    """What is beyond them is refused: it cannot be meant."""
-
-    largest: float = 1e7
-    """Largest time (s or schedule units) and coordinate (m) in a plan file: more is a slip of the
-    pen, and nothing could be drawn or checked in bounded time.
-    """
-    name: int = 1000
-    """Characters of a name."""
-    turned: float = 1e4
-    """Largest heading, rad, that a motion may come to by turning."""
-
-
-LIMITS = PlanFileLimits()
-
 
 # ------------------ Versions of the plan format, by what they added
 
@@ -73,7 +49,6 @@ VERSIONS = Versions()
 
 
 # ------------------ Plans as plain dictionaries
-# Plans as plain dictionaries, ready for JSON. The format is documented in docs/plan-format.md.
 
 
 FORMAT = "up-samp-plan"

@@ -1,4 +1,4 @@
-"""How exactly plan files say times and poses."""
+"""How exactly plan files say times and poses, and what is too large to be meant."""
 
 from __future__ import annotations
 
@@ -19,6 +19,14 @@ class FilePrecision:
     """
     margin: float = 0.01
     """Clearance in m of plans that do not tell theirs: what the engine keeps by default."""
+    largest: float = 1e7
+    """Largest time (s or schedule units) and coordinate (m) in a plan file: more is a slip of the
+    pen, and nothing could be drawn or checked in bounded time.
+    """
+    name: int = 1000
+    """Characters of a name, at most."""
+    turned: float = 1e4
+    """Largest heading, rad, that a motion may come to by turning."""
 
 
 PRECISION = FilePrecision()

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from up_samp.io.plan_dict import LIMITS
+from up_samp.io.precision import PRECISION
 from up_samp.model import MotionModel, ProblemError
 from up_samp.model.errors import short
 
@@ -19,7 +18,9 @@ def text(value: Any) -> str | None:
     """Check a name or another short text."""
     if not isinstance(value, str):
         return "a text"
-    return None if len(value) <= LIMITS.name else f"a text of at most {LIMITS.name} characters"
+    return (
+        None if len(value) <= PRECISION.name else f"a text of at most {PRECISION.name} characters"
+    )
 
 
 def number(value: Any) -> str | None:
@@ -29,8 +30,8 @@ def number(value: Any) -> str | None:
     # comparing works for whole numbers of any size, converting does not
     return (
         None
-        if -LIMITS.largest <= value <= LIMITS.largest
-        else f"a number between -{LIMITS.largest:g} and {LIMITS.largest:g}"
+        if -PRECISION.largest <= value <= PRECISION.largest
+        else f"a number between -{PRECISION.largest:g} and {PRECISION.largest:g}"
     )
 
 
@@ -42,11 +43,6 @@ def positive(value: Any) -> str | None:
 def distance(value: Any) -> str | None:
     """Check a number from zero."""
     return number(value) or (None if value >= 0 else "a number from 0")
-
-
-def whole(value: Any) -> str | None:
-    """Check a whole number (2.0 is one)."""
-    return number(value) or (None if value == math.floor(value) else "a whole number")
 
 
 def plain(value: Any) -> str | None:
@@ -227,7 +223,7 @@ def _check_samples(motion: Mapping[str, Any], label: str) -> None:
     wrong = next((v for r in rows for v in r if number(v)), None)
     if wrong is not None or any(v is None for r in rows for v in r):
         raise ProblemError(
-            f"{where} must be finite numbers up to {LIMITS.largest:g}, not {short(wrong)}"
+            f"{where} must be finite numbers up to {PRECISION.largest:g}, not {short(wrong)}"
         )
     late = next((a[0] for a, b in itertools.pairwise(rows) if b[0] <= a[0]), None)
     if late is not None:

@@ -45,10 +45,6 @@ def warm_up(model: MotionModel) -> float:
 
 
 # ------------------ Compile the kernels that a problem needs
-# Compile the kernels that a problem needs, before any time limit runs, side by side. They are
-# kept on disk (``up_samp.geometry.kernel_cache``), so this happens once per machine and version.
-# A part that was compiled leaves a mark that lists its files: where one is gone or damaged, the
-# part is compiled again.
 
 
 log = logging.getLogger(__name__)

@@ -155,7 +155,6 @@ def _angles(poses: FloatArray) -> FloatArray:
 
 
 # ------------------ Legs strung together to one motion
-# Legs strung together to one motion, without needless stops at the poses between them.
 
 
 def strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Trajectory, bool]:
@@ -189,7 +188,6 @@ def strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Traject
 
 
 # ------------------ Legs from the cache or from planners
-# Legs from the cache or from planners, asked one after the other, with proofs in between.
 
 
 PLANAR = (MotionModel.REEDSSHEPP, MotionModel.PIVOT, MotionModel.SE2)

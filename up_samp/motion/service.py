@@ -21,11 +21,10 @@ from up_samp.model import (
     PathQuery,
     PathReport,
     Placed,
-    Trajectory,
 )
 from up_samp.motion.cache import MotionCache
 from up_samp.motion.compile import warm_up
-from up_samp.motion.legs import Legs, LegSettings, parking_clears, strung
+from up_samp.motion.legs import Legs, LegSettings, strung
 from up_samp.motion.proofs.bounds import DurationBounds
 from up_samp.motion.proofs.certificates import Certifier
 from up_samp.motion.protocol import Leg, LegQuery
@@ -147,12 +146,6 @@ class MotionService:
         return self.scene.overlap(core_of(body_a), pose_a, body_b, pose_b) and self.scene.overlap(
             body_a, pose_a, core_of(body_b), pose_b
         )
-
-    def parking_clears(
-        self, trajectory: Trajectory, body: Body, placed: Placed, clearance: float = 0.0
-    ) -> bool:
-        """Return whether a motion keeps ``clearance`` (m) from a resting object, all the way."""
-        return parking_clears(self.scene, trajectory, body, placed, clearance)
 
     def met_by(self, body: Body, obstacles: Sequence[Placed]) -> tuple[Placed, ...]:
         """Return obstacles as a body meets them: to drivers, those in space are their shadows."""

@@ -75,9 +75,9 @@ def rgb(color: str) -> tuple[int, int, int]:
     return int(color[1:3], 16), int(color[3:5], 16), int(color[5:7], 16)
 
 
-def mixed(color: str, share: float, other: tuple[int, int, int] = FREE) -> str:
-    """Return ``color`` with ``share`` (0..1) of it replaced by ``other``."""
-    parts = (round(a + share * (b - a)) for a, b in zip(rgb(color), other, strict=True))
+def mixed(color: str, share: float) -> str:
+    """Return ``color`` with ``share`` (0..1) of it replaced by white."""
+    parts = (round(v + share * (255 - v)) for v in rgb(color))
     return "#" + "".join(f"{p:02X}" for p in parts)
 
 
@@ -123,7 +123,6 @@ def with_short_names(plan: dict[str, Any]) -> dict[str, Any]:
 
 
 # ------------------ Put labels next to points so that they cover neither each other nor what must
-# Put labels next to points so that they cover neither each other nor what must stay visible.
 
 
 @dataclass(frozen=True)
@@ -153,7 +152,7 @@ _PLACES: Sequence[tuple[int, int, str, str]] = (
 
 
 def place_labels(
-    ax: Axes, labels: Iterable[PlacedLabel], *, avoid: Sequence[Bbox] = (), size: float = 8.0
+    ax: Axes, labels: Iterable[PlacedLabel], *, avoid: Sequence[Bbox] = ()
 ) -> list[Annotation]:
     """Write each label at the first free place around its point, trying ever larger distances.
 
@@ -165,7 +164,7 @@ def place_labels(
     frame = ax.get_window_extent()
     placed = []
     for label in sorted(labels, key=lambda item: not item.bold):
-        note = _place(ax, label, taken, frame, size)
+        note = _place(ax, label, taken, frame)
         if note is not None:
             taken.append(_box(note))
             placed.append(note)
@@ -182,9 +181,7 @@ def drawn(ax: Axes) -> None:
         figure.draw_without_rendering()
 
 
-def _place(
-    ax: Axes, label: PlacedLabel, taken: Sequence[Bbox], frame: Bbox, size: float
-) -> Annotation | None:
+def _place(ax: Axes, label: PlacedLabel, taken: Sequence[Bbox], frame: Bbox) -> Annotation | None:
     for distance in (3, 8, 14, 22, 32, 44):
         for right, up, across, along in _PLACES:
             note = ax.annotate(
@@ -194,7 +191,7 @@ def _place(
                 textcoords="offset points",
                 ha=across,
                 va=along,
-                fontsize=size,
+                fontsize=8.0,
                 fontweight="bold" if label.bold else "normal",
                 color=label.color,
                 zorder=9,

@@ -27,7 +27,7 @@ from up_samp.motion.fleet.moves import ShortMove, drive, in_step
 from up_samp.motion.fleet.paths import path_of, safe_intervals
 from up_samp.motion.fleet.roadmap import _part
 from up_samp.motion.fleet.speed import tune
-from up_samp.motion.legs import is_sound
+from up_samp.motion.legs import is_sound, parking_clears
 from up_samp.motion.planners.pivoting import PivotPlanner
 from up_samp.motion.planners.rounding import RoundedWay
 from up_samp.motion.protocol import LegQuery
@@ -146,7 +146,7 @@ def test_plans_in_rooms_are_valid_no_later_than_with_stops_and_not_below_the_bou
         found += 1
         assert not refused(motion, body.kinematics)
         assert is_sound(service.scene, query, motion)
-        assert service.parking_clears(motion, body, parked)
+        assert parking_clears(service.scene, motion, body, parked, 0.0)
         assert motion.poses[0].tolist() == list(ends[0])
         assert motion.poses[-1, :2].tolist() == list(ends[1][:2])
         assert motion.duration >= service.lower_bound(body, *ends, (parked,)) - 1e-9

@@ -28,7 +28,7 @@ from up_samp.model import (
     ProblemError,
 )
 from up_samp.motion import MotionCache, MotionService
-from up_samp.motion.batch import precompute
+from up_samp.motion.legs import parking_clears
 from up_samp.motion.planners.car import CarPlanner
 from up_samp.motion.protocol import LegQuery
 from up_samp.motion.tuning import CarTuning, MotionTuning, PlannersTuning
@@ -127,10 +127,10 @@ def test_parked_robots_are_driven_round(depot):
     trajectory, bound = check(depot, ROBOT, (start, goal), parked)
     assert trajectory.duration <= 1.1 * bound
     for other in parked:
-        assert depot.parking_clears(trajectory, ROBOT, other)
+        assert parking_clears(depot.scene, trajectory, ROBOT, other, 0.0)
         assert smallest_clearance(trajectory, ROBOT, None, (other,)) > 0.009
     inside = Placed("in the way", ROBOT, tuple(trajectory.poses[len(trajectory.poses) // 2]))
-    assert not depot.parking_clears(trajectory, ROBOT, inside)
+    assert not parking_clears(depot.scene, trajectory, ROBOT, inside, 0.0)
 
 
 def test_larger_turning_radius_and_rear_axle_reference():
@@ -210,29 +210,6 @@ def test_damaged_cache_files_are_ignored(tmp_path):
         path.write_bytes(b"damaged")
     again = MotionService(grid, cache=MotionCache(tmp_path))
     assert again.plan(query, Deadline.after(60)).outcome is Outcome.FOUND
-
-
-def test_precompute():
-    grid = box_map(20, 10, [(6, 0, 14, 4), (6, 6, 14, 10)])
-    service = MotionService(grid)
-    poses = [(3.0, 2.0, 0.0), (17.0, 8.0, 1.0), (17.0, 2.0, 0.0)]
-    pairs = [(ROBOT, a, b) for a in poses for b in poses]
-    assert precompute(service, pairs) == 3
-    hits = service.cache.hits
-    service.plan(PathQuery(ROBOT, (poses[2], poses[0])), Deadline.after(60))
-    assert service.cache.hits == hits + 1
-
-
-@pytest.mark.long
-def test_precompute_in_processes():
-    grid = box_map(20, 10, [(6, 0, 14, 4), (6, 6, 14, 10)])
-    poses = [(3.0, 2.0, 0.0), (17.0, 8.0, 1.0), (17.0, 2.0, 0.0)]
-    pairs = [(ROBOT, a, b) for a in poses for b in poses]
-    alone, pooled = MotionService(grid), MotionService(grid)
-    assert precompute(alone, pairs) == precompute(pooled, pairs, processes=2) == 3
-    query = PathQuery(ROBOT, (poses[0], poses[1]))
-    one, two = (s.plan(query, Deadline.after(60)).trajectory for s in (alone, pooled))
-    assert np.array_equal(one.poses, two.poses)
 
 
 def test_a_search_that_comes_no_nearer_gives_up():

@@ -21,6 +21,7 @@ from up_samp.model import (
     Placed,
     ProblemError,
 )
+from up_samp.motion.legs import parking_clears
 from up_samp.motion.service import MotionService
 from up_samp.upio.read_maps import read_movable
 from up_samp.validation.kinematics import motion_violations
@@ -85,7 +86,7 @@ def test_around_a_wall_within_limits_and_not_below_the_bound(start, goal):
     motion = planned(service, start, goal, parked)
     assert not list(motion_violations("m", limits(), motion.times, motion.poses))
     assert motion.duration >= service.lower_bound(BODY, start, goal, parked) - 1e-9
-    assert service.parking_clears(motion, BODY, parked[0])
+    assert parking_clears(service.scene, motion, BODY, parked[0], 0.0)
     assert motion.poses[0, :2].tolist() == list(start[:2])
     assert motion.poses[-1, :2].tolist() == list(goal[:2])
 

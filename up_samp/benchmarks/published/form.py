@@ -32,16 +32,7 @@ from unified_planning.model.motion import (
     SchedulingMotionProblem,
 )
 from unified_planning.model.scheduling import Activity
-from unified_planning.shortcuts import (
-    GE,
-    LE,
-    And,
-    Equals,
-    Implies,
-    MovableType,
-    Not,
-    Or,
-)
+from unified_planning.shortcuts import GE, LE, And, Equals, Implies, MovableType, Not, Or
 
 from up_samp.benchmarks.places import ROBOT_FOOTPRINT, FamilyDoor, ProblemOnMap, duration_bounds
 from up_samp.model import ProblemError
@@ -62,7 +53,6 @@ class Bicycle:
 
 
 # ------------------ What a problem in a published form is made of
-# What a problem in a published form is made of: robots, doors, and what activities need.
 
 
 @dataclass(frozen=True)
@@ -149,18 +139,6 @@ class Leaf:
 
 
 # ------------------ How published SAMP problems are written, whatever the family
-# The authors of the paper (Tosello et al., ICAPS 2026) write their problems in plain calls of
-# Unified Planning. This module says the same in code of its own:
-#
-# - Every object has one fluent without parameters (``robot0_at``, ``door0_at``), every move a
-#   condition on it at its start and an effect on it at ``end - 1`` (or at ``end``). Nothing
-#   happens at a move's start: while a robot drives, its fluent says where it came from.
-# - *With fluents* obstacles are dicts ``{object: fluent}``. *Without fluents* they are lists, and
-#   what a condition asked is one constraint per activity, over helpers (who make it true), rivals
-#   (who undo it).
-# - One thing at a time is said by a disjunction for each pair of activities, or by resources
-#   (``uses``); a third way adds one resource that everything uses (one activity after another).
-# - Robots have a motion model and a control model (a bicycle as long as the footprint).
 
 
 Published = Literal[
@@ -174,21 +152,12 @@ Published = Literal[
 PUBLISHED: tuple[Published, ...] = get_args(Published)
 
 
-@dataclass(frozen=True)
-class Figures:
-    """The figures of all published problems."""
-
-    v_min: float = 1.0
-    """Lowest speed of the control models, m/s: it says how slow a move may be."""
-    v_max: float = 20.0
-    """Highest speed, m/s."""
-    steering: float = 1.0
-    """Largest steering angle, rad."""
-    handling: int = 1
-    """Units that picking something and opening a door take."""
-
-
-FIGURES = Figures()
+CONTROLS = {"v_min": 1.0, "v_max": 20.0, "phi_min": -1.0, "phi_max": 1.0}
+"""What bounds the control models of all robots (m/s, rad); the lowest speed says how slow a move
+may be.
+"""
+HANDLING = 1
+"""Units that picking something and opening a door take."""
 
 
 @dataclass(frozen=True)
@@ -242,12 +211,7 @@ class Form(ProblemOnMap):
             motion_model=self.manner.model,
             motion_parameters={"turning_radius": self.manner.turning_radius},
             control_model=Bicycle(max(xs) - min(xs)),
-            control_parameters={
-                "v_min": FIGURES.v_min,
-                "v_max": FIGURES.v_max,
-                "phi_min": -FIGURES.steering,
-                "phi_max": FIGURES.steering,
-            },
+            control_parameters=dict(CONTROLS),
         )
         self.problem.add_object(body)
         self.problem.set_initial_configuration(body, start)
@@ -308,7 +272,7 @@ class Form(ProblemOnMap):
     def _bounds(self, origin: ConfigurationObject, to: ConfigurationObject) -> tuple[int, int]:
         a, b = self.poses[origin.name], self.poses[to.name]
         low, _ = duration_bounds(a, b, self.manner.guess)
-        return low, max(low, math.ceil(round(math.dist(a[:2], b[:2]) / FIGURES.v_min, 9)))
+        return low, max(low, math.ceil(round(math.dist(a[:2], b[:2]) / CONTROLS["v_min"], 9)))
 
     def _obstacles(self, things: Sequence[PublishedRobot] | Sequence[Leaf]) -> Any:
         if self.with_fluents:
@@ -351,8 +315,8 @@ class Form(ProblemOnMap):
         """Let every robot open every door, from its button, as often as it likes: once."""
         for robot, leaf in itertools.product(self.robots, self.doors):
             name = f"open_{leaf.body.name}_{robot.name}"
-            a = self.problem.add_motion_activity(name, FIGURES.handling, optional=True)
-            a.set_fixed_duration(FIGURES.handling)
+            a = self.problem.add_motion_activity(name, HANDLING, optional=True)
+            a.set_fixed_duration(HANDLING)
             a.add_motion_effect(leaf.body, leaf.opened)
             if leaf.at is not None:
                 a.add_effect(self.done(a), leaf.at, leaf.opened)

@@ -11,7 +11,14 @@ from unified_planning.shortcuts import FALSE, LE, TRUE, And, BoolType, Or
 
 from up_samp.benchmarks.maps import logistics_map
 from up_samp.benchmarks.places import FamilyDoor, Layout
-from up_samp.benchmarks.published.form import FIGURES, Form, Manner, Need, Published, PublishedRobot
+from up_samp.benchmarks.published.form import (
+    HANDLING,
+    Form,
+    Manner,
+    Need,
+    Published,
+    PublishedRobot,
+)
 
 Shelves = list[list[ConfigurationObject]]
 """The poses from which each item can be picked."""
@@ -66,7 +73,7 @@ def _moves(
 def _picks(form: Form, robot: PublishedRobot, shelves: Shelves) -> list[Activity]:
     """Add the robot's picks; its hands must be free, and are so again when it comes home."""
     picks = [
-        form.work(robot, f"pick_{robot.name}_item{i}", poses, FIGURES.handling)
+        form.work(robot, f"pick_{robot.name}_item{i}", poses, HANDLING)
         for i, poses in enumerate(shelves)
     ]
     homeward = robot.moves_to([robot.start])

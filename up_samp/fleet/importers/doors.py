@@ -10,10 +10,11 @@ from typing import Any
 from shapely.geometry import LineString, Point
 from shapely.geometry.base import BaseGeometry
 
-from up_samp.fleet.importers.assumptions import ASSUMED
 from up_samp.fleet.importers.common import name_of, number_of
 
 XY = tuple[float, float]
+LEAF, BEFORE_DOOR = 0.1, 1.2
+"""Assumed: thickness of a leaf, and how far before a door robots open it if no lane tells (m)."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ def doors_of(
         names = [_place(doorway, pose, i, places) for i, pose in enumerate(before, 1)]
         x, y = doorway.middle
         doors[doorway.name] = {
-            "leaf": [round(math.dist(*doorway.ends), 4), ASSUMED.leaf],
+            "leaf": [round(math.dist(*doorway.ends), 4), LEAF],
             "closed": _rounded(x, y, doorway.heading),
             "open": _rounded(*_opened(doorway)),
             "opened_from": names,
@@ -101,7 +102,7 @@ def _before(
     found = [p for lane in lanes if LineString(lane).intersects(leaf) for p in lane]
     if not found:
         (x, y), across = doorway.middle, doorway.heading + math.pi / 2
-        for side in (ASSUMED.before_door, -ASSUMED.before_door):
+        for side in (BEFORE_DOOR, -BEFORE_DOOR):
             found.append((x + side * math.cos(across), y + side * math.sin(across)))
     return [p for p in dict.fromkeys(found) if free.contains(Point(p)) and leaf.distance(Point(p))]
 

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.fleet.importers.assumptions import ASSUMED
 from up_samp.fleet.importers.common import Imported, Options, finish, json_of, text_of, wrong
 from up_samp.fleet.records import FILE_LIMITS
 from up_samp.geometry.maps import write_map
@@ -128,7 +127,7 @@ def _grid(source: Path, folder: Path, options: Options) -> dict[str, Any]:
         raise wrong(source, None, f"{blocked.size} cells of {options.cell:g} m are too many")
     fine = np.kron(blocked[::-1], np.ones((cells, cells), dtype=np.bool_))
     write_map(folder, "map", fine, options.cell / cells)
-    size = round(ASSUMED.cell_share * options.cell, 6)
+    size = round(0.8 * options.cell, 6)
     agent = {"footprint": [size, size], "model": "omni", "v_max": 1.0, "a_max": 1.0}
     return {"map": "map.yaml", "robot_types": {"agent": agent}, "robots": {}, "places": {}}
 
@@ -140,7 +139,6 @@ def _pose(row: int, col: int, height: int, cell: float) -> list[float]:
 
 def _notes(options: Options) -> list[str]:
     return [
-        f"a cell is {options.cell:g} m; "
-        f"robots are squares of {ASSUMED.cell_share * options.cell:g} m",
+        f"a cell is {options.cell:g} m; robots are squares of {0.8 * options.cell:g} m",
         f"at most {options.robots} robots and {options.jobs} tasks were taken",
     ]

@@ -12,7 +12,6 @@ from shapely.geometry import LineString, MultiPoint, Polygon
 from shapely.ops import unary_union
 
 from up_samp.fleet.files import compose
-from up_samp.fleet.importers.assumptions import ASSUMED
 from up_samp.fleet.importers.common import (
     Imported,
     Options,
@@ -28,6 +27,11 @@ from up_samp.fleet.importers.outlines import map_from_polygons
 from up_samp.geometry.maps import load_map, write_map
 
 AGV = {"footprint": [1.0, 0.7], "model": "omni", "v_max": 1.0, "a_max": 0.5, "omega_max": 1.0}
+
+RMF_WALL, CHARGING = 0.1, 0.05
+"""Assumed: thickness of RMF's walls (m, its own default), and what a charger gives a second: a
+battery of 100 is full in half an hour.
+"""
 
 
 def import_lif(source: Path, folder: Path, options: Options) -> Imported:
@@ -104,7 +108,7 @@ def import_rmf(source: Path, folder: Path, options: Options) -> Imported:
     walls = [LineString([points[w[0]], points[w[1]]]) for w in level.get("walls", [])]
     free = unary_union(floors)
     if walls:
-        free = free.difference(unary_union(walls).buffer(ASSUMED.rmf_wall / 2, cap_style="square"))
+        free = free.difference(unary_union(walls).buffer(RMF_WALL / 2, cap_style="square"))
     low = free.bounds[:2]
     places: dict[str, Any] = {}
     chargers: list[str] = []
@@ -117,11 +121,11 @@ def import_rmf(source: Path, folder: Path, options: Options) -> Imported:
             place = name_of(title, places, "v")
             places[place] = {"pose": pose, "park": 1} if park else pose
             if _flag(traits, "is_charger"):
-                places[place]["charger"] = {"per_second": ASSUMED.charging}
+                places[place]["charger"] = {"per_second": CHARGING}
                 chargers.append(place)
     notes = [f"level '{name}': {scale:g} m a pixel; its lower left corner is at {_show(low)}"]
     if chargers:
-        text = f"chargers give {ASSUMED.charging:g} a second, once robots have a battery: "
+        text = f"chargers give {CHARGING:g} a second, once robots have a battery: "
         notes.append(text + ", ".join(chargers))
     doors, left = doors_of(level, points, places, free)
     if doors:

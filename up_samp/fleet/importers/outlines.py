@@ -16,15 +16,19 @@ from shapely.geometry import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 from shapely.ops import unary_union
 
-from up_samp.fleet.importers.assumptions import ASSUMED
 from up_samp.fleet.importers.common import Imported, Options, check_size, finish, number_of, wrong
 from up_samp.fleet.records import FILE_LIMITS
 from up_samp.geometry.maps import write_map
 from up_samp.model import ProblemError, UnsupportedError
 
+CELL, DRAWN_WALL = 0.05, 0.05
+"""Assumed: size of a cell of a map that is drawn from outlines, thickness of a wall that is drawn
+as a line (m).
+"""
+
 
 def map_from_polygons(
-    free: BaseGeometry, folder: str | Path, name: str = "map", cell: float = ASSUMED.cell
+    free: BaseGeometry, folder: str | Path, name: str = "map", cell: float = CELL
 ) -> Path:
     """Write a ROS map on which only ``free`` (m, world frame) can be driven; return its YAML.
 
@@ -169,9 +173,7 @@ def _finish(
         raise wrong(source, None, "no closed outline: one has to be the floor")
     floor = max(shapes, key=lambda s: s.area)
     inside = [s for s in shapes if s is not floor]
-    walls = [
-        LineString(points).buffer(ASSUMED.drawn_wall / 2) for points in lines if len(points) > 1
-    ]
+    walls = [LineString(points).buffer(DRAWN_WALL / 2) for points in lines if len(points) > 1]
     free = floor.difference(unary_union([*inside, *walls])) if inside or walls else floor
     map_from_polygons(free, folder)
     kind = {"footprint": [1.0, 0.7], "model": "omni"}

@@ -30,6 +30,7 @@ from up_samp.motion.planners.ompl_planar import OmplSettings, PlanarWorld, state
 from up_samp.motion.planners.ompl_solve import (
     Counter,
     OmplLeg,
+    Validity,
     box_bounds,
     canonical,
     ob,
@@ -99,18 +100,6 @@ class ControlWorld(PlanarWorld):
         return shots(shot, guesses, free, budget.spent)
 
 
-class _ControlValidity(ob.StateValidityChecker):  # type: ignore[misc]
-    """A state is valid if it is inside the box: steps that collide are thrown out of it."""
-
-    def __init__(self, si: Any, low: FloatArray, high: FloatArray) -> None:
-        super().__init__(si)
-        self._low, self._high = low.tolist(), high.tolist()
-
-    def isValid(self, state: Any) -> bool:  # noqa: N802
-        x, y = state.getX(), state.getY()
-        return bool(self._low[0] <= x <= self._high[0] and self._low[1] <= y <= self._high[1])
-
-
 def _search(
     world: ControlWorld,
     start: Configuration,
@@ -121,13 +110,12 @@ def _search(
 ) -> tuple[list[ControlPiece] | None, str]:
     """Return pieces that lead from the start to somewhere near the goal, by a control planner."""
     low, high = world.box()
-    roller, counter = world.roller, Counter()
+    roller, counter, width = world.roller, Counter(), len(world.roller.low)
     space = ob.SE2StateSpace()
     space.setBounds(box_bounds(low.tolist(), high.tolist()))
-    controls = oc.RealVectorControlSpace(space, len(roller.low))
+    controls = oc.RealVectorControlSpace(space, width)
     controls.setBounds(box_bounds(roller.low.tolist(), roller.high.tolist()))
     si = oc.SpaceInformation(space, controls)
-    width = len(roller.low)
 
     def propagate(state: Any, control: Any, seconds: float, result: Any) -> None:
         counter.edges += 1
@@ -140,19 +128,21 @@ def _search(
         result.setY(y)
         result.setYaw((th + math.pi) % (2 * math.pi) - math.pi)
 
-    si.setStateValidityChecker(_ControlValidity(si, low, high))
-    wrapped = getattr(oc, "StatePropagatorFn", lambda f: f)(propagate)  # OMPL 1.7 wants it typed
-    si.setStatePropagator(wrapped)
+    (left, lower), (right, upper) = low.tolist()[:2], high.tolist()[:2]
+
+    def inside(state: Any) -> bool:  # steps that collide are thrown out of the box
+        return bool(left <= state.getX() <= right and lower <= state.getY() <= upper)
+
+    si.setStateValidityChecker(Validity(si, inside))
+    # OMPL 1.7 wants it typed
+    si.setStatePropagator(getattr(oc, "StatePropagatorFn", lambda f: f)(propagate))
     si.setPropagationStepSize(world.step)
     si.setMinMaxControlDuration(1, 12)
     si.setup()
     pdef = ob.ProblemDefinition(si)
     pdef.setStartAndGoalStates(state_of(si, start), state_of(si, goal), world.near)
     set_seed(seed)
-    method = getattr(oc, name)(si)
-    method.setProblemDefinition(pdef)
-    method.setup()
-    solved = solve(method, pdef, budget.deadline, counter, polish=1, read=lambda s: s.getX())
+    solved = solve(getattr(oc, name)(si), pdef, budget.deadline, counter, polish=1)
     budget.cut = budget.cut or counter.cut
     if solved.states is None:
         return None, f"OMPL's control planner {name} found no path ({solved.status.lower()})"

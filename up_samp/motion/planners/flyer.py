@@ -40,7 +40,9 @@ from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.straight import leg_profile, timed_chain, turn_between
 from up_samp.motion.planners.ompl_solve import (
     Counter,
+    EdgeValidity,
     OmplLeg,
+    Validity,
     box_bounds,
     canonical,
     ob,
@@ -174,26 +176,6 @@ class FlyerWorld:
         return False
 
 
-class _FlyerValidity(ob.StateValidityChecker):  # type: ignore[misc]
-    def __init__(self, si: Any, world: FlyerWorld) -> None:
-        super().__init__(si)
-        self._world = world
-
-    def isValid(self, state: Any) -> bool:  # noqa: N802
-        return self._world.pose_free(_read(state))
-
-
-class _FlyerEdges(ob.MotionValidator):  # type: ignore[misc]
-    def __init__(self, si: Any, world: FlyerWorld, counter: Counter) -> None:
-        super().__init__(si)
-        self._world = world
-        self._counter = counter
-
-    def checkMotion(self, a: Any, b: Any, *_partly: Any) -> bool:  # noqa: N802
-        self._counter.edges += 1
-        return self._world.edge_free(np.array(_read(a)), np.array(_read(b)))
-
-
 def _read(state: Any) -> tuple[float, ...]:
     r = state.rotation()
     return state.getX(), state.getY(), state.getZ(), r.x, r.y, r.z, r.w
@@ -231,16 +213,17 @@ def flyer_leg(
     space = ob.SE3StateSpace()
     space.setBounds(box_bounds(world.low.tolist(), world.high.tolist()))
     si = ob.SpaceInformation(space)
-    si.setStateValidityChecker(_FlyerValidity(si, world))
-    si.setMotionValidator(_FlyerEdges(si, world, counter))
+    si.setStateValidityChecker(Validity(si, lambda s: world.pose_free(_read(s))))
+    si.setMotionValidator(
+        EdgeValidity(
+            si, lambda a, b: world.edge_free(np.array(_read(a)), np.array(_read(b))), counter
+        )
+    )
     si.setup()
     pdef = ob.ProblemDefinition(si)
     pdef.setStartAndGoalStates(_state(si, start), _state(si, goal), 1e-9)
     set_seed(seed)
-    method = getattr(og, name)(si)
-    method.setProblemDefinition(pdef)
-    method.setup()
-    solved = solve(method, pdef, deadline, counter, polish=200, read=_read)
+    solved = solve(getattr(og, name)(si), pdef, deadline, counter, polish=200, read=_read)
     blockers = frozenset(world.met - {""})
     if solved.states is None:
         reason = f"OMPL's {name} found no path ({solved.status.lower()})"

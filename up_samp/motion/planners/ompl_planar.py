@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -37,8 +37,10 @@ from up_samp.motion.planners.gliding import Glider
 from up_samp.motion.planners.omni_astar import planar_limits, shortened
 from up_samp.motion.planners.ompl_solve import (
     Counter,
+    EdgeValidity,
     OmplLeg,
     Solved,
+    Validity,
     box_bounds,
     canonical,
     ob,
@@ -49,9 +51,6 @@ from up_samp.motion.planners.ompl_solve import (
 from up_samp.motion.protocol import LegQuery
 
 FloatArray = npt.NDArray[np.float64]
-
-GOAL_TOLERANCE = 1e-9
-"""OMPL's goal is the pose itself: it must only be told that it may hit it exactly."""
 
 
 @dataclass(frozen=True)
@@ -87,30 +86,6 @@ class TreeSearch:
     tree: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     checks: int = 0
     complete: bool = False
-
-
-class _Validity(ob.StateValidityChecker):  # type: ignore[misc]
-    """Asks the compiled check about one pose."""
-
-    def __init__(self, si: Any, free: Callable[[float, float, float], bool]) -> None:
-        super().__init__(si)
-        self._free = free
-
-    def isValid(self, state: Any) -> bool:  # noqa: N802
-        return self._free(state.getX(), state.getY(), state.getYaw())
-
-
-class _Edges(ob.MotionValidator):  # type: ignore[misc]
-    """Asks the compiled check about a whole edge at a time."""
-
-    def __init__(self, si: Any, free: Callable[..., bool], counter: Counter) -> None:
-        super().__init__(si)
-        self._free = free
-        self._counter = counter
-
-    def checkMotion(self, a: Any, b: Any, *_partly: Any) -> bool:  # noqa: N802
-        self._counter.edges += 1
-        return self._free(a.getX(), a.getY(), a.getYaw(), b.getX(), b.getY(), b.getYaw())
 
 
 class PlanarWorld:
@@ -174,8 +149,10 @@ class PlanarWorld:
         space = ob.ReedsSheppStateSpace(self.radius) if self.car else ob.SE2StateSpace()
         space.setBounds(box_bounds(low.tolist(), high.tolist()))
         si = ob.SpaceInformation(space)
-        si.setStateValidityChecker(_Validity(si, self.pose_free))
-        si.setMotionValidator(_Edges(si, self.edge_free, counter))
+        si.setStateValidityChecker(Validity(si, lambda s: self.pose_free(*_read(s))))
+        si.setMotionValidator(
+            EdgeValidity(si, lambda a, b: self.edge_free(*_read(a), *_read(b)), counter)
+        )
         si.setup()
         size = self.radius if self.car else 2 * self.shape.circumscribed
         diagonal = float(np.linalg.norm(high - low))
@@ -211,7 +188,8 @@ def search(
     counter = Counter()
     si, reach = world.information(counter)
     pdef = ob.ProblemDefinition(si)
-    pdef.setStartAndGoalStates(state_of(si, start), state_of(si, goal), GOAL_TOLERANCE)
+    # the goal is the pose itself: OMPL must only be told that it may hit it exactly
+    pdef.setStartAndGoalStates(state_of(si, start), state_of(si, goal), 1e-9)
     samples = 1000
     set_seed(seed)
     while True:
@@ -220,8 +198,6 @@ def search(
             method.setRange(reach)
         if hasattr(method, "setNumSamples"):
             method.setNumSamples(samples)
-        method.setProblemDefinition(pdef)
-        method.setup()
         # SORRT* samples ever smaller sets by rejection: after a good path it hardly gets on
         polish = 1 if name == "SORRTstar" else world.settings.polish
         solved: Solved = solve(

@@ -90,13 +90,6 @@ def set_seed(seed: int) -> None:
     ou.RNG.setSeed(1 + seed % (2**31 - 1))  # 0 is refused
 
 
-def termination(stop: Callable[[], bool]) -> Any:
-    """Return OMPL's condition that ends a solve as soon as ``stop()`` is true."""
-    if hasattr(ob, "PlannerTerminationConditionFn"):
-        stop = ob.PlannerTerminationConditionFn(stop)
-    return ob.PlannerTerminationCondition(stop)
-
-
 def box_bounds(low: Sequence[float], high: Sequence[float]) -> Any:
     """Return OMPL's bounds of a box (m)."""
     bounds = ob.RealVectorBounds(len(low))
@@ -104,6 +97,31 @@ def box_bounds(low: Sequence[float], high: Sequence[float]) -> Any:
         bounds.setLow(i, float(least))
         bounds.setHigh(i, float(most))
     return bounds
+
+
+class Validity(ob.StateValidityChecker):  # type: ignore[misc, name-defined]
+    """Asks a check of ours about one state."""
+
+    def __init__(self, si: Any, free: Callable[[Any], bool]) -> None:
+        super().__init__(si)
+        self._free = free
+
+    def isValid(self, state: Any) -> bool:  # noqa: N802
+        """Return whether a state is valid."""
+        return self._free(state)
+
+
+class EdgeValidity(ob.MotionValidator):  # type: ignore[misc, name-defined]
+    """Asks a check of ours about a whole edge at a time, and counts them."""
+
+    def __init__(self, si: Any, free: Callable[[Any, Any], bool], counter: Counter) -> None:
+        super().__init__(si)
+        self._free, self._counter = free, counter
+
+    def checkMotion(self, a: Any, b: Any, *_partly: Any) -> bool:  # noqa: N802
+        """Return whether an edge is valid."""
+        self._counter.edges += 1
+        return self._free(a, b)
 
 
 @dataclass
@@ -150,15 +168,14 @@ def solve(
     counter: Counter,
     *,
     polish: int,
-    read: Callable[[Any], Any],
+    read: Callable[[Any], Any] = type,
     tree: bool = False,
-    control: bool = False,
 ) -> Solved:
-    """Run a set-up planner until it has a path or the deadline ends.
+    """Set a planner up, and run it until it has a path or the deadline ends.
 
     Planners that go on improving are stopped ``polish`` edge checks or iterations after their first
     exact path (counted, not timed: the same on every machine). ``read`` copies a state into a value
-    of ours. ``tree``: read the vertices, too.
+    of ours (default: nothing of it). ``tree``: read the vertices, too.
     """
     end: list[int] = []
     asked = 0
@@ -174,9 +191,13 @@ def solve(
             end.append(work + polish)
         return bool(end) and work >= end[0]
 
-    status = planner.solve(termination(stop))
+    planner.setProblemDefinition(pdef)
+    planner.setup()
+    # OMPL 1.7 wants the function typed
+    typed = getattr(ob, "PlannerTerminationConditionFn", lambda f: f)(stop)
+    status = planner.solve(ob.PlannerTerminationCondition(typed))
     words = status.asString() if hasattr(status, "asString") else str(status)
-    vertices = _vertices(planner, read, control) if tree else []
+    vertices = _vertices(planner, read) if tree else []
     if not pdef.hasExactSolution():
         return Solved(None, words, vertices)
     path = pdef.getSolutionPath()
@@ -192,8 +213,7 @@ def _has_path(planner: Any) -> bool:
     return math.isfinite(value)
 
 
-def _vertices(planner: Any, read: Callable[[Any], Any], control: bool) -> list[Any]:
-    module = oc if control else ob
-    data = module.PlannerData(planner.getSpaceInformation())
+def _vertices(planner: Any, read: Callable[[Any], Any]) -> list[Any]:
+    data = ob.PlannerData(planner.getSpaceInformation())
     planner.getPlannerData(data)
     return [read(data.getVertex(i).getState()) for i in range(data.numVertices())]
