@@ -6,7 +6,7 @@ import math
 from fractions import Fraction
 from typing import Any
 
-from unified_planning.model import FNode, TimepointKind, Timing
+from unified_planning.model import FNode, Timing
 from unified_planning.model.metrics import MinimizeMakespan
 from unified_planning.model.operators import OperatorKind
 from unified_planning.model.scheduling import Activity as UpActivity
@@ -27,6 +27,7 @@ from up_samp.scheduling.compilers.plain import (
     implies,
     later,
 )
+from up_samp.scheduling.compilers.write import EFFECT_KINDS, POINTS
 from up_samp.upio.expressions import QuantifierRemover
 from up_samp.upio.spans import with_timings
 
@@ -42,12 +43,8 @@ _OPERATORS = {
     OperatorKind.TIMES: "times",
     OperatorKind.DIV: "div",
 }
-_ANCHORS = {
-    TimepointKind.START: "start",
-    TimepointKind.END: "end",
-    TimepointKind.GLOBAL_START: "zero",
-    TimepointKind.GLOBAL_END: "horizon",
-}
+_ANCHORS = {kind: anchor for anchor, kind in POINTS.items()}
+_KINDS = {kind: name for name, kind in EFFECT_KINDS.items()}
 
 
 def read_problem(problem: SchedulingProblem) -> PlainProblem:
@@ -182,13 +179,8 @@ class _ProblemReader:
         return Condition(low, high, said, owner, dense=span.is_right_open())
 
     def _effect(self, timing: Any, effect: Any, owner: str | None) -> Effect:
-        if effect.is_assignment():
-            kind = "assign"
-        elif effect.is_increase():
-            kind = "increase"
-        elif effect.is_decrease():
-            kind = "decrease"
-        else:
+        kind = _KINDS.get(effect.kind)
+        if kind is None:
             raise UnsupportedError(f"effect {effect} of {owner or 'the problem'}")
         time = self._timing(timing, owner)
         fluent, value, condition = (
