@@ -166,7 +166,7 @@ class GroundFluents:
             if not lin.terms:
                 choices.append([(TRUE, lin.const)])
                 continue
-            var = self._plain(lin)
+            var = self.store.variable(lin)
             choices.append(
                 [(self.store.is_value(var, v), v) for v in self.world.values_of(parameter.type)]
             )
@@ -174,14 +174,6 @@ class GroundFluents:
             literal = self.store.all_of(x for x, _ in combination)
             if literal != FALSE:
                 yield literal, self.var(fluent, tuple(v for _, v in combination))
-
-    def _plain(self, lin: Lin) -> int:
-        if len(lin.terms) == 1 and lin.terms[0][1] == 1 and lin.const == 0:
-            return lin.terms[0][0]
-        low, high = self.store.range(lin)
-        var = self.store.integer(low, high)
-        self.store.enforce(compare(lin.plus(Lin(((var, 1),)), -1)._replace(needs=()), "=="))
-        return var
 
     # -- effects -------------------------------------------------------------------------------
 

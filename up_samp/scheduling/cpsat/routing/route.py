@@ -9,6 +9,7 @@ import itertools
 from collections.abc import Callable, Collection, Iterable, Set
 from dataclasses import dataclass, field, replace
 
+from up_samp.scheduling.cpsat.encode.durations import INFINITE
 from up_samp.scheduling.cpsat.encode.states import Key
 
 Pair = tuple[int, int]
@@ -38,9 +39,6 @@ def shorten(lengths: dict[Pair, int], places: Iterable[int]) -> dict[Pair, int]:
 
 
 # ------------------ The route of one traveller
-
-
-INFINITE = 10**12
 
 
 @dataclass(frozen=True, order=True)
