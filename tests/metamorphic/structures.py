@@ -47,7 +47,7 @@ def structures(site: MotionSite, style: MotionStyle, folder) -> Structures:
     told = {code: poses.get(name, name) for name, code in model.world.objects.items()}
     origin = {route.key: told[route.initial] for route in routes}
     units = (
-        frozenset((origin[key], told[p]) for key, places in unit.places for p in places)
+        frozenset((origin[key], told[p]) for key, places in unit.places.items() for p in places)
         for unit in find_unit_places(model, routes)
     )
     tasks = (

@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from weakref import WeakKeyDictionary
 
-from unified_planning.model import FNode
+from unified_planning.environment import Environment
+from unified_planning.model import Effect, FNode
 from unified_planning.model.operators import OperatorKind as Op
+from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.model.timing import TimepointKind
+from unified_planning.model.walkers import ExpressionQuantifiersRemover
+
+from up_samp.model import UnsupportedError
+
+_PLAIN: WeakKeyDictionary[Environment, set[int]] = WeakKeyDictionary()
+"""Numbers of expressions that have no quantifier in them; environments keep all of theirs."""
 
 
 def walk(node: FNode) -> Iterator[FNode]:
@@ -68,3 +77,48 @@ def end_before_start(node: FNode) -> tuple[str, str, int] | None:
     if first.container is None or then.container is None or not isinstance(units, int):
         return None
     return first.container, then.container, units
+
+
+class QuantifierRemover:
+    """Writes out what a problem says of all objects, or of some.
+
+    :raises UnsupportedError: when asked for what is said of all or some numbers.
+    """
+
+    def __init__(self, problem: SchedulingProblem) -> None:
+        self._problem = problem
+        self._plain = _PLAIN.setdefault(problem.environment, set())
+
+    def __call__(self, expression: FNode) -> FNode:
+        """Return an expression without quantifiers."""
+        if expression.node_id in self._plain or not self._quantified(expression):
+            return expression
+        remover = ExpressionQuantifiersRemover(self._problem.environment)
+        return remover.remove_quantifiers(expression, self._problem)
+
+    def effects(self, effect: Effect) -> Iterator[Effect]:
+        """Yield an effect for each choice of objects for the variables it is "for all" of."""
+        if not all(v.type.is_user_type() for v in effect.forall):
+            raise UnsupportedError(f"effects are for all objects only, not as '{effect}' is")
+        for each in effect.expand_effect(self._problem):
+            value, condition = map(self, (each.value, each.condition))
+            if value is each.value and condition is each.condition:
+                yield each
+            else:
+                yield Effect(each.fluent, value, condition, each.kind, each.forall)
+
+    def _quantified(self, expression: FNode) -> bool:
+        plain, stack = self._plain, [expression]
+        met = []
+        for node in stack:  # it grows on the way
+            number = node.node_id
+            if number in plain:
+                continue
+            if node.node_type in (Op.EXISTS, Op.FORALL):
+                if not all(v.type.is_user_type() for v in node.variables()):
+                    raise UnsupportedError(f"up_samp quantifies over objects only, not in '{node}'")
+                return True
+            met.append(number)
+            stack += node.args
+        plain.update(met)
+        return False

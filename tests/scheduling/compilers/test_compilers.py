@@ -12,7 +12,8 @@ from unified_planning.shortcuts import BoolType, MinimizeMakespan
 from tests.scheduling import problems
 from up_samp.model import CandidateSchedule, Deadline, UnsupportedError
 from up_samp.scheduling.adapters import _engine_class
-from up_samp.scheduling.compilers.constraints import compile_differences
+from up_samp.scheduling.compilers.constraints import compile_differences, compile_settled
+from up_samp.scheduling.compilers.exclusion import compile_resources, compile_tokens, find_cliques
 from up_samp.scheduling.compilers.fluents import compile_ground
 from up_samp.scheduling.compilers.intervals import compile_dense, compile_stillness, compile_support
 from up_samp.scheduling.compilers.optional import compile_optional
@@ -31,9 +32,6 @@ from up_samp.scheduling.compilers.plain import (
 )
 from up_samp.scheduling.compilers.precedences import compile_precedences
 from up_samp.scheduling.compilers.read import read_problem
-from up_samp.scheduling.compilers.resources import compile_resources
-from up_samp.scheduling.compilers.settled import compile_settled
-from up_samp.scheduling.compilers.tokens import compile_tokens, find_cliques
 from up_samp.scheduling.compilers.types import compile_flat_types, compile_names
 from up_samp.scheduling.compilers.write import write_problem
 from up_samp.scheduling.engine_scheduler import EngineScheduler

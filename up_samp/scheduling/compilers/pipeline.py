@@ -9,7 +9,9 @@ from up_samp.scheduling.compilers.constraints import (
     compile_differences,
     compile_products,
     compile_rules,
+    compile_settled,
 )
+from up_samp.scheduling.compilers.exclusion import compile_resources, compile_tokens
 from up_samp.scheduling.compilers.fluents import compile_ground, compile_instances, compile_numbers
 from up_samp.scheduling.compilers.intervals import (
     compile_apart,
@@ -26,9 +28,6 @@ from up_samp.scheduling.compilers.optional import (
 )
 from up_samp.scheduling.compilers.plain import Compiled, PlainProblem
 from up_samp.scheduling.compilers.precedences import compile_precedences
-from up_samp.scheduling.compilers.resources import compile_resources
-from up_samp.scheduling.compilers.settled import compile_settled
-from up_samp.scheduling.compilers.tokens import compile_tokens
 from up_samp.scheduling.compilers.types import compile_flat_types, compile_names, compile_unused
 from up_samp.scheduling.quirks import Quirks
 

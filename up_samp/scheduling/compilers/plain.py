@@ -52,7 +52,7 @@ TRUE: Expr = ("bool", True)
 FALSE: Expr = ("bool", False)
 
 
-_LEAVES = ("bool", "int", "obj", "par", "pres", "time", "var")
+_LEAVES = ("bool", "int", "obj", "par", "pres", "time")
 
 
 def start(activity: str, delay: int = 0) -> Expr:

@@ -19,6 +19,7 @@ from __future__ import annotations
 import itertools
 from collections import defaultdict
 from dataclasses import dataclass, replace
+from functools import partial
 
 from up_samp.model import UnsupportedError
 from up_samp.scheduling.compilers.fluents import empty, equals, never_empty, reaches_end
@@ -214,7 +215,7 @@ class _PrecedenceCompiler:
         """State that a condition on one fluent holds: a supporter, and no threat."""
         if fluent in self.counted:
             raise UnsupportedError(f"the condition on {show(fluent)}, which is counted")
-        right = _RightValues(self.problem, fluent, expression)
+        right = partial(_when_right, self.problem, fluent, expression)
         low = condition.low
         since = fresh("since", self.taken)
         self.variables[since] = ("int", 0, None)
@@ -261,20 +262,12 @@ class _PrecedenceCompiler:
         return TRUE if low[3] >= 0 else negation(reaches_end(self.problem, int(low[3]), time))
 
 
-class _RightValues:
-    """Which values of a fluent satisfy an expression over it (and parameters)."""
-
-    def __init__(self, problem: PlainProblem, fluent: Expr, expression: Expr):
-        self.problem = problem
-        self.fluent = fluent
-        self.expression = expression
-
-    def __call__(self, value: Expr) -> Expr:
-        """Return when ``value`` is right: a constant, or a formula over parameters."""
-        if value[0] in ("bool", "int", "obj"):
-            return evaluate(rewrite(self.expression, {self.fluent: value}.get))
-        tpe = self.problem.fluents[self.fluent[1]].type
-        if tpe[0] == "int":
-            return evaluate(rewrite(self.expression, {self.fluent: value}.get))
-        cases = ((v, self(v)) for v in values_of(self.problem, tpe))
-        return disjunction(conjunction([equals(value, v), right]) for v, right in cases)
+def _when_right(problem: PlainProblem, fluent: Expr, expression: Expr, value: Expr) -> Expr:
+    """Return when an expression over a fluent (and parameters) holds if the fluent has ``value``: a
+    constant, or a formula over parameters.
+    """
+    tpe = problem.fluents[fluent[1]].type
+    if value[0] in ("bool", "int", "obj") or tpe[0] == "int":
+        return evaluate(rewrite(expression, {fluent: value}.get))
+    cases = ((v, _when_right(problem, fluent, expression, v)) for v in values_of(problem, tpe))
+    return disjunction(conjunction([equals(value, v), right]) for v, right in cases)

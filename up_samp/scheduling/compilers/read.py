@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
 
-from unified_planning.model import FNode, TimepointKind, Timing
+from unified_planning.model import FNode, Timing
 from unified_planning.model.metrics import MinimizeMakespan
 from unified_planning.model.operators import OperatorKind
 from unified_planning.model.scheduling import Activity as UpActivity
@@ -28,8 +26,9 @@ from up_samp.scheduling.compilers.plain import (
     disjunction,
     implies,
     later,
-    rewrite,
 )
+from up_samp.scheduling.compilers.write import EFFECT_KINDS, POINTS
+from up_samp.upio.expressions import QuantifierRemover
 from up_samp.upio.spans import with_timings
 
 _OPERATORS = {
@@ -44,12 +43,8 @@ _OPERATORS = {
     OperatorKind.TIMES: "times",
     OperatorKind.DIV: "div",
 }
-_ANCHORS = {
-    TimepointKind.START: "start",
-    TimepointKind.END: "end",
-    TimepointKind.GLOBAL_START: "zero",
-    TimepointKind.GLOBAL_END: "horizon",
-}
+_ANCHORS = {kind: anchor for anchor, kind in POINTS.items()}
+_KINDS = {kind: name for name, kind in EFFECT_KINDS.items()}
 
 
 def read_problem(problem: SchedulingProblem) -> PlainProblem:
@@ -89,6 +84,7 @@ class _ProblemReader:
     def __init__(self, problem: SchedulingProblem):
         self.problem = problem
         self.optional = {a.name for a in problem.activities if a.optional}
+        self._written_out = QuantifierRemover(problem)
         self._memo: dict[int, Expr] = {}
         self.fathers: dict[str, str | None] = {
             t.name: None if t.father is None else t.father.name for t in problem.user_types
@@ -107,7 +103,8 @@ class _ProblemReader:
                 conditions += [self._condition(span, e, owner) for e in expressions]
             for timing, all_effects in chronicle.effects.items():
                 for effect in all_effects:
-                    effects += self._effects(timing, effect, owner)
+                    each = self._written_out.effects(effect)
+                    effects += [self._effect(timing, e, owner) for e in each]
         return PlainProblem(
             name=problem.name or "problem",
             activities=tuple(self._activity(a) for a in problem.activities),
@@ -181,43 +178,15 @@ class _ProblemReader:
         said = self.expression(expression)
         return Condition(low, high, said, owner, dense=span.is_right_open())
 
-    def _effects(self, timing: Any, effect: Any, owner: str | None) -> list[Effect]:
-        if effect.is_assignment():
-            kind = "assign"
-        elif effect.is_increase():
-            kind = "increase"
-        elif effect.is_decrease():
-            kind = "decrease"
-        else:
+    def _effect(self, timing: Any, effect: Any, owner: str | None) -> Effect:
+        kind = _KINDS.get(effect.kind)
+        if kind is None:
             raise UnsupportedError(f"effect {effect} of {owner or 'the problem'}")
         time = self._timing(timing, owner)
         fluent, value, condition = (
             self.expression(e) for e in (effect.fluent, effect.value, effect.condition)
         )
-        return [
-            Effect(time, kind, put(fluent), put(value), put(condition), owner)
-            for put in self._instances(effect.forall)
-        ]
-
-    def _instances(self, variables: Any) -> list[Callable[[Expr], Expr]]:
-        """Return one substitution for every choice of objects for the quantified variables."""
-        domains = []
-        for variable in variables:
-            if not variable.type.is_user_type():
-                raise UnsupportedError(f"quantified variable {variable} of type {variable.type}")
-            domains.append([o.name for o in self.problem.objects(variable.type)])
-
-        def substitution(values: dict[str, str]) -> Callable[[Expr], Expr]:
-            def leaf(e: Expr) -> Expr | None:
-                return ("obj", values[e[1]]) if e[0] == "var" and e[1] in values else None
-
-            return (lambda e: rewrite(e, leaf)) if values else (lambda e: e)
-
-        names = [variable.name for variable in variables]
-        return [
-            substitution(dict(zip(names, choice, strict=True)))
-            for choice in itertools.product(*domains)
-        ]
+        return Effect(time, kind, fluent, value, condition, owner)
 
     def _timing(self, timing: Timing, owner: str | None) -> Expr:
         anchor = _ANCHORS[timing.timepoint.kind]
@@ -230,6 +199,9 @@ class _ProblemReader:
 
     def expression(self, node: FNode) -> Expr:
         """Return a UP expression as plain values."""
+        return self._read(self._written_out(node))
+
+    def _read(self, node: FNode) -> Expr:
         done = self._memo.get(node.node_id)
         if done is None:
             done = self._memo[node.node_id] = self._expression(node)
@@ -239,15 +211,11 @@ class _ProblemReader:
         kind = node.node_type
         if kind in (OperatorKind.AND, OperatorKind.OR):
             join = conjunction if kind == OperatorKind.AND else disjunction
-            return join(self.expression(a) for a in node.args)
+            return join(self._read(a) for a in node.args)
         if kind in (OperatorKind.LE, OperatorKind.LT, OperatorKind.EQUALS):
             return self._compared(_OPERATORS[kind], node)
         if kind in _OPERATORS:
-            return (_OPERATORS[kind], *(self.expression(a) for a in node.args))
-        if kind in (OperatorKind.EXISTS, OperatorKind.FORALL):
-            inner = self.expression(node.args[0])
-            join = disjunction if kind == OperatorKind.EXISTS else conjunction
-            return join(put(inner) for put in self._instances(node.variables()))
+            return (_OPERATORS[kind], *(self._read(a) for a in node.args))
         return self._leaf(node)
 
     def _compared(self, operator: str, node: FNode) -> Expr:
@@ -279,7 +247,7 @@ class _ProblemReader:
             rest = sum((f for _, f in sides[1:]), Fraction(0))
             total = sides[0][1] + (rest if node.is_plus() else -rest)
             return (_OPERATORS[node.node_type], *(e for e, _ in sides)), total
-        return self.expression(node), Fraction(0)
+        return self._read(node), Fraction(0)
 
     def _leaf(self, node: FNode) -> Expr:
         if node.is_bool_constant():
@@ -298,9 +266,7 @@ class _ProblemReader:
             name = node.presence().container
             return ("pres", name) if name in self.optional else TRUE
         if node.is_fluent_exp():
-            return ("flu", node.fluent().name, *(self.expression(a) for a in node.args))
-        if node.is_variable_exp():
-            return ("var", node.variable().name)
+            return ("flu", node.fluent().name, *(self._read(a) for a in node.args))
         raise UnsupportedError(f"expression {node}")
 
 

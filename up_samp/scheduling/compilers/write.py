@@ -27,12 +27,12 @@ from unified_planning.model.timing import TimeInterval
 
 from up_samp.scheduling.compilers.plain import Activity, Effect, Expr, PlainProblem, Type
 
-_KINDS = {
+EFFECT_KINDS = {
     "assign": EffectKind.ASSIGN,
     "increase": EffectKind.INCREASE,
     "decrease": EffectKind.DECREASE,
 }
-_POINTS = {
+POINTS = {
     "start": TimepointKind.START,
     "end": TimepointKind.END,
     "zero": TimepointKind.GLOBAL_START,
@@ -120,7 +120,7 @@ class _ProblemWriter:
                 self.expression(effect.fluent),
                 self.expression(effect.value),
                 self.expression(effect.condition),
-                kind=_KINDS[effect.kind],
+                kind=EFFECT_KINDS[effect.kind],
             )
         )
 
@@ -142,7 +142,7 @@ class _ProblemWriter:
     def timing(self, time: Expr) -> Timing:
         """Return a ``time`` expression as a UP timing."""
         _, anchor, activity, delay = time
-        return Timing(delay, Timepoint(_POINTS[anchor], container=activity))
+        return Timing(delay, Timepoint(POINTS[anchor], container=activity))
 
     def expression(self, expression: Expr) -> FNode:
         """Return a plain expression as a UP expression."""

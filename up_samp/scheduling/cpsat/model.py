@@ -21,8 +21,13 @@ from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import Terms, World, countable
 from up_samp.scheduling.cpsat.encode.timeline import NumericTimeline, Timeline
 from up_samp.scheduling.cpsat.encode.variables import Variables, domains
-from up_samp.scheduling.cpsat.normal.form import NormalForm, Presences, normal_form
-from up_samp.scheduling.cpsat.normal.precedences import FollowUp, Precondition
+from up_samp.scheduling.cpsat.normal import (
+    FollowUp,
+    NormalForm,
+    Precondition,
+    Presences,
+    normal_form,
+)
 from up_samp.scheduling.cpsat.problem import Additions, Watcher
 
 T = TypeVar("T")

@@ -2,23 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
-from weakref import WeakKeyDictionary
 
-from unified_planning.environment import Environment
 from unified_planning.model import Effect, FNode, TimeInterval, Timing
-from unified_planning.model.operators import OperatorKind
 from unified_planning.model.scheduling import Activity, SchedulingProblem
-from unified_planning.model.walkers import ExpressionQuantifiersRemover
 
-from up_samp.model import UnsupportedError
+from up_samp.upio.expressions import QuantifierRemover
 from up_samp.upio.spans import with_timings
-
-_QUANTIFIERS = (OperatorKind.EXISTS, OperatorKind.FORALL)
-_PLAIN: WeakKeyDictionary[Environment, set[int]] = WeakKeyDictionary()
-"""Numbers of expressions that have no quantifier in them; environments keep all of theirs."""
 
 
 @dataclass
@@ -53,7 +44,7 @@ class Watcher:
         self._parameters: dict[str | None, list[Any]] = {}
         self._activities: list[Activity] = []
         self._state: tuple[Any, ...] = ()
-        self._plain = _PLAIN.setdefault(problem.environment, set())
+        self._written_out = QuantifierRemover(problem)
 
     def look(self) -> Additions:
         """Return what was appended since the last call (the first time: everything)."""
@@ -125,42 +116,9 @@ class Watcher:
             if is_cond:
                 added = [self._written_out(c) for c in added]
             else:
-                added = [each for effect in added for each in self._each(effect)]
+                added = [each for effect in added for each in self._written_out.effects(effect)]
             target += [(when, item, activity) for item in added]
             seen[time] = list(items)
-
-    def _each(self, effect: Effect) -> Iterator[Effect]:
-        """Yield an effect for each choice of objects for the variables it is "for all" of."""
-        plain = all(v.type.is_user_type() for v in effect.forall)
-        for each in effect.expand_effect(self.problem) if plain else (effect,):
-            value, condition = map(self._written_out, (each.value, each.condition))
-            if value is each.value and condition is each.condition:
-                yield each
-            else:
-                yield Effect(each.fluent, value, condition, each.kind, each.forall)
-
-    def _written_out(self, expression: FNode) -> FNode:
-        """Return an expression without quantifiers over objects."""
-        if expression.node_id in self._plain or not self._quantified(expression):
-            return expression
-        remover = ExpressionQuantifiersRemover(self.problem.environment)
-        return remover.remove_quantifiers(expression, self.problem)
-
-    def _quantified(self, expression: FNode) -> bool:
-        plain, stack = self._plain, [expression]
-        met = []
-        for node in stack:  # it grows on the way
-            number = node.node_id
-            if number in plain:
-                continue
-            if node.node_type in _QUANTIFIERS:
-                if not all(v.type.is_user_type() for v in node.variables()):
-                    raise UnsupportedError(f"cpsat quantifies over objects only, not in '{node}'")
-                return True
-            met.append(number)
-            stack += node.args
-        plain.update(met)
-        return False
 
     def _duration(self, activity: Activity, new: Additions) -> None:
         duration = activity.duration

@@ -30,8 +30,7 @@ from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.encode.disjunctions import Alternatives, find_groups
 from up_samp.scheduling.cpsat.encode.recognition import find_unary
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.normal.clauses import split
-from up_samp.scheduling.cpsat.normal.form import anchor, normal_form
+from up_samp.scheduling.cpsat.normal import anchor, normal_form, split
 from up_samp.scheduling.cpsat.problem import Watcher
 
 

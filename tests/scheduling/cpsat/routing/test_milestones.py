@@ -104,7 +104,7 @@ def test_a_clause_that_names_the_openers_is_read_as_a_door(guided, door, gap):
 def test_copies_of_a_move_are_used_in_the_order_in_which_they_are_written():
     """Also the tenth: whoever states that the first ones are used first keeps quick schedules."""
     route = Hall(guided=False, copies=12).route()
-    ways = next(moves for to, moves in route.leaving(route.initial) if to == 2)
+    ways = next(moves for to, moves in route.leaving[route.initial] if to == 2)
     numbers = [int(m.name.removeprefix("move")) for m in ways]
     assert len(numbers) == 13
     assert numbers == sorted(numbers)

@@ -10,10 +10,9 @@ from tests.scheduling.cpsat.sites import shop as small_shop
 from tests.scheduling.cpsat.styles import Style
 from tests.scheduling.cpsat.writer import write
 from up_samp.model import Deadline, OutOfTimeError, ScheduleStatus
-from up_samp.scheduling.cpsat import CpsatSession, model
+from up_samp.scheduling.cpsat import CpsatSession, model, normal
 from up_samp.scheduling.cpsat.encode import timeline
 from up_samp.scheduling.cpsat.model import FAMILIES, ScheduleModel
-from up_samp.scheduling.cpsat.normal import clauses, precedences
 from up_samp.scheduling.cpsat.problem import Watcher
 from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders
 from up_samp.scheduling.cpsat.solve.runner import SolverRun, run
@@ -78,7 +77,7 @@ def test_a_model_that_grows_while_the_time_ends_is_not_used_any_more(monkeypatch
             raise OutOfTimeError("no time is left")
 
     with monkeypatch.context() as patched:
-        for module in (model, clauses, precedences, timeline):
+        for module in (model, normal, timeline):
             patched.setattr(module, "check_time", look)
         session.solve(Deadline.after(60))
     report = session.solve(Deadline.after(60))

@@ -30,7 +30,7 @@ from up_samp.scheduling.cpsat.encode.recognition import Unary
 from up_samp.scheduling.cpsat.encode.states import States
 from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
-from up_samp.scheduling.cpsat.normal.form import Presences, decided
+from up_samp.scheduling.cpsat.normal import Presences, decided
 from up_samp.scheduling.cpsat.problem import Additions
 from up_samp.upio.expressions import end_before_start, fluent_told, walk
 
@@ -505,13 +505,9 @@ def _ordered(a: ActivityVars, b: ActivityVars) -> tuple[int, int]:
 
 def _interval(store: ModelStore, activity: ActivityVars, gap: int) -> object:
     """Return the interval [start, end + gap) of an activity."""
-    start = store.expression(activity.start)
-    size = store.expression(activity.size.shift(gap))
-    end = store.expression(activity.end.shift(gap))
-    if activity.present == TRUE:
-        return store.model.new_interval_var(start, size, end, "")
-    present = store.raw(activity.present)
-    return store.model.new_optional_interval_var(start, size, end, present, "")
+    return store.interval(
+        activity.start, activity.size.shift(gap), activity.end.shift(gap), activity.present
+    )
 
 
 def _pair(form: Form, starts: Owners, ends: Owners) -> tuple[int, int, int] | None:

@@ -33,6 +33,8 @@ class ModelLimits:
 
 
 LIMITS = ModelLimits()
+INFINITE = 10**12
+"""Longer than anything: what cannot be."""
 
 
 # ------------------ Durations and constants as integers (schedule units)

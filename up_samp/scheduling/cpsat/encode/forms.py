@@ -8,7 +8,7 @@ literal, a :class:`Cmp`, or a tuple ``("&" | "|", forms...)``.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 TRUE = 0
@@ -115,6 +115,20 @@ def _in_lowest_terms(cmp: Cmp) -> Form:
         return TRUE if cmp.op == "!=" else disjunction([~p for p in cmp.needs])
     terms = tuple((v, c // common) for v, c in cmp.terms)
     return cmp._replace(terms=terms, const=-(-cmp.const // common))
+
+
+def comparisons(form: Form) -> Iterator[Cmp]:
+    """Yield the comparisons in ``form``."""
+    if form.__class__ is Cmp:
+        yield form
+    elif form.__class__ is tuple:
+        for part in form[1:]:
+            yield from comparisons(part)
+
+
+def variables_in(form: Form) -> frozenset[int]:
+    """Return the variables that ``form`` compares."""
+    return frozenset(var for cmp in comparisons(form) for var, _ in cmp.terms)
 
 
 def value_told(form: Form, op: str) -> tuple[int, int] | None:

@@ -4,7 +4,7 @@ the objective.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from unified_planning.model import FNode
@@ -12,7 +12,7 @@ from unified_planning.model import metrics as up
 
 from up_samp.model import UnsupportedError
 from up_samp.scheduling.cpsat.encode.durations import LIMITS
-from up_samp.scheduling.cpsat.encode.forms import TRUE, Cmp, Form, Lin, constant
+from up_samp.scheduling.cpsat.encode.forms import TRUE, Cmp, Form, Lin, comparisons, constant
 from up_samp.scheduling.cpsat.encode.states import States
 from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import (
@@ -23,16 +23,7 @@ from up_samp.scheduling.cpsat.encode.terms import (
     int_bounds,
     times,
 )
-from up_samp.scheduling.cpsat.normal.precedences import Precondition
-
-
-def comparisons(form: Form) -> Iterator[Cmp]:
-    """Yield the comparisons in ``form``."""
-    if form.__class__ is Cmp:
-        yield form
-    elif form.__class__ is tuple:
-        for part in form[1:]:
-            yield from comparisons(part)
+from up_samp.scheduling.cpsat.normal import Precondition
 
 
 class Horizon:

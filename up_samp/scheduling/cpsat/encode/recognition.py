@@ -21,7 +21,7 @@ from up_samp.scheduling.cpsat.encode.forms import (
 from up_samp.scheduling.cpsat.encode.states import Key, Read, States, StateVar, Write
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.encode.timeline import pair_uses
-from up_samp.scheduling.cpsat.normal.precedences import Precondition
+from up_samp.scheduling.cpsat.normal import Precondition
 
 Gap = Callable[[int, int], int]
 """How far apart two activities (indices) are in every schedule; negative if they may overlap."""
@@ -438,10 +438,7 @@ def _sets(state: StateVar, write: Write, states: States) -> bool:
 
 def _milestone(number: int, helpers: list[int], states: States) -> StateVar:
     state = StateVar(("#milestone", number), (0, 1), [0, 1], 0)
-    for index in helpers:
-        activity = states.activity(index)
-        time = activity.end.shift(-1)._replace(needs=())
-        state.writes.append(Write(index, activity.present, time, constant(1)))
+    state.writes += [_write(states.activity(index), 1) for index in helpers]
     return state
 
 

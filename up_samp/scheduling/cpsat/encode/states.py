@@ -27,14 +27,12 @@ from up_samp.scheduling.cpsat.encode.terms import (
     ActivityVars,
     Terms,
     World,
-    equals_object,
-    equals_parameter,
     fluents_in,
     has_decisions,
     int_bounds,
     unless_decided,
 )
-from up_samp.upio.expressions import conjuncts
+from up_samp.upio.expressions import conjuncts, fluent_told
 
 Key = tuple[Any, ...]
 
@@ -168,7 +166,7 @@ class GroundFluents:
             if not lin.terms:
                 choices.append([(TRUE, lin.const)])
                 continue
-            var = self._plain(lin)
+            var = self.store.variable(lin)
             choices.append(
                 [(self.store.is_value(var, v), v) for v in self.world.values_of(parameter.type)]
             )
@@ -176,14 +174,6 @@ class GroundFluents:
             literal = self.store.all_of(x for x, _ in combination)
             if literal != FALSE:
                 yield literal, self.var(fluent, tuple(v for _, v in combination))
-
-    def _plain(self, lin: Lin) -> int:
-        if len(lin.terms) == 1 and lin.terms[0][1] == 1 and lin.const == 0:
-            return lin.terms[0][0]
-        low, high = self.store.range(lin)
-        var = self.store.integer(low, high)
-        self.store.enforce(compare(lin.plus(Lin(((var, 1),)), -1)._replace(needs=()), "=="))
-        return var
 
     # -- effects -------------------------------------------------------------------------------
 
@@ -225,39 +215,43 @@ class Readings(GroundFluents):
     ) -> None:
         if active == FALSE:
             return
-        number = None if owner is None else owner.index
-        fluents = fluents_in(node)
-        single = next(iter(fluents)) if len(fluents) == 1 else None
-        if (
-            single is not None
-            and all(a.is_constant() for a in single.args)
-            and not has_decisions(node)
-        ):
-            ((_, state),) = self.grounds(single, Terms(self.world, no_fluents, owner))
-            if state.values is not None:
-                allowed = self._values(node, state)
-                self._read(state, Read(number, active, lo, hi, allowed=allowed, loose=loose))
-                return
-        chosen = equals_parameter(node)
-        if chosen is not None and single is not None and all(a.is_constant() for a in single.args):
-            ((_, state),) = self.grounds(single, Terms(self.world, no_fluents, owner))
-            value = self.world.parameters.get(chosen)
-            if state.key[0] in self.dynamic and state.values is not None and value is not None:
-                # all effects are known by now
-                allowed = frozenset(state.held()) & self._left(value)
-                self._read(state, Read(number, active, lo, hi, allowed, value, loose=loose))
+        pattern = Read(None if owner is None else owner.index, active, lo, hi, loose=loose)
+        fluents = list(fluents_in(node))
+        if len(fluents) == 1 and all(a.is_constant() for a in fluents[0].args):
+            ((_, state),) = self.grounds(fluents[0], Terms(self.world, no_fluents, owner))
+            told = self._read_alone(node, state, pattern)
+            if told is not None:
+                self._read(state, told)
                 return
         decided, rest = unless_decided(node)
         if decided is not None and not loose:
             # whatever is decided, nobody may change meanwhile what is read
             for _, state in self._all_grounds(rest, owner):
-                self._read(state, Read(number, active, lo, hi, guard_only=True))
+                self._read(state, replace(pattern, guard_only=True))
             said = Terms(self.world, no_fluents, owner)
             other = self._literals(said.form(decided, False), said.form(decided))
             self._hold(rest, owner, self.store.all_of([active, *other]), lo, hi)
             return
         terms = Terms(self.world, self.reader(owner, active, lo, hi, loose), owner)
         self.store.enforce(terms.form(node), (active,))
+
+    def _read_alone(self, node: FNode, state: StateVar, pattern: Read) -> Read | None:
+        """Return what is asked of a state by what speaks of it alone, or compares it with an
+        object parameter (``None``: it is something else).
+        """
+        if state.values is None:
+            return None
+        if not has_decisions(node):
+            return replace(pattern, allowed=self._values(node, state))
+        told = fluent_told(node)
+        if told is None or not (told[1].is_parameter_exp() and told[1].type.is_user_type()):
+            return None
+        value = self.world.parameters.get(told[1].parameter().name)
+        if value is None or state.key[0] not in self.dynamic:
+            return None
+        # all effects are known by now
+        allowed = frozenset(state.held()) & self._left(value)
+        return replace(pattern, allowed=allowed, value=value)
 
     def _left(self, value: Lin) -> frozenset[int]:
         """Return what a parameter may be."""
@@ -280,9 +274,10 @@ class Readings(GroundFluents):
         found = self._allowed.get(node)
         if found is None:
             values = state.values or []
-            fixed = equals_object(node)
-            if fixed is not None:
-                found = frozenset((self.world.objects[fixed],)).intersection(values)
+            told = fluent_told(node)
+            if told is not None and told[1].is_object_exp():
+                fixed = self.world.objects[told[1].object().name]
+                found = frozenset((fixed,)).intersection(values)
             else:
                 found = frozenset(v for v in values if self._evaluate(node, v) == TRUE)
             self._allowed[node] = found
@@ -384,10 +379,6 @@ class States(Readings):
 
     def add_effect(self, timing: Timing, effect: Effect, owner: ActivityVars | None) -> None:
         """Register the writes of an effect."""
-        if effect.forall:
-            raise UnsupportedError(
-                f"cpsat knows effects for all objects, not for all of '{effect}'"
-            )
         if not (effect.is_assignment() or effect.is_increase() or effect.is_decrease()):
             raise UnsupportedError(f"the continuous effect '{effect}' is not supported by cpsat")
         if timing.timepoint.kind is TimepointKind.GLOBAL_END:

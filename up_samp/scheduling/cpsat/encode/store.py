@@ -95,10 +95,22 @@ class ModelStore:
         """Return ``lin`` as an expression in at most one variable (for intervals)."""
         if len(lin.terms) <= 1:
             return self.expression(lin)
-        low, high = self.range(lin)
-        var = self.integer(low, high)
+        return self.var(self.variable(lin))
+
+    def variable(self, lin: Lin) -> int:
+        """Return a variable that is worth ``lin``, whatever that needs."""
+        if len(lin.terms) == 1 and lin.terms[0][1] == 1 and lin.const == 0:
+            return lin.terms[0][0]
+        var = self.integer(*self.range(lin))
         self.enforce(compare(lin.plus(Lin(((var, 1),)), -1)._replace(needs=()), "=="))
-        return self.var(var)
+        return var
+
+    def interval(self, start: Lin, size: Lin, end: Lin, present: Literal) -> Any:
+        """Return an interval that is there if ``present`` is true."""
+        times = self.affine(start), self.affine(size), self.affine(end)
+        if present == TRUE:
+            return self.model.new_interval_var(*times, "")
+        return self.model.new_optional_interval_var(*times, self.raw(present), "")
 
     def range(self, lin: Lin) -> tuple[int, int]:
         """Return bounds of ``lin`` by the variables' initial domains."""

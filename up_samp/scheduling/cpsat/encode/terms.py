@@ -27,21 +27,7 @@ from up_samp.scheduling.cpsat.encode.forms import (
     disjunction,
 )
 from up_samp.scheduling.cpsat.encode.store import ModelStore
-from up_samp.upio.expressions import fluent_told, walk
-
-
-def equals_object(node: FNode) -> str | None:
-    """Return the object's name if ``node`` says that a fluent equals an object."""
-    told = fluent_told(node)
-    return str(told[1].object().name) if told and told[1].is_object_exp() else None
-
-
-def equals_parameter(node: FNode) -> str | None:
-    """Return the parameter's name if ``node`` says that a fluent equals an object parameter."""
-    told = fluent_told(node)
-    if told is None or not told[1].is_parameter_exp() or not told[1].type.is_user_type():
-        return None
-    return str(told[1].parameter().name)
+from up_samp.upio.expressions import walk
 
 
 def fluents_in(node: FNode) -> dict[FNode, None]:

@@ -120,11 +120,7 @@ class NumericTimeline:
             if high <= 0 or use.active == FALSE:
                 continue
             size = Lin((), low) if low == high else Lin(((store.integer(low, high), 1),))
-            args = (store.affine(use.start), store.expression(size), store.affine(use.end))
-            if use.active == TRUE:
-                intervals.append(model.new_interval_var(*args, ""))
-            else:
-                intervals.append(model.new_optional_interval_var(*args, store.raw(use.active), ""))
+            intervals.append(store.interval(use.start, size, use.end, use.active))
             demands.append(use.amount)
         if intervals:
             model.add_cumulative(intervals, demands, capacity)
@@ -187,9 +183,7 @@ class NumericTimeline:
         if read.value is not None:
             store.enforce(compare(read.value.plus(level, -1), "=="), (read.active,))
         if read.allowed is not None:
-            low, high = store.range(level)
-            var = store.integer(low, high)
-            store.enforce(compare(level.plus(Lin(((var, 1),)), -1), "=="))
+            var = store.variable(level)
             options = [store.is_value(var, v) for v in sorted(read.allowed)]
             store.clause([*options, ~read.active])
 
@@ -284,14 +278,6 @@ Apart = Callable[[frozenset[int]], bool]
 
 
 @dataclass
-class Link:
-    """A write that can only follow some values: ``allowed`` by its activity's own ``read``."""
-
-    write: Write
-    read: Read
-
-
-@dataclass
 class Timeline:
     """A state variable in the model: ``until[i]`` bounds the reign of write i; index -1 is the
     initial value (last entry). ``circuits``: its order may be stated as one.
@@ -303,7 +289,8 @@ class Timeline:
     circuits: bool = True
     until: list[Lin] = field(default_factory=list)
     arcs: dict[tuple[int, int], Literal] = field(default_factory=dict)
-    linked: dict[int, Link] = field(default_factory=dict)
+    linked: dict[int, Read] = field(default_factory=dict)
+    """Write that can only follow some values -> its activity's own read, which allows these."""
     chained: dict[int, int] = field(default_factory=dict)
     """Write -> the one of the same activity right before it."""
     _separate: bool | None = None
@@ -325,10 +312,10 @@ class Timeline:
             self.linked = {}
             self.chained = {}
             self._reigns()
-        links = {link.read.owner: link for link in self.linked.values()}
+        links = {read.owner: i for i, read in self.linked.items()}
         for read in self.state.reads:
-            link = links.get(read.owner)
-            if link is None or not self._implied(read, link):
+            i = links.get(read.owner)
+            if i is None or not self._implied(read, i):
                 self.add_read(read)
 
     # -- order of the writes -------------------------------------------------------------------
@@ -345,15 +332,8 @@ class Timeline:
                 store.enforce(constant(0).le(write.time), (write.active,))
 
     def _interval(self, start: Lin, until: Lin, active: Literal) -> object:
-        store = self.store
-        size = store.integer(1, store.range(until)[1] + 2)
-        if active == TRUE:
-            return store.model.new_interval_var(
-                store.affine(start), store.var(size), store.expression(until), ""
-            )
-        return store.model.new_optional_interval_var(
-            store.affine(start), store.var(size), store.expression(until), store.raw(active), ""
-        )
+        size = self.store.integer(1, self.store.range(until)[1] + 2)
+        return self.store.interval(start, Lin(((size, 1),)), until, active)
 
     def _find_links(self) -> None:
         """Find the writes whose activity reads the variable right before, so that the supporter
@@ -377,8 +357,8 @@ class Timeline:
             for read in reads.get(owner, ()):
                 if read.active == write.active and self._adjacent(write, read):
                     old = self.linked.get(i)
-                    if old is None or self._earlier(read, old.read):
-                        self.linked[i] = Link(write, read)
+                    if old is None or self._earlier(read, old):
+                        self.linked[i] = read
 
     def _one_by_one(self, numbers: list[int]) -> list[int] | None:
         """Return the order of an activity's writes, if nothing of others comes between them."""
@@ -410,18 +390,19 @@ class Timeline:
             read.allowed or frozenset()
         ) <= (other.allowed or frozenset())
 
-    def _implied(self, read: Read, link: Link) -> bool:
-        """Return whether ``read`` asks no more than the read of ``link`` does."""
-        if read is link.read:
+    def _implied(self, read: Read, i: int) -> bool:
+        """Return whether ``read`` asks no more than the one that write ``i`` is linked to."""
+        link = self.linked[i]
+        if read is link:
             return True  # the arcs say it
         return (
             read.value is None
             and read.allowed is not None
-            and link.read.allowed is not None
-            and read.active == link.read.active
-            and link.read.allowed <= read.allowed
-            and self.states.difference(read.lo, link.read.lo)[0] >= 0
-            and self.states.difference(link.write.time, read.hi)[0] >= 0
+            and link.allowed is not None
+            and read.active == link.active
+            and link.allowed <= read.allowed
+            and self.states.difference(read.lo, link.lo)[0] >= 0
+            and self.states.difference(self.state.writes[i].time, read.hi)[0] >= 0
         )
 
     def _alone(self, write: Write, read: Read) -> bool:
@@ -448,7 +429,7 @@ class Timeline:
 
     def _allowed(self, i: int) -> frozenset[int] | None:
         link = self.linked.get(i)
-        return None if link is None else link.read.allowed
+        return None if link is None else link.allowed
 
     def _possible(self, before: int, after: int) -> bool:
         """Return whether write ``after`` may directly follow ``before`` (-1: the initial value)."""
@@ -516,19 +497,19 @@ class Timeline:
         store, write = self.store, self.state.writes[j]
         store.enforce(self.until[i].le(write.time), (literal,))
         link = self.linked.get(j)
-        earliest = write.time if link is None else link.read.lo
+        earliest = write.time if link is None else link.lo
         if i >= 0:
             store.enforce(self.state.writes[i].time.shift(1).le(earliest), (literal,))
         if link is not None:
             value = constant(self.state.initial or 0) if i < 0 else self.state.writes[i].value
-            self._supports(value, link.read, literal)
+            self._supports(value, link, literal)
 
     def _supports(self, value: Lin, read: Read, literal: Literal) -> None:
         """State that a read finds a ``value``, which may be among those that it allows."""
         if read.value is not None:
             self.store.enforce(compare(read.value.plus(value, -1), "=="), (literal,))
         elif value.terms and read.allowed is not None:
-            var = self.states._plain(value)
+            var = self.store.variable(value)
             some = [self.store.is_value(var, v) for v in sorted(read.allowed)]
             self.store.clause([~literal, *some])
 
@@ -538,7 +519,7 @@ class Timeline:
         if read.active == FALSE:
             return
         if read.guard_only:
-            self._guard(read)
+            guard(self.states, self.state, read)
             return
         check_time()
         store = self.store
@@ -598,6 +579,3 @@ class Timeline:
             self.store.enforce(form, (coincides,))
             margin = margin.plus(Lin(((coincides, 1),)), -1)
         return margin
-
-    def _guard(self, read: Read) -> None:
-        guard(self.states, self.state, read)

@@ -4,7 +4,7 @@ to a parameter.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from unified_planning.model import DurationInterval
@@ -12,7 +12,12 @@ from unified_planning.model.scheduling import Activity
 
 from up_samp.model import UnsupportedError
 from up_samp.scheduling.cpsat.encode.disjunctions import Alternatives
-from up_samp.scheduling.cpsat.encode.durations import LIMITS, check_duration, constant_bounds
+from up_samp.scheduling.cpsat.encode.durations import (
+    INFINITE,
+    LIMITS,
+    check_duration,
+    constant_bounds,
+)
 from up_samp.scheduling.cpsat.encode.forms import (
     FALSE,
     TRUE,
@@ -22,12 +27,13 @@ from up_samp.scheduling.cpsat.encode.forms import (
     Literal,
     compare,
     constant,
+    variables_in,
 )
 from up_samp.scheduling.cpsat.encode.horizon import Horizon
 from up_samp.scheduling.cpsat.encode.states import States
 from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars, Terms, World, int_bounds
-from up_samp.scheduling.cpsat.normal.form import Presences
+from up_samp.scheduling.cpsat.normal import Presences
 from up_samp.scheduling.cpsat.problem import Additions
 
 
@@ -41,37 +47,27 @@ def domains(forms: Iterable[Form], variables: Variables) -> dict[int, frozenset[
     Assumes: a form speaks of one parameter alone, and holds wherever its activity is there.
     """
     activities, bounds = variables.world.activities, variables.store.bounds
-    presences = {
-        var: TRUE if owner is None else activities[owner].present
+    owners = {
+        var: None if owner is None else activities[owner]
         for var, tpe, owner in variables.parameters.values()
         if tpe.is_user_type()
     }
     told: dict[int, list[Form]] = {}
     for form in forms:
-        var = _only(form)
-        if var in presences and _literals(form) <= {~presences[var]}:
-            told.setdefault(var, []).append(form)
+        compared = variables_in(form)
+        if len(compared) == 1 and compared <= owners.keys():
+            (var,) = compared
+            owner = owners[var]
+            if _literals(form) <= {~(TRUE if owner is None else owner.present)}:
+                told.setdefault(var, []).append(form)
     found = {}
     for var, some in told.items():
         low, high = bounds[var]
-        found[var] = frozenset(v for v in range(low, high + 1) if all(_holds(f, v) for f in some))
-    return found
-
-
-def _only(form: Form) -> int:
-    """Return the variable that a form compares, if it is one; else -1."""
-    if form.__class__ is Cmp:
-        return form.terms[0][0] if len(form.terms) == 1 else -1
-    if form.__class__ is int:
-        return -1
-    found = -1
-    for part in form[1:]:
-        if part.__class__ is int:
-            continue
-        var = _only(part)
-        if var < 0 or found not in (-1, var):
-            return -1
-        found = var
+        found[var] = frozenset(
+            v
+            for v in range(low, high + 1)
+            if all(implied_length(f, owners[var], {var: v}) < INFINITE for f in some)
+        )
     return found
 
 
@@ -83,15 +79,41 @@ def _literals(form: Form) -> frozenset[Literal]:
     return frozenset[Literal]().union(*map(_literals, form[1:]))
 
 
-def _holds(form: Form, value: int) -> bool:
-    """Return whether a form holds if its variable has a value, and its activity is there."""
+Values = Mapping[int, int]
+"""Variable (a parameter) -> value."""
+
+
+def implied_length(form: Form, activity: ActivityVars | None, values: Values) -> int:
+    """Return how long an activity that is there (``None``: the problem itself) lasts at least for a
+    form to hold, if its parameters have ``values``; INFINITE if it cannot hold.
+    """
+    present = TRUE if activity is None else activity.present
+    if form.__class__ is tuple:
+        enough, better = (0, min) if form[0] == "|" else (INFINITE, max)
+        least = INFINITE - enough
+        for part in form[1:]:
+            least = better(least, implied_length(part, activity, values))
+            if least == enough:
+                break
+        return least
     if form.__class__ is int:
-        return False
-    if form.__class__ is Cmp:
-        worth = form.const + form.terms[0][1] * value
-        return {"<=": worth <= 0, "==": worth == 0, "!=": worth != 0}[form.op]
-    parts = (_holds(part, value) for part in form[1:])
-    return any(parts) if form[0] == "|" else all(parts)
+        return INFINITE if form in (FALSE, ~present) else 0
+    if form.needs and any(need != present for need in form.needs):
+        return 0
+    if all(var in values for var, _ in form.terms):
+        worth = form.const + sum(factor * values[var] for var, factor in form.terms)
+        holds = {"<=": worth <= 0, "==": worth == 0, "!=": worth != 0}[form.op]
+        return 0 if holds else INFINITE
+    if activity is None:
+        return 0
+    terms = dict(form.terms)
+    start, end = activity.start.terms[0][0], activity.end.terms[0][0]
+    if len(terms) == 2 and terms.keys() == {start, end} and form.op in ("<=", "=="):
+        if terms[start] == 1 and terms[end] == -1:
+            return max(0, form.const)
+        if form.op == "==" and terms[start] == -1 and terms[end] == 1:
+            return max(0, -form.const)
+    return 0
 
 
 # ------------------ Variables of activities and parameters, and how their times hang together

@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING
 from unified_planning.model import FNode
 from unified_planning.model.operators import OperatorKind as Op
 
-from up_samp.scheduling.cpsat.encode.forms import FALSE, Cmp, Form, Lin, value_told
+from up_samp.scheduling.cpsat.encode.forms import Cmp, Form, Lin, value_told, variables_in
 from up_samp.scheduling.cpsat.encode.states import Read, StateVar, Write
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.encode.timeline import Timeline
-from up_samp.scheduling.cpsat.routing.route import INFINITE
+from up_samp.scheduling.cpsat.encode.variables import Values, implied_length
 
 if TYPE_CHECKING:
     from up_samp.scheduling.cpsat.model import ScheduleModel
@@ -164,10 +164,6 @@ def _variable(value: Lin | None) -> int | None:
 # ------------------ How long a move lasts at least
 
 
-Values = Mapping[int, int]
-"""Variable (a parameter) -> value."""
-
-
 class Lengths:
     """What is stated about the durations of activities and the values of parameters.
 
@@ -183,7 +179,7 @@ class Lengths:
         owners = _Owners(model)
         for form in model.stated if asked else ():
             # of one activity, a clause says nothing that may hold for the sake of another
-            found = asked & _variables(form) if owners.at_most_one(form) else None
+            found = asked & variables_in(form) if owners.at_most_one(form) else None
             if not found:
                 continue
             # what says nothing but of some values is looked at for these only
@@ -204,7 +200,7 @@ class Lengths:
         parts = (p for n in range(len(some)) for p in itertools.combinations(some, n + 1))
         forms = [form for part in parts for form in self._with.get(frozenset(part), ())]
         forms += [form for var in values for form in self._others.get(var, ())]
-        return max([least, *(_implied(form, activity, values) for form in forms)])
+        return max([least, *(implied_length(form, activity, values) for form in forms)])
 
     def _by_fluents(self, activity: ActivityVars, values: Values) -> int:
         """Return the duration's lower bound where it is told by fluents that never change."""
@@ -261,42 +257,8 @@ class _Owners:
         return len(known - {""}) < 2
 
 
-def _variables(form: Form) -> frozenset[int]:
-    if form.__class__ is tuple:
-        return frozenset[int]().union(*map(_variables, form[1:]))
-    return frozenset(v for v, _ in form.terms) if form.__class__ is Cmp else frozenset()
-
-
 def _unless(form: Form) -> Iterable[tuple[int, int]]:
     """Yield (variable, value) of which a clause says nothing if the variable is another one."""
     parts = form[1:] if form.__class__ is tuple and form[0] == "|" else ()
     told = (value_told(part, "!=") for part in parts)
     yield from (item for item in told if item is not None)
-
-
-def _implied(form: Form, activity: ActivityVars, values: Values) -> int:
-    """Return how long an activity that is there lasts at least for a form to hold."""
-    if form.__class__ is tuple:
-        enough, better = (0, min) if form[0] == "|" else (INFINITE, max)
-        least = INFINITE - enough
-        for part in form[1:]:
-            least = better(least, _implied(part, activity, values))
-            if least == enough:
-                break
-        return least
-    if form.__class__ is int:
-        return INFINITE if form in (FALSE, ~activity.present) else 0
-    if form.needs and any(need != activity.present for need in form.needs):
-        return 0
-    if all(var in values for var, _ in form.terms):
-        worth = form.const + sum(factor * values[var] for var, factor in form.terms)
-        holds = {"<=": worth <= 0, "==": worth == 0, "!=": worth != 0}[form.op]
-        return 0 if holds else INFINITE
-    terms = dict(form.terms)
-    start, end = activity.start.terms[0][0], activity.end.terms[0][0]
-    if len(terms) == 2 and terms.keys() == {start, end} and form.op in ("<=", "=="):
-        if terms[start] == 1 and terms[end] == -1:
-            return max(0, form.const)
-        if form.op == "==" and terms[start] == -1 and terms[end] == 1:
-            return max(0, -form.const)
-    return 0

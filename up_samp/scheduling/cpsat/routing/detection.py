@@ -9,12 +9,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from up_samp.scheduling.cpsat.encode.durations import INFINITE
 from up_samp.scheduling.cpsat.encode.forms import TRUE, Form, Literal, value_told
 from up_samp.scheduling.cpsat.encode.states import Key, Read, StateVar
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.encode.timeline import Timeline
 from up_samp.scheduling.cpsat.routing.changes import Lengths, Mover, changes_of
-from up_samp.scheduling.cpsat.routing.route import INFINITE, Entrance, Move, Route, Still
+from up_samp.scheduling.cpsat.routing.route import Entrance, Move, Route, Still
 
 if TYPE_CHECKING:
     from up_samp.scheduling.cpsat.model import ScheduleModel

@@ -7,8 +7,8 @@ model: order, machines, doors, unary places.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 
 from up_samp.scheduling.cpsat.encode.forms import TRUE, Literal, difference_told
 from up_samp.scheduling.cpsat.encode.states import Key, StateVar, Write
@@ -17,20 +17,16 @@ from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.route import Move, Route
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class UnitPlace:
     """A unary place: it is taken by whoever rests at one of ``places`` (by route's key)."""
 
     key: Key
-    places: tuple[tuple[Key, frozenset[int]], ...]
+    places: Mapping[Key, frozenset[int]]
 
     def places_of(self, route: Key) -> frozenset[int]:
         """Return the places of a route that it holds."""
-        return self._by_route.get(route, frozenset())
-
-    @cached_property
-    def _by_route(self) -> dict[Key, frozenset[int]]:
-        return dict(self.places)
+        return self.places.get(route, frozenset())
 
 
 def find_unit_places(model: ScheduleModel, routes: list[Route]) -> list[UnitPlace]:
@@ -56,20 +52,18 @@ def find_unit_places(model: ScheduleModel, routes: list[Route]) -> list[UnitPlac
         if changes is None:
             continue
         arrivals, departures = changes
-        places = []
+        places: dict[Key, frozenset[int]] = {}
         for route in routes:
             comes = {(m.name, m.to) for m in route.moves}
             inside = frozenset(to for name, to in comes if to in arrivals.get(name, ()))
             begins = {(m.name, origin) for m in route.moves for origin in m.origins}
             if not (_are(comes, inside, arrivals) and _are(begins, inside, departures)):
                 break
-            places.append((route.key, inside))
+            places[route.key] = inside
         else:
-            here = sum(
-                route.initial in inside for route, (_, inside) in zip(routes, places, strict=True)
-            )
+            here = sum(route.initial in places[route.key] for route in routes)
             if here + (state.initial or 0) <= 1:  # who is there has it
-                found.append(UnitPlace(key, tuple(places)))
+                found.append(UnitPlace(key, places))
     return found
 
 

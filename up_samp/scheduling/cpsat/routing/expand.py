@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import heapq
-import itertools
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
+from functools import partial
 
 from up_samp.model import CandidateSchedule
 from up_samp.scheduling.cpsat.encode.states import Key
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.routing.route import Move, Route, Still
+from up_samp.scheduling.cpsat.routing.route import Move, Route, Still, Timed
 
 Changes = dict[str, list[tuple[Key, int]]]
 """Activity -> the state variables that it changes, and when: counted from its end."""
 Events = list[tuple[Key, int]]
-Timed = list[tuple[int, Move]]
-"""Moves one after the other, with their starts."""
 
 
 def expand(
@@ -98,7 +95,8 @@ def _expand(route: Route, times: dict[str, tuple[int, int]], events: Events) -> 
         timed = _timed(route, moves or [], free, events)
         if timed and end and timed[-1][0] + timed[-1][1].least + rest > start:
             banned = used - {move.name for _, move in timed}
-            other = _soonest(route, origin, places, free, events, banned)
+            wait = partial(calm, route.still, events)
+            other = route.soonest(origin, places, banned, free, wait)
             if other and _arrival(other) < _arrival(timed):
                 timed = other
                 used.update(move.name for _, move in timed)
@@ -120,33 +118,3 @@ def _timed(route: Route, moves: list[Move], free: int, events: Events) -> Timed:
         timed.append((begin, move))
         free = begin + move.least + route.step
     return timed
-
-
-def _soonest(
-    route: Route,
-    origin: int,
-    places: frozenset[int],
-    free: int,
-    events: Events,
-    banned: Collection[str],
-) -> Timed:
-    """Return the moves to one of ``places`` that arrive first; none if there is no way. (Who waits
-    is never earlier, so Dijkstra's search holds with times of departure.)
-    """
-    ties = itertools.count()
-    heap: list[tuple[int, int, int, Timed]] = [(free, next(ties), origin, [])]
-    done = set()
-    while heap:
-        now, _, place, timed = heapq.heappop(heap)
-        if place in places:
-            return timed
-        if place in done:
-            continue
-        done.add(place)
-        for to, choices in route.leaving(place):
-            move = next((m for m in choices if m.name not in banned), None)
-            if move is not None and to not in done:
-                begin = calm(route.still, events, now, move.least)
-                ahead = begin + move.least + route.step
-                heapq.heappush(heap, (ahead, next(ties), to, [*timed, (begin, move)]))
-    return []

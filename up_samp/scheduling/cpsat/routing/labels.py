@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from up_samp.scheduling.cpsat.routing.route import INFINITE
+from up_samp.scheduling.cpsat.encode.durations import INFINITE
 from up_samp.scheduling.cpsat.routing.rules import NEVER, SequenceChoice, SequenceRules, StateChange
 
 _NEAR = 24

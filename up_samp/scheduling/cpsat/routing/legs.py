@@ -10,13 +10,14 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from up_samp.scheduling.cpsat.encode.forms import Form, Lin, Literal, constant, disjunction
+from up_samp.scheduling.cpsat.encode.durations import INFINITE
+from up_samp.scheduling.cpsat.encode.forms import TRUE, Form, Lin, Literal, constant, disjunction
 from up_samp.scheduling.cpsat.encode.states import Key, StateVar, Write
 from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.dispatch import UnitPlace
-from up_samp.scheduling.cpsat.routing.route import INFINITE, Entrance, Route, Still, shorten
+from up_samp.scheduling.cpsat.routing.route import Entrance, Route, Still, shorten
 
 
 @dataclass(frozen=True)
@@ -170,14 +171,8 @@ class LegVariables:
         intervals: dict[UnitPlace, list[object]] = {}
         for (unit, *_), (since, until, present) in self._since.items():
             size = store.integer(0, self.limit)
-            times = (store.expression(since), store.var(size), store.expression(until))
-            interval: object = (
-                store.model.new_interval_var(*times, "")
-                if surely(present)
-                else store.model.new_optional_interval_var(
-                    *times, store.raw(store.any_of(present)), ""
-                )
-            )
+            there = TRUE if surely(present) else store.any_of(present)
+            interval = store.interval(since, Lin(((size, 1),)), until, there)
             intervals.setdefault(unit, []).append(interval)
         for some in intervals.values():
             if len(some) > 1:

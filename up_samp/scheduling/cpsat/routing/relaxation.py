@@ -14,6 +14,7 @@ from unified_planning.model.timing import TimepointKind
 
 from up_samp.model import CandidateSchedule, Deadline
 from up_samp.scheduling.cpsat.encode.disjunctions import merge_forms
+from up_samp.scheduling.cpsat.encode.durations import INFINITE
 from up_samp.scheduling.cpsat.encode.forms import (
     TRUE,
     Form,
@@ -27,7 +28,7 @@ from up_samp.scheduling.cpsat.encode.forms import (
 from up_samp.scheduling.cpsat.encode.states import Write
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.normal.clauses import Constraint, split
+from up_samp.scheduling.cpsat.normal import Constraint, split
 from up_samp.scheduling.cpsat.problem import Additions
 from up_samp.scheduling.cpsat.routing.dispatch import RoutedTask, find_tasks, find_unit_places
 from up_samp.scheduling.cpsat.routing.expand import changes_by_name, expand
@@ -39,7 +40,7 @@ from up_samp.scheduling.cpsat.routing.legs import (
     entry_form,
     find_levels,
 )
-from up_samp.scheduling.cpsat.routing.route import INFINITE, Entrance, Route, way_back
+from up_samp.scheduling.cpsat.routing.route import Entrance, Route, way_back
 
 
 class PrecedenceClosure:

@@ -6,9 +6,10 @@ from __future__ import annotations
 
 import heapq
 import itertools
-from collections.abc import Collection, Iterable, Set
+from collections.abc import Callable, Collection, Iterable, Set
 from dataclasses import dataclass, field, replace
 
+from up_samp.scheduling.cpsat.encode.durations import INFINITE
 from up_samp.scheduling.cpsat.encode.states import Key
 
 Pair = tuple[int, int]
@@ -40,9 +41,6 @@ def shorten(lengths: dict[Pair, int], places: Iterable[int]) -> dict[Pair, int]:
 # ------------------ The route of one traveller
 
 
-INFINITE = 10**12
-
-
 @dataclass(frozen=True, order=True)
 class Move:
     """A transition: from one of ``origins`` to ``to``, lasting at least ``least``, if the variables
@@ -65,6 +63,10 @@ class Entrance:
     state: Key
     allowed: frozenset[int]
     lead: int
+
+
+Timed = list[tuple[int, Move]]
+"""Moves one after the other, with their starts."""
 
 
 Still = dict[Key, tuple[int, int]]
@@ -104,7 +106,8 @@ class Route:
     hops: dict[tuple[int, int], list[Move]] = field(default_factory=dict)
     travel: dict[tuple[int, int], int] = field(default_factory=dict)
     _via: dict[tuple[int, int], int] = field(default_factory=dict)
-    _leaving: dict[int, list[tuple[int, list[Move]]]] = field(default_factory=dict)
+    leaving: dict[int, list[tuple[int, list[Move]]]] = field(default_factory=dict)
+    """Place -> (where one can go from there, with which moves, the quickest first)."""
     _ways: dict[tuple[int, frozenset[int]], tuple[int, list[Move]] | None] = field(
         default_factory=dict
     )
@@ -151,7 +154,7 @@ class Route:
             self.travel[a, b] = min(m.least for m in moves) + self.step
             # of copies of one move, the first ones are used first, as the problem has them
             choices = sorted(moves, key=lambda m: m.least)
-            self._leaving.setdefault(a, []).append((b, choices))
+            self.leaving.setdefault(a, []).append((b, choices))
         for a in order:
             for b in self.free - {a}:
                 self.travel[a, b], self._via[a, b] = 0, b
@@ -203,10 +206,6 @@ class Route:
             default=INFINITE,
         )
 
-    def leaving(self, place: int) -> list[tuple[int, list[Move]]]:
-        """Return where one can go from a place, with the moves there, the quickest first."""
-        return self._leaving.get(place, [])
-
     def way(
         self, here: int, targets: frozenset[int], banned: Collection[str] = ()
     ) -> tuple[int, list[Move]] | None:
@@ -224,23 +223,41 @@ class Route:
     def _shortest(
         self, here: int, targets: frozenset[int], banned: Collection[str]
     ) -> tuple[int, list[Move]] | None:
-        leaving, step = self._leaving, self.step
+        timed = self.soonest(here, targets, banned)
+        if timed is None:
+            return None
+        end = timed[-1][0] + timed[-1][1].least + self.step if timed else 0
+        return end, self._distinct(here, [move for _, move in timed], banned)
+
+    def soonest(
+        self,
+        here: int,
+        targets: frozenset[int],
+        banned: Collection[str],
+        free: int = 0,
+        wait: Callable[[int, int], int] = lambda start, length: start,
+    ) -> Timed | None:
+        """Return the moves to one of ``targets`` that arrive first, from ``free`` on (Dijkstra;
+        ``None``: there is no way). Each starts at the first time that ``wait`` gives for when it
+        might start, and its length: who waits is never earlier.
+        """
         ties = itertools.count()
-        heap: list[tuple[int, int, int, list[Move]]] = [(0, here, next(ties), [])]
+        heap: list[tuple[int, int, int, Timed]] = [(free, here, next(ties), [])]
         done = set()
         while heap:
-            distance, place, _, moves = heapq.heappop(heap)
+            now, place, _, timed = heapq.heappop(heap)
             if place in targets:
-                return distance, self._distinct(here, moves, banned)
+                return timed
             if place in done:
                 continue
             done.add(place)
-            for to, choices in leaving.get(place, ()):
+            for to, choices in self.leaving.get(place, ()):
                 if to not in done:
                     move = next((m for m in choices if m.name not in banned), None)
                     if move is not None:
-                        cost = distance + move.least + step
-                        heapq.heappush(heap, (cost, to, next(ties), [*moves, move]))
+                        begin = wait(now, move.least)
+                        ahead = begin + move.least + self.step
+                        heapq.heappush(heap, (ahead, to, next(ties), [*timed, (begin, move)]))
         return None
 
     def _distinct(self, here: int, moves: list[Move], banned: Collection[str]) -> list[Move]:

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from up_samp.scheduling.cpsat.encode.durations import INFINITE
 from up_samp.scheduling.cpsat.routing.dispatch import RoutedTask, RoutedWork
-from up_samp.scheduling.cpsat.routing.route import INFINITE, Route, way_back
+from up_samp.scheduling.cpsat.routing.route import Route, way_back
 
 MOST_BITS = 62
 """Places, or direct moves, that have a bit in a word."""

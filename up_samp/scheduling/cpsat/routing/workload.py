@@ -8,6 +8,7 @@ from functools import partial
 
 from ortools.sat.python import cp_model
 
+from up_samp.scheduling.cpsat.encode.durations import INFINITE
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.dispatch import (
     Memory,
@@ -16,7 +17,7 @@ from up_samp.scheduling.cpsat.routing.dispatch import (
     RoutedWork,
     entrances_of,
 )
-from up_samp.scheduling.cpsat.routing.route import INFINITE, Route, way_back
+from up_samp.scheduling.cpsat.routing.route import Route, way_back
 from up_samp.scheduling.cpsat.routing.rules import Programme, SequenceRules, cost
 from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
 from up_samp.scheduling.cpsat.tuning import BoundsTuning
