@@ -3,6 +3,7 @@
     python scripts/sweep.py                        # what is not in the kept file yet
     python scripts/sweep.py --only cpsat search.repair.steps    # parts or tunables, anew
     python scripts/sweep.py --reads                # only which case reads which tunable
+    python scripts/sweep.py --parts                # stages and ideas left out, one at a time
 
 A tunable is tried at a quarter and at four times its default (a share nearer to nothing and to
 all), in every case that reads it; a whole part of tunables first, and each of them alone only where
@@ -307,10 +308,39 @@ def _count_cpu_time() -> None:
     clocks.time = runner.time = cpu  # type: ignore[attr-defined]
 
 
-def _child(case: str, tuning: Table, reads: bool, pipe: Any) -> None:
+def parts() -> list[str]:
+    """Return what can be left out: stages of a solve, and ideas of a search."""
+    from up_samp.scheduling.cpsat.solve.strategy import STAGES
+    from up_samp.search.params import SWITCHES
+
+    stages = [f"stage: {stage.name}" for stage in STAGES]
+    return stages + [f"idea: {name}" for name in SWITCHES if name != "refine"]
+
+
+def _leave_out(part: str) -> None:
+    """Leave a part out of all that this process solves."""
+    from up_samp.engines import samp
+    from up_samp.scheduling.cpsat.solve import strategy
+
+    kind, _, name = part.partition(": ")
+    if kind == "stage":
+        strategy.STAGES = tuple(s for s in strategy.STAGES if s.name != name)
+    else:
+        split = samp.split_parameters
+
+        def without(given: Any) -> Any:
+            found, rest = split(given)
+            return dataclasses.replace(found, **{name: not getattr(found, name)}), rest
+
+        samp.split_parameters = without
+
+
+def _child(case: str, tuning: Table, reads: bool, part: str, pipe: Any) -> None:
     """Run one case and tell what came of it."""
     os.setpgrp()
     _count_cpu_time()
+    if part:
+        _leave_out(part)
     seen: set[tuple[str, str]] = set()
     if reads:
         _watch_reads(seen)
@@ -329,7 +359,7 @@ def _child(case: str, tuning: Table, reads: bool, pipe: Any) -> None:
     os._exit(0)
 
 
-def run(case: str, tuning: Table, seconds: float, reads: bool = False) -> Values:
+def run(case: str, tuning: Table, seconds: float, reads: bool = False, part: str = "") -> Values:
     """Return what a case comes to, in a forked process of at most so many seconds of CPU (and
     twenty times as many by the clock).
     """
@@ -337,7 +367,7 @@ def run(case: str, tuning: Table, seconds: float, reads: bool = False) -> Values
         _plan_of(case.partition(": ")[2])
     context = multiprocessing.get_context("fork")
     ours, theirs = context.Pipe(duplex=False)
-    child = context.Process(target=_child, args=(case, tuning, reads, theirs))
+    child = context.Process(target=_child, args=(case, tuning, reads, part, theirs))
     child.start()
     theirs.close()
     try:
@@ -442,7 +472,7 @@ class Sweep:
 
     def __init__(self, file: Path) -> None:
         self.file = file
-        self.kept: Table = {"base": {}, "reads": {}, "tried": {}}
+        self.kept: Table = {"base": {}, "reads": {}, "tried": {}, "without": {}}
         if file.exists():
             self.kept |= json.loads(file.read_text(encoding="utf-8"))
 
@@ -504,6 +534,17 @@ class Sweep:
         print(label, runs, "runs", "MATTERS" if matters else "", json.dumps(shown), flush=True)
         return matters
 
+    def leave_out(self, part: str) -> None:
+        """Run every case without a part."""
+        shown = {}
+        for case in [c for c in self.kept["base"] if not c.startswith(("tight", "errands", "run"))]:
+            base = self.kept["base"][case]
+            if found := differences(base, run(case, {}, 4 * base["cpu"] + 10, part=part)):
+                shown[case] = found
+        self.kept["without"][part] = shown
+        self.save()
+        print(part, json.dumps(shown), flush=True)
+
     def screen(self, path: str, names: list[str]) -> None:
         """Try a part of the tunables at once, and each alone if that shows anything."""
         tried = self.kept["tried"]
@@ -527,6 +568,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", nargs="+", default=[], help="parts or tunables, tried anew")
     parser.add_argument("--reads", action="store_true", help="only the defaults")
+    parser.add_argument("--parts", action="store_true", help="leave parts out")
     parser.add_argument("--cases", nargs="+", default=None, help="kinds of cases")
     parser.add_argument("--out", type=Path, default=KEPT)
     args = parser.parse_args()
@@ -543,16 +585,19 @@ def main() -> None:
         CASES[kind][0](name, {})
     began, sweep = time.monotonic(), Sweep(args.out)
     sweep.bases([c for c in cases() if args.cases is None or c.partition(": ")[0] in args.cases])
-    if args.reads:
+    for part in parts() if args.parts else ():
+        if part not in sweep.kept["without"]:
+            sweep.leave_out(part)
+    if args.reads or args.parts:
         return
-    parts: dict[str, list[str]] = {}
+    groups: dict[str, list[str]] = {}
     for name in tunables():
-        parts.setdefault(name.rpartition(".")[0], []).append(name)
+        groups.setdefault(name.rpartition(".")[0], []).append(name)
     for name in [
         n for n in sweep.kept["tried"] if any(f"{n}.".startswith(f"{o}.") for o in args.only)
     ]:
         del sweep.kept["tried"][name]
-    for path, names in parts.items():
+    for path, names in groups.items():
         if args.only and not any(path == o or path.startswith(f"{o}.") for o in args.only):
             for name in [n for n in names if n in args.only]:
                 sweep.attempt(name, [name])

@@ -34,8 +34,8 @@ A TOML file names what it changes; the rest stays as it is:
 [search.repair]
 steps = 40
 
-[cpsat.stages]
-one_thread = [0.1, 1.0]
+[motion.fleet.detours]
+beside = [1.0, 1.6]
 ```
 
 ```sh

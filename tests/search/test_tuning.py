@@ -27,13 +27,13 @@ ROOT = Path(__file__).parents[2]
 
 def test_a_file_changes_what_it_names(tmp_path):
     file = tmp_path / "mine.toml"
-    file.write_text("[search.repair]\nsteps = 3\n[cpsat.stages]\none_thread = [0.1, 1]\n")
+    file.write_text("[search.repair]\nsteps = 3\n[motion.fleet.detours]\nbeside = [1.1, 2]\n")
     tuning = read_tuning(file)
     assert tuning.search.repair.steps == 3
-    assert tuning.cpsat.stages.one_thread == (0.1, 1)
+    assert tuning.motion.fleet.detours.beside == (1.1, 2)
     assert changes(tuning) == {
         "search": {"repair": {"steps": 3}},
-        "cpsat": {"stages": {"one_thread": (0.1, 1)}},
+        "motion": {"fleet": {"detours": {"beside": (1.1, 2)}}},
     }
     assert tuning_of(str(file)) == tuning_of(file) == tuning
     assert tuning_of(None) == Tuning() == tuning_of({})
@@ -51,9 +51,9 @@ def test_a_file_changes_what_it_names(tmp_path):
         ("[search.repair]\neffort = nan", "finite number"),
         ("[search.repair]\neffort = true", "finite number"),
         ("[search.in_order]\nshare = 1.5", "1 or less"),
-        ("[cpsat.stages]\none_thread = 3", "list of numbers"),
-        ("[cpsat.stages]\none_thread = []", "list of numbers"),
-        ("[cpsat.stages]\none_thread = [1, 'x']", "finite number"),
+        ("[motion.fleet.detours]\nbeside = 3", "list of numbers"),
+        ("[motion.fleet.detours]\nbeside = []", "list of numbers"),
+        ("[motion.fleet.detours]\nbeside = [1, 'x']", "finite number"),
         ("[motion.fleet.plane]\nlabels = [1000]", "motion.fleet.plane.labels: .*2 numbers"),
         ("[cpsat", "tuning file"),
     ],

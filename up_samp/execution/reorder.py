@@ -55,6 +55,8 @@ def _free(meeting: Meeting) -> bool:
 # ------------------ Who goes first: what is decided, and what of it is still open
 
 
+_EFFORT = 0.3
+"""CP-SAT's deterministic time for one look at them."""
 _MOST = 60
 """Decisions that are looked at, the earliest ones."""
 WORTH = 0.5
@@ -512,7 +514,7 @@ def _missed(ahead: Forecast) -> float:
 
 def _solve(executor: Followed, ahead: Forecast, decisions: list[Decision]) -> dict[Key | int, bool]:
     """Return how each decision should be; empty where nothing better was found."""
-    state, tuning = executor.state, executor.tuning.reorder
+    state = executor.state
     times, ends = tied(executor, decisions)
     low = times.earliest()
     latest = math.ceil((ahead.makespan - WORTH - state.now) * SCALE)
@@ -532,7 +534,7 @@ def _solve(executor: Followed, ahead: Forecast, decisions: list[Decision]) -> di
     solver.parameters.random_seed = 0
     solver.parameters.cp_model_probing_level = 0
     solver.parameters.linearization_level = 0
-    solver.parameters.max_deterministic_time = tuning.effort
+    solver.parameters.max_deterministic_time = _EFFORT
     status = solver.solve(model)
     if status not in (cp_model.OPTIMAL, cp_model.FEASIBLE):
         return {}

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from up_samp.model.tunable import Tunables, effort_of, tunable
+from up_samp.model.tunable import Tunables, tunable
 
 
 @dataclass(frozen=True)
@@ -14,7 +14,6 @@ class ReorderTuning(Tunables):
     """When orders are decided again, and how far ahead (``execution/reorder.py``)."""
 
     horizon: float = tunable(60.0, "s", "ahead, within which decisions come up", least=0)
-    effort: float = effort_of(0.3, "for one look at them")
     threshold: float = tunable(
         1.5, "s", "by which the predicted makespan has to grow before orders are looked at", least=0
     )

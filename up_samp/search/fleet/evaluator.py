@@ -28,8 +28,6 @@ from up_samp.search.fleet.tuning import DealsTuning
 
 LATE = 10.0
 """By which a second too late counts more."""
-_HANDOVER = 5.0
-"""s from who leaves a shared place to who comes next, as far as one can guess."""
 
 Step = tuple[int, int]
 """A job and which of its options is taken."""
@@ -66,7 +64,8 @@ class AssignmentEvaluator:
     @property
     def rules(self) -> CostWeights:
         """What counts how much."""
-        return CostWeights(_HANDOVER, self.tuning.traffic, LATE, float(self.tuning.steep))
+        tuning = self.tuning
+        return CostWeights(tuning.handover, tuning.traffic, LATE, float(tuning.steep))
 
     def ends(self, tours: Mapping[str, Sequence[Step]]) -> dict[str, tuple[float, float]]:
         """Return when (s) each robot has done its jobs, and by how much it is late in all."""

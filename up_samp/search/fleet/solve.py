@@ -41,6 +41,9 @@ from up_samp.search.search import Search
 from up_samp.upio import Itinerary, read_itinerary
 from up_samp.upio.restrict import thinned
 
+_SHARE = 0.6
+"""Of all time, for a first plan by dealing out jobs (then the usual search has its turn); and of
+what is left after it, for better tours. More in problems that are much larger."""
 _DEALING = 0.3
 """Of the time that is left for a first plan, for dealing jobs out once."""
 _TURN = 0.6
@@ -90,7 +93,7 @@ def solve_large(
     """Solve a large problem: plans by dealing out jobs, better and better ones if that is asked
     for, then the search as for any other problem, from the best one on.
     """
-    first = search.budget.share(large.nearly_all(large.tuning.share), float("inf"))
+    first = search.budget.share(large.nearly_all(_SHARE), float("inf"))
     search.tell.stage(Phase.PREPARE, "who does which job", len(large.jobs.options))
     found, failed = None, 0
     for number, dealt in enumerate(deals_of(search, large, first), start=1):
@@ -239,7 +242,7 @@ def open_tours(large: LargeProblem, dealt: Assignment, deadline: Deadline) -> To
 
 def improve(search: Search, large: LargeProblem, better: TourLNS) -> Iterator[Incumbent]:
     """Yield better plans made of tours, until the time is over that there is for it."""
-    deadline = search.budget.share(large.nearly_all(large.tuning.again), float("inf"))
+    deadline = search.budget.share(large.nearly_all(_SHARE), float("inf"))
     changes = better.improved(lambda: deadline.expired() or search.stopped, deadline)
     while not (search.bounds.met or search.stopped):
         with search.history.stages.of(BUILDING):

@@ -18,20 +18,6 @@ class InOrderTuning(Tunables):
         least=2,
     )
     share: float = share_of(0.6, "of the remaining time, for one candidate")
-    effort: int = tunable(1, "effort", "for one motion: speeds, lanes and detours", least=0, most=3)
-    harder: int = tunable(
-        2, "effort", "for one motion where nobody finds a way: the plane", least=0, most=3
-    )
-    turns: int = tunable(
-        4, "turns", "of each motion, before more effort is made for one of them", least=1
-    )
-    patience: float = tunable(
-        1.3, "factor", "over a motion's time alone, up to which no other way is sought", least=1
-    )
-    grace: float = tunable(3.0, "s", "more than that", least=0)
-    together: int = tunable(
-        4, "motions", "at most, that are decided at once where they wait for each other", least=2
-    )
 
 
 @dataclass(frozen=True)
@@ -55,13 +41,8 @@ class ToursTuning(Tunables):
     orders: int = tunable(
         12, "orders", "of the robots; who finds no tour goes first in the next one", least=1
     )
-    effort: int = tunable(1, "effort", "for one motion: speeds, lanes and detours", least=0, most=3)
-    tries: int = tunable(200, "motions", "tried for one tour", least=1)
     looks: int = tunable(
         1, "times", "that other ways from pose to pose are looked for, if one is known", least=0
-    )
-    pressed: float = share_of(
-        0.8, "of the longest tour's time alone: who has less to spare is decided before others"
     )
 
 
@@ -80,6 +61,12 @@ class DealsTuning(Tunables):
         least=1,
     )
     noise: float = share_of(0.06, "of what a job costs, by which guesses differ at first")
+    handover: float = tunable(
+        5.0,
+        "s",
+        "from who leaves a shared place to who comes next, as far as one can guess",
+        least=0,
+    )
     rounds: int = tunable(
         4,
         "times",
@@ -95,15 +82,7 @@ class LargeTuning(Tunables):
     activities: int = tunable(
         240, "optional activities", "from which on jobs are dealt out first", least=1
     )
-    share: float = share_of(
-        0.6,
-        "of all time, for a first plan by dealing out jobs; then the usual search has its turn "
-        "(more of it in problems that are much larger)",
-    )
     deals: int = tunable(8, "shares of the jobs", "at most, until there is a plan", least=1)
-    again: float = share_of(
-        0.6, "of the time that is left after the first plan, for better tours (more again)"
-    )
     stale: int = tunable(1_000, "changes", "of tours in a row that may bring nothing", least=1)
     jobs: float = share_of(0.05, "of the changes, that give a job to another robot")
     looks: int = tunable(
