@@ -3,6 +3,7 @@
     python scripts/sweep.py                        # what is not in the kept file yet
     python scripts/sweep.py --only cpsat search.repair.steps    # parts or tunables, anew
     python scripts/sweep.py --reads                # only which case reads which tunable
+    python scripts/sweep.py --parts                # stages and ideas left out, one at a time
 
 A tunable is tried at a quarter and at four times its default (a share nearer to nothing and to
 all), in every case that reads it; a whole part of tunables first, and each of them alone only where
@@ -19,7 +20,6 @@ import contextlib
 import dataclasses
 import itertools
 import json
-import math
 import multiprocessing
 import os
 import resource
@@ -46,8 +46,8 @@ SLOWER = 1.3
 """CPU times that differ by less are called the same; so are those that differ by less than:"""
 NOISE = 1.0
 """s of CPU."""
-AT_MOST = 4
-"""Cases in which a part or a tunable is tried."""
+AT_MOST = 3
+"""Cases in which a part or a tunable is tried: the quickest of each kind first."""
 WORSE = 0.01
 """Share of a makespan, of a bound or of arrivals that counts as worse or better."""
 
@@ -98,6 +98,16 @@ def store(size: str, tuning: Table) -> Values:
 
     robots, orders = map(int, size.split("x"))
     return solved(warehouse(robots, orders, encoding="compact"), tuning, 300.0)
+
+
+def fleet(size: str, tuning: Table) -> Values:
+    """A first plan of a small warehouse, solved as large ones are."""
+    from up_samp.benchmarks.warehouse import warehouse
+
+    robots, orders = map(int, size.split("x"))
+    large = {"activities": 1, **tuning.get("search", {}).get("large", {})}
+    tuning = {**tuning, "search": {**tuning.get("search", {}), "large": large}}
+    return solved(warehouse(robots, orders, encoding="compact"), tuning, optimal=False)
 
 
 def better(size: str, tuning: Table) -> Values:
@@ -187,30 +197,6 @@ def errands(name: str, tuning: Table) -> Values:
     return arrivals(tight_places.errands(grid, kind, int(robots), int(seed)), tuning, **how)
 
 
-def drives(planner: str, tuning: Table) -> Values:
-    """Single motions round the walls of a hall."""
-    import numpy as np
-
-    from up_samp.geometry import OccupancyGrid
-    from up_samp.model import Body, Deadline, Kinematics, MotionModel, Outcome, PathQuery
-    from up_samp.motion import MotionService
-
-    cells = np.zeros((650, 1000), dtype=bool)
-    cells[:2] = cells[-2:] = cells[:, :2] = cells[:, -2:] = True
-    cells[350:400, 520:] = cells[200:250, 520:] = True
-    model = {"car": MotionModel.REEDSSHEPP, "planar": MotionModel.SE2, "pivot": MotionModel.PIVOT}
-    kinematics = Kinematics(model[planner], v_max=2.0, a_max=0.5, omega_max=1.0)
-    body = Body(((-1.0, -0.5), (1.0, -0.5), (1.0, 0.5), (-1.0, 0.5)), kinematics)
-    service = MotionService(OccupancyGrid(cells, 0.1), tuning=Tuning.read(tuning).motion)
-    reports = [
-        service.plan(PathQuery(body, ((x, 59.0, math.pi / 2), goal)), Deadline.after(30))
-        for x in (25.0, 35.0)
-        for goal in ((59.0, 32.0, 0.0), (95.0, 17.0, 0.0), (71.0, 42.0, 0.0))
-    ]
-    found = [r for r in reports if r.outcome is Outcome.FOUND]
-    return {"found": len(found), "arrivals": sum(r.trajectory.duration for r in found)}
-
-
 def runs(name: str, tuning: Table) -> Values:
     """A plan executed with delays of 30 %, orders looked at again."""
     from up_samp.execution import Delays, dependencies_from_plan, simulate
@@ -256,14 +242,13 @@ CASES: dict[str, tuple[Callable[[str, Table], Values], tuple[str, ...]]] = {
         "room of nine, four, omni", "corner, omni",
     )),
     "errands": (errands, (
-        "pillars, car, 5, 1", "pillars, omni, 10, 0", "aisles, differential, 5, 0",
-        "pillars, car, 5, 0, st-rrt*",
+        "pillars, car, 5, 1", "pillars, omni, 10, 0", "pillars, car, 5, 0, st-rrt*",
     )),
-    "drives": (drives, ("car", "planar", "pivot")),
     "shop": (shop, ("transport-1-3-0", "transport-2-4-0", "ft06", "flexible-4x4x3-0")),
     "example": (example, ("passing_place.py", "unsolvable.yaml", "charging.py", "drones.py",
                           "pallets.py")),
     "random": (random_problem, ("1", "4", "7", "wide 3")),
+    "fleet": (fleet, ("2x3", "3x4")),
     "warehouse": (store, ("2x3", "5x10")),
     "first plan": (first_plan, (
         "navigation-r3", "jobshop-r2-j2-m1", "kitting-r2-k2-p2-d2", "doors-r2-d2",
@@ -323,10 +308,39 @@ def _count_cpu_time() -> None:
     clocks.time = runner.time = cpu  # type: ignore[attr-defined]
 
 
-def _child(case: str, tuning: Table, reads: bool, pipe: Any) -> None:
+def parts() -> list[str]:
+    """Return what can be left out: stages of a solve, and ideas of a search."""
+    from up_samp.scheduling.cpsat.solve.strategy import STAGES
+    from up_samp.search.params import SWITCHES
+
+    stages = [f"stage: {stage.name}" for stage in STAGES]
+    return stages + [f"idea: {name}" for name in SWITCHES if name != "refine"]
+
+
+def _leave_out(part: str) -> None:
+    """Leave a part out of all that this process solves."""
+    from up_samp.engines import samp
+    from up_samp.scheduling.cpsat.solve import strategy
+
+    kind, _, name = part.partition(": ")
+    if kind == "stage":
+        strategy.STAGES = tuple(s for s in strategy.STAGES if s.name != name)
+    else:
+        split = samp.split_parameters
+
+        def without(given: Any) -> Any:
+            found, rest = split(given)
+            return dataclasses.replace(found, **{name: not getattr(found, name)}), rest
+
+        samp.split_parameters = without
+
+
+def _child(case: str, tuning: Table, reads: bool, part: str, pipe: Any) -> None:
     """Run one case and tell what came of it."""
     os.setpgrp()
     _count_cpu_time()
+    if part:
+        _leave_out(part)
     seen: set[tuple[str, str]] = set()
     if reads:
         _watch_reads(seen)
@@ -345,7 +359,7 @@ def _child(case: str, tuning: Table, reads: bool, pipe: Any) -> None:
     os._exit(0)
 
 
-def run(case: str, tuning: Table, seconds: float, reads: bool = False) -> Values:
+def run(case: str, tuning: Table, seconds: float, reads: bool = False, part: str = "") -> Values:
     """Return what a case comes to, in a forked process of at most so many seconds of CPU (and
     twenty times as many by the clock).
     """
@@ -353,7 +367,7 @@ def run(case: str, tuning: Table, seconds: float, reads: bool = False) -> Values
         _plan_of(case.partition(": ")[2])
     context = multiprocessing.get_context("fork")
     ours, theirs = context.Pipe(duplex=False)
-    child = context.Process(target=_child, args=(case, tuning, reads, theirs))
+    child = context.Process(target=_child, args=(case, tuning, reads, part, theirs))
     child.start()
     theirs.close()
     try:
@@ -458,7 +472,7 @@ class Sweep:
 
     def __init__(self, file: Path) -> None:
         self.file = file
-        self.kept: Table = {"base": {}, "reads": {}, "tried": {}}
+        self.kept: Table = {"base": {}, "reads": {}, "tried": {}, "without": {}}
         if file.exists():
             self.kept |= json.loads(file.read_text(encoding="utf-8"))
 
@@ -520,15 +534,33 @@ class Sweep:
         print(label, runs, "runs", "MATTERS" if matters else "", json.dumps(shown), flush=True)
         return matters
 
+    def leave_out(self, part: str) -> None:
+        """Run every case without a part."""
+        shown = {}
+        for case in [c for c in self.kept["base"] if not c.startswith(("tight", "errands", "run"))]:
+            base = self.kept["base"][case]
+            if found := differences(base, run(case, {}, 4 * base["cpu"] + 10, part=part)):
+                shown[case] = found
+        self.kept["without"][part] = shown
+        self.save()
+        print(part, json.dumps(shown), flush=True)
+
     def screen(self, path: str, names: list[str]) -> None:
         """Try a part of the tunables at once, and each alone if that shows anything."""
+        tried = self.kept["tried"]
         read = [n for n in names if self.readers([n])]
         for name in set(names) - set(read):
-            self.kept["tried"][name] = {"cases": [], "runs": 0, "shown": {}, "matters": False}
-        names = read
-        if names and self.attempt(path, names) and len(names) > 1:
-            for name in names:
+            tried[name] = {"cases": [], "runs": 0, "shown": {}, "matters": False}
+        if read and path not in tried:
+            self.attempt(path, read)
+        for name in read:
+            if name in tried:
+                continue
+            if tried[path]["matters"] and len(read) > 1:
                 self.attempt(name, [name])
+            else:  # all of them together change nothing, or there is no other
+                tried[name] = tried[path]
+        self.save()
 
 
 def main() -> None:
@@ -536,6 +568,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", nargs="+", default=[], help="parts or tunables, tried anew")
     parser.add_argument("--reads", action="store_true", help="only the defaults")
+    parser.add_argument("--parts", action="store_true", help="leave parts out")
     parser.add_argument("--cases", nargs="+", default=None, help="kinds of cases")
     parser.add_argument("--out", type=Path, default=KEPT)
     args = parser.parse_args()
@@ -552,16 +585,23 @@ def main() -> None:
         CASES[kind][0](name, {})
     began, sweep = time.monotonic(), Sweep(args.out)
     sweep.bases([c for c in cases() if args.cases is None or c.partition(": ")[0] in args.cases])
-    if args.reads:
+    for part in parts() if args.parts else ():
+        if part not in sweep.kept["without"]:
+            sweep.leave_out(part)
+    if args.reads or args.parts:
         return
-    parts: dict[str, list[str]] = {}
+    groups: dict[str, list[str]] = {}
     for name in tunables():
-        parts.setdefault(name.rpartition(".")[0], []).append(name)
-    for path, names in parts.items():
+        groups.setdefault(name.rpartition(".")[0], []).append(name)
+    for name in [
+        n for n in sweep.kept["tried"] if any(f"{n}.".startswith(f"{o}.") for o in args.only)
+    ]:
+        del sweep.kept["tried"][name]
+    for path, names in groups.items():
         if args.only and not any(path == o or path.startswith(f"{o}.") for o in args.only):
             for name in [n for n in names if n in args.only]:
                 sweep.attempt(name, [name])
-        elif args.only or path not in sweep.kept["tried"]:
+        elif not all(n in sweep.kept["tried"] for n in (path, *names)):
             sweep.screen(path, names)
     print(f"{time.monotonic() - began:.0f} s")
 

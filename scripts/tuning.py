@@ -1,8 +1,11 @@
-"""Write docs/tuning.md from the classes that it is about: ``python scripts/tuning.py``."""
+"""Write docs/tuning.md from the classes that it is about, and from what ``scripts/sweep.py`` has
+found out: ``python scripts/tuning.py``.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -11,14 +14,19 @@ from up_samp.tuning import Tuning
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "tuning.md"
+SWEEP = ROOT / "benchmarks" / "figures" / "sweep.json"
 INTRO = """# Tuning
 
-Made by `python scripts/tuning.py` from the classes in `up_samp/*/**/*tuning.py`.
+Made by `python scripts/tuning.py` from the classes in `up_samp/*/**/*tuning.py` and from what
+`python scripts/sweep.py` has kept in `benchmarks/figures/sweep.json`.
 
 These numbers decide how hard something is tried: efforts, shares of the time, sizes up to which a
 stage is worth it. None of them changes what a plan or a proof means; with other values a search
-takes longer, or finds less. The defaults were chosen by trials on the package's own families,
-unless the last column says otherwise.
+takes longer, or finds less. The defaults were chosen by trials on the package's own families. The
+last column says what a quarter of the default and four times as much (a share: nearer to 0 or 1)
+change in short cases that read it: the first thing that gets worse or better by 1 % (CPU: 30 %), or
+that nothing does in the runs that were made. What no case shows to matter is on its way to become a
+constant beside its use.
 
 A TOML file names what it changes; the rest stays as it is:
 
@@ -26,8 +34,8 @@ A TOML file names what it changes; the rest stays as it is:
 [search.repair]
 steps = 40
 
-[cpsat.stages]
-one_thread = [0.1, 1.0]
+[motion.fleet.detours]
+beside = [1.0, 1.6]
 ```
 
 ```sh
@@ -49,9 +57,9 @@ def shown(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) and value != int(value) else str(value)
 
 
-def bounds(told: Any) -> str:
+def bounds(about: Any) -> str:
     """Return which values make sense."""
-    low, high = told["least"], told["most"]
+    low, high = about["least"], about["most"]
     if low is None and high is None:
         return "any"
     if high is None:
@@ -59,19 +67,35 @@ def bounds(told: Any) -> str:
     return f"{low:g} to {high:g}" if low is not None else f"{high:g} or less"
 
 
+def told(swept: dict[str, Any], name: str) -> str:
+    """Return what a sweep shows of a tunable."""
+    if name not in swept:
+        return "not tried yet"
+    found = swept[name]
+    if not found["cases"]:
+        return "no case reads it"
+    if not found["matters"]:
+        return f"nothing in {found['runs']} runs"
+    where, what = list(found["shown"].items())[-1]
+    factor, _, case = where.partition(" ")
+    return f"{factor}, {case}: {'; '.join(what)}"
+
+
 def page() -> str:
     """Return the page."""
+    swept = json.loads(SWEEP.read_text(encoding="utf-8"))["tried"]
     lines = [INTRO]
     for path, part in Tuning().walk():
         what = " ".join((type(part).__doc__ or "").split()).replace("``", "`")
         lines += [f"## {path}", "", what, ""]
-        lines += ["| name | default | unit | what | values | source |", "|---|---|---|---|---|---|"]
+        lines += ["| name | default | unit | what | values | what a sweep shows |"]
+        lines += ["|---|---|---|---|---|---|"]
         for field in dataclasses.fields(part):
-            told = field.metadata
+            about = field.metadata
             value = shown(getattr(part, field.name))
             lines.append(
-                f"| `{field.name}` | {value} | {told['unit']} | {told['what']} | {bounds(told)} "
-                f"| {told['source']} |"
+                f"| `{field.name}` | {value} | {about['unit']} | {about['what']} | {bounds(about)} "
+                f"| {told(swept, f'{path}.{field.name}')} |"
             )
         lines.append("")
     return "\n".join(lines)

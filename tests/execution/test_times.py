@@ -8,7 +8,7 @@ from ortools.sat.python import cp_model
 from tests.execution import floors
 from up_samp.execution.build import dependencies_of
 from up_samp.execution.graph import topological
-from up_samp.execution.reorder import NOW, SCALE, _solve, open_decisions, tied
+from up_samp.execution.reorder import NOW, SCALE, WORTH, _solve, open_decisions, tied
 from up_samp.execution.simulate import Delays, simulate
 
 
@@ -67,7 +67,7 @@ def test_no_combination_of_decisions_is_sooner(yaml):
         assert solver.solve(model) == cp_model.OPTIMAL
         assert round(solver.objective_value) == least
         chosen = _solve(executor, ahead, decisions)
-        worth = least <= (ahead.makespan - executor.tuning.reorder.worth - executor.now) * SCALE
+        worth = least <= (ahead.makespan - WORTH - executor.now) * SCALE
         assert bool(chosen) == worth
         if chosen:
             better += 1

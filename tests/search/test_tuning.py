@@ -26,13 +26,13 @@ ROOT = Path(__file__).parents[2]
 
 def test_a_file_changes_what_it_names(tmp_path):
     file = tmp_path / "mine.toml"
-    file.write_text("[search.repair]\nsteps = 3\n[cpsat.stages]\none_thread = [0.1, 1]\n")
+    file.write_text("[search.repair]\nsteps = 3\n[motion.fleet.detours]\nbeside = [1.1, 2]\n")
     tuning = read_tuning(file)
     assert tuning.search.repair.steps == 3
-    assert tuning.cpsat.stages.one_thread == (0.1, 1)
+    assert tuning.motion.fleet.detours.beside == (1.1, 2)
     assert changes(tuning) == {
         "search": {"repair": {"steps": 3}},
-        "cpsat": {"stages": {"one_thread": (0.1, 1)}},
+        "motion": {"fleet": {"detours": {"beside": (1.1, 2)}}},
     }
     assert tuning_of(str(file)) == tuning_of(file) == tuning
     assert tuning_of(None) == Tuning() == tuning_of({})
@@ -50,9 +50,9 @@ def test_a_file_changes_what_it_names(tmp_path):
         ("[search.repair]\neffort = nan", "finite number"),
         ("[search.repair]\neffort = true", "finite number"),
         ("[search.in_order]\nshare = 1.5", "1 or less"),
-        ("[cpsat.stages]\none_thread = 3", "list of numbers"),
-        ("[cpsat.stages]\none_thread = []", "list of numbers"),
-        ("[cpsat.stages]\none_thread = [1, 'x']", "finite number"),
+        ("[motion.fleet.detours]\nbeside = 3", "list of numbers"),
+        ("[motion.fleet.detours]\nbeside = []", "list of numbers"),
+        ("[motion.fleet.detours]\nbeside = [1, 'x']", "finite number"),
         ("[motion.fleet.plane]\nlabels = [1000]", "motion.fleet.plane.labels: .*2 numbers"),
         ("[cpsat", "tuning file"),
     ],
@@ -79,7 +79,7 @@ def test_every_tunable_tells_what_it_is():
         assert path not in seen
         seen.add(path)
         for field in dataclasses.fields(part):
-            for name in ("unit", "what", "source"):
+            for name in ("unit", "what"):
                 assert field.metadata[name], (path, field.name)
     assert len(seen) >= 10
 
@@ -93,13 +93,12 @@ def test_the_page_on_tuning_is_true():
 
 def test_components_and_schedulers_get_their_tunables(tmp_path, monkeypatch):
     given = {
-        "search": {"repair": {"steps": 1}, "tidy": {"steps": 0}},
+        "search": {"repair": {"steps": 1}},
         "cpsat": {"stages": {"tiny": 0}},
     }
     params, _ = parameters.split_parameters({"tuning": given})
     made = components_of(params, native=True)
     assert made.repairs[0].tuning.steps == 1
-    assert made.finishers[0].tuning.steps == 0
     sessions = []
     init = CpsatSession.__init__
 
@@ -122,9 +121,8 @@ def test_motion_planning_gets_its_tunables_here_and_in_child_processes():
     from up_samp.motion.crew import Scope
     from up_samp.motion.fleet.workspace import workspace_of
 
-    tuning = tuning_of({"motion": {"fleet": {"plane": {"extra": 7}}, "legs": {"lazy_rounds": 1}}})
+    tuning = tuning_of({"motion": {"fleet": {"plane": {"extra": 7}}}})
     service = MotionService(None, tuning=tuning.motion)
-    assert service.legs.settings.tuning.lazy_rounds == 1
     assert workspace_of(service).tuning.plane.extra == 7
     scope = pickle.loads(pickle.dumps(Scope.of(service)))
     assert scope.service().tuning == tuning.motion

@@ -88,7 +88,7 @@ class Executor:
         self.state = FloorState(graph, self.dependencies.travels, tolerance, localisation)
         self.routes = routes_of(graph, self.state.ways)
         self.tuning = tuning or ExecutionTuning()
-        self.pace = RobotPace(self.tuning.pace)
+        self.pace = RobotPace()
         self.sides: dict[tuple[str, str, int], bool] = {}
         """Components that are passed on another side than planned (see ``reorder``)."""
         self.turned: frozenset[int] = frozenset()

@@ -60,6 +60,14 @@ def _free(meeting: Meeting) -> bool:
 # ------------------ Who goes first: what is decided, and what of it is still open
 
 
+_EFFORT = 0.3
+"""CP-SAT's deterministic time for one look at them."""
+_MOST = 60
+"""Decisions that are looked at, the earliest ones."""
+WORTH = 0.5
+"""s by which all has to be over sooner."""
+_PAUSE = 4.0
+"""s between two looks."""
 REACTION = 0.5
 """Seconds that pass before a robot obeys a new command."""
 
@@ -422,7 +430,7 @@ def propose(executor: Followed) -> Proposal | None:
     tuning = executor.tuning.reorder
     base = dict(executor.sides), executor.turned
     before = executor.retime()
-    decisions = open_decisions(executor, before, tuning.horizon, tuning.most)
+    decisions = open_decisions(executor, before, tuning.horizon, _MOST)
     if not decisions:
         return None
     chosen = _solve(executor, before, decisions)
@@ -452,7 +460,7 @@ def adopt(executor: Followed, proposal: Proposal) -> int:
             return 0
     before = executor.retime()
     _load(executor, proposal.graph)
-    if not _better(before, executor.retime(), executor.tuning.reorder.worth):
+    if not _better(before, executor.retime(), WORTH):
         _load(executor, old)
         return 0
     executor.sides, executor.turned = _with(proposal.base, proposal.flips)
@@ -494,10 +502,10 @@ def _missed(ahead: Forecast) -> float:
 
 def _solve(executor: Followed, ahead: Forecast, decisions: list[Decision]) -> dict[Key | int, bool]:
     """Return how each decision should be; empty where nothing better was found."""
-    state, tuning = executor.state, executor.tuning.reorder
+    state = executor.state
     times, ends = tied(executor, decisions)
     low = times.earliest()
-    latest = math.ceil((ahead.makespan - tuning.worth - state.now) * SCALE)
+    latest = math.ceil((ahead.makespan - WORTH - state.now) * SCALE)
     if max((low[k] for k in ends), default=0) > latest:
         return {}  # not even without all that is open
     model = cp_model.CpModel()
@@ -514,7 +522,7 @@ def _solve(executor: Followed, ahead: Forecast, decisions: list[Decision]) -> di
     solver.parameters.random_seed = 0
     solver.parameters.cp_model_probing_level = 0
     solver.parameters.linearization_level = 0
-    solver.parameters.max_deterministic_time = tuning.effort
+    solver.parameters.max_deterministic_time = _EFFORT
     status = solver.solve(model)
     if status not in (cp_model.OPTIMAL, cp_model.FEASIBLE):
         return {}
@@ -533,7 +541,7 @@ class Reorderer:
     def __call__(self, executor: Followed) -> int:
         """Look at the executor; return how many orders were changed."""
         tuning = executor.tuning.reorder
-        if executor.now < self.since + tuning.pause:
+        if executor.now < self.since + _PAUSE:
             return 0
         ahead = executor.predicted_makespan()
         if self.known is None:

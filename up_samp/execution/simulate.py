@@ -22,6 +22,11 @@ from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError
 from up_samp.model.execution_tuning import ExecutionTuning, FloorTuning
 
+_PATIENCE = 30.0
+"""Times as long as planned, and 60 s more, may a run take."""
+_STILL = 5.0
+"""s in which nothing happens, though nothing is disturbed: a deadlock."""
+
 
 @dataclass(frozen=True)
 class Delays:
@@ -342,13 +347,13 @@ class Floor:
     @property
     def goes_on(self) -> bool:
         """Whether the run is neither over nor stuck nor hopelessly late."""
-        latest = self.tuning.patience * self.dependencies.graph.planned + 60.0
+        latest = _PATIENCE * self.dependencies.graph.planned + 60.0
         return not self.executive.finished and self.now < latest and not self.stuck
 
     @property
     def stuck(self) -> bool:
         """Whether nothing has happened for long, though nothing is disturbed."""
-        return self.idle >= self.tuning.still
+        return self.idle >= _STILL
 
     def step(self) -> None:
         """Let one tick pass: do what is commanded, and tell what happened."""

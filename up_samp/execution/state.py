@@ -18,14 +18,17 @@ from typing import Any
 from up_samp.execution.graph import ORIGIN, At, Edge, Event, Graph, chained, entangled
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import TravelProfile
-from up_samp.model.execution_tuning import RobotPaceTuning
+
+_MEMORY = 20.0
+"""s of free driving over which a robot's pace is averaged."""
+_LEAST_PACE = 0.05
+"""Share of its speed; no robot is taken for slower."""
 
 
 class RobotPace(Mapping[str, float]):
     """Each robot's pace, from what it told while nothing held it up (1: as fast as allowed)."""
 
-    def __init__(self, tuning: RobotPaceTuning | None = None) -> None:
-        self._tuning = tuning or RobotPaceTuning()
+    def __init__(self) -> None:
         self._driven: dict[str, float] = {}
         self._needed: dict[str, float] = {}
         self._speed: dict[str, float] = {}
@@ -48,10 +51,9 @@ class RobotPace(Mapping[str, float]):
             return
         ideal = way.travel.time_at(progress) - way.travel.time_at(before[1])
         seconds = now - before[2]
-        memory = self._tuning.memory
-        fade = max(0.0, 1.0 - seconds / memory)
-        self._driven[name] = fade * self._driven.get(name, memory / 4) + ideal
-        self._needed[name] = fade * self._needed.get(name, memory / 4) + seconds
+        fade = max(0.0, 1.0 - seconds / _MEMORY)
+        self._driven[name] = fade * self._driven.get(name, _MEMORY / 4) + ideal
+        self._needed[name] = fade * self._needed.get(name, _MEMORY / 4) + seconds
 
     def saved(self) -> dict[str, Any]:
         """Return all that it knows, as JSON would hold it."""
@@ -68,7 +70,7 @@ class RobotPace(Mapping[str, float]):
     def __getitem__(self, name: str) -> float:
         if name not in self._driven:
             raise KeyError(name)
-        return min(1.0, max(self._tuning.least, self._driven[name] / self._needed[name]))
+        return min(1.0, max(_LEAST_PACE, self._driven[name] / self._needed[name]))
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._driven)

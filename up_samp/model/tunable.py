@@ -1,8 +1,9 @@
 """Tunables: numbers that decide how hard something is tried, not what is true.
 
-Each component has a frozen dataclass of them; every field tells its unit, what it is for, where its
-value comes from and which values make sense. None of them may change what a plan or a proof means:
-with other values a search takes longer, or finds less.
+Each component has a frozen dataclass of them; every field tells its unit, what it is for and which
+values make sense. None of them may change what a plan or a proof means: with other values a search
+takes longer, or finds less. A number is one only as long as ``scripts/sweep.py`` shows that it
+matters; else it is a constant beside its use.
 """
 
 from __future__ import annotations
@@ -18,30 +19,27 @@ from up_samp.model.errors import ProblemError, short
 
 T = TypeVar("T", bound="Tunables")
 
-TRIED = "chosen by trials on the package's own families"
-
 
 def tunable(
     default: Any,
     unit: str,
     what: str,
     *,
-    source: str = TRIED,
     least: float | None = None,
     most: float | None = None,
 ) -> Any:
-    """Return a dataclass field: its default, unit, meaning, source and the values that make sense.
+    """Return a dataclass field: its default, unit, meaning and the values that make sense.
 
     A whole default takes whole numbers only; a tuple takes as many numbers as one likes
     (but see :func:`one_each`).
     """
-    told = {"unit": unit, "what": what, "source": source, "least": least, "most": most}
+    told = {"unit": unit, "what": what, "least": least, "most": most}
     return dataclasses.field(default=default, metadata=told)
 
 
-def share_of(default: float, what: str, *, source: str = TRIED) -> Any:
+def share_of(default: float, what: str) -> Any:
     """Return the field of a share, from 0 to 1."""
-    return tunable(default, "share", what, source=source, least=0.0, most=1.0)
+    return tunable(default, "share", what, least=0.0, most=1.0)
 
 
 def effort_of(default: Any, what: str) -> Any:

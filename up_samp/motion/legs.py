@@ -37,7 +37,6 @@ from up_samp.motion.registry import (
     make_planner,
     planner_names,
 )
-from up_samp.motion.tuning import LegsTuning, PlannersTuning
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -191,6 +190,18 @@ def strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Traject
 
 
 PLANAR = (MotionModel.REEDSSHEPP, MotionModel.PIVOT, MotionModel.SE2)
+_LAZY_ROUNDS = 3
+"""Of planning around the objects in the way before all of them count."""
+_QUICK_EFFORT = 20_000
+"""Expansions without a motion, after which a proof over positions and headings is tried."""
+_PROOF_SECONDS = 5.0
+"""At most, for such a proof."""
+_FIRST_SHARE = 0.75
+"""Of a query's time, for the first planner where others give their opinion after it."""
+_SECOND_OPINION = 2.0
+"""s at most, for a second opinion."""
+_MORE_TIME = 1.2
+"""A search that was cut short is done again where there is so many times its time."""
 
 Prove = Callable[[Body, Sequence[Configuration], Sequence[Placed]], PathReport | None]
 
@@ -206,16 +217,10 @@ class FoundLeg:
 
 @dataclass(frozen=True)
 class LegSettings:
-    """Who plans, and how long, the same for all legs of a service."""
+    """Who plans, the same for all legs of a service."""
 
     planner: str
     seed: int
-    tuning: LegsTuning
-    planners: PlannersTuning
-
-    def label(self, name: str) -> str:
-        """Return what a planner's legs are remembered by: its name and how it is tuned."""
-        return name if self.planners == PlannersTuning() else f"{name} {self.planners!r}"
 
 
 class Legs:
@@ -248,11 +253,9 @@ class Legs:
         reasons, complete = [], True
         for name in names:
             # the first planner ends by itself where it can, later ones are second opinions
-            limit = (
-                self.settings.tuning.first_share * deadline.remaining() if len(names) > 1 else None
-            )
+            limit = _FIRST_SHARE * deadline.remaining() if len(names) > 1 else None
             if name != names[0]:
-                limit = self.settings.tuning.second_opinion
+                limit = _SECOND_OPINION
             found = self._lazily(name, query, deadline.within(limit), complete)
             if found.leg is None or found.leg.trajectory is not None:
                 return found
@@ -277,8 +280,8 @@ class Legs:
         """
         body, obstacles = query.body, query.obstacles
         chosen: tuple[Placed, ...] = () if body.kinematics.model in PLANAR else obstacles
-        for attempt in range(self.settings.tuning.lazy_rounds + 1):
-            if attempt == self.settings.tuning.lazy_rounds:
+        for attempt in range(_LAZY_ROUNDS + 1):
+            if attempt == _LAZY_ROUNDS:
                 chosen = obstacles
             part = replace(query, obstacles=chosen)
             leg = self._usable(name, part, deadline)
@@ -327,11 +330,11 @@ class Legs:
         planner = self._planner(name)
         if name not in ("car", "planar") or self.scene.grid is None:
             return planner.leg(query, deadline)
-        leg = planner.leg(replace(query, effort=self.settings.tuning.quick_effort), deadline)
+        leg = planner.leg(replace(query, effort=_QUICK_EFFORT), deadline)
         if deadline.expired() or (leg.trajectory is not None and leg.complete):
             return leg
         if leg.trajectory is None:
-            limit = deadline.within(self.settings.tuning.proof_seconds)
+            limit = deadline.within(_PROOF_SECONDS)
             ends = query.start, query.goal
             proof = self.certifier.prove_by_slices(query.body, *ends, query.obstacles, limit)
             if proof is not None or leg.complete:
@@ -356,7 +359,7 @@ class Legs:
         entry = self._known(name, query)
         if entry is None:
             return None
-        enough = self.settings.tuning.more_time * entry.limit
+        enough = _MORE_TIME * entry.limit
         return _leg_of(entry) if entry.complete or deadline.remaining() <= enough else None
 
     def _known(self, name: str, query: LegQuery) -> CachedLeg | None:
@@ -387,12 +390,7 @@ class Legs:
         return None
 
     def _key(self, name: str, query: LegQuery) -> tuple[tuple[object, ...], bool]:
-        scope = (
-            self.scene.digest,
-            self.settings.label(name),
-            self.scene.margin,
-            self.settings.seed,
-        )
+        scope = (self.scene.digest, name, self.scene.margin, self.settings.seed)
         what = query.body, query.start, query.goal
         # OMPL's planners by their own names never are, and need not be loaded to tell
         reversible = name in PLANNERS and self._planner(name).reversible
@@ -420,9 +418,7 @@ class Legs:
 
     def _planner(self, name: str) -> MotionPlanner:
         if name not in self._planners:
-            self._planners[name] = make_planner(
-                name, self.scene, self.settings.seed, self.settings.planners
-            )
+            self._planners[name] = make_planner(name, self.scene, self.settings.seed)
         return self._planners[name]
 
 

@@ -11,7 +11,6 @@ from typing import Any
 from up_samp.geometry import Scene
 from up_samp.model import Body, MotionModel, ProblemError, UnsupportedError
 from up_samp.motion.protocol import MotionPlanner
-from up_samp.motion.tuning import PlannersTuning
 
 log = logging.getLogger(__name__)
 
@@ -60,16 +59,14 @@ def register_planner(
         SECOND_OPINIONS[model] = (*(n for n in known if n != name), name)
 
 
-def make_planner(
-    name: str, scene: Scene, seed: int, tuning: PlannersTuning | None = None
-) -> MotionPlanner:
-    """Return the planner called ``name`` for a scene; one that is ``tuned`` gets the tunables."""
+def make_planner(name: str, scene: Scene, seed: int) -> MotionPlanner:
+    """Return the planner called ``name`` for a scene."""
     if name not in PLANNERS:
         from up_samp.motion.planners.ompl import PLANNERS as OMPL
         from up_samp.motion.planners.ompl import OmplPlanner
 
         try:
-            return OmplPlanner(name, scene, seed, tuning=tuning)
+            return OmplPlanner(name, scene, seed)
         except ProblemError as error:
             known = ", ".join((*sorted(PLANNERS), *OMPL))
             raise ProblemError(
@@ -79,10 +76,7 @@ def make_planner(
     if isinstance(factory, str):
         module, _, attribute = factory.partition(":")
         factory = getattr(importlib.import_module(module), attribute)
-    tuned = getattr(factory, "tuned", None)
-    planner: MotionPlanner = (
-        factory(scene, seed) if tuned is None or tuning is None else tuned(scene, seed, tuning)
-    )
+    planner: MotionPlanner = factory(scene, seed)
     return planner
 
 

@@ -62,7 +62,7 @@ class MotionService:
         self._flat: Memory[tuple[Placed, ...]] = Memory(self.tuning.fleet.memory.shadows)
         self.certifier = Certifier(self.scene)
         self.bounds = DurationBounds(self.scene, self.certifier)
-        settings = LegSettings(planner, seed, self.tuning.legs, self.tuning.planners)
+        settings = LegSettings(planner, seed)
         self.legs = Legs(self.scene, settings, self.cache, self.certifier, self.certificate)
 
     def plan(self, query: PathQuery, deadline: Deadline) -> PathReport:

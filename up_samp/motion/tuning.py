@@ -4,34 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from up_samp.model.errors import ProblemError
-from up_samp.model.tunable import Tunables, one_each, share_of, tunable
-
-
-@dataclass(frozen=True)
-class LegsTuning(Tunables):
-    """One motion from rest to rest (``motion/legs.py``)."""
-
-    lazy_rounds: int = tunable(
-        3, "rounds", "of planning around the objects in the way before all of them count", least=0
-    )
-    quick_effort: int = tunable(
-        20_000,
-        "expansions",
-        "without a motion, after which a proof over positions and headings is tried",
-        least=1,
-    )
-    proof_seconds: float = tunable(5.0, "s", "at most, for such a proof", least=0)
-    first_share: float = share_of(
-        0.75, "of a query's time, for the first planner where others give their opinion after it"
-    )
-    second_opinion: float = tunable(2.0, "s", "at most, for a second opinion", least=0)
-    more_time: float = tunable(
-        1.2,
-        "factor",
-        "a search that was cut short is done again where there is so many times its time",
-        least=1,
-    )
+from up_samp.model.tunable import Tunables, one_each, tunable
 
 
 @dataclass(frozen=True)
@@ -223,122 +196,7 @@ class FleetTuning(Tunables):
 
 
 @dataclass(frozen=True)
-class CarTuning(Tunables):
-    """A car's path: hybrid A*, coarse to fine, then shortening (``motion/planners/car.py``)."""
-
-    levels: tuple[float, ...] = tunable(
-        (0.7, 0.35, 0.18), "turning radii", "of an arc primitive, coarse to fine", least=0.01
-    )
-    nodes: tuple[int, ...] = tunable(
-        (60_000, 250_000, 400_000), "nodes", "of the search tree at each of the levels", least=100
-    )
-    extra: int = tunable(400, "expansions", "after the first solution", least=0)
-    near: float = tunable(
-        10.0, "turning radii", "to the goal, from which on Reeds-Shepp times guide", least=0
-    )
-    weight: float = tunable(2.5, "weight", "of the distance to go", least=1)
-    rounds: int = tunable(1500, "rounds", "of shortening", least=0)
-    patience: int = tunable(200, "rounds", "of shortening without a gain", least=0)
-    slice: int = tunable(4000, "expansions", "between two looks at the deadline", least=1)
-    stuck: int = tunable(
-        6, "slices", "without coming nearer to the goal, after which a level is given up", least=1
-    )
-    least: float = tunable(
-        0.5,
-        "inner radii",
-        "of the body that count as its turning radius where it turns tighter",
-        least=0.01,
-    )
-    narrow: int = tunable(
-        300, "expansions", "within which a search that runs dry was trapped where it began", least=0
-    )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if len(self.levels) != len(self.nodes):
-            raise ProblemError("'nodes' needs as many numbers as 'levels'")
-
-
-@dataclass(frozen=True)
-class RoundingTuning(Tunables):
-    """Corners that a body drives round which could turn on the spot
-    (``motion/planners/rounding.py``). Its rolling radius is that of the tightest arc that it drives
-    at top speed.
-    """
-
-    radii: tuple[float, ...] = tunable(
-        (1.0, 0.7, 0.5, 0.35), "rolling radii", "of arcs that are tried", least=0.2
-    )
-    shifts: tuple[float, ...] = tunable(
-        (0.0, 0.5, 1.0),
-        "cuts",
-        "by which a corner is pushed outwards: at 1 the arc passes where the corner was",
-        least=0,
-    )
-    rounds: int = tunable(3, "rounds", "over all corners", least=0)
-
-
-@dataclass(frozen=True)
-class PivotTuning(Tunables):
-    """A body that turns on the spot: A* on lattices (``motion/planners/pivoting.py``)."""
-
-    places: tuple[int, ...] = one_each(
-        (10_000, 20_000, 40_000, 60_000),
-        "places",
-        "looked at on the lattice of each grain",
-        least=1,
-    )
-    weight: float = tunable(1.2, "weight", "of what is left to drive", least=1)
-    reach: float = tunable(
-        16.0, "radii of the body", "around all that is known, where there is no map", least=1
-    )
-    arcs: int = tunable(
-        8_000, "expansions", "of a search for a way along arcs, as a car drives", least=0
-    )
-    rounding: RoundingTuning = field(default_factory=RoundingTuning)
-    roadmap: RoadmapTuning = field(default_factory=RoadmapTuning)
-
-
-@dataclass(frozen=True)
-class ControlTuning(Tunables):
-    """A body that obeys a control law: shots at its goal (``motion/planners/control.py``)."""
-
-    pieces: int = tunable(5, "pieces", "of a shot, each with constant controls", least=1)
-    shortest: float = tunable(0.02, "s", "of a piece, at least", least=1e-4)
-    coarse: int = tunable(8, "integration steps", "of a piece while shooting", least=1)
-    exact: float = tunable(
-        1e-8,
-        "m or rad",
-        "from its goal at which a shot counts as having hit it",
-        least=1e-12,
-        most=1e-5,
-    )
-    direct: int = tunable(24, "shots", "from the start, before anything is searched", least=0)
-    shortcuts: int = tunable(40, "rounds", "of shortening", least=0)
-
-
-@dataclass(frozen=True)
-class FlyerTuning(Tunables):
-    """A free flyer's path: sampling, then shortening (``motion/planners/flyer.py``)."""
-
-    shortcuts: int = tunable(300, "rounds", "of shortening", least=0)
-    patience: int = tunable(80, "rounds", "of shortening without a gain", least=0)
-
-
-@dataclass(frozen=True)
-class PlannersTuning(Tunables):
-    """Single robots."""
-
-    car: CarTuning = field(default_factory=CarTuning)
-    pivot: PivotTuning = field(default_factory=PivotTuning)
-    flyer: FlyerTuning = field(default_factory=FlyerTuning)
-    control: ControlTuning = field(default_factory=ControlTuning)
-
-
-@dataclass(frozen=True)
 class MotionTuning(Tunables):
     """All of motion planning."""
 
-    legs: LegsTuning = field(default_factory=LegsTuning)
-    planners: PlannersTuning = field(default_factory=PlannersTuning)
     fleet: FleetTuning = field(default_factory=FleetTuning)

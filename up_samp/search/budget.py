@@ -19,6 +19,7 @@ PARTS = {
     "gaps at shared places": (0.1, 6.0),
     "interaction profile": (0.05, 6.0),
     "motions one at a time": (0.25, math.inf),
+    "bounds of large problems": (0.1, math.inf),
 }
 """What one part of a search may take of the time that is left: a share, and s at most."""
 _GROUP_SHARE = 0.2

@@ -36,6 +36,9 @@ from up_samp.search.resolve import begin_near, motions_of
 from up_samp.search.search import Search
 from up_samp.upio import read_itinerary
 
+_NEAR = 5
+"""Schedules that are tried near a given plan, each with what was learned from those before."""
+
 
 def solve(search: Search, *, optimal: bool) -> Generator[Incumbent, None, SearchResult]:
     """Search for a plan; with ``optimal`` go on until its makespan meets the lower bound.
@@ -77,7 +80,7 @@ def begin_from(search: Search, start: CandidateSchedule) -> Incumbent | None:
     """Return a plan with the activities of ``start``, if one is found soon."""
     search.tell.stage(Phase.PREPARE, "what the plan drives")
     state_durations_of(search, start)
-    for _ in range(search.tuning.start.rounds):
+    for _ in range(_NEAR):
         schedule = begin_near(search, start)
         if schedule is None or search.budget.deadline.expired():
             return None

@@ -26,12 +26,12 @@ from up_samp.search.fleet.sequential import InOrder
 from up_samp.search.neighbourhoods import Descent
 from up_samp.search.params import SWITCHES, Parameters
 from up_samp.search.resolve import (
-    LeastWork,
-    PruneCandidate,
-    PruneMotions,
     RepairDurations,
-    SerializeMotions,
-    Slack,
+    least_work,
+    prune_candidate,
+    prune_motions,
+    serialize_motions,
+    slack,
 )
 from up_samp.search.search import Components, Search, Statement
 from up_samp.search.statements.copies import used_in_order
@@ -109,11 +109,9 @@ def components_of(params: Parameters, *, native: bool) -> Components:
     ideas = {name for name in SWITCHES if getattr(params, name)} | ({"native"} if native else set())
 
     tuning = tuning_of(params.tuning).search
-    slack = Slack(tuning.slack)
-    repair = RepairDurations(slack if "slack" in ideas else None, tuning.repair)
-    in_turn = SerializeMotions(tuning.turns)
+    repair = RepairDurations("slack" in ideas, tuning.repair)
     # other engines' schedules are full of motions that nothing needs
-    lean = () if native else ((PruneCandidate(tuning.tidy), ("tidy", "incumbents")),)
+    lean = () if native else ((prune_candidate, ("tidy", "incumbents")),)
 
     def with_ideas(parts: Sequence[tuple[Part, Ideas]]) -> tuple[Part, ...]:
         return tuple(part for part, needed in parts if ideas.issuperset(needed))
@@ -126,18 +124,14 @@ def components_of(params: Parameters, *, native: bool) -> Components:
         shapers=with_ideas((*lean, (slack, ("slack",)))),
         builders=with_ideas(((InOrder(tuning.in_order), ("incumbents",)),)),
         repairs=with_ideas(
-            (
-                (repair, ("incumbents",)),
-                (in_turn, ("incumbents",)),
-                (LeastWork(in_turn, tuning.turns), ("incumbents",)),
-            )
+            tuple((one, ("incumbents",)) for one in (repair, serialize_motions, least_work))
         ),
         after_failure=with_ideas(AFTER_FAILURE),
         for_proofs=() if native else with_ideas(((UNARY_PLACES, ("certificates",)),)),
         improvers=with_ideas(
             ((Descent(tuning.neighbourhoods), ("neighbourhoods", "native", "incumbents")),)
         ),
-        finishers=with_ideas(((PruneMotions(tuning.tidy), ("tidy",)),)),
+        finishers=with_ideas(((prune_motions, ("tidy",)),)),
         learns="refine" in ideas,
     )
 

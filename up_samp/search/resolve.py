@@ -7,17 +7,16 @@ where motions are driven tells it what they turned out to need, see ``until_driv
 | component | constraints | objective | what motions that do not fit tell |
 |---|---|---|---|
 | ``RepairDurations`` | | the problem's | the time that they need |
-| ``SerializeMotions`` | motions one after another | some schedule | what is learned of each alone |
-| ``LeastWork`` | the same, activities open | few motions | the same |
-| ``Slack`` | no later end | time left for motions | |
-| ``PruneMotions`` | no later end, motions optional | few motions | the same, or: some are needed |
+| ``serialize_motions`` | motions one after another | any schedule | what is learned of each |
+| ``least_work`` | the same, activities open | few motions | the same |
+| ``slack`` | no later end | time left for motions | |
+| ``prune_motions`` | no later end, motions optional | few motions | the same, or: some are needed |
 | ``begin_near`` | | near the old times | |
 """
 
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 
@@ -35,7 +34,7 @@ from up_samp.search.events import Phase
 from up_samp.search.knowledge import Incumbent
 from up_samp.search.motions import Motions
 from up_samp.search.search import Search
-from up_samp.search.tuning import RepairTuning, SlackTuning, TidyTuning, TurnsTuning
+from up_samp.search.tuning import RepairTuning
 from up_samp.search.world import groups_of, motion_key
 from up_samp.upio import Itinerary, Relaxation, read_itinerary
 from up_samp.upio.restrict import restrict
@@ -44,6 +43,20 @@ Next = Callable[[CandidateSchedule], "CandidateSchedule | None"]
 """Schedules a small problem again, near a schedule; None ends it."""
 Tell = Callable[[Itinerary, Check], bool]
 """Tells a small problem what motions that did not fit need; False ends it."""
+_STEPS = 12
+"""Of scheduling anew and driving, where motions are serialized or pruned."""
+_EFFORT = 0.3
+"""For one of these steps (CP-SAT's deterministic time, like all efforts): some seconds at most."""
+_LEAN_EFFORT = 2.0
+"""For another engine's candidate: some seconds; checking it takes longer."""
+_NEAR_EFFORT = 0.1
+"""For a schedule near a plan's: about a second at most."""
+_SLACK = (1, 3, 6)
+"""Units more than scheduled that are worth having; each counts once for each motion."""
+_SLACK_EFFORT = 0.06
+"""For slack: well below a second."""
+_ENOUGH = 10
+"""Units: a place that was left longer before is not what makes a motion late."""
 
 
 class Subproblem:
@@ -116,10 +129,10 @@ def until_driven(
 @dataclass(frozen=True)
 class RepairDurations:
     """Makes a plan of a candidate whose motions are late: the same activities, with the ends that
-    the motions turned out to need. ``slack`` gives motions what time is left.
+    the motions turned out to need. ``slack``: motions get what time is left.
     """
 
-    slack: Slack | None = None
+    slack: bool = False
     tuning: RepairTuning = field(default_factory=RepairTuning)
 
     def __call__(
@@ -133,13 +146,13 @@ class RepairDurations:
         search.tell.stage(Phase.REPAIR)
         problem = restrict(search.own_relaxation(), search.facts.snapshot, schedule)
         small = Subproblem(search, problem, self.tuning.effort)
-        needs = Needs(search.motions, small, self.tuning.enough)
+        needs = Needs(search.motions, small)
 
         def again(near: CandidateSchedule) -> CandidateSchedule | None:
             found = small.schedule(near)
             if found is None or not search.bounds.improves(found):
                 return None
-            return found if self.slack is None else self.slack.spread(search, problem, found)
+            return spread(search, problem, found) if self.slack else found
 
         def tell(itinerary: Itinerary, check: Check) -> bool:
             if check.failed or not check.needed:
@@ -161,7 +174,6 @@ class Needs:
 
     motions: Motions
     small: Subproblem
-    enough: int
     gaps: dict[tuple[str, str], int] = field(default_factory=dict)
 
     def add(self, itinerary: Itinerary, needed: Mapping[str, int]) -> None:
@@ -181,7 +193,7 @@ class Needs:
             return False
         last = max(leaving, key=lambda m: (m.start, m.activity))
         gap, pair = end - last.start, (last.activity, late.activity)
-        if gap <= self.gaps.get(pair, 0) or gap > 2 * (late.end - last.start) + self.enough:
+        if gap <= self.gaps.get(pair, 0) or gap > 2 * (late.end - last.start) + _ENOUGH:
             return False
         self.gaps[pair] = gap
         problem, activities = self.small.problem, self.small.activities
@@ -194,9 +206,11 @@ class Needs:
 # ------------------------------------------------------------------ motions one after another
 
 
-@dataclass(frozen=True)
-class SerializeMotions:
-    """Makes some plan, as long as there is none, where the motions of a candidate do not fit.
+def serialize_motions(
+    search: Search, schedule: CandidateSchedule, check: Check
+) -> Incumbent | None:
+    """Return some plan with the activities of ``schedule``, as long as there is none and where its
+    motions do not fit; None where none is found.
 
     Robots that drive at the same time may find no way past each other, or not in time. Who drives
     alone only has to get around what rests. So the candidate's activities are scheduled anew, first
@@ -204,86 +218,74 @@ class SerializeMotions:
     each motion among what rests (who has to be gone before) counts for later candidates, too. The
     plan may be long: what comes after makes it shorter.
     """
-
-    tuning: TurnsTuning = field(default_factory=TurnsTuning)
-
-    def __call__(
-        self, search: Search, schedule: CandidateSchedule, check: Check
-    ) -> Incumbent | None:
-        """Return a plan with the activities of ``schedule``, or None where none is found."""
-        if search.bounds.incumbent is not None:
-            return None
-        search.tell.stage(Phase.REPAIR)
-        itinerary = read_itinerary(search.knowledge.relaxation, schedule)
-        alone = of_failed_groups(itinerary, check)
-        everybody = {m.activity for m in itinerary.motions}
-        for some in (alone, everybody) if alone != everybody else (everybody,):
-            found = self.in_turn(search, schedule, some)
-            if found is not None:
-                return found
+    if search.bounds.incumbent is not None:
         return None
-
-    def in_turn(
-        self, search: Search, schedule: CandidateSchedule, some: Collection[str]
-    ) -> Incumbent | None:
-        """Return a plan in which the motions of ``some`` activities happen one at a time."""
-        deadline = search.budget.share(self.tuning.share, math.inf)
-
-        def again(near: CandidateSchedule) -> CandidateSchedule | None:
-            if deadline.expired():
-                return None
-            # made anew: the relaxation holds what was learned by then
-            problem = restrict(search.own_relaxation(), search.facts.snapshot, schedule)
-            _take_turns(problem, some)
-            small = Subproblem(search, problem, self.tuning.effort)
-            return small.schedule(near, optimal=False, deadline=deadline)
-
-        def tell(itinerary: Itinerary, check: Check) -> bool:
-            return bool(search.learn(check.refinements))
-
-        return until_driven(search, schedule, again, tell, steps=self.tuning.steps, learn=True)
+    search.tell.stage(Phase.REPAIR)
+    itinerary = read_itinerary(search.knowledge.relaxation, schedule)
+    alone = of_failed_groups(itinerary, check)
+    everybody = {m.activity for m in itinerary.motions}
+    for some in (alone, everybody) if alone != everybody else (everybody,):
+        found = _in_turn(search, schedule, some)
+        if found is not None:
+            return found
+    return None
 
 
-@dataclass(frozen=True)
-class LeastWork:
-    """Makes some plan of as little work as there may be, as long as there is none.
+def _in_turn(
+    search: Search, schedule: CandidateSchedule, some: Collection[str]
+) -> Incumbent | None:
+    """Return a plan in which the motions of ``some`` activities happen one at a time."""
+    deadline = search.budget.part("motions one at a time")
+
+    def again(near: CandidateSchedule) -> CandidateSchedule | None:
+        if deadline.expired():
+            return None
+        # made anew: the relaxation holds what was learned by then
+        problem = restrict(search.own_relaxation(), search.facts.snapshot, schedule)
+        _take_turns(problem, some)
+        small = Subproblem(search, problem, _EFFORT)
+        return small.schedule(near, optimal=False, deadline=deadline)
+
+    def tell(itinerary: Itinerary, check: Check) -> bool:
+        return bool(search.learn(check.refinements))
+
+    return until_driven(search, schedule, again, tell, steps=_STEPS, learn=True)
+
+
+def least_work(search: Search, schedule: CandidateSchedule, check: Check) -> Incumbent | None:
+    """Make some plan of as little work as there may be, as long as there is none.
 
     Optional work makes the floor fuller: loads that stand about, robots that come and go. What can
     be left out is left out first, whatever that costs, and the rest is done one motion after the
     other; the plan is a plan of the whole problem, and what comes after it adds work where that is
     worth it. A choice of activities that did not come to a plan is not tried again.
     """
+    if search.bounds.incumbent is not None:
+        return None
+    tried = search.knowledge.tried_alone
+    tried.add(frozenset(schedule.times))
+    least = _with_fewest_motions(search, schedule)
+    if least is None or frozenset(least.times) in tried:
+        return None
+    tried.add(frozenset(least.times))
+    moving = {t.activity for t in search.facts.snapshot.tasks}
+    return _in_turn(search, least, moving & set(least.times))
 
-    serialize: SerializeMotions
-    tuning: TurnsTuning = field(default_factory=TurnsTuning)
 
-    def __call__(
-        self, search: Search, schedule: CandidateSchedule, check: Check
-    ) -> Incumbent | None:
-        """Return a plan with the fewest motions that the scheduler finds soon, or None."""
-        if search.bounds.incumbent is not None:
-            return None
-        tried = search.knowledge.tried_alone
-        tried.add(frozenset(schedule.times))
-        least = self._least(search, schedule)
-        if least is None or frozenset(least.times) in tried:
-            return None
-        tried.add(frozenset(least.times))
-        moving = {t.activity for t in search.facts.snapshot.tasks}
-        return self.serialize.in_turn(search, least, moving & set(least.times))
-
-    def _least(self, search: Search, near: CandidateSchedule) -> CandidateSchedule | None:
-        relaxation = search.own_relaxation()
-        problem = relaxation.problem.clone()
-        moving = {t.activity for t in relaxation.snapshot.tasks}
-        manager = problem.environment.expression_manager
-        drives = [a for a in problem.activities if a.name in moving and a.optional]
-        if not drives:
-            return None
-        problem.clear_quality_metrics()
-        left_out = {manager.Not(a.present): 1 for a in drives}
-        problem.add_quality_metric(Oversubscription(left_out, problem.environment))
-        return Subproblem(search, problem, 10 * self.tuning.effort).schedule(near)
+def _with_fewest_motions(search: Search, near: CandidateSchedule) -> CandidateSchedule | None:
+    """Return a schedule of the whole problem with the fewest motions that is found soon."""
+    relaxation = search.own_relaxation()
+    problem = relaxation.problem.clone()
+    moving = {t.activity for t in relaxation.snapshot.tasks}
+    manager = problem.environment.expression_manager
+    drives = [a for a in problem.activities if a.name in moving and a.optional]
+    if not drives:
+        return None
+    problem.clear_quality_metrics()
+    left_out = {manager.Not(a.present): 1 for a in drives}
+    problem.add_quality_metric(Oversubscription(left_out, problem.environment))
+    # a problem of all activities, not of a candidate's alone
+    return Subproblem(search, problem, 10 * _EFFORT).schedule(near)
 
 
 def of_failed_groups(itinerary: Itinerary, check: Check) -> set[str]:
@@ -311,40 +313,36 @@ def _take_turns(problem: SchedulingProblem, some: Collection[str]) -> None:
 # ------------------------------------------------------------------ time where it costs nothing
 
 
-@dataclass(frozen=True)
-class Slack:
-    """Gives a candidate's motions what time its makespan leaves: a scheduler has no reason to give
-    a motion more than it needs alone, and with more those that are not critical can give way.
+def slack(search: Search, schedule: CandidateSchedule) -> CandidateSchedule:
+    """Return a candidate with the same activities and makespan, whose motions have what time that
+    leaves: a scheduler has no reason to give a motion more than it needs alone, and with more those
+    that are not critical can give way.
     """
+    relaxation = search.knowledge.relaxation
+    if not _only_makespan(relaxation):
+        return schedule
+    return spread(search, restrict(relaxation, search.facts.snapshot, schedule), schedule)
 
-    tuning: SlackTuning = field(default_factory=SlackTuning)
 
-    def __call__(self, search: Search, schedule: CandidateSchedule) -> CandidateSchedule:
-        """Return a candidate with the same activities and makespan, its motions with more time."""
-        relaxation = search.knowledge.relaxation
-        if not _only_makespan(relaxation):
-            return schedule
-        return self.spread(search, restrict(relaxation, search.facts.snapshot, schedule), schedule)
-
-    def spread(
-        self, search: Search, problem: SchedulingProblem, schedule: CandidateSchedule
-    ) -> CandidateSchedule:
-        """Return a schedule of ``problem`` (see ``restrict``) that ends no later than
-        ``schedule`` and whose motions have as much slack as can be; ``schedule`` itself, if there
-        is none to be had in little time.
-        """
-        loose = problem.clone()
-        manager = loose.environment.expression_manager
-        moving = {t.activity for t in search.facts.snapshot.tasks}
-        goals = {}
-        for activity in loose.activities:
-            if activity.name in moving:
-                start, end = schedule.times[activity.name]
-                for more in self.tuning.units:
-                    longer = manager.Plus(activity.start, end - start + more)
-                    goals[manager.LE(longer, activity.end)] = 1
-        _prefer(loose, goals, schedule.makespan)
-        return Subproblem(search, loose, self.tuning.effort).schedule(schedule) or schedule
+def spread(
+    search: Search, problem: SchedulingProblem, schedule: CandidateSchedule
+) -> CandidateSchedule:
+    """Return a schedule of ``problem`` (see ``restrict``) that ends no later than ``schedule`` and
+    whose motions have as much slack as can be; ``schedule`` itself, if there is none to be had in
+    little time.
+    """
+    loose = problem.clone()
+    manager = loose.environment.expression_manager
+    moving = {t.activity for t in search.facts.snapshot.tasks}
+    goals = {}
+    for activity in loose.activities:
+        if activity.name in moving:
+            start, end = schedule.times[activity.name]
+            for more in _SLACK:
+                longer = manager.Plus(activity.start, end - start + more)
+                goals[manager.LE(longer, activity.end)] = 1
+    _prefer(loose, goals, schedule.makespan)
+    return Subproblem(search, loose, _SLACK_EFFORT).schedule(schedule) or schedule
 
 
 def _prefer(problem: SchedulingProblem, goals: dict[object, int], until: int) -> None:
@@ -364,72 +362,58 @@ def _only_makespan(relaxation: Relaxation) -> bool:
 # ------------------------------------------------------------------ needless motions
 
 
-@dataclass(frozen=True)
-class PruneMotions:
-    """Leaves needless motions out of the best plan, as the last pass of a search.
+def prune_motions(search: Search, plan: Incumbent) -> Incumbent | None:
+    """Return a valid plan with fewer motions that ends no later, if one is found: the last pass of
+    a search.
 
     A makespan says nothing of moves that end before it: an idle robot may drive out, back and out
     again. Among the plans with some of the same motions, no later end, the same decisions and all
     else that is present, the one with the fewest motions is sought, then with the least driving.
     Its motions are checked and the plan is validated like any other.
     """
+    search.tell.stage(Phase.TIDY)
+    relaxation = search.knowledge.relaxation
+    weights = _worth_of_leaving_out(relaxation, plan.schedule)
+    if not weights or not _only_makespan(relaxation):
+        return None
+    problem = _with_motions_optional(relaxation, plan.schedule, weights, plan.schedule.makespan)
+    small = Subproblem(search, problem, _EFFORT)
 
-    tuning: TidyTuning = field(default_factory=TidyTuning)
+    def again(near: CandidateSchedule) -> CandidateSchedule | None:
+        found = small.schedule(near)
+        return found if found is not None and weights.keys() - found.times.keys() else None
 
-    def __call__(self, search: Search, plan: Incumbent) -> Incumbent | None:
-        """Return a valid plan with fewer motions that ends no later, if one is found."""
-        search.tell.stage(Phase.TIDY)
-        relaxation = search.knowledge.relaxation
-        weights = _worth_of_leaving_out(relaxation, plan.schedule)
-        if not weights or not _only_makespan(relaxation):
-            return None
-        problem = _with_motions_optional(relaxation, plan.schedule, weights, plan.schedule.makespan)
-        small = Subproblem(search, problem, self.tuning.effort)
-
-        def again(near: CandidateSchedule) -> CandidateSchedule | None:
-            found = small.schedule(near)
-            return found if found is not None and weights.keys() - found.times.keys() else None
-
-        def tell(itinerary: Itinerary, check: Check) -> bool:
-            if check.needed and not check.failed:
-                small.last_at_least(itinerary, check.needed)
-                return True
-            gone = sorted(weights.keys() - itinerary.schedule.times.keys())
-            manager = problem.environment.expression_manager
-            problem.add_constraint(manager.Or(small.activities[n].present for n in gone))
+    def tell(itinerary: Itinerary, check: Check) -> bool:
+        if check.needed and not check.failed:
+            small.last_at_least(itinerary, check.needed)
             return True
+        gone = sorted(weights.keys() - itinerary.schedule.times.keys())
+        manager = problem.environment.expression_manager
+        problem.add_constraint(manager.Or(small.activities[n].present for n in gone))
+        return True
 
-        better = until_driven(search, plan.schedule, again, tell, steps=self.tuning.steps)
-        return None if better is None or search.judged(better.plan) else better
+    better = until_driven(search, plan.schedule, again, tell, steps=_STEPS)
+    return None if better is None or search.judged(better.plan) else better
 
 
-@dataclass(frozen=True)
-class PruneCandidate:
-    """Leaves needless motions out of another engine's candidates, before these are checked: such
+def prune_candidate(search: Search, schedule: CandidateSchedule) -> CandidateSchedule:
+    """Return another engine's candidate with some of the same activities, few of them motions, that
+    ends as soon as these can; ``schedule`` itself, if there is none to be had in little time. Such
     schedules are full of motions that nothing needs.
+
+    What the engine was not told may need more time: twice as much as it scheduled at most.
     """
-
-    tuning: TidyTuning = field(default_factory=TidyTuning)
-
-    def __call__(self, search: Search, schedule: CandidateSchedule) -> CandidateSchedule:
-        """Return a candidate with some of the same activities, few of them motions, that ends as
-        soon as these can; ``schedule`` itself, if there is none to be had in little time.
-
-        What the engine was not told may need more time: twice as much as it scheduled at most.
-        """
-        own, told = search.own_relaxation(), search.knowledge.relaxation
-        for relaxation, factor in ((own, 2), (told, 1)):
-            weights = _worth_of_leaving_out(relaxation, schedule)
-            if not weights or not _only_makespan(relaxation):
-                return schedule
-            problem = _with_motions_optional(
-                relaxation, schedule, weights, factor * schedule.makespan
-            )
-            few = Subproblem(search, problem, self.tuning.lean).schedule(schedule)
-            if few is not None:
-                soon = restrict(relaxation, relaxation.snapshot, few)
-                return Subproblem(search, soon, self.tuning.lean).schedule(few) or few
-        return schedule
+    own, told = search.own_relaxation(), search.knowledge.relaxation
+    for relaxation, factor in ((own, 2), (told, 1)):
+        weights = _worth_of_leaving_out(relaxation, schedule)
+        if not weights or not _only_makespan(relaxation):
+            return schedule
+        problem = _with_motions_optional(relaxation, schedule, weights, factor * schedule.makespan)
+        few = Subproblem(search, problem, _LEAN_EFFORT).schedule(schedule)
+        if few is not None:
+            soon = restrict(relaxation, relaxation.snapshot, few)
+            return Subproblem(search, soon, _LEAN_EFFORT).schedule(few) or few
+    return schedule
 
 
 def _worth_of_leaving_out(relaxation: Relaxation, schedule: CandidateSchedule) -> dict[str, int]:
@@ -515,4 +499,4 @@ def begin_near(search: Search, start: CandidateSchedule) -> CandidateSchedule | 
     search.tell.stage(Phase.SCHEDULE)
     # nothing decides the places of motions but the plan itself
     problem = restrict(search.knowledge.relaxation, search.facts.snapshot, start)
-    return Subproblem(search, problem, search.tuning.start.effort).schedule(start, optimal=False)
+    return Subproblem(search, problem, _NEAR_EFFORT).schedule(start, optimal=False)

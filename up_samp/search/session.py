@@ -87,6 +87,10 @@ def _heeded(snapshot: Snapshot, name: str) -> frozenset[str] | None:
 # ------------------ Set a search up for a UP problem and run it: the entry from the engines
 
 
+_TOUR_ROUNDS = 10
+"""A task, of annealing over tours of what was dealt out."""
+_RELAXED = 0.1
+"""CP-SAT's deterministic time for the routing relaxation of what was dealt out."""
 NEEDED = ("lower bounds on motions",)
 """What is stated before a plan of a thinned problem is sought."""
 ScheduleCheck = Callable[[Any, Schedule], list[str]]
@@ -174,10 +178,7 @@ def open_thin(
     before, motions are decided one after the other, and nobody is told. The plan is not judged.
     """
     tuning = tuning_of(params.tuning)
-    large = tuning.search.large
-    stages = replace(
-        tuning.cpsat.stages, tour_rounds=large.tour_rounds, relaxed_content=large.relaxed
-    )
+    stages = replace(tuning.cpsat.stages, tour_rounds=_TOUR_ROUNDS, relaxed_content=_RELAXED)
     in_order = replace(tuning.search.in_order, motions=2, share=1.0)
     quick = replace(
         tuning,

@@ -28,16 +28,15 @@ from up_samp.motion.fleet.paths import path_of, safe_intervals
 from up_samp.motion.fleet.roadmap import _part
 from up_samp.motion.fleet.speed import tune
 from up_samp.motion.legs import is_sound, parking_clears
-from up_samp.motion.planners.pivoting import PivotPlanner
+from up_samp.motion.planners.pivoting import PivotPlanner, PivotSettings
 from up_samp.motion.planners.rounding import RoundedWay
 from up_samp.motion.protocol import LegQuery
-from up_samp.motion.tuning import PivotTuning, RoundingTuning
 from up_samp.upio import read_problem
 from up_samp.validation.kinematics import motion_violations
 from up_samp.validation.limits import Limits
 
 RING = ((-0.5, -0.3), (0.5, -0.3), (0.5, 0.3), (-0.5, 0.3))
-STOPS = PivotTuning(arcs=0, rounding=RoundingTuning(rounds=0))
+STOPS = PivotSettings(arcs=0, rounds=0)
 """A planner that rests at each corner."""
 
 

@@ -25,13 +25,11 @@ from up_samp.model import (
     Outcome,
     PathQuery,
     Placed,
-    ProblemError,
 )
 from up_samp.motion import MotionCache, MotionService
 from up_samp.motion.legs import parking_clears
-from up_samp.motion.planners.car import CarPlanner
+from up_samp.motion.planners.car import CarPlanner, CarSettings
 from up_samp.motion.protocol import LegQuery
-from up_samp.motion.tuning import CarTuning, MotionTuning, PlannersTuning
 
 
 @pytest.fixture(scope="module")
@@ -215,23 +213,9 @@ def test_damaged_cache_files_are_ignored(tmp_path):
 def test_a_search_that_comes_no_nearer_gives_up():
     # a dog-leg that a disc could pass and the car cannot, between halls too large to exhaust
     grid = box_map(44, 16, [(20, 0, 24, 5), (20, 6.3, 22, 16), (22, 0, 23, 8), (23.3, 0, 24, 8)])
-    planner = CarPlanner(Scene(grid), 0, CarTuning((0.35,), (60_000,), slice=2000, stuck=2))
+    planner = CarPlanner(Scene(grid), 0, CarSettings((0.35,), (60_000,), slice=2000, stuck=2))
     start, goal = (3.0, 3.0, 0.0), (41.0, 13.0, 0.0)
     leg = planner.leg(LegQuery(ROBOT, start, goal), Deadline.never())
     assert leg.trajectory is None
     assert "fixed effort" in leg.reason or "finest" in leg.reason
     assert leg.effort < 60_000
-
-
-def test_a_service_hands_its_tunables_to_the_planner_and_keeps_their_legs_apart():
-    grid, cache = box_map(13, 10, [(5, 0, 6, 7)]), MotionCache()
-    query = PathQuery(ROBOT, ((2.0, 2.0, 0.0), (10.0, 2.0, 0.0)))
-
-    def seconds(tuning):
-        service = MotionService(grid, planner="car", tuning=tuning, cache=cache)
-        return service.plan(query, Deadline.never()).trajectory.duration
-
-    raw = seconds(MotionTuning(planners=PlannersTuning(car=CarTuning(rounds=0))))
-    assert raw > seconds(MotionTuning()) + 0.1
-    with pytest.raises(ProblemError, match="as many numbers as 'levels'"):
-        CarTuning(levels=(0.7,))

@@ -23,7 +23,6 @@ from up_samp.model import (
 )
 from up_samp.motion.planners.control_law import ControlPiece, Roller
 from up_samp.motion.planners.shooting import Shot
-from up_samp.motion.tuning import ControlTuning
 from up_samp.validation.kinematics import motion_violations
 from up_samp.validation.limits import Limits
 
@@ -162,7 +161,7 @@ def test_compiled_and_called_laws_agree():
 def test_shots_hit_or_say_no():
     roller = Roller(LAWS["unicycle"])
     goal = (2.0, 1.0, 0.5)
-    shot = Shot(roller, (0.0, 0.0, 0.0), goal, 3.0, ControlTuning(pieces=4))
+    shot = Shot(roller, (0.0, 0.0, 0.0), goal, 3.0, 4)
     guess = [ControlPiece((1.0, 0.1), 0.6)] * 4
     z = shot.restore(shot.pack(guess))
     assert z is not None
@@ -173,7 +172,7 @@ def test_shots_hit_or_say_no():
     for piece in quick:
         for value, (_, low, high) in zip(piece.controls, LAWS["unicycle"].bounds, strict=True):
             assert low - 1e-12 <= value <= high + 1e-12
-    hopeless = Shot(roller, (0.0, 0.0, 0.0), (50.0, 0.0, 0.0), 1.0, ControlTuning(pieces=2))
+    hopeless = Shot(roller, (0.0, 0.0, 0.0), (50.0, 0.0, 0.0), 1.0, 2)
     assert hopeless.restore(hopeless.pack(guess[:2])) is None
 
 

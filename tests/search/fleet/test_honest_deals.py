@@ -12,7 +12,7 @@ from up_samp.model import Deadline
 from up_samp.search.fleet.assignment import Assignment, assign, inserted
 from up_samp.search.fleet.evaluator import AssignmentEvaluator
 from up_samp.search.fleet.jobs import Jobs, find_jobs
-from up_samp.search.fleet.travel_times import TravelTimeModel, pauses_of
+from up_samp.search.fleet.travel_times import ENOUGH, TravelTimeModel, pauses_of
 from up_samp.search.fleet.tuning import DealsTuning
 from up_samp.upio import read_problem
 
@@ -81,7 +81,7 @@ def test_bounds_that_tell_drives_well_are_believed(snapshot):
     ways = [("robot0", places[0], b) for b in places[1:15]]
     ways += [("robot0", b, places[0]) for b in places[1:15]]
     guess.ask(ways, Deadline.never())
-    assert len(asked) == DealsTuning().enough
+    assert len(asked) == ENOUGH
     body = snapshot.objects["robot0"].body
     told = guess.ride("robot0", places[3], places[7])
     assert told == math.ceil(1.5 * along_the_axes(body, places[3], places[7]) - 1e-6)

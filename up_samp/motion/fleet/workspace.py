@@ -43,7 +43,7 @@ from up_samp.motion.fleet.timed_path import NOBODY, TimedPath, Timing, pair_flag
 from up_samp.motion.guides.search_space import widest_shape
 from up_samp.motion.legs import strung
 from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
-from up_samp.motion.tuning import CarTuning, FleetTuning, MotionTuning, PivotTuning
+from up_samp.motion.tuning import FleetTuning, MotionTuning
 
 if TYPE_CHECKING:
     from up_samp.motion.fleet.sipp import SafeIntervalPlanner
@@ -256,16 +256,16 @@ class Workspace:
     @cached_property
     def _quick(self) -> dict[MotionModel, MotionPlanner]:
         """Planners that give up after little work, by motion model."""
-        from up_samp.motion.planners.car import CarPlanner
+        from up_samp.motion.planners.car import CarPlanner, CarSettings
         from up_samp.motion.planners.omni import PlanarPlanner, PlanarSettings
-        from up_samp.motion.planners.pivoting import PivotPlanner
+        from up_samp.motion.planners.pivoting import PivotPlanner, PivotSettings
 
         if self.scene is None:
             return {}
-        car = CarTuning((0.7,), (8_000,), rounds=400, patience=120)
+        car = CarSettings((0.7,), (8_000,), rounds=400, patience=120)
         few = PlanarSettings((1.0,), (16,), (20_000,), tight=None, rounds=200, shifts=(0.25,))
         slider = replace(few, roundabout=math.inf, tries=1)
-        pivot = PivotTuning(places=(400, 1, 1, 1))
+        pivot = PivotSettings(places=(400, 1, 1, 1))
         return {
             MotionModel.REEDSSHEPP: CarPlanner(self.scene, 0, car),
             MotionModel.PIVOT: PivotPlanner(self.scene, 0, pivot),

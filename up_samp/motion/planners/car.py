@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +21,6 @@ from up_samp.motion.guides.search_space import Guide, SearchGrain, pose_space, w
 from up_samp.motion.planners import hybrid_astar as hybrid
 from up_samp.motion.planners.car_shortcuts import Effort, improve, settle
 from up_samp.motion.protocol import Leg, LegQuery
-from up_samp.motion.tuning import CarTuning, PlannersTuning
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -33,6 +32,32 @@ _STUCK = "no path at the finest resolution within fixed effort"
 
 
 _CUT = "out of time"
+
+
+@dataclass(frozen=True)
+class CarSettings:
+    """How hard a car's path is sought: by hybrid A* with arc primitives of ``levels`` (turning
+    radii, coarse to fine), each with a tree of so many ``nodes``, and ``extra`` expansions after
+    its first solution; then by ``rounds`` of shortening, so many (``patience``) without a gain.
+
+    ``near`` (turning radii) the goal Reeds-Shepp times guide, and the distance to go has a
+    ``weight``. The clock is looked at once in a ``slice`` of expansions; a level is given up after
+    so many of them that came no nearer (``stuck``). Where a body turns tighter, the ``least`` share
+    of its inner radius counts as its turning radius. Who runs dry within ``narrow`` expansions was
+    trapped where it began.
+    """
+
+    levels: tuple[float, ...] = (0.7, 0.35, 0.18)
+    nodes: tuple[int, ...] = (60_000, 250_000, 400_000)
+    extra: int = 400
+    near: float = 10.0
+    weight: float = 2.5
+    rounds: int = 1500
+    patience: int = 200
+    slice: int = 4000
+    stuck: int = 6
+    least: float = 0.5
+    narrow: int = 300
 
 
 def _primitives(radius: float, unit: float, share: float) -> list[tuple[float, float]]:
@@ -59,17 +84,12 @@ class CarPlanner:
     name = "hybrid-astar"
     reversible = True
 
-    def __init__(self, scene: Scene, seed: int = 0, settings: CarTuning | None = None) -> None:
+    def __init__(self, scene: Scene, seed: int = 0, settings: CarSettings | None = None) -> None:
         self.scene = scene
         self.seed = seed
-        self.settings = settings or CarTuning()
+        self.settings = settings or CarSettings()
         self.fields = Fields(scene)
         self._trees: Memory[hybrid.Tree] = Memory(4)
-
-    @classmethod
-    def tuned(cls, scene: Scene, seed: int, tuning: PlannersTuning) -> CarPlanner:
-        """Return the planner with its part of the tunables."""
-        return cls(scene, seed, tuning.car)
 
     def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a fast motion between two poses among resting obstacles."""

@@ -40,9 +40,15 @@ from up_samp.motion.planners.ompl_solve import (
 )
 from up_samp.motion.planners.shooting import Shot, shots
 from up_samp.motion.protocol import LegQuery
-from up_samp.motion.tuning import ControlTuning
 
 FloatArray = npt.NDArray[np.float64]
+
+_PIECES = 5
+"""Of a shot, each with constant controls."""
+_DIRECT = 24
+"""Shots from the start, before anything is searched."""
+_SHORTCUTS = 40
+"""Rounds of shortening."""
 
 
 class ControlWorld(PlanarWorld):
@@ -55,10 +61,8 @@ class ControlWorld(PlanarWorld):
         poses: tuple[Configuration, ...],
         obstacles: tuple[Placed, ...],
         seed: int,
-        tuning: ControlTuning,
     ) -> None:
         super().__init__(scene, body, poses, obstacles, OmplSettings())
-        self.tuning = tuning
         law = body.kinematics.control
         if law is None:
             raise ProblemError("the motion model CONTROL needs a control model")
@@ -79,7 +83,7 @@ class ControlWorld(PlanarWorld):
         """Return random pieces of about the right total duration."""
         low, high = self.roller.low, self.roller.high
         way = math.dist(a[:2], b[:2]) + self.near
-        found, many = [], self.tuning.pieces
+        found, many = [], _PIECES
         for _ in range(count):
             seconds = way / self.speed * float(self.rng.uniform(0.8, 2.5)) / many
             draws = low + (high - low) * self.rng.random((many, len(low)))
@@ -96,7 +100,7 @@ class ControlWorld(PlanarWorld):
 
         guesses = self.guesses(a, b, count)
         longest = 1.5 * max(p.seconds for guess in guesses for p in guess)
-        shot = Shot(self.roller, a, b, longest, self.tuning)
+        shot = Shot(self.roller, a, b, longest, _PIECES)
         return shots(shot, guesses, free, budget.spent)
 
 
@@ -159,7 +163,6 @@ def control_leg(
     *,
     planner: str = "RRT",
     seed: int = 0,
-    tuning: ControlTuning | None = None,
 ) -> OmplLeg:
     """Return a motion under the body's control law from the start exactly to the goal.
 
@@ -169,14 +172,12 @@ def control_leg(
     if body.kinematics.model is not MotionModel.CONTROL:
         raise ProblemError(f"no control model: {body.kinematics.model.value}")
     name = canonical(planner, control=True)
-    world = ControlWorld(
-        scene, body, (start, goal), query.obstacles, seed, tuning or ControlTuning()
-    )
+    world = ControlWorld(scene, body, (start, goal), query.obstacles, seed)
     if not world.fit_margin():
         reason = "the start or the goal touches the map or an obstacle"
         return OmplLeg(None, reason, world.blockers(), complete=True)
     budget = WorkBudget(deadline)
-    direct = world.steer(start, goal, world.tuning.direct, budget)
+    direct = world.steer(start, goal, _DIRECT, budget)
     pieces: list[ControlPiece] | None = direct
     reason, attempt = "out of time", 0
     while pieces is None and not budget.spent():
@@ -232,7 +233,7 @@ def _shortened(
     budget: WorkBudget,
 ) -> list[ControlPiece]:
     """Return a way that is not slower, by shots between random nodes of it."""
-    for attempt in range(world.tuning.shortcuts):
+    for attempt in range(_SHORTCUTS):
         nodes = [*_nodes(world, start, pieces)[:-1], goal]
         if len(nodes) < 3 or budget.spent():
             break

@@ -51,12 +51,15 @@ from up_samp.motion.planners.ompl_solve import (
     solve,
 )
 from up_samp.motion.protocol import LegQuery
-from up_samp.motion.tuning import FlyerTuning
 
 FloatArray = npt.NDArray[np.float64]
 
 MARGIN_SHARES = (1.0, 0.25, 0.06, 0.015)
 """Shares of the clearance margin tried where a start or goal is closer to something than that."""
+_SHORTCUTS = 300
+"""Rounds of shortening..."""
+_PATIENCE = 80
+"""...so many without a gain."""
 TOUCH = 1e-4
 """Clearance (m) that counts as none (and the shortest step of the edge checks)."""
 
@@ -197,7 +200,6 @@ def flyer_leg(
     *,
     planner: str = "RRTConnect",
     seed: int = 0,
-    tuning: FlyerTuning | None = None,
 ) -> OmplLeg:
     """Return a free flyer's motion from rest at the start to rest at the goal.
 
@@ -230,20 +232,18 @@ def flyer_leg(
         return OmplLeg(None, reason, blockers, counter.edges, not counter.cut)
     nodes = np.array([start, *solved.states[1:-1], goal], dtype=np.float64)
     budget = WorkBudget(deadline)
-    nodes = shorten(world, nodes, budget, seed, tuning or FlyerTuning())
+    nodes = shorten(world, nodes, budget, seed)
     complete = not counter.cut and not budget.cut
     motion = timed_chain(nodes, body.kinematics)
     return OmplLeg(motion, "", blockers, counter.edges, complete)
 
 
-def shorten(
-    world: FlyerWorld, nodes: FloatArray, budget: WorkBudget, seed: int, tuning: FlyerTuning
-) -> FloatArray:
+def shorten(world: FlyerWorld, nodes: FloatArray, budget: WorkBudget, seed: int) -> FloatArray:
     """Return a chain that is not slower, by random shortcuts (Geraerts & Overmars 2007)."""
     rng = random.Random(seed)
     idle = 0
-    for _ in range(tuning.shortcuts):
-        if len(nodes) < 3 or idle > tuning.patience or budget.spent():
+    for _ in range(_SHORTCUTS):
+        if len(nodes) < 3 or idle > _PATIENCE or budget.spent():
             break
         idle += 1
         p, q = sorted((rng.uniform(0, len(nodes) - 1), rng.uniform(0, len(nodes) - 1)))

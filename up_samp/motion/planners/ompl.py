@@ -24,29 +24,22 @@ from up_samp.model import (
 from up_samp.motion.planners.ompl_planar import OmplSettings, PlanarWorld, search
 from up_samp.motion.planners.ompl_solve import ONE_TREE, OmplLeg, canonical, known_planners
 from up_samp.motion.protocol import Leg, LegQuery
-from up_samp.motion.tuning import PlannersTuning
 
 PLANNERS = known_planners()
 """Names of the geometric planners that the installed OMPL offers."""
 
 
 _LEGS = {
-    MotionModel.REEDSSHEPP: ("ompl_planar", "planar_leg", ""),
-    MotionModel.SE2: ("ompl_planar", "planar_leg", ""),
-    MotionModel.SE3: ("flyer", "flyer_leg", "flyer"),
-    MotionModel.CONTROL: ("control", "control_leg", "control"),
+    MotionModel.REEDSSHEPP: ("ompl_planar", "planar_leg"),
+    MotionModel.SE2: ("ompl_planar", "planar_leg"),
+    MotionModel.SE3: ("flyer", "flyer_leg"),
+    MotionModel.CONTROL: ("control", "control_leg"),
 }
-"""By motion model: the module, the function, and which of the tunables it takes."""
+"""By motion model: the module, and the function."""
 
 
 def ompl_leg(
-    scene: Scene,
-    query: LegQuery,
-    deadline: Deadline,
-    *,
-    planner: str,
-    seed: int,
-    tuning: PlannersTuning | None = None,
+    scene: Scene, query: LegQuery, deadline: Deadline, *, planner: str, seed: int
 ) -> OmplLeg:
     """Return a motion from rest to rest by OMPL's ``planner``."""
     model = query.body.kinematics.model
@@ -55,10 +48,9 @@ def ompl_leg(
             f"the motion planner '{planner}' is OMPL's, which has no paths for bodies that turn on "
             "the spot (turning_radius 0): leave 'path_planner' at 'default'"
         )
-    module, function, part = _LEGS[model]
+    module, function = _LEGS[model]
     leg = getattr(importlib.import_module(f"up_samp.motion.planners.{module}"), function)
-    tuned = {"tuning": getattr(tuning or PlannersTuning(), part)} if part else {}
-    found: OmplLeg = leg(scene, query, deadline, planner=planner, seed=seed, **tuned)
+    found: OmplLeg = leg(scene, query, deadline, planner=planner, seed=seed)
     return found
 
 
@@ -69,15 +61,7 @@ class OmplPlanner:
     backwards.
     """
 
-    def __init__(
-        self,
-        name: str,
-        scene: Scene,
-        seed: int = 0,
-        *,
-        reversible: bool = False,
-        tuning: PlannersTuning | None = None,
-    ) -> None:
+    def __init__(self, name: str, scene: Scene, seed: int = 0, *, reversible: bool = False) -> None:
         try:
             self.name = canonical(name)
         except ProblemError:
@@ -85,26 +69,18 @@ class OmplPlanner:
         self.scene = scene
         self.seed = seed
         self.reversible = reversible
-        self.tuning = tuning
 
     def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a motion from rest to rest, exactly from the start to the goal."""
-        found = ompl_leg(
-            self.scene, query, deadline, planner=self.name, seed=self.seed, tuning=self.tuning
-        )
+        found = ompl_leg(self.scene, query, deadline, planner=self.name, seed=self.seed)
         return Leg(found.trajectory, found.reason, found.checks, found.complete, found.corners)
 
 
 class FlyerPlanner(OmplPlanner):
     """Plans free flyers: RRTConnect (see :mod:`up_samp.motion.planners.flyer`)."""
 
-    def __init__(self, scene: Scene, seed: int = 0, tuning: PlannersTuning | None = None) -> None:
-        super().__init__("RRTConnect", scene, seed, reversible=True, tuning=tuning)
-
-    @classmethod
-    def tuned(cls, scene: Scene, seed: int, tuning: PlannersTuning) -> FlyerPlanner:
-        """Return the planner with the tunables."""
-        return cls(scene, seed, tuning)
+    def __init__(self, scene: Scene, seed: int = 0) -> None:
+        super().__init__("RRTConnect", scene, seed, reversible=True)
 
 
 class ControlPlanner(OmplPlanner):
@@ -112,13 +88,8 @@ class ControlPlanner(OmplPlanner):
     :mod:`up_samp.motion.planners.control`).
     """
 
-    def __init__(self, scene: Scene, seed: int = 0, tuning: PlannersTuning | None = None) -> None:
-        super().__init__("RRT", scene, seed, tuning=tuning)
-
-    @classmethod
-    def tuned(cls, scene: Scene, seed: int, tuning: PlannersTuning) -> ControlPlanner:
-        """Return the planner with the tunables."""
-        return cls(scene, seed, tuning)
+    def __init__(self, scene: Scene, seed: int = 0) -> None:
+        super().__init__("RRT", scene, seed)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -26,16 +26,31 @@ from up_samp.motion.fleet.moves import ShortMove, corners_of, steer
 from up_samp.motion.fleet.roadmap import Roadmap, cells_of
 from up_samp.motion.guides.cost_to_go import Fields, field_value
 from up_samp.motion.guides.search_space import search_box, widest_shape
-from up_samp.motion.planners.car import CarPlanner
+from up_samp.motion.planners.car import CarPlanner, CarSettings
 from up_samp.motion.planners.rounding import RoundedWay, Rounding
 from up_samp.motion.protocol import Leg, LegQuery
-from up_samp.motion.tuning import CarTuning, PivotTuning, PlannersTuning
+from up_samp.motion.tuning import RoadmapTuning
 
 FloatArray = npt.NDArray[np.float64]
 
 
-QUICK_CAR = CarTuning((0.7,), (8_000,), rounds=400, patience=120)
+QUICK_CAR = CarSettings((0.7,), (8_000,), rounds=400, patience=120)
 """How hard a way along arcs is sought: there is another one, with stops."""
+
+
+@dataclass(frozen=True)
+class PivotSettings:
+    """How hard the path of a body that turns on the spot is sought: A* looks at so many ``places``
+    of the lattice of each grain, with a ``weight`` on what is left to drive, and as far around all
+    that is known as ``reach`` (radii of the body) where there is no map; a way along ``arcs``, as a
+    car drives, has so many expansions; corners are driven round in so many ``rounds``.
+    """
+
+    places: tuple[int, ...] = (10_000, 20_000, 40_000, 60_000)
+    weight: float = 1.2
+    reach: float = 16.0
+    arcs: int = 8_000
+    rounds: int = 3
 
 
 class PivotPlanner:
@@ -44,16 +59,11 @@ class PivotPlanner:
     name = "pivot-lattice"
     reversible = True
 
-    def __init__(self, scene: Scene, seed: int = 0, settings: PivotTuning | None = None) -> None:
+    def __init__(self, scene: Scene, seed: int = 0, settings: PivotSettings | None = None) -> None:
         self.scene = scene
-        self.settings = settings or PivotTuning()
+        self.settings = settings or PivotSettings()
         self.fields = Fields(scene)
         self._car = CarPlanner(scene, seed, QUICK_CAR)
-
-    @classmethod
-    def tuned(cls, scene: Scene, seed: int, tuning: PlannersTuning) -> PivotPlanner:
-        """Return the planner with its part of the tunables."""
-        return cls(scene, seed, tuning.pivot)
 
     def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a fast motion between two poses among resting obstacles."""
@@ -90,7 +100,7 @@ class PivotPlanner:
             return [nodes]
         rounding = Rounding(
             query.body.kinematics,
-            self.settings.rounding,
+            self.settings.rounds,
             lambda rows: self._sweeps_free(shape, query, rows),
             deadline.expired,
         )
@@ -120,7 +130,7 @@ class PivotPlanner:
             self.scene, ends, query.obstacles, self.settings.reach * shape.circumscribed
         )
         box = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
-        grid = self.settings.roadmap
+        grid = RoadmapTuning()
         effort, speed = 0, body.kinematics.v_max / self.settings.weight
         for cell, most in zip(cells_of(body, grid), self.settings.places, strict=True):
             left = most if query.effort is None else min(most, query.effort - effort)

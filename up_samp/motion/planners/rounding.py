@@ -18,7 +18,6 @@ import numpy.typing as npt
 
 from up_samp.model import Kinematics
 from up_samp.motion.curves.rolling import drive_time, rolling_radius
-from up_samp.motion.tuning import RoundingTuning
 
 FloatArray = npt.NDArray[np.float64]
 Point = tuple[float, float]
@@ -39,6 +38,10 @@ class Sense:
 
 
 SENSE = Sense()
+RADII = (1.0, 0.7, 0.5, 0.35)
+"""Of arcs that are tried: shares of the rolling radius, that of the tightest arc at top speed."""
+SHIFTS = (0.0, 0.5, 1.0)
+"""By which a corner is pushed outwards: at 1 the arc passes where the corner was."""
 
 
 @dataclass(frozen=True)
@@ -146,18 +149,19 @@ class RoundedWay:
 @dataclass(frozen=True)
 class Rounding:
     """Rounds the corners of ways. ``is_free`` says whether the body keeps clear all along poses
-    with a constant twist between them; ``stop`` whether to go on no more.
+    with a constant twist between them; ``stop`` whether to go on no more. There are ``rounds`` over
+    all corners.
     """
 
     kinematics: Kinematics
-    tuning: RoundingTuning
+    rounds: int
     is_free: Callable[[FloatArray], bool]
     stop: Callable[[], bool]
 
     def rounded(self, way: RoundedWay) -> RoundedWay:
         """Return a free way that is not slower."""
         best, seconds = way, way.seconds(self.kinematics)
-        for _ in range(self.tuning.rounds):
+        for _ in range(self.rounds):
             before, k = seconds, 0
             while k < len(best.points) and not self.stop():
                 found = self._better(self._others(best, k), seconds)
@@ -180,7 +184,7 @@ class Rounding:
 
     def _others(self, way: RoundedWay, k: int) -> Iterator[RoundedWay]:
         """Yield ways that are others at point ``k``."""
-        radii = [share * rolling_radius(self.kinematics) for share in self.tuning.radii]
+        radii = [share * rolling_radius(self.kinematics) for share in RADII]
         if k in (0, len(way.points) - 1):
             for radius in radii:
                 found = _begun_in_an_arc(way if k == 0 else _reversed(way), radius)
@@ -191,7 +195,7 @@ class Rounding:
         if way.ahead[k - 1] != way.ahead[k] or abs(turn) > SENSE.sharp:
             return
         yield _without(way, k)
-        for radius, share in itertools.product(radii, self.tuning.shifts):
+        for radius, share in itertools.product(radii, SHIFTS):
             cut = radius * (1.0 / math.cos(0.5 * turn) - 1.0)
             yield _cut_by(way, k, radius, share * cut)
 

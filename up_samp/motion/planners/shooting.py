@@ -11,13 +11,19 @@ from up_samp.model import (
     Configuration,
 )
 from up_samp.motion.planners.control_law import ControlPiece, Roller, miss, steps_of, total
-from up_samp.motion.tuning import ControlTuning
 
 FloatArray = npt.NDArray[np.float64]
 
+_SHORTEST = 0.02
+"""s of a piece, at least."""
+_COARSE = 8
+"""Integration steps of a piece while shooting."""
+_EXACT = 1e-8
+"""m or rad from its goal at which a shot counts as having hit it."""
+
 
 class Shot:
-    """The problem of getting from ``start`` exactly to ``goal`` in a few pieces.
+    """The problem of getting from ``start`` exactly to ``goal`` in ``count`` pieces.
 
     Unknowns are scaled to [0, 1]: each piece's controls between their bounds, and its duration
     between the shortest that is allowed and ``longest`` s.
@@ -29,18 +35,16 @@ class Shot:
         start: Configuration,
         goal: Configuration,
         longest: float,
-        tuning: ControlTuning,
+        count: int,
     ) -> None:
-        self._tuning, count = tuning, tuning.pieces
-        shortest = tuning.shortest
         self._roller = roller
         self._start = np.array(start[:3], dtype=np.float64)
         self._goal = goal
         self._width = len(roller.low) + 1
-        self._low = np.tile(np.append(roller.low, shortest), count)
-        high = np.tile(np.append(roller.high, max(longest, 2 * shortest)), count)
+        self._low = np.tile(np.append(roller.low, _SHORTEST), count)
+        high = np.tile(np.append(roller.high, max(longest, 2 * _SHORTEST)), count)
         self._range = high - self._low
-        self.counts = np.full(count, tuning.coarse, dtype=np.int64)
+        self.counts = np.full(count, _COARSE, dtype=np.int64)
         self._gradient = np.where(
             np.arange(len(high)) % self._width == self._width - 1, self._range, 0.0
         )
@@ -58,7 +62,7 @@ class Shot:
 
     def seconds(self, z: FloatArray) -> float:
         """Return the duration (s) that unknowns stand for."""
-        return float(self._gradient @ z) + self._tuning.shortest * len(self.counts)
+        return float(self._gradient @ z) + _SHORTEST * len(self.counts)
 
     def _misses(self, batch: FloatArray) -> FloatArray:
         values = (self._low + self._range * batch).reshape(len(batch), -1, self._width)
@@ -76,7 +80,7 @@ class Shot:
         """Return unknowns near ``z`` that hit the goal, or None."""
         for _ in range(rounds):
             off, slope = self._slope(z)
-            if np.abs(off).max() <= self._tuning.exact:
+            if np.abs(off).max() <= _EXACT:
                 return z
             steps = z + np.array([1.0, 0.5, 0.2, 0.05])[:, None] * self._step(z, off, slope)
             trials = steps.clip(0.0, 1.0)
@@ -85,7 +89,7 @@ class Shot:
             if not sizes[best] < 0.999 * np.linalg.norm(off):
                 return None
             z = trials[best]
-        return z if np.abs(self._misses(z[None])[0]).max() <= self._tuning.exact else None
+        return z if np.abs(self._misses(z[None])[0]).max() <= _EXACT else None
 
     def _step(self, z: FloatArray, off: FloatArray, slope: FloatArray) -> FloatArray:
         """Return the step of least norm that cancels the miss to first order, without the unknowns
@@ -142,7 +146,7 @@ class Shot:
         """Return the pieces, exact for the steps that their trajectory will have."""
         self.counts = np.array([steps_of(p.seconds) for p in self.unpack(z)], dtype=np.int64)
         exact = self.restore(z)
-        self.counts = np.full(len(self.counts), self._tuning.coarse, dtype=np.int64)
+        self.counts = np.full(len(self.counts), _COARSE, dtype=np.int64)
         return None if exact is None else self.unpack(exact)
 
 

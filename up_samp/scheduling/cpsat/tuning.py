@@ -14,21 +14,9 @@ class StagesTuning(Tunables):
     tiny: int = tunable(
         2_000, "constraints", "up to so many, a search without presolve is tried first", least=0
     )
-    small: int = tunable(
-        20_000,
-        "constraints",
-        "up to so many, two full searches, one thread alone and quick proofs are tried: they must "
-        "not cost large models their time",
-        least=0,
+    relaxed_content: float = effort_of(
+        0.4, "for the routing relaxation, where no optimum is asked for"
     )
-    one_thread: tuple[float, ...] = effort_of(
-        (0.1, 0.4, 2.0), "for a small problem with one thread, one attempt after the other"
-    )
-    relaxed_proof: float = effort_of(
-        20.0, "for the routing relaxation, where the optimum is asked for"
-    )
-    relaxed_content: float = effort_of(0.4, "for the routing relaxation, where it is not")
-    content: float = effort_of(1.0, "for the whole problem, where no optimum is asked for")
     tour_rounds: int = tunable(
         60, "rounds a task", "of annealing over tours before CP-SAT is asked", least=0
     )

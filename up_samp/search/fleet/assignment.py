@@ -19,11 +19,17 @@ from unified_planning.model.scheduling import Activity
 
 from up_samp.model import Configuration, Deadline
 from up_samp.model.snapshot import TermKind
-from up_samp.search.fleet.evaluator import AssignmentEvaluator, Step
+from up_samp.search.fleet.evaluator import LATE, AssignmentEvaluator, Step
 from up_samp.search.fleet.evaluator_kernel import anneal, drawn, insert
 from up_samp.search.fleet.jobs import Jobs
 from up_samp.search.fleet.travel_times import OneDrive, TravelTimeModel
 from up_samp.search.fleet.tuning import DealsTuning
+
+_AT_ONCE = 4_000
+"""Changes after which is seen whether there is time left."""
+_WARM_AGAIN, _EXCHANGES_AGAIN = 0.1, 0.25
+"""Shares of the warmth and of the changes at first, when jobs are dealt out again with what was
+learned."""
 
 
 @dataclass
@@ -55,7 +61,7 @@ class Assignment:
         more.
         """
         end, late = self.rehearsal.alone(robot, tour)
-        return end + self.tuning.late * late
+        return end + LATE * late
 
     def late(self) -> float:
         """Return by how much jobs are late in all (s)."""
@@ -119,15 +125,15 @@ def exchanged(
     :param again: it was annealed before, and is not to be stirred up much.
     """
     tuning, rehearsal = found.tuning, found.rehearsal
-    warm = tuning.cold + (tuning.warm - tuning.cold) * (tuning.warm_again if again else 1.0)
-    share = tuning.exchanges_again if again else 1.0
+    warm = tuning.cold + (tuning.warm - tuning.cold) * (_WARM_AGAIN if again else 1.0)
+    share = _EXCHANGES_AGAIN if again else 1.0
     tries = math.ceil(tuning.exchanges * len(found.jobs.options) * share)
     now, best = rehearsal.shares(found.tours), rehearsal.shares(found.tours)
     heats = np.zeros(tries)
     if warm > 0.0:
         heats = warm * (tuning.cold / warm) ** (np.arange(tries) / max(tries, 1))
     chance = np.random.default_rng(rng.getrandbits(64))
-    for some in np.array_split(heats, math.ceil(tries / tuning.at_once) or 1):
+    for some in np.array_split(heats, math.ceil(tries / _AT_ONCE) or 1):
         if deadline.expired():
             break
         draws = drawn(chance, len(some))

@@ -26,6 +26,9 @@ from up_samp.search.fleet.jobs import Jobs, WorkMode
 from up_samp.search.fleet.travel_times import TravelTimeModel
 from up_samp.search.fleet.tuning import DealsTuning
 
+LATE = 10.0
+"""By which a second too late counts more."""
+
 Step = tuple[int, int]
 """A job and which of its options is taken."""
 
@@ -62,7 +65,7 @@ class AssignmentEvaluator:
     def rules(self) -> CostWeights:
         """What counts how much."""
         tuning = self.tuning
-        return CostWeights(tuning.handover, tuning.traffic, tuning.late, float(tuning.steep))
+        return CostWeights(tuning.handover, tuning.traffic, LATE, float(tuning.steep))
 
     def ends(self, tours: Mapping[str, Sequence[Step]]) -> dict[str, tuple[float, float]]:
         """Return when (s) each robot has done its jobs, and by how much it is late in all."""

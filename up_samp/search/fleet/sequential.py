@@ -38,6 +38,18 @@ from up_samp.upio.restrict import restrict
 
 QUICK = 0
 """The effort with which a motion is tried first: its best path, by waiting, speeds and lanes."""
+USUAL = 1
+"""The effort with which other ways are sought: detours, too."""
+_HARDER = 2
+"""The effort where nobody finds a way: the plane."""
+_TURNS = 4
+"""Of each motion, before more effort is made for one of them."""
+_PATIENCE = 1.3
+"""Over a motion's time alone, up to which no other way is sought..."""
+GRACE = 3.0
+"""...and s more than that."""
+_TOGETHER = 4
+"""Motions at most, that are decided at once where they wait for each other."""
 
 
 def can_decide(search: Search, itinerary: Itinerary) -> bool:
@@ -119,11 +131,9 @@ def ancestors(motions: Collection[str], times: Earliest) -> dict[str, set[str]]:
 class SequentialPlanner:
     """Motions that wait to be decided, and those that are."""
 
-    def __init__(
-        self, search: Search, itinerary: Itinerary, times: Earliest, tuning: InOrderTuning
-    ) -> None:
+    def __init__(self, search: Search, itinerary: Itinerary, times: Earliest) -> None:
         self._facts, self._service = search.facts, search.motions.service
-        self._itinerary, self._times, self._tuning = itinerary, times, tuning
+        self._itinerary, self._times = itinerary, times
         self._motions = {m.activity: m for m in itinerary.motions}
         self._waiting = dict(self._motions)
         self._must = ancestors(self._waiting, times)
@@ -179,7 +189,7 @@ class SequentialPlanner:
             body=facts.body(motion),
             poses=motion.poses,
             release=release,
-            due=release + self._tuning.patience * least + self._tuning.grace,
+            due=release + _PATIENCE * least + GRACE,
             avoid=motion.avoid,
         )
 
@@ -275,7 +285,7 @@ class InOrder:
             times = times_of(search, itinerary)
             if times is None:
                 return None
-            line = EarliestStartPlanner(search, itinerary, times, self.tuning)
+            line = EarliestStartPlanner(search, itinerary, times)
             if not line.decide(deadline):
                 return None
         return search.plan_of(line.schedule(), line.trajectories())
@@ -284,10 +294,8 @@ class InOrder:
 class EarliestStartPlanner(SequentialPlanner):
     """Motions that wait to be decided, and those that are."""
 
-    def __init__(
-        self, search: Search, itinerary: Itinerary, times: Earliest, tuning: InOrderTuning
-    ) -> None:
-        super().__init__(search, itinerary, times, tuning)
+    def __init__(self, search: Search, itinerary: Itinerary, times: Earliest) -> None:
+        super().__init__(search, itinerary, times)
         self._turns: dict[str, int] = {}
         """When those that found no way are asked again (units)."""
         self._failed: dict[str, tuple[int, dict[str, int]]] = {}
@@ -309,7 +317,7 @@ class EarliestStartPlanner(SequentialPlanner):
         """Decide the motion that can begin first; who finds no way is asked again once one of those
         in its way can have left. So all is decided in the order of time, and nobody far ahead.
         """
-        for _ in range(self._tuning.turns * len(ready)):
+        for _ in range(_TURNS * len(ready)):
             name = min(ready, key=lambda m: (self._turn(m), m))
             blockers = self._decide_one(name, deadline)
             if blockers is None:
@@ -326,14 +334,14 @@ class EarliestStartPlanner(SequentialPlanner):
 
     def _decide_one(self, name: str, deadline: Deadline) -> frozenset[str] | None:
         """Decide a motion and return None; or return who is in its way if it has to wait."""
-        effort, known = self._failed.get(name, (self._tuning.effort, {}))
+        effort, known = self._failed.get(name, (USUAL, {}))
         if known and all(self._floor.decided(o) == count for o, count in known.items()):
             return frozenset(known)
         motion = self._timed(name)
         self._place_changed(name)
         attempt = self._floor.plan(motion, deadline, min(effort, QUICK))
         late = attempt.run is not None and attempt.run.arrival > motion.due
-        if effort > QUICK and (late or effort == self._tuning.harder):
+        if effort > QUICK and (late or effort == _HARDER):
             other = self._floor.plan(motion, deadline, effort)
             attempt = other if other.run is not None else attempt
         met = attempt.met | (attempt.report.blockers if attempt.report else frozenset())
@@ -352,7 +360,7 @@ class EarliestStartPlanner(SequentialPlanner):
             for other in ring:
                 blocking = self._leave[other] & self._waiting.keys()
                 ring += sorted(m for m in blocking if m in heads and m not in ring)
-            if len(ring) <= self._tuning.together and self._decide_all(ring, deadline):
+            if len(ring) <= _TOGETHER and self._decide_all(ring, deadline):
                 return True
         return False
 
@@ -360,7 +368,7 @@ class EarliestStartPlanner(SequentialPlanner):
         """Decide one of those that found no way with more effort, or with who is in its way."""
         ranked = sorted(ready, key=lambda m: (self._start(m), m))
         for name in ranked:
-            self._failed[name] = self._tuning.harder, {}
+            self._failed[name] = _HARDER, {}
             if self._decide_one(name, deadline) is None:
                 return True
         heads = self._heads()
@@ -368,7 +376,7 @@ class EarliestStartPlanner(SequentialPlanner):
             known = self._failed[name][1]
             some = [name, *(m for m in heads if self._waiting[m].object in known and m != name)]
             some = [m for m in some if not self._must[m] & self._waiting.keys()]
-            if 1 < len(some) <= self._tuning.together and self._decide_all(some, deadline):
+            if 1 < len(some) <= _TOGETHER and self._decide_all(some, deadline):
                 return True
         return False
 
@@ -376,7 +384,7 @@ class EarliestStartPlanner(SequentialPlanner):
         """Decide motions of several objects at once."""
         self._place_changed(names[0])
         timed = [self._timed(name) for name in names]
-        runs = self._floor.together(timed, deadline, top=self._tuning.harder)
+        runs = self._floor.together(timed, deadline, top=_HARDER)
         if runs is None:
             return False
         for name in sorted(names, key=lambda n: (runs[n].arrival, n)):

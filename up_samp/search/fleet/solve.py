@@ -41,6 +41,19 @@ from up_samp.search.search import Search
 from up_samp.upio import Itinerary, read_itinerary
 from up_samp.upio.restrict import thinned
 
+_SHARE = 0.6
+"""Of all time, for a first plan by dealing out jobs (then the usual search has its turn); and of
+what is left after it, for better tours. More in problems that are much larger."""
+_DEALING = 0.3
+"""Of the time that is left for a first plan, for dealing jobs out once."""
+_TURN = 0.6
+"""Of what is left of that, for one share of the jobs (more again)."""
+_NOISIEST = 5
+"""Shares of the jobs, after which guesses do not become more different."""
+_UNSCHEDULED = 2
+"""Shares of the jobs without any schedule, after which jobs are not dealt out."""
+_SLOWER = 0.2
+"""By which traffic is expected to take longer from share to share."""
 OpenThin = Callable[[SchedulingMotionProblem, Deadline], Search]
 """Opens a search on a thinned problem that asks the same motion service."""
 
@@ -80,19 +93,19 @@ def solve_large(
     """Solve a large problem: plans by dealing out jobs, better and better ones if that is asked
     for, then the search as for any other problem, from the best one on.
     """
-    first = search.budget.share(large.nearly_all(large.tuning.share), float("inf"))
+    first = search.budget.share(large.nearly_all(_SHARE), float("inf"))
     search.tell.stage(Phase.PREPARE, "who does which job", len(large.jobs.options))
     found, failed = None, 0
     for number, dealt in enumerate(deals_of(search, large, first), start=1):
         with search.history.stages.of(BUILDING):
-            deadline = first.within(large.nearly_all(large.tuning.turn) * first.remaining())
+            deadline = first.within(large.nearly_all(_TURN) * first.remaining())
             opened = candidate_of(large, dealt, deadline)
             if opened is not None:
                 # motions in the order of time take longer and find less: only in the end
                 lined = number == large.tuning.deals
                 found = plan_of_deal(search, large, dealt, opened, deadline, lined=lined)
         failed += opened is None
-        if found is not None or first.expired() or failed >= large.tuning.unscheduled:
+        if found is not None or first.expired() or failed >= _UNSCHEDULED:
             break
         if search.stopped:
             return conclude_stopped(search)
@@ -119,12 +132,12 @@ def deals_of(search: Search, large: LargeProblem, deadline: Deadline) -> Iterato
     tuning, guess = search.tuning, guess_of(search, large)
     for number in range(tuning.large.deals):
         # who was late was guessed to be too quick
-        traffic = tuning.deals.traffic * (1.0 + large.tuning.slower * number)
+        traffic = tuning.deals.traffic * (1.0 + _SLOWER * number)
         deals = replace(tuning.deals, traffic=traffic)
         rng = random.Random(search.seed + number)
-        noise = tuning.deals.noise * min(number, tuning.large.noisiest)
+        noise = tuning.deals.noise * min(number, _NOISIEST)
         bias = biased(large.jobs, noise, rng)
-        soon = deadline.within(large.tuning.dealing * deadline.remaining())
+        soon = deadline.within(_DEALING * deadline.remaining())
         yield assign(AssignmentEvaluator(guess, large.jobs, deals, bias), soon, rng)
 
 
@@ -140,7 +153,7 @@ def guess_of(search: Search, large: LargeProblem) -> TravelTimeModel:
         return None if report.trajectory is None else report.trajectory.duration
 
     pauses = pauses_of(large.problem, large.jobs)
-    return TravelTimeModel(large.snapshot, service.lower_bound, drives, pauses, search.tuning.deals)
+    return TravelTimeModel(large.snapshot, service.lower_bound, drives, pauses)
 
 
 @dataclass(frozen=True)
@@ -227,7 +240,7 @@ def open_tours(large: LargeProblem, dealt: Assignment, deadline: Deadline) -> To
 
 def improve(search: Search, large: LargeProblem, better: FleetLNS) -> Iterator[Incumbent]:
     """Yield better plans made of tours, until the time is over that there is for it."""
-    deadline = search.budget.share(large.nearly_all(large.tuning.again), float("inf"))
+    deadline = search.budget.share(large.nearly_all(_SHARE), float("inf"))
     changes = better.improved(lambda: deadline.expired() or search.stopped, deadline)
     while not (search.bounds.met or search.stopped):
         with search.history.stages.of(BUILDING):

@@ -26,10 +26,22 @@ from up_samp.model import Deadline, TimedMotion
 from up_samp.motion.fleet.reservations import ReservationTable
 from up_samp.motion.fleet.timed_path import TimedPath
 from up_samp.scheduling.partial_order import Earliest
-from up_samp.search.fleet.sequential import QUICK, FleetSolution, SequentialPlanner, sooner
+from up_samp.search.fleet.sequential import (
+    GRACE,
+    QUICK,
+    USUAL,
+    FleetSolution,
+    SequentialPlanner,
+    sooner,
+)
 from up_samp.search.search import Search
 from up_samp.search.world import contested, motion_key
 from up_samp.upio import Itinerary
+
+_TRIES = 200
+"""Motions tried for one tour."""
+_PRESSED = 0.8
+"""Of the longest tour's time alone: who has less to spare is decided before others."""
 
 
 class TourEnd(enum.Enum):
@@ -85,8 +97,8 @@ class TourPlanner(SequentialPlanner):
     def __init__(
         self, search: Search, itinerary: Itinerary, times: Earliest, homes: frozenset[str]
     ) -> None:
-        super().__init__(search, itinerary, times, search.tuning.in_order)
-        self._tours, self._homes = search.tuning.tours, homes
+        super().__init__(search, itinerary, times)
+        self._homes = homes
         self._begun = times.state()
         self._chains: dict[str, list[str]] = defaultdict(list)
         for motion in itinerary.motions:
@@ -136,7 +148,7 @@ class TourPlanner(SequentialPlanner):
         """Return who is in the way of a robot's motions that take longer than they would alone."""
         found = set[str]()
         for motion, delay in self._delayed(decided, robot):
-            if delay > self._tuning.grace:
+            if delay > GRACE:
                 found |= self._floor.in_the_way(motion, deadline)
         return found & self._chains.keys() - {robot}
 
@@ -299,7 +311,7 @@ class TourPlanner(SequentialPlanner):
             robot: min(latest["end", m] - times["end", m] for m in chain)
             for robot, chain in self._chains.items()
         }
-        pressed = [r for r in last if spare[r] < self._tours.pressed * longest]
+        pressed = [r for r in last if spare[r] < _PRESSED * longest]
         pressed.sort(key=lambda r: (spare[r], r))
         others = sorted((r for r in last if r not in pressed), key=lambda r: (-last[r], r))
         return list(dict.fromkeys(r for r in (*first, *pressed, *others) if r in last))
@@ -340,7 +352,7 @@ class TourPlanner(SequentialPlanner):
             if max(since, motion.release + self._least(name)) + self._stay(stretch) > until:
                 continue
             end = self._stop(stretch, since, until, deadline)
-            if end is not TourEnd.STUCK or deadline.expired() or self._tries > self._tours.tries:
+            if end is not TourEnd.STUCK or deadline.expired() or self._tries > _TRIES:
                 return end
         return TourEnd.STUCK
 
@@ -372,7 +384,7 @@ class TourPlanner(SequentialPlanner):
         """Return a run that ends in a stay (s), if one is found."""
         self._tries += 1
         motion = self._timed(name)
-        due = max(motion.due, since + self._tuning.grace)
+        due = max(motion.due, since + GRACE)
         asked = replace(motion, present_until=until, due=due)
         ways = self._floor.ways(asked)
         best = self._floor.by_known_ways(asked)
@@ -394,7 +406,7 @@ class TourPlanner(SequentialPlanner):
         until it is good.
         """
         best: TimedPath | None = None
-        for effort in range(QUICK, self._tours.effort + 1):
+        for effort in range(QUICK, USUAL + 1):
             best = sooner(best, self._floor.plan(asked, deadline, effort).run)
             if deadline.expired() or (best is not None and best.arrival <= asked.due):
                 break

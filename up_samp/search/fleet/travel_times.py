@@ -19,7 +19,11 @@ from unified_planning.model.motion import SchedulingMotionProblem
 from up_samp.model import Body, Configuration, Deadline
 from up_samp.model.snapshot import Snapshot, TermKind
 from up_samp.search.fleet.jobs import Jobs, WorkMode, stated_precedences
-from up_samp.search.fleet.tuning import DealsTuning
+
+ENOUGH = 12
+"""Drives of a body, after which others are not planned if bounds tell them..."""
+_CLOSE = 1.1
+"""...which they do if how far they are off differs by no more than this factor."""
 
 Lasts = Callable[[Body, Configuration, Configuration], float]
 """How long a body takes at least from one pose to another (s)."""
@@ -41,9 +45,8 @@ class TravelTimeModel:
         lasts: Lasts,
         drives: Drives | None = None,
         pauses: Mapping[str, int] | None = None,
-        tuning: DealsTuning | None = None,
     ) -> None:
-        self.snapshot, self.tuning = snapshot, tuning or DealsTuning()
+        self.snapshot = snapshot
         self._lasts, self._drives = lasts, drives
         self._pauses = pauses or {}
         self._known: dict[tuple[Body, Configuration, Configuration], float] = {}
@@ -91,9 +94,8 @@ class TravelTimeModel:
 
     def _told_well(self, body: Body) -> bool:
         """Return whether a body's drives take as much longer than their bounds as others of it."""
-        tuning = self.tuning
         ratios = [real / bound for bound, real in self._told[body]]
-        return len(ratios) >= tuning.enough and max(ratios) <= tuning.close * min(ratios)
+        return len(ratios) >= ENOUGH and max(ratios) <= _CLOSE * min(ratios)
 
     def _least(self, key: tuple[Body, Configuration, Configuration]) -> float:
         known = self._known.get(key)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from up_samp.model.tunable import Tunables, effort_of, share_of, tunable
+from up_samp.model.tunable import Tunables, share_of, tunable
 
 
 @dataclass(frozen=True)
@@ -18,20 +18,6 @@ class InOrderTuning(Tunables):
         least=2,
     )
     share: float = share_of(0.6, "of the remaining time, for one candidate")
-    effort: int = tunable(1, "effort", "for one motion: speeds, lanes and detours", least=0, most=3)
-    harder: int = tunable(
-        2, "effort", "for one motion where nobody finds a way: the plane", least=0, most=3
-    )
-    turns: int = tunable(
-        4, "turns", "of each motion, before more effort is made for one of them", least=1
-    )
-    patience: float = tunable(
-        1.3, "factor", "over a motion's time alone, up to which no other way is sought", least=1
-    )
-    grace: float = tunable(3.0, "s", "more than that", least=0)
-    together: int = tunable(
-        4, "motions", "at most, that are decided at once where they wait for each other", least=2
-    )
 
 
 @dataclass(frozen=True)
@@ -55,13 +41,8 @@ class ToursTuning(Tunables):
     orders: int = tunable(
         12, "orders", "of the robots; who finds no tour goes first in the next one", least=1
     )
-    effort: int = tunable(1, "effort", "for one motion: speeds, lanes and detours", least=0, most=3)
-    tries: int = tunable(200, "motions", "tried for one tour", least=1)
     looks: int = tunable(
         1, "times", "that other ways from pose to pose are looked for, if one is known", least=0
-    )
-    pressed: float = share_of(
-        0.8, "of the longest tour's time alone: who has less to spare is decided before others"
     )
 
 
@@ -70,13 +51,9 @@ class DealsTuning(Tunables):
     """Who does which job, before any motion is known (``search/fleet/assignment.py``)."""
 
     exchanges: int = tunable(2000, "changes a job", "of annealing over who does what", least=0)
-    at_once: int = tunable(
-        4_000, "changes", "after which is seen whether there is time left", least=1
-    )
     warm: float = share_of(0.03, "of all cost, by which a change may be worse at first")
     cold: float = share_of(0.0003, "of all cost, by which a change may be worse in the end")
     steep: int = tunable(6, "power", "of a tour's end that counts: the last one most", least=1)
-    late: float = tunable(10.0, "factor", "by which a second too late counts more", least=0)
     traffic: float = tunable(
         1.3,
         "factor",
@@ -84,28 +61,16 @@ class DealsTuning(Tunables):
         least=1,
     )
     noise: float = share_of(0.06, "of what a job costs, by which guesses differ at first")
-    warm_again: float = share_of(
-        0.1, "of the warmth at first, when jobs are dealt out again with what was learned"
-    )
-    exchanges_again: float = share_of(
-        0.25, "of the changes at first, when jobs are dealt out again with what was learned"
+    handover: float = tunable(
+        5.0,
+        "s",
+        "from who leaves a shared place to who comes next, as far as one can guess",
+        least=0,
     )
     rounds: int = tunable(
         4,
         "times",
         "at most, that the drives of a share are planned and jobs dealt out anew",
-        least=0,
-    )
-    enough: int = tunable(
-        12, "drives", "of a body, after which others are not planned if bounds tell them", least=1
-    )
-    close: float = tunable(
-        1.1, "factor", "between how far the bounds of those are off, at most", least=1
-    )
-    handover: float = tunable(
-        5.0,
-        "s",
-        "from who leaves a shared place to who comes next, as far as one can guess",
         least=0,
     )
 
@@ -117,34 +82,7 @@ class LargeTuning(Tunables):
     activities: int = tunable(
         240, "optional activities", "from which on jobs are dealt out first", least=1
     )
-    share: float = share_of(
-        0.6,
-        "of all time, for a first plan by dealing out jobs; then the usual search has its turn "
-        "(more of it in problems that are much larger)",
-    )
-    dealing: float = share_of(0.3, "of what is left of that, for dealing jobs out once")
-    turn: float = share_of(0.6, "of what is left of that, for one share of the jobs (more again)")
     deals: int = tunable(8, "shares of the jobs", "at most, until there is a plan", least=1)
-    noisiest: int = tunable(
-        5, "shares of the jobs", "after which guesses do not become more different", least=0
-    )
-    unscheduled: int = tunable(
-        2, "shares of the jobs", "without any schedule, after which jobs are not dealt out", least=1
-    )
-    slower: float = tunable(
-        0.2, "factor", "by which traffic is expected to take longer from share to share", least=0
-    )
-    tour_rounds: int = tunable(
-        10, "rounds a task", "of annealing over tours of what was dealt out", least=0
-    )
-    relaxed: float = effort_of(0.1, "for the routing relaxation of what was dealt out")
-    again: float = share_of(
-        0.6, "of the time that is left after the first plan, for better tours (more again)"
-    )
-    bounding: float = share_of(0.1, "of the time that is left after the first plan, for bounds")
-    drives: int = tunable(
-        3000, "drives", "at most, that the planner is asked for to raise the bound", least=0
-    )
     stale: int = tunable(1_000, "changes", "of tours in a row that may bring nothing", least=1)
     looks: int = tunable(
         4, "times", "that other ways from pose to pose are looked for, for better tours", least=0

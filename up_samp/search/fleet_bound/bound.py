@@ -82,6 +82,8 @@ class DriveTimes:
 # else does, or drives on.
 
 
+_DRIVES = 3000
+"""At most, that the planner is asked for to raise the bound."""
 ROUNDING = 1e-6
 """Units that a bound may be less than a whole number and still be it."""
 
@@ -211,9 +213,9 @@ def state_bounds(
 
     :param relative: also by the planner's own durations, where that gives more.
     """
-    bounds, tuning, service = search.bounds, search.tuning.large, search.motions.service
+    bounds, service = search.bounds, search.motions.service
     try:
-        deadline = search.budget.share(tuning.bounding, float("inf"))
+        deadline = search.budget.part("bounds of large problems")
         with in_force(deadline):
             bound = JobsBound(problem, search.facts, service, jobs)
             bounds.beside = max(bounds.beside, bound.absolute(deadline))
@@ -222,7 +224,7 @@ def state_bounds(
                 return
             with search.budget.motion_time():
                 drives = DriveTimes(service)
-                for units in bound.relative(drives, tuning.drives, deadline):
+                for units in bound.relative(drives, _DRIVES, deadline):
                     bounds.beside = max(bounds.beside, units)
                     bounds.raise_lower(units, relative=True)
     except OutOfTimeError:

@@ -56,7 +56,7 @@ def test_a_problem_without_routes_is_not_relaxed():
 
 def test_tuning_changes_the_way_and_not_the_answer():
     plain = solved(shop())
-    other = solved(shop(), tour_rounds=0, tiny=0, small=0)
+    other = solved(shop(), tour_rounds=0, tiny=0)
     assert other.whole.proven
     assert other.whole.value == plain.whole.value
 

@@ -69,6 +69,9 @@ def hint_values(model: ScheduleModel, schedule: CandidateSchedule) -> dict[int, 
 
 Progress = Callable[[CandidateSchedule, "int | None"], None]
 
+_SMALL = 20_000
+"""Constraints up to which two full searches, one thread alone and quick proofs are tried: they must
+not cost large models their time."""
 # efforts, in CP-SAT's deterministic time
 NO_PRESOLVE = 0.005
 """For a tiny problem: presolve costs more than the search."""
@@ -79,6 +82,8 @@ _ONE_PRESOLVE_PASS = 0.3
 """For a proof from a schedule near the bound in hand."""
 _TWO_SEARCHES = 4.0
 """For two full searches of a small problem."""
+_ONE_THREAD = (0.1, 0.4, 2.0)
+"""For the same with one thread, one attempt after the other."""
 _REALIZE = 1.0
 """For a schedule of the whole from one of its relaxation, under each of these caps:"""
 _CAPS = (1.0, 1.1, 1.3, 1.7)
@@ -145,7 +150,7 @@ class Attempts:
     @property
     def small(self) -> bool:
         """Whether the model is small enough for proofs on the side."""
-        return self.size <= self.orders.tuning.small
+        return self.size <= _SMALL
 
     def met(self) -> bool:
         """Whether the schedule's makespan is the proven bound."""
@@ -175,7 +180,7 @@ class Attempts:
         """Solve a small problem without routes, with more and more effort."""
         if not self.small:
             return
-        tuning, optimal = self.orders.tuning, self.orders.optimal
+        optimal = self.orders.optimal
         self.without_presolve(self.cap)
         if self.over():
             return
@@ -184,7 +189,7 @@ class Attempts:
             profile = profiles.TWO_FULL_SEARCHES
             self.improve(self.model.limit, profile, _TWO_SEARCHES, hinted=False)
             return
-        turns = zip(itertools.cycle(profiles.ONE_THREAD), tuning.one_thread, strict=False)
+        turns = zip(itertools.cycle(profiles.ONE_THREAD), _ONE_THREAD, strict=False)
         for profile, effort in turns if optimal else itertools.islice(turns, 1):
             self.improve(self.cap, profile, effort)
             if self.over():

@@ -39,6 +39,10 @@ _BEAM = 500
 a fifth of them where the optimum is not asked for."""
 _FEW_TASKS = 8
 """Up to so many, the relaxation is solved sooner than tours are annealed."""
+_RELAXED_PROOF = 20.0
+"""CP-SAT's deterministic time for the routing relaxation, where the optimum is asked for."""
+_CONTENT = 1.0
+"""The same for the whole problem, where it is not."""
 _LARGE = 50_000
 """Constraints of the whole, from which on its relaxation is not solved only for a better schedule
 than the one at hand."""
@@ -234,7 +238,7 @@ def _solve_relaxation(search: Solve) -> None:
         relaxed=True,
         known=relaxation.hints(whole.known),
     )
-    effort = tuning.relaxed_proof if search.optimal else tuning.relaxed_content
+    effort = _RELAXED_PROOF if search.optimal else tuning.relaxed_content
     if whole.best is not None:
         inner.without_presolve(whole.value)
         if not inner.over():
@@ -275,7 +279,7 @@ def _goes_on(search: Solve) -> bool:
 
 
 def _finish(search: Solve) -> None:
-    search.whole.finish(None if search.optimal else search.whole.orders.tuning.content)
+    search.whole.finish(None if search.optimal else _CONTENT)
 
 
 FIRST = "find a first schedule"
