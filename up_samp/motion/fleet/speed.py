@@ -434,8 +434,8 @@ def _earliest(
         # at the end it must be able to rest, so it arrives after the last visit of another
         ends = rows[(rows[:, 0] == path.cells + 1) & (rows[:, 1] < until)]
         goal_free = float(np.max(ends[:, 2], initial=-math.inf))
-        if goal_free < limit:
-            # hundredths of a second are not worth a timing that stops and goes
+        # hundredths of a second are not worth a timing that stops and goes
+        if max(goal_free, window.release + path.fastest) < limit - gain:
             tuned = tune(path, safe, window.release, goal_free, limit - gain)
             best = tuned or best
     return best

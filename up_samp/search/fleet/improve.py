@@ -11,13 +11,16 @@ it, or its tours do on the whole.
 
 from __future__ import annotations
 
+import itertools
+import math
 import random
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from up_samp.model import Deadline
 from up_samp.search.events import Phase
-from up_samp.search.fleet.assignment import Assignment
+from up_samp.search.fleet.assignment import Assignment, exchanged, mended
 from up_samp.search.fleet.evaluator import Step
 from up_samp.search.fleet.sequential import FleetSolution, alone, can_decide, times_of
 from up_samp.search.fleet.tours import Past, Priorities, TourPlanner
@@ -91,7 +94,9 @@ def squeaky_wheel(
         looks = number // tuning.each if number % tuning.each == 0 else 0
         past = Past.QUICK if looks else Past.NONE
         tours.reset()
-        stuck = tours.decide_in_turns(Priorities(tuple(first), turns, looks, past=past), deadline)
+        stuck = tours.decide_in_turns(
+            Priorities(tuple(first), ahead=turns, looks=looks, past=past), deadline
+        )
         if stuck is not None:
             if best is None and stuck in late:
                 first = _sooner(stuck, first)
@@ -141,53 +146,52 @@ OpenTours = Callable[[Assignment, Deadline], TourPlanner | None]
 
 @dataclass(frozen=True)
 class Change:
-    """What a move asks for: the tours of some robots are ``withdrawn`` (None: all) and decided
-    anew, in the order of time or whole, with ``given`` priorities.
+    """What a move asks for: of some robots only so many motions as are ``kept`` stay as they are;
+    all others are decided anew in turns.
 
     :param dealt: what is dealt out then, if that is something else.
     """
 
-    withdrawn: Sequence[str] | None
+    kept: Mapping[str, int]
     given: Priorities
-    in_turns: bool = True
     dealt: Assignment | None = None
 
 
 @dataclass
 class FleetLNS:
-    """The best tours so far of a fleet, and the search for better ones.
-
-    :param ahead: how much sooner (s) robots have their turns when all tours are decided anew.
-    """
+    """The best tours so far of a fleet, and the search for better ones."""
 
     dealt: Assignment
     tours: TourPlanner
     best: FleetSolution
-    ahead: Mapping[str, float]
     open_tours: OpenTours
     tuning: LargeTuning
+    first: ToursTuning
     rng: random.Random
     tried: set[tuple[object, ...]] = field(default_factory=set)
     """Exchanges of jobs that did not help since the last change."""
-    _delaying: dict[str, set[str]] = field(default_factory=dict)
-    """Who delays a robot, as far as that was asked since the last change."""
+    _known: dict[str, Any] = field(default_factory=dict)
+    """What was asked of the best tours."""
 
     def improved(self, over: Callable[[], bool], deadline: Deadline) -> Iterator[FleetSolution]:
         """Yield tours that are over sooner than all before, until it is ``over`` or many changes in
         a row bring nothing.
         """
         stale, shares = 0, [share for _, share in MOVES]
+        firsts = iter([deal_again] * self.tuning.again_dealt)
         while stale < self.tuning.stale and not over():
-            ((move, _),) = self.rng.choices(MOVES, shares)
+            # another share of the jobs pays while the best tours are hardly better than first ones
+            move = next(firsts, None) or self.rng.choices(MOVES, shares)[0][0]
             stale += 1
             before = self.cost(self.best)
-            found = self._decided(move(self, deadline), deadline)
+            change = move(self, deadline)
+            found = None if change is None else self._decided(change, deadline)
             if found is None or self.cost(found) > before:
                 continue
             # as good ones, too: they lead elsewhere
             self.best = found
             self.tried.clear()
-            self._delaying.clear()
+            self._known.clear()
             if self.cost(found) < before:
                 stale = 0
             if self.cost(found)[0] < before[0]:
@@ -209,80 +213,144 @@ class FleetLNS:
 
     def delaying(self, robot: str, deadline: Deadline) -> list[str]:
         """Return who delays a robot in the best tours."""
-        if robot not in self._delaying:
-            self._delaying[robot] = self.tours.delaying(self.best, robot, deadline)
-        return sorted(self._delaying[robot])
+        key = f"delaying {robot}"
+        if key not in self._known:
+            self._known[key] = sorted(self.tours.delaying(self.best, robot, deadline))
+        found: list[str] = self._known[key]
+        return found
+
+    def delays(self, robot: str) -> dict[str, float]:
+        """Return by how much (s) a robot's motions end later than if nobody was in their way."""
+        key = f"delays {robot}"
+        if key not in self._known:
+            self._known[key] = self.tours.delays(self.best, robot)
+        found: dict[str, float] = self._known[key]
+        return found
+
+    def since(self, robots: Iterable[str], moment: float) -> dict[str, int]:
+        """Return how many motions of robots were decided before a moment (s)."""
+        found = {}
+        for robot in robots:
+            before = itertools.takewhile(
+                lambda piece: self.best.turns[piece[0]] < moment, self.tours.pieces(robot)
+            )
+            found[robot] = sum(map(len, before))
+        return found
 
     def _decided(self, change: Change, deadline: Deadline) -> FleetSolution | None:
-        """Return what comes of a change; None where somebody is stuck or too late. What is better
-        is gone on from.
-        """
+        """Return what comes of a change; None where somebody is stuck or too late."""
+        if change.dealt is not None and not change.kept:
+            return self._dealt_again(change.dealt, deadline)
         tours = self.tours if change.dealt is None else self.open_tours(change.dealt, deadline)
-        if tours is None:
+        if tours is None or not tours.adopt(self.best, change.kept):
             return None
-        if change.withdrawn is None:
-            tours.reset()
-        elif not tours.adopt(self.best, change.withdrawn):
+        if tours.decide_in_turns(change.given, deadline) is not None:
             return None
-        decide = tours.decide_in_turns if change.in_turns else tours.decide
-        if decide(change.given, deadline) is not None:
-            return None
-        found = tours.decided()
-        if self.cost(found) <= self.cost(self.best):
-            self.tours, self.dealt = tours, change.dealt or self.dealt
-            if change.withdrawn is None:
-                self.ahead = change.given.ahead
+        return self._gone_on(tours, tours.decided(), change.dealt)
+
+    def _dealt_again(self, dealt: Assignment, deadline: Deadline) -> FleetSolution | None:
+        """Return the best of some rounds of tours in which others do everybody's jobs."""
+        tours = self.open_tours(dealt, deadline)
+        again = None if tours is None else squeaky_wheel(tours, self.first, self.rng, deadline)
+        return None if again is None else self._gone_on(again.tours, again.decided, dealt)
+
+    def _gone_on(
+        self, tours: TourPlanner, found: FleetSolution, dealt: Assignment | None
+    ) -> FleetSolution:
+        """Return what was found; its tours are those to go on with, if it is kept."""
+        if dealt is not None and self.cost(found) <= self.cost(self.best):
+            self.tours, self.dealt = tours, dealt
         return found
 
 
-# ------------------ Moves: what is withdrawn, and who goes first then
+# ------------------ Moves: what is withdrawn, and whose turn comes first then
 
 
-Move = Callable[[FleetLNS, Deadline], Change]
+Move = Callable[[FleetLNS, Deadline], Change | None]
 
 
-def other_turns(search: FleetLNS, deadline: Deadline) -> Change:
-    """Everybody anew in the order of time, some with their turns sooner or later."""
-    del deadline
-    rng, tuning, ahead = search.rng, search.tuning, dict(search.ahead)
-    for _ in range(rng.choice(tuning.turns)):
-        robot = search.one_of_the_last() if rng.random() < 0.5 else rng.choice(search.tours.robots)
-        ahead[robot] = ahead.get(robot, 0.0) + rng.uniform(-tuning.sooner, tuning.sooner)
-    return Change(None, Priorities(ahead=ahead, latest=search.best.lean().makespan))
-
-
-def other_ways(search: FleetLNS, deadline: Deadline) -> Change:
-    """Everybody anew in the order of time; those motions of some of the last that take longest look
-    for other ways, which all know from then on.
+def other_turns(search: FleetLNS, deadline: Deadline) -> Change | None:
+    """Everybody anew from some moment on; some pieces of tours have their turns sooner or later,
+    those of the last robots most often.
     """
-    change, looking = other_turns(search, deadline), dict[str, int]()
+    del deadline
+    rng, turns, moment = search.rng, dict(search.best.turns), math.inf
+    for _ in range(rng.choice(search.tuning.turns)):
+        robot = search.one_of_the_last() if rng.random() < 0.7 else rng.choice(search.tours.robots)
+        pieces = search.tours.pieces(robot)
+        sooner = rng.uniform(-search.tuning.sooner, search.tuning.sooner)
+        some = pieces if rng.random() < 0.3 else [rng.choice(pieces)]
+        for piece in some:
+            turns[piece[0]] -= sooner
+            moment = min(moment, turns[piece[0]], search.best.turns[piece[0]])
+    kept = search.since(search.tours.robots, moment)
+    return Change(kept, Priorities(turns=turns, latest=search.best.lean().makespan))
+
+
+def other_ways(search: FleetLNS, deadline: Deadline) -> Change | None:
+    """The same, and those motions of some of the last that take longest look for other ways, which
+    all know from then on.
+    """
+    looking = dict[str, int]()
     for robot in sorted({search.one_of_the_last() for _ in range(2)}):
-        delays = search.tours.delays(search.best, robot)
+        delays = search.delays(robot)
         longest = sorted(delays, key=lambda name: (-delays[name], name))
         for name in longest[: search.tuning.motions]:
             if delays[name] > search.tuning.delayed:
                 looking[name] = search.tours.looked(name) + 1
-    ahead = change.given.ahead if search.rng.random() < 0.5 else search.ahead
-    return replace(change, given=replace(change.given, ahead=ahead, looking=looking))
+    change = other_turns(search, deadline)
+    if change is None or not looking:
+        return None
+    some = {r: search.tours.pieces(r) for r in search.tours.robots}
+    heads = [p[0] for ps in some.values() for p in ps if looking.keys() & set(p)]
+    moment = min(search.best.turns[head] for head in heads)
+    earlier = search.since(search.tours.robots, moment)
+    kept = {robot: min(many, earlier[robot]) for robot, many in change.kept.items()}
+    return replace(change, kept=kept, given=replace(change.given, looking=looking))
 
 
-def some_of_the_last(search: FleetLNS, deadline: Deadline) -> Change:
-    """One of the last tours anew, with some of those that delay it, or with any others."""
+def some_of_the_last(search: FleetLNS, deadline: Deadline) -> Change | None:
+    """One of the last tours anew from some moment on, with those of some that delay it, or work
+    where it does, or any others.
+    """
     rng, tuning = search.rng, search.tuning
     last = search.one_of_the_last()
-    others = sorted(set(search.tours.robots) - {last})
+    others = [r for r in search.tours.robots if r != last]
     many = min(len(others), rng.randint(1, tuning.together))
-    delaying = search.delaying(last, deadline) if rng.random() < tuning.delaying else []
-    some = rng.sample(delaying, min(len(delaying), many))
+    near = rng.choice(NEAR)(search, last, deadline)
+    some = rng.sample(near, min(len(near), many))
     some += rng.sample([r for r in others if r not in some], many - len(some))
-    some.append(last)
-    rng.shuffle(some)
-    if rng.random() < 0.5:
-        some.sort(key=lambda robot: robot != last)
+    some.insert(rng.randrange(len(some) + 1) if rng.random() < 0.5 else 0, last)
     return _anew(search, some)
 
 
-def other_jobs(search: FleetLNS, deadline: Deadline) -> Change:
+def _anew(search: FleetLNS, some: Sequence[str], dealt: Assignment | None = None) -> Change:
+    """Return a change in which some tours are decided anew: one after the other, as they had their
+    turns before, or as they come.
+    """
+    rng = search.rng
+    moment = -math.inf
+    if dealt is None and rng.random() < 0.5:
+        moment = search.best.turns[rng.choice(search.tours.pieces(some[0]))[0]]
+    order = rng.choice(("one after the other", "as before", "as they come"))
+    first = tuple(some) if order == "one after the other" else ()
+    turns = search.best.turns if order == "as before" else {}
+    # other ways are looked for now and then: that takes far longer than to wait on known ones
+    looks = search.tuning.looks if rng.random() < search.tuning.looking else 0
+    limit = search.best.lean().makespan
+    given = Priorities(first, turns=turns, looks=looks, limit=limit)
+    return Change(search.since(some, moment), given, dealt)
+
+
+NEAR: tuple[Callable[[FleetLNS, str, Deadline], list[str]], ...] = (
+    lambda search, robot, deadline: search.delaying(robot, deadline),
+    lambda search, robot, _: sorted(search.tours.sharing(robot)),
+    lambda *_: [],
+)
+"""Whose tours may be decided anew with a robot's before any others."""
+
+
+def other_jobs(search: FleetLNS, deadline: Deadline) -> Change | None:
     """A job of the last tour done by another robot, with or without one in exchange: one of those
     changes that are over soonest as far as driving alone tells.
     """
@@ -295,30 +363,36 @@ def other_jobs(search: FleetLNS, deadline: Deadline) -> Change:
         if key not in search.tried and then < ends[worst]:
             options.append((then, str(key), key, changed))
     if not options:
-        return some_of_the_last(search, deadline)
+        return None
     options.sort(key=lambda option: option[:2])
     few = min(len(options), search.tuning.choice)
     _, _, key, changed = options[search.rng.randrange(few)]
     search.tried.add(key)
-    return replace(_anew(search, list(changed)), dealt=search.dealt.with_tours(changed))
+    return _anew(search, list(changed), search.dealt.with_tours(changed))
 
 
-def _anew(search: FleetLNS, some: Sequence[str]) -> Change:
-    """Return a change in which some tours are decided anew, in that order or in that of time."""
-    rng, tuning = search.rng, search.tuning
-    # other ways are looked for now and then: that takes far longer than to wait on known ones
-    looks = tuning.looks if rng.random() < tuning.looking else 0
-    in_turns = rng.random() < 0.5
-    first = () if in_turns else tuple(some)
-    limit = search.best.lean().makespan
-    return Change(some, Priorities(first, looks=looks, limit=limit), in_turns)
+def deal_again(search: FleetLNS, deadline: Deadline) -> Change | None:
+    """All jobs dealt out anew with what is known now of drives and of changes at shared places, and
+    all tours decided in rounds.
+    """
+    dealt, tuning = search.dealt, search.tuning
+    handover = search.tours.changeover(search.best)
+    known = replace(
+        dealt.tuning,
+        handover=dealt.tuning.handover if handover is None else handover,
+        exchanges=tuning.exchanges,
+        steep=tuning.steep,
+    )
+    found = replace(dealt, rehearsal=replace(dealt.rehearsal, tuning=known))
+    found = mended(exchanged(found, search.rng, deadline), search.rng, deadline)
+    return Change({}, Priorities(), replace(found, rehearsal=dealt.rehearsal))
 
 
 MOVES: tuple[tuple[Move, float], ...] = (
-    (other_turns, 0.35),
-    (other_ways, 0.1),
-    (some_of_the_last, 0.5),
-    (other_jobs, 0.05),
+    (other_turns, 0.5),
+    (other_ways, 0.04),
+    (some_of_the_last, 0.45),
+    (other_jobs, 0.01),
 )
 """What may be changed, and how large a share of all changes each move has."""
 

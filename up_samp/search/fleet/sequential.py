@@ -227,9 +227,9 @@ def sooner(one: TimedPath | None, other: TimedPath | None) -> TimedPath | None:
 
 @dataclass(frozen=True)
 class FleetSolution:
-    """All tours of a candidate: its ``schedule`` and, by activity, ``runs`` and when they are
-    (start, end; units). ``needless`` are last motions that nobody needs: their robots are in
-    nobody's way where they stand before.
+    """All tours of a candidate: its ``schedule`` and, by activity, ``runs``, when they are (start,
+    end; units), and whose turn was when (s). ``needless`` are last motions that nobody needs: their
+    robots are in nobody's way where they stand before.
     """
 
     schedule: CandidateSchedule
@@ -237,6 +237,7 @@ class FleetSolution:
     pins: Mapping[str, tuple[int, int]]
     keys: Mapping[str, str]
     """What their trajectories are called in a plan."""
+    turns: Mapping[str, float]
     needless: frozenset[str] = frozenset()
 
     def ends(self) -> dict[str, float]:

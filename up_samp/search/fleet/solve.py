@@ -188,7 +188,9 @@ def plan_of_deal(
         return None if plan is None or search.judged(plan.plan) else Found(plan, None)
     rng, again = random.Random(search.seed), partial(open_tours, large)
     plan = plan_of_tours(search, found.decided)
-    better = FleetLNS(dealt, found.tours, found.decided, found.ahead, again, large.tuning, rng)
+    better = FleetLNS(
+        dealt, found.tours, found.decided, again, large.tuning, search.tuning.tours, rng
+    )
     return None if plan is None else Found(plan, better)
 
 

@@ -17,12 +17,13 @@ Trajectory Coordination of Multiple Mobile Robots", IEEE T-ASE 2015). Elsewhere 
 from __future__ import annotations
 
 import enum
+import itertools
 import math
 from collections import defaultdict
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from up_samp.model import Deadline, TimedMotion
+from up_samp.model import Configuration, Deadline, TimedMotion
 from up_samp.motion.fleet.reservations import ReservationTable
 from up_samp.motion.fleet.timed_path import TimedPath
 from up_samp.scheduling.partial_order import Earliest
@@ -42,6 +43,8 @@ _TRIES = 200
 """Motions tried for one tour."""
 _PRESSED = 0.8
 """Of the longest tour's time alone: who has less to spare is decided before others."""
+MOMENT = 1e-3
+"""Time (s) between two turns at least, so that their order is known."""
 
 
 class TourEnd(enum.Enum):
@@ -69,6 +72,10 @@ class Priorities:
     """Robots whose whole tours are decided before all others, in this order."""
     ahead: Mapping[str, float] = field(default_factory=dict)
     """By how much (s) a robot's turn comes sooner than it does to the next place."""
+    turns: Mapping[str, float] = field(default_factory=dict)
+    """When it is the turn (s) of the motions that begin with one, by that; else it is theirs when
+    they come to the next place.
+    """
     looks: int = 0
     """How often other ways from pose to pose are looked for, if one is known."""
     looking: Mapping[str, int] = field(default_factory=dict)
@@ -110,6 +117,8 @@ class TourPlanner(SequentialPlanner):
         self._given = Priorities()
         self._past = Past.ANY
         """Which ways past others are looked for now."""
+        self._turns: dict[str, float] = {}
+        """Whose turn was when (s), ascending: of those motions that were decided in turns."""
 
     @property
     def robots(self) -> list[str]:
@@ -129,19 +138,59 @@ class TourPlanner(SequentialPlanner):
                 return
             self._floor.learn_ways_past(self._timed_as(name, 0.0), stands, deadline, tries)
 
+    def pieces(self, robot: str) -> list[list[str]]:
+        """Return a robot's motions, cut where they end where no other one has to be."""
+        found: list[list[str]] = [[]]
+        for name in self._chains[robot]:
+            found[-1].append(name)
+            if name not in self._contested:
+                found.append([])
+        return [piece for piece in found if piece]
+
+    def sharing(self, robot: str) -> set[str]:
+        """Return who else has to be where a robot has to be, too, at some time."""
+        places = {self._motions[n].poses[-1] for n in self._chains[robot] if n in self._contested}
+        return {
+            self._motions[name].object
+            for name in self._contested
+            if self._motions[name].poses[-1] in places
+        } - {robot}
+
+    def changeover(self, decided: FleetSolution) -> float | None:
+        """Return the least time (s) from when one robot may leave a place that others need, too, to
+        when the next one came there; None where no two came to any.
+        """
+        visits: dict[Configuration, list[tuple[float, float, str]]] = defaultdict(list)
+        for robot, chain in self._chains.items():
+            for name, then in itertools.pairwise(chain):
+                if name in self._contested and then in decided.pins:
+                    left = self._facts.seconds(decided.pins[then][0])
+                    arrival = decided.runs[name].arrival
+                    visits[self._motions[name].poses[-1]].append((arrival, left, robot))
+        gaps = [
+            max(0.0, arrival - left)
+            for some in visits.values()
+            for (_, left, one), (arrival, _, other) in itertools.pairwise(sorted(some))
+            if one != other
+        ]
+        return min(gaps, default=None)
+
     def reset(self) -> None:
         """Let nothing be decided."""
+        self._turns.clear()
         self._times.restore(self._begun)
         self._waiting = dict(self._motions)
         self._floor = ReservationTable(self._service, self._rests())
 
-    def adopt(self, decided: FleetSolution, but: Collection[str]) -> bool:
-        """Let everything be decided that was (perhaps for another candidate), but for some robots;
-        return whether that keeps what is asked.
+    def adopt(self, decided: FleetSolution, kept: Mapping[str, int]) -> bool:
+        """Let everything be decided that was (perhaps for another candidate), but of some robots
+        only so many motions as are ``kept``; return whether that keeps what is asked.
         """
         self.reset()
+        self._turns |= decided.turns
         return all(
-            self._adopted(r, decided.runs, decided.pins) for r in self.robots if r not in but
+            self._adopted(r, decided.runs, decided.pins, kept.get(r, len(self._chains[r])))
+            for r in self.robots
         )
 
     def delaying(self, decided: FleetSolution, robot: str, deadline: Deadline) -> set[str]:
@@ -164,7 +213,7 @@ class TourPlanner(SequentialPlanner):
         """Yield a robot's motions, each while all before it is decided, with what (s) they take
         longer than alone.
         """
-        if not self.adopt(decided, [robot]):
+        if not self.adopt(decided, {robot: 0}):
             return
         for name in self._chains[robot]:
             motion, run = self._timed(name), decided.runs[name]
@@ -194,12 +243,13 @@ class TourPlanner(SequentialPlanner):
         robot: str,
         runs: Mapping[str, TimedPath],
         pins: Mapping[str, tuple[int, int]],
+        kept: int | None = None,
     ) -> bool:
-        """Decide a robot's tour as it was before; return whether that keeps what is asked, else
-        nothing is decided.
+        """Decide a robot's tour as it was before, or ``kept`` motions of it; return whether that
+        keeps what is asked, else nothing is decided.
         """
         before = self._times.state()
-        for number, name in enumerate(self._chains[robot]):
+        for number, name in enumerate(self._chains[robot][:kept]):
             start, end = pins.get(name, (-1, -1))
             wanted = {("start", name): start, ("end", name): end}
             if name not in runs or not self._times.raised(wanted, pin=True):
@@ -217,7 +267,8 @@ class TourPlanner(SequentialPlanner):
         runs = self._floor.trajectories()
         pins = {name: (self._start(name), self._end(name)) for name in runs}
         keys = {name: motion_key(motion) for name, motion in self._motions.items()}
-        return FleetSolution(self.schedule(), runs, pins, keys, self._needless())
+        turns = {name: self._turns.get(name, run.arrival) for name, run in runs.items()}
+        return FleetSolution(self.schedule(), runs, pins, keys, turns, self._needless())
 
     def _needless(self) -> frozenset[str]:
         """Return the last motions, of those that may be left out, that nobody needs; the latest are
@@ -264,15 +315,18 @@ class TourPlanner(SequentialPlanner):
             if self._decide(self._stretch(robot), deadline) is TourEnd.LATE or deadline.expired():
                 return robot
         asleep = set[str]()  # they found no way among what is decided
+        now = -math.inf
         self._past = priorities.past
         while self._waiting:
             pieces = {r: self._piece(r) for r in self.robots if r not in asleep}
             ready = [(self._rank(r, piece), r) for r, piece in pieces.items() if piece]
-            turn = min(ready)[1] if ready else None
+            rank, turn = min(ready) if ready else (math.inf, None)
             end = TourEnd.STUCK if turn is None else self._decide(pieces[turn], deadline)
             if end is TourEnd.DECIDED:
-                if turn is not None and self._done(self._chains[turn]) > priorities.latest:
-                    return turn
+                if turn is not None:
+                    now = self._turns[pieces[turn][0]] = max(rank, now + MOMENT)
+                    if self._done(self._chains[turn]) > priorities.latest:
+                        return turn
                 self._past = priorities.past
                 asleep.clear()
             elif self._past is not Past.ANY and (turn is None or end is TourEnd.LATE):
@@ -288,8 +342,11 @@ class TourPlanner(SequentialPlanner):
         return None
 
     def _rank(self, robot: str, piece: Sequence[str]) -> float:
-        """Return when a robot's turn comes (s): when it comes to the next place, or sooner."""
-        return self._facts.seconds(self._end(piece[0])) - self._given.ahead.get(robot, 0.0)
+        """Return when a robot's turn comes (s): as given, or when it comes to the next place, or
+        sooner.
+        """
+        natural = self._facts.seconds(self._end(piece[0])) - self._given.ahead.get(robot, 0.0)
+        return self._given.turns.get(piece[0], natural)
 
     def _piece(self, robot: str) -> list[str]:
         """Return the next motions of a robot, up to the first that ends where no other one has to

@@ -84,11 +84,15 @@ class LargeTuning(Tunables):
     )
     deals: int = tunable(8, "shares of the jobs", "at most, until there is a plan", least=1)
     stale: int = tunable(1_000, "changes", "of tours in a row that may bring nothing", least=1)
+    again_dealt: int = tunable(
+        6, "shares of the jobs", "that are tried before the tours of the best are changed", least=0
+    )
+    exchanges: int = tunable(6_000, "changes a job", "of annealing over each of them", least=0)
+    steep: int = tunable(12, "power", "of a tour's end that counts then", least=1)
     looks: int = tunable(
         4, "times", "that other ways from pose to pose are looked for, for better tours", least=0
     )
     looking: float = share_of(0.1, "of the changes, in which other ways are looked for")
-    delaying: float = share_of(0.7, "of the changes, that free who delays one of the last")
     together: int = tunable(
         5, "tours", "at most, that are decided anew with one of the last", least=1
     )
