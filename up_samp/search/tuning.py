@@ -24,6 +24,9 @@ class BudgetTuning(Tunables):
     longest_query: float = tunable(
         3600.0, "s", "limit of one motion query, however often it was doubled", least=0
     )
+    patience: float = tunable(
+        1.0, "s", "to go on at least without a better plan, where patience ends a search", least=0
+    )
 
 
 @dataclass(frozen=True)
