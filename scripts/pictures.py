@@ -32,7 +32,18 @@ SOLVED = {
 
 def solved(problem: str, out: Path, *options: str) -> None:
     """Solve something and write its pictures to ``out``."""
-    command = ["solve", problem, "--out", str(out), "--no-gif", "--timeout", "400", *options]
+    command = [
+        "solve",
+        problem,
+        "--out",
+        str(out),
+        "--no-gif",
+        "--timeout",
+        "400",
+        "--patience",
+        "0.5",
+        *options,
+    ]
     if main(command) != 0:
         raise SystemExit(f"no plan for {problem}")
 

@@ -35,7 +35,7 @@ def test_a_problem_has_an_environment_of_its_own(small):
 
 @pytest.mark.parametrize("lost", [(), (0,)], ids=["all there", "one lost"])
 def test_the_best_plan_wins(small, lost):
-    members = [Member(params={"optimal": False}), Member(params={"optimal": True})]
+    members = [Member(params={"first_plan": True}), Member(params={"optimal": True})]
     result = solve_portfolio(small, members, executor=Backwards(lost), timeout=120)
     assert result.status is Status.SOLVED_OPTIMALLY
     assert validate_plan(small, result.plan).valid

@@ -304,7 +304,7 @@ def fleet(seed, yaml, *, margin):
         ]
         stops[rng.randint(0, 1)]["resources"] = ["tool"]
         made.add_order(f"o{k}", *stops)
-    result = made.solve(timeout=60.0, workers=1, seed=seed)
+    result = made.solve(timeout=60.0, workers=1, seed=seed, first_plan=True)
     assert result.data is not None, result.status
     return made.problem, result.data
 

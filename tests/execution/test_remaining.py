@@ -28,7 +28,7 @@ NAME = "logistics-do-oc-r2-i2"
 def made():
     get_environment().credits_stream = None
     problem = instance(NAME).build()
-    with OneshotPlanner(name="samp-refine[cpsat]") as planner:
+    with OneshotPlanner(name="samp-refine[cpsat]", params={"first_plan": True}) as planner:
         result = planner.solve(problem, timeout=120)
     return problem, result_to_dict(problem, result)
 
@@ -47,7 +47,7 @@ def floor(made):
 
 
 def solved(problem):
-    with OneshotPlanner(name="samp-refine[cpsat]") as planner:
+    with OneshotPlanner(name="samp-refine[cpsat]", params={"first_plan": True}) as planner:
         result = planner.solve(problem, timeout=120)
     assert result.plan is not None, result.log_messages
     assert validate_plan(problem, result.plan).valid
@@ -131,7 +131,7 @@ def test_a_broken_robot_of_a_fleet_need_not_come_to_its_end(tmp_path):
         fleet.add_robot(f"r{k}", "agv", f"home{k}", end=f"home{k}")
     fleet.add_place("dock", 9, 3)
     fleet.add_task("look", "dock", duration=2)
-    executor = Executor(fleet.solve(60).data, fleet.problem)
+    executor = Executor(fleet.solve(60, first_plan=True).data, fleet.problem)
     executor.commands(0.0)
     left = executor.remaining_problem(Surprise(broken={"r1": (2.0, 8.0, 0.0)}))
     assert left.notes == ("about a broken robot, dropped: (r1_at == home1)",)
@@ -240,7 +240,7 @@ def test_cancelled_tasks_take_their_constraints_with_them(made):
 
 def test_a_door_stays_shut_and_a_task_is_new():
     problem = instance("logistics-dc-all-r2-i2").build()
-    with OneshotPlanner(name="samp-refine[cpsat]") as planner:
+    with OneshotPlanner(name="samp-refine[cpsat]", params={"first_plan": True}) as planner:
         result = planner.solve(problem, timeout=120)
     executor = Executor(result_to_dict(problem, result), problem)
     executor.commands(0.0)

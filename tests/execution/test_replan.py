@@ -24,7 +24,7 @@ DELAYS = Delays(slow=0.3)
 def solved(name):
     get_environment().credits_stream = None
     problem = instance(name).build()
-    with OneshotPlanner(name="samp-refine[cpsat]") as planner:
+    with OneshotPlanner(name="samp-refine[cpsat]", params={"first_plan": True}) as planner:
         return problem, result_to_dict(problem, planner.solve(problem, timeout=120))
 
 

@@ -44,7 +44,7 @@ def test_files_tell_a_margin_that_is_not_the_usual_one(solved, tmp_path):
     again = read_plan(tmp_path / "plan.json")
     assert again["margin"] == 0.2
     assert plan_from_dict(problem, again).margin == 0.2
-    with OneshotPlanner(name="samp-refine[cpsat]") as planner:
+    with OneshotPlanner(name="samp-refine[cpsat]", params={"first_plan": True}) as planner:
         usual = planner.solve(problem, timeout=120)
     assert usual.plan.margin == PRECISION.margin == Parameters().margin
     assert not {"margin", "minor"} & result_to_dict(problem, usual).keys()

@@ -33,7 +33,7 @@ def floor(capacity, *, charger=True, **battery):
 
 def test_a_robot_charges_where_it_has_to():
     fleet = floor(60)
-    result = fleet.solve(timeout=300)
+    result = fleet.solve(timeout=300, first_plan=True)
     assert result.plan is not None, result.explain()
     assert validate_plan(fleet.problem, result.plan).valid
     charges = [a["name"] for a in result.data["activities"] if a["name"].startswith("charge_r")]
@@ -123,7 +123,7 @@ def test_several_robots_that_have_to_charge(robots, orders):
     ways = [("shelf", "dock"), ("store", "dock"), ("rack", "shelf")]
     for i, (pickup, delivery) in enumerate(ways[:orders]):
         fleet.add_order(f"o{i}", pickup, delivery)
-    result = fleet.solve(timeout=240)
+    result = fleet.solve(timeout=240, first_plan=True)
     assert result.plan is not None, result.explain()
     assert validate_plan(fleet.problem, result.plan).valid
     charged = {a["name"].split("_")[1] for a in result.data["activities"] if "charge" in a["name"]}

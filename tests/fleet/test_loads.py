@@ -134,7 +134,7 @@ def test_a_load_is_handed_over_and_brought_back():
     fleet.add_order("out", "a", ["c", "d"], attached={"footprint": PALLET}, robots="r0")
     fleet.add_order("on", ["c", "d"], "b", attached="out", robots="r1")
     fleet.add_order("back", "b", "a", attached="on", robots="r1")
-    result = fleet.solve(timeout=300)
+    result = fleet.solve(timeout=300, first_plan=True)
     assert result.plan is not None, result.explain()
     assert validate_plan(fleet.problem, result.plan).valid
     rides = sorted((m["samples"][0][0], m["activity"]) for m in result.data["motions"]

@@ -120,7 +120,7 @@ def _solve(case, folder, engine, timeout, found, *, optimal, **params):
     try:
         with OneshotPlanner(
             name=f"samp-refine[{engine}]",
-            params=settings if proves and optimal else settings | {"optimal": optimal and proves},
+            params=settings if proves and optimal else settings | {"first_plan": True},
             **({"optimality_guarantee": guarantee} if proves and optimal else {}),
         ) as planner:
             result = planner.solve(problem, timeout=timeout)

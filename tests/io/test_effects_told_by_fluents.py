@@ -21,7 +21,7 @@ def test_a_fluent_tells_where_a_door_goes(tmp_path, late):
     first, then = (tell, opening) if late else (opening, tell)
     problem.add_constraint(LE(first.end, then.start))
     hall.move("go", 0, "left0", "right0")
-    with OneshotPlanner(name="samp-refine[cpsat]") as planner:
+    with OneshotPlanner(name="samp-refine[cpsat]", params={"first_plan": True}) as planner:
         result = planner.solve(problem, timeout=60)
     data = result_to_dict(problem, result)
     (change,) = data["changes"]

@@ -53,7 +53,7 @@ def house(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def solved(house):
-    with OneshotPlanner(name="samp-refine[cpsat]") as planner:
+    with OneshotPlanner(name="samp-refine[cpsat]", params={"first_plan": True}) as planner:
         result = planner.solve(house.problem, timeout=60)
     assert result.plan is not None
     return result_to_dict(house.problem, result)
@@ -157,7 +157,7 @@ def test_exports_are_in_the_frame_of_the_map(tmp_path):
     made.pose("e0", 0, 9.5, 1.5, 0.0)
     made.robot("r0", "w0")
     made.move("go", "r0", "w0", "e0")
-    with OneshotPlanner(name="samp-refine[cpsat]") as planner:
+    with OneshotPlanner(name="samp-refine[cpsat]", params={"first_plan": True}) as planner:
         result = planner.solve(made.problem, timeout=60)
     plan = result_to_dict(made.problem, result)
     assert plan["map"]["frame"] == [30.0, -7.0, 0.5]

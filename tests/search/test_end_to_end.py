@@ -26,6 +26,7 @@ get_environment().credits_stream = None
 
 def solve(problem, engine="cpsat", *, timeout=60.0, optimal=True, **params):
     guarantee = OptimalityGuarantee.SOLVED_OPTIMALLY if optimal else None
+    params = params if optimal else {"first_plan": True, **params}
     with OneshotPlanner(
         name=f"samp-refine[{engine}]", params=params, optimality_guarantee=guarantee
     ) as planner:

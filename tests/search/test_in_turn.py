@@ -40,7 +40,7 @@ def crossing(folder, robots):
 @pytest.mark.parametrize("engine", ["cpsat", "aries"])
 def test_the_first_candidate_becomes_a_plan(tmp_path, clumsy, engine):
     problem = crossing(tmp_path, 2)
-    with OneshotPlanner(name=f"samp-refine[{engine}]", params={"optimal": False}) as planner:
+    with OneshotPlanner(name=f"samp-refine[{engine}]", params={"first_plan": True}) as planner:
         result = planner.solve(problem, timeout=60)
     assert result.status is Status.SOLVED_SATISFICING
     assert validate_plan(problem, result.plan).valid
@@ -63,7 +63,7 @@ def test_who_is_in_the_way_goes_first(tmp_path, clumsy):
     hall.problem.set_initial_configuration(hall.robots[1], gap)
     hall.move("go0", 0, "left0", "right0", bounds=(1, 100))
     hall.move("go1", 1, "gap", "right1", bounds=(1, 100))
-    with OneshotPlanner(name="samp-refine[cpsat]", params={"optimal": False}) as planner:
+    with OneshotPlanner(name="samp-refine[cpsat]", params={"first_plan": True}) as planner:
         result = planner.solve(hall.problem, timeout=60)
     assert result.status is Status.SOLVED_SATISFICING
     times = {a.name: int(str(result.plan.get(a.start))) for a in result.plan.activities}

@@ -61,7 +61,7 @@ def test_large_ones_end_in_time(tmp_path, kind, engine, limit):
 
 def test_plans_are_written_and_judged_in_time_only(tmp_path):
     problem = KINDS["long_chain"](tmp_path, 0.002)
-    with OneshotPlanner(name="samp-refine[cpsat]") as planner:
+    with OneshotPlanner(name="samp-refine[cpsat]", params={"first_plan": True}) as planner:
         plan = planner.solve(problem, timeout=60).plan
     model = MotionModel.REEDSSHEPP
     for seconds, late in ((0.0, True), (60.0, False)):

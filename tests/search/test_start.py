@@ -36,8 +36,8 @@ def solve(problem, start=None, **params):
 
 def test_a_plan_that_still_fits_is_kept(tmp_path):
     hall = crossing(tmp_path)
-    first, _ = solve(hall.problem, optimal=False)
-    again, phases = solve(hall.problem, first.plan, optimal=False)
+    first, _ = solve(hall.problem, first_plan=True)
+    again, phases = solve(hall.problem, first.plan, first_plan=True)
     assert again.status in SOLVED
     assert {a.name for a in again.plan.activities} == {a.name for a in first.plan.activities}
     assert int(again.metrics["makespan"]) <= int(first.metrics["makespan"])
@@ -62,12 +62,12 @@ def test_the_proof_goes_on_from_the_plan(tmp_path):
 
 def test_motions_get_the_time_that_they_need_now(tmp_path):
     hall = crossing(tmp_path)
-    first, _ = solve(hall.problem, optimal=False)
+    first, _ = solve(hall.problem, first_plan=True)
     short = {}
     for activity in first.plan.activities:
         start = int(str(first.plan.get(activity.start)))
         short |= {activity.start: start, activity.end: start + 1}
-    again, _ = solve(hall.problem, Schedule(first.plan.activities, short), optimal=False)
+    again, _ = solve(hall.problem, Schedule(first.plan.activities, short), first_plan=True)
     assert again.status in SOLVED
 
 
@@ -75,12 +75,12 @@ def test_a_plan_of_another_problem(tmp_path):
     """It has activities that are gone, and lacks one that has to be present now."""
     hall = crossing(tmp_path)
     extra = hall.problem.add_activity("errand", 4)
-    first, _ = solve(hall.problem, optimal=False)
+    first, _ = solve(hall.problem, first_plan=True)
     assert extra.name in {a.name for a in first.plan.activities}
     other = crossing(tmp_path)
     check = other.problem.add_activity("check", 3)
     other.problem.add_constraint(LE(other.problem.get_activity("go0").end, check.start))
-    again, _ = solve(other.problem, first.plan, optimal=False)
+    again, _ = solve(other.problem, first.plan, first_plan=True)
     assert again.status in SOLVED
     assert {a.name for a in again.plan.activities} >= {"check", "go0", "go1", "open"}
 
@@ -88,12 +88,12 @@ def test_a_plan_of_another_problem(tmp_path):
 def test_a_plan_that_cannot_be_kept(tmp_path):
     """A robot must come back now: the plan has no way home."""
     hall = crossing(tmp_path)
-    first, _ = solve(hall.problem, optimal=False)
+    first, _ = solve(hall.problem, first_plan=True)
     other = crossing(tmp_path)
     go, back = (other.problem.get_activity(n) for n in ("go0", "back0"))
     other.problem.add_constraint(back.present)
     other.problem.add_constraint(LE(go.end, back.start))
-    again, _ = solve(other.problem, first.plan, optimal=False)
+    again, _ = solve(other.problem, first.plan, first_plan=True)
     assert again.status in SOLVED
     assert "back0" in {a.name for a in again.plan.activities}
 

@@ -234,7 +234,7 @@ def _solve(spec: RunSpec, record: Record, begin: Callable[[], None]) -> None:
     parameters: dict[str, Any] = {
         "preset": spec.preset,
         "seed": spec.number,
-        "optimal": spec.optimal,
+        ("optimal" if spec.optimal else "first_plan"): True,
     }
     if spec.tuning:
         parameters["tuning"] = json.loads(spec.tuning)

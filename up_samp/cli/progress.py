@@ -66,7 +66,8 @@ _QUIET_SECONDS = 2.0
 
 
 class Progress:
-    """A progress display; call it with each event, and use it as a context to end the line.
+    """A progress display; call it with each event, and use it as a context to end the line. On a
+    terminal, a line for each better plan stays.
 
     Elsewhere than on a terminal, a line is printed for the first event of each phase, when a bound
     moves, and otherwise at most every two seconds.
@@ -96,9 +97,10 @@ class Progress:
         now = time.monotonic()
         if self.live:
             width = shutil.get_terminal_size().columns - 1
-            self.stream.write("\r\x1b[2K" + line[:width])
+            kept = event.phase == "plan"  # a line for each better plan stays
+            self.stream.write("\r\x1b[2K" + line[:width] + ("\n" if kept else ""))
             self.stream.flush()
-            self._open = True
+            self._open = not kept
             return
         bounds = (event.lower_bound, event.upper_bound)
         known = event.phase in self._phases and bounds == self._bounds

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import time
 from pathlib import Path
@@ -26,6 +27,8 @@ from up_samp.system.files import check_folder, uninterrupted
 if TYPE_CHECKING:
     from up_samp.validation import Verdict
 
+LONGEST = 120.0
+"""Seconds that a solve may take where no limit is given."""
 DEFAULT_ENGINE = "cpsat"
 """The scheduler that the commands wrap unless told otherwise."""
 
@@ -42,10 +45,26 @@ def add_solver_arguments(parser: argparse.ArgumentParser, *, out: str | None, gi
     parser.add_argument(
         "--preset", choices=sorted(PRESETS), default="default", help="how to learn from failures"
     )
-    parser.add_argument(
-        "--optimal", action="store_true", help="go on until the makespan is proven optimal"
+    until = parser.add_mutually_exclusive_group()
+    until.add_argument(
+        "--optimal", action="store_true", help="go on until the plan is proven optimal"
     )
-    parser.add_argument("--timeout", type=_seconds, default=120.0, metavar="S", help="in seconds")
+    until.add_argument("--first", action="store_true", help="stop at the first plan")
+    until.add_argument(
+        "--patience",
+        type=float,
+        default=None,
+        metavar="SHARE",
+        help="stop when so large a share of the time so far brought no better plan (default: 1; "
+        "with --timeout: go on to its end)",
+    )
+    parser.add_argument(
+        "--timeout",
+        type=_seconds,
+        default=None,
+        metavar="S",
+        help="seconds for the best plan that is found in them (default: 120 at most)",
+    )
     parser.add_argument("--seed", type=int, default=0, metavar="N")
     parser.add_argument(
         "--tuning",
@@ -137,6 +156,8 @@ def _show(
     print(schedule_table(plan))
     print()
     print(_summary(plan, result, seconds))
+    for message in result.log_messages or ():
+        print(message.message)
     verdict = judge(problem, result.plan, args.seconds_per_unit)
     print(describe(verdict))
     if args.out is not None:
@@ -176,12 +197,16 @@ def _solve(problem: SchedulingProblem, args: argparse.Namespace) -> PlanGenerati
         }
         if args.optimal:
             params["optimal"] = True
+        if args.first:
+            params["first_plan"] = True
+        if args.patience is not None or args.timeout is not None:
+            params["patience"] = math.inf if args.patience is None else args.patience
         if args.trace is not None:
             params["trace"] = str(args.trace)
         if args.tuning is not None:
             params["tuning"] = args.tuning
         with OneshotPlanner(name=name, params=params) as planner:
-            return planner.solve(problem, timeout=args.timeout)
+            return planner.solve(problem, timeout=args.timeout or LONGEST)
 
 
 def judge(problem: SchedulingProblem, plan: Schedule, seconds_per_unit: float = 1.0) -> Verdict:

@@ -51,7 +51,7 @@ def schedule_plainly(
         scheduler.doubts = True
     try:
         hint = None if start is None else start_of(plain, start)
-        wanted = optimal or bool(problem.quality_metrics)
+        wanted = optimal or (bool(problem.quality_metrics) and not engine.params.first_plan)
         with in_force(deadline):
             report = scheduler.solve(deadline, optimal=wanted, hint=hint)
     except OutOfTimeError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import warnings
 from collections.abc import Callable, Generator, Iterator
 from functools import partial
@@ -232,10 +233,10 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
     def _solve_directly(self, call: Call) -> PlanGenerationResult:
         if call.heuristic is not None:
             warnings.warn(f"{self.name} ignores the heuristic", stacklevel=3)
-        return list(self._results(call, self._wants_optimum(call.problem)))[-1]
+        return list(self._results(call, *self._goal(call)))[-1]
 
     def _improve_directly(self, call: Call) -> Iterator[PlanGenerationResult]:
-        optimal = bool(call.problem.quality_metrics) and self.params.optimal is not False
+        optimal = bool(call.problem.quality_metrics) and not self.params.first_plan
         return self._results(call, optimal)
 
     def _solve(
@@ -255,19 +256,27 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
     ) -> Iterator[PlanGenerationResult]:
         yield from self._improve_directly(Call(problem, timeout, output_stream))
 
-    def _wants_optimum(self, problem: Any) -> bool:
-        if not problem.quality_metrics:
-            return False
-        if self.params.optimal is not None:
-            return self.params.optimal
+    def _goal(self, call: Call) -> tuple[bool, float]:
+        """Return whether to go on after the first plan, and with how much patience.
+
+        From a plan to begin from, one like it is asked for, and no better one.
+        """
+        params = self.params
+        if not call.problem.quality_metrics or params.first_plan:
+            return False, math.inf
         engine_proves = self._engine_class.satisfies(OptimalityGuarantee.SOLVED_OPTIMALLY)
-        return self.optimality_metric_required or (engine_proves and not self._native)
+        promised = self.optimality_metric_required or (engine_proves and not self._native)
+        if params.optimal or promised:
+            return True, math.inf
+        return call.warm_start_plan is None, params.patience
 
     @property
     def _native(self) -> bool:
         return bool(getattr(self._engine_class, "has_sessions", False))
 
-    def _results(self, call: Call, optimal: bool) -> Iterator[PlanGenerationResult]:
+    def _results(
+        self, call: Call, optimal: bool, patience: float = math.inf
+    ) -> Iterator[PlanGenerationResult]:
         """Yield each better plan as INTERMEDIATE, and last the final result.
 
         A plan to begin from is of this problem, or of one with some of its activities.
@@ -278,7 +287,7 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
         problem, timeout, start = call.problem, call.timeout, call.warm_start_plan
         moves = isinstance(problem, SchedulingMotionProblem) and problem.motion_activities
         if moves and (settled := settle_movers(problem)) is not None:
-            again = partial(self._results, optimal=optimal)
+            again = partial(self._results, optimal=optimal, patience=patience)
             yield from solve_settled(settled, call, again, self.params.seconds_per_unit)
             return
         compiling = begin_compiling(problem) if moves else None
@@ -300,7 +309,8 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
         except OutOfTimeError:
             yield too_late(self.name, self.params, deadline)
             return
-        yield from self._told(problem, search, run(search, optimal=optimal), deadline)
+        steps = run(search, optimal=optimal, patience=patience)
+        yield from self._told(problem, search, steps, deadline)
 
     def _told(
         self, problem: Any, search: Search, steps: Generator[Any, None, Any], deadline: Deadline

@@ -115,6 +115,10 @@ class Deadline:
         """Return the seconds since the deadline was set."""
         return clock() - self.started
 
+    def used(self) -> float:
+        """Return the seconds since it was set, in what it counts: work, where it counts that."""
+        return self.elapsed() if self.work is None else self.work.spent
+
     def expired(self) -> bool:
         """Return whether no time is left."""
         if self.work is None:

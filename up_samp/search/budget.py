@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from up_samp.model import Deadline
@@ -26,6 +26,8 @@ _GROUP_SHARE = 0.2
 """Of the time that is left, for one group of motions: a late answer can still be repaired."""
 _LONGEST_QUERY = 3600.0
 """s: limit of one motion query, however often it was doubled."""
+_PATIENCE = 1.0
+"""s: to go on at least without a better plan, where patience ends a search."""
 _UNTIMED_RESTARTS = 3
 """Where there is no time limit."""
 _STALE_RESTARTS = 8
@@ -36,14 +38,45 @@ _STALE_RESTARTS = 8
 class Budget:
     """``query_seconds``: limit (s) of one motion query now (the paper's t_p).
 
-    ``seconds_motion`` and ``seconds_scheduler`` are what was spent so far.
+    ``seconds_motion`` and ``seconds_scheduler`` are what was spent so far. ``patience``: how long
+    to go on without a better plan, as a share of what it took to find the best one.
     """
 
     deadline: Deadline
     query_seconds: float
+    patience: float = math.inf
     seconds_motion: float = 0.0
     seconds_scheduler: float = 0.0
     _asking: bool = False
+    _whole: Deadline | None = None
+    """The deadline, while patience ends the search before it."""
+
+    def planned(self) -> None:
+        """Let patience begin anew: there is a better plan."""
+        if math.isinf(self.patience):
+            return
+        whole = self.whole
+        more = max(_PATIENCE, self.patience * whole.used())
+        self.deadline, self._whole = replace(whole, at=whole.within(more).at), whole
+
+    @property
+    def whole(self) -> Deadline:
+        """Return the deadline of the whole, whatever patience says."""
+        return self._whole or self.deadline
+
+    @property
+    def hurried(self) -> bool:
+        """Whether patience may end the search before the time does."""
+        return self._whole is not None
+
+    @property
+    def impatient(self) -> bool:
+        """Whether it did."""
+        return self.hurried and self.deadline.expired() and not self.whole.expired()
+
+    def end(self) -> None:
+        """Give back the time that patience left: for what is done in the end."""
+        self.deadline, self._whole = self.whole, None
 
     def share(self, share: float, most: float) -> Deadline:
         """Return the deadline of a part: a share of what is left, at most so many seconds."""
@@ -138,6 +171,9 @@ class Staged:
 
     def deadline(self, budget: Budget, *, planned: bool, proving: bool) -> Deadline:
         """Return by when the scheduler has to answer."""
+        if proving and budget.hurried:
+            # the other half is for the motions of what it finds
+            return budget.share(0.5, self.proof_seconds)
         if proving:
             return budget.deadline.within(self.proof_seconds)
         if not planned:

@@ -199,6 +199,18 @@ def conclude_stopped(search: Search) -> SearchResult:
     return conclude(search)
 
 
+def _stopped_early(search: Search) -> str:
+    """Return in words that patience ended the search, if it did."""
+    budget, at = search.budget, search.history.last_plan_at
+    if not budget.impatient or at is None:
+        return ""
+    more = budget.deadline.elapsed() - at
+    return (
+        f"nothing better came for {more:.1f} s after the best plan, found after {at:.1f} s: that "
+        f"was all the patience asked for ({budget.patience:g} of the time so far)"
+    )
+
+
 def conclude(search: Search) -> SearchResult:
     """Return what the search has, now that it ends."""
     bounds = search.bounds
@@ -213,7 +225,7 @@ def conclude(search: Search) -> SearchResult:
             "the motions of the last candidate do not fit, and nothing more was learned from it",
         )
     if not bounds.met:
-        return SearchResult(Conclusion.SOLVED)
+        return SearchResult(Conclusion.SOLVED, _stopped_early(search))
     makespan, bound = bounds.incumbent.schedule.makespan, bounds.lower
     active, prover = search.knowledge.active, search.prover
     native = search.problem.native

@@ -36,8 +36,14 @@ class Parameters:
     seconds_per_unit: float = 1.0
     margin: float = 0.01
     """Clearance that motions keep from everything (m)."""
-    optimal: bool | None = None
-    """Go on until proven optimal (``None``: as UP's optimality guarantee says)."""
+    optimal: bool = False
+    """Go on until proven optimal, or all the time; so also where UP's guarantee asks for it."""
+    first_plan: bool = False
+    """Return the first plan at once."""
+    patience: float = 1.0
+    """Where neither is asked for: how long to go on without a better plan, as a share of what it
+    took to find the best one (a second at least; ``inf``: all the time).
+    """
     reproducible: bool = False
     """Limits within the search count work, not seconds: the same seed gives the same plan on every
     machine, busy or not, if the time limit does not end it. For ``cpsat`` with one worker.
@@ -105,8 +111,11 @@ class Parameters:
             raise ProblemError(
                 f"unknown group planner '{self.group_planner}' (known: {', '.join(GROUP_PLANNERS)})"
             )
-        if self.margin < 0:
-            raise ProblemError("parameter 'margin' must not be negative")
+        if self.optimal and self.first_plan:
+            raise ProblemError("'optimal' and 'first_plan' ask for different things")
+        if self.margin < 0 or not self.patience >= 0:
+            which = "margin" if self.margin < 0 else "patience"
+            raise ProblemError(f"parameter '{which}' must not be negative")
         if self.max_restarts is not None and self.max_restarts < 0:
             raise ProblemError("parameter 'max_restarts' must not be negative")
 
@@ -119,6 +128,8 @@ class Parameters:
             if name in _NUMBERS:
                 good = isinstance(value, int | float) and plain and math.isfinite(value)
                 wanted = "a finite number"
+            elif name == "patience":
+                good, wanted = isinstance(value, int | float) and plain, "a number"
             elif name in _WHOLE:
                 good, wanted = isinstance(value, int) and plain, "a whole number"
             elif name in _TEXTS:

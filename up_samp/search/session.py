@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -316,17 +317,21 @@ def to_plan(
     return build_plan(problem, snapshot, schedule, found, margin)
 
 
-def run(search: Search, *, optimal: bool) -> Generator[Incumbent, None, SearchResult]:
+def run(
+    search: Search, *, optimal: bool, patience: float = math.inf
+) -> Generator[Incumbent, None, SearchResult]:
     """Run the search, and leave out of its best plan what is needless; the scheduler is closed
-    whatever happens.
+    whatever happens. ``patience``: see :class:`Parameters`.
     """
     bounds = search.bounds
+    search.budget.patience = patience
     try:
         if search.in_parts is None:
             result = yield from solve(search, optimal=optimal)
         else:
             result = yield from search.in_parts(search, optimal)
         # a large problem has too many motions for what is done about each of them in the end
+        search.budget.end()
         finishers = search.components.finishers if search.in_parts is None else ()
         for finish in finishers:
             if bounds.incumbent is not None:

@@ -89,7 +89,7 @@ class PlanRequest(ProblemUpload):
     """Seconds for the search; the server may allow less."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
     first_plan: bool = False
-    """Stop at the first plan (else: go on until the makespan is proven optimal)."""
+    """Stop at the first plan (else: go on until it is proven optimal)."""
 
     @field_validator("engine")
     @classmethod

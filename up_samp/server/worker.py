@@ -94,7 +94,7 @@ def solve(request: PlanRequest, timeout: float, teller: Teller) -> None:
         "seed": request.seed,
         **settings,
         "progress": teller.progress,
-        "optimal": not request.first_plan,
+        "first_plan": request.first_plan,
     }
     name = f"samp-refine[{request.engine}]"
     with AnytimePlanner(name=name, params=params) as planner:

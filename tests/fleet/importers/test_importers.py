@@ -47,7 +47,7 @@ def test_a_scenario_is_solved(tmp_path):
     assert records.places["start0"].pose == (1.5, 4.5, 0.0)
     assert records.places["goal1"].pose == (1.5, 1.5, 0.0)
     fleet = Fleet.from_file(tmp_path / "problem.yaml")
-    result = fleet.solve()
+    result = fleet.solve(first_plan=True)
     assert result.plan is not None, result.explain()
     assert validate_plan(fleet.problem, result.plan).valid
     ends = {m["object"]: m["samples"][-1][1:3] for m in result.data["motions"]}
@@ -195,7 +195,7 @@ def test_shops_keep_routes_and_durations(tmp_path, sample, durations):
 def test_a_flexible_shop_is_solved(tmp_path):
     imported("small.fjs", tmp_path, robots=1)
     fleet = Fleet.from_file(tmp_path / "problem.yaml")
-    result = fleet.solve(timeout=60)
+    result = fleet.solve(timeout=60, first_plan=True)
     assert result.plan is not None, result.explain()
     times = {a["name"]: (a["start"], a["end"]) for a in result.data["activities"]}
     (mode,) = [m for m in ("m0", "m1") if f"j0_op0_{m}" in times]

@@ -17,6 +17,7 @@ from up_samp.upio.restrict import thinned
 from up_samp.validation import validate_plan
 
 SOON = {"search": {"large": {"activities": 1}}}
+FIRST = {"tuning": SOON, "first_plan": True}
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +72,7 @@ def test_a_thinned_problem_has_what_was_dealt_out_and_nothing_else(problem):
 def test_a_fleet_gets_a_valid_plan_by_construction(robots, orders):
     get_environment().credits_stream = None
     problem = warehouse(robots, orders, encoding="compact")
-    with OneshotPlanner(name="samp-refine[cpsat]", params={"tuning": SOON}) as planner:
+    with OneshotPlanner(name="samp-refine[cpsat]", params=FIRST) as planner:
         result = planner.solve(problem, timeout=120)
     assert result.status is Status.SOLVED_SATISFICING
     assert validate_plan(problem, result.plan).violations == ()
@@ -84,7 +85,7 @@ def test_a_fleets_problem_file_is_dealt_out_too():
     jobs = find_jobs(problem, read_problem(problem))
     assert [len(options) for options in jobs.options] == [3] * 5
     assert all(len(o.members) == 2 and len(o.legs) == 1 for os in jobs.options for o in os)
-    with OneshotPlanner(name="samp-refine[cpsat]", params={"tuning": SOON}) as planner:
+    with OneshotPlanner(name="samp-refine[cpsat]", params=FIRST) as planner:
         result = planner.solve(problem, timeout=120)
     assert result.status is Status.SOLVED_SATISFICING
     assert validate_plan(problem, result.plan).violations == ()

@@ -23,7 +23,7 @@ def first_plan(problem, *, timeout, anytime=False):
         with AnytimePlanner(name=name, params=LARGE) as planner:
             result = next(iter(planner.get_solutions(problem, timeout=timeout)))
     else:
-        with OneshotPlanner(name=name, params=LARGE) as planner:
+        with OneshotPlanner(name=name, params={**LARGE, "first_plan": True}) as planner:
             result = planner.solve(problem, timeout=timeout)
     assert result.plan is not None
     told = result_to_dict(problem, result)

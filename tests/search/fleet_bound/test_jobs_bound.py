@@ -62,7 +62,9 @@ def check(seed):
     """Return the bound as a share of a plan's makespan, None where there is no plan."""
     get_environment().credits_stream = None
     problem = random_warehouse(seed)
-    with OneshotPlanner(name="samp-refine[cpsat]", params={"seed": seed}) as planner:
+    with OneshotPlanner(
+        name="samp-refine[cpsat]", params={"seed": seed, "first_plan": True}
+    ) as planner:
         result = planner.solve(problem, timeout=60)
     if result.plan is None:
         return None

@@ -1,0 +1,87 @@
+"""How long a search goes on where nothing is said: until a bound is met, or patience ends."""
+
+import math
+
+import pytest
+from unified_planning.shortcuts import OneshotPlanner, get_environment
+
+from tests.metamorphic.motions import ALIKE, write
+from tests.metamorphic.sites import store
+from up_samp.model import Deadline, ProblemError
+from up_samp.search.budget import Budget, Staged
+from up_samp.search.params import Parameters
+from up_samp.validation import validate_plan
+
+
+def budget(total=100.0, **settings):
+    return Budget(Deadline.counted(total), 10.0, **settings)
+
+
+def test_patience_begins_anew_with_each_better_plan():
+    spent = budget(patience=1.0)
+    assert not spent.hurried
+    spent.deadline.spend(10.0)
+    spent.planned()
+    assert spent.hurried
+    assert spent.deadline.remaining() == pytest.approx(10.0)
+    spent.deadline.spend(6.0)
+    spent.planned()
+    assert spent.deadline.remaining() == pytest.approx(16.0)
+    assert not spent.impatient
+    spent.deadline.spend(17.0)
+    assert spent.impatient
+    spent.end()
+    assert not spent.hurried
+    assert spent.deadline.remaining() > 60.0
+
+
+def test_patience_is_a_second_at_least_and_never_more_than_there_is_time():
+    soon = budget(patience=0.5)
+    soon.planned()
+    assert soon.deadline.remaining() == pytest.approx(1.0)
+    late = Budget(Deadline.after(0.5), 10.0, patience=9.0)
+    late.planned()
+    assert late.deadline.remaining() <= 0.5
+
+
+def test_endless_patience_changes_nothing():
+    spent = budget()
+    spent.planned()
+    assert spent.deadline.remaining() == pytest.approx(100.0)
+    assert not spent.hurried
+
+
+def test_half_of_patience_is_for_the_motions_of_what_is_found():
+    spent, pace = budget(patience=1.0), Staged(proof_seconds=30.0)
+    spent.deadline.spend(20.0)
+    spent.planned()
+    deadline = pace.deadline(spent, planned=True, proving=True)
+    assert deadline.remaining() == pytest.approx(10.0)
+
+
+@pytest.mark.parametrize(
+    "given", [{"patience": -1.0}, {"patience": math.nan}, {"first_plan": True, "optimal": True}]
+)
+def test_what_makes_no_sense_is_refused(given):
+    with pytest.raises(ProblemError, match=r"patience|different things"):
+        Parameters(**given)
+
+
+def test_the_default_goes_on_and_the_first_plan_is_to_be_asked_for(tmp_path, monkeypatch):
+    monkeypatch.setattr(get_environment(), "credits_stream", None)
+    found = {}
+    for name, given in (("first", {"first_plan": True}), ("default", {})):
+        problem, plans = write(store(3), ALIKE[1], tmp_path), []
+
+        def watch(event, plans=plans):
+            if event.phase == "plan":
+                plans.append(event.upper_bound)
+
+        params = {"reproducible": True, "progress": watch, **given}
+        with OneshotPlanner(name="samp-refine[cpsat]", params=params) as planner:
+            result = planner.solve(problem, timeout=120)
+        assert validate_plan(problem, result.plan).valid
+        assert plans[-1] == int(result.metrics["makespan"])
+        found[name] = plans
+    assert len(found["first"]) == 1
+    assert found["default"][0] == found["first"][0] > found["default"][-1]
