@@ -9,7 +9,7 @@ import pytest
 
 from tests.execution import floors
 from up_samp.execution import Delays, Executor, dependencies_of, simulate
-from up_samp.execution.judge import record_of
+from up_samp.execution.judge import contacts_of, record_of
 from up_samp.execution.simulate import floor_of, simulation_of
 from up_samp.io import plan_from_dict
 from up_samp.validation import validate_plan
@@ -51,7 +51,7 @@ THOUSAND = [
 def found_in(problem, plan):
     """The dependencies of a valid plan that has room for an error of 5 cm everywhere."""
     assert validate_plan(problem, plan_from_dict(problem, plan)).valid
-    found = dependencies_of(problem, plan, margin=0.01)
+    found = dependencies_of(problem, plan)
     assert found.narrow == ()
     return found
 
@@ -116,8 +116,6 @@ def shifted(floor, plan, offsets):
 
 
 def test_robots_beside_their_paths_meet_nobody_where_there_is_room(yaml):
-    from up_samp.execution.judge import contacts_of
-
     problem, plan = floors.rounds(5, yaml, clearance=ROOM)
     plan = {**plan, "objects": [dict(o) for o in plan["objects"]]}
     executor = Executor(plan, problem)
@@ -131,6 +129,33 @@ def test_robots_beside_their_paths_meet_nobody_where_there_is_room(yaml):
         offsets = {f"r{k}": (0.05 * np.cos(a), 0.05 * np.sin(a)) for k, a in enumerate(angles)}
         fresh = {**plan, "objects": [dict(o) for o in plan["objects"]]}
         assert contacts_of(shifted(floor, fresh, offsets)) == []
+
+
+def test_the_margin_that_a_plan_was_made_with_covers_the_error(yaml):
+    """A margin of 2 L and 1 cm is enough: nothing is narrow, and nobody meets who is beside its
+    path by L, judged by the independent validator's distances.
+    """
+    problem, plan = PLANS["fleet"](1, yaml)
+    assert plan["margin"] == pytest.approx(0.11)
+    found = dependencies_of(problem, plan)
+    assert found.narrow == ()
+    assert all(m.wanted == pytest.approx(0.11) for m in found.meetings)
+    less = dependencies_of(problem, plan, margin=0.01)
+    assert max(m.wanted for m in less.meetings) == pytest.approx(0.11)
+    more = dependencies_of(problem, plan, localisation=0.1)
+    assert all(0.0 <= place.kept < 0.1 for place in more.narrow)
+    robots = [o["name"] for o in plan["objects"]]
+    rng = np.random.default_rng(2)
+    for seed, pattern in enumerate((PATTERNS[1], PATTERNS[2])):
+        floor = floor_of(Executor(plan, problem), pattern, seed)
+        while floor.goes_on(300.0):
+            floor.step()
+        for _ in range(4):
+            angles = rng.uniform(0.0, 2 * np.pi, len(robots))
+            pairs = zip(robots, angles, strict=True)
+            offsets = {r: (0.05 * np.cos(a), 0.05 * np.sin(a)) for r, a in pairs}
+            fresh = {**plan, "objects": [dict(o) for o in plan["objects"]]}
+            assert contacts_of(shifted(floor, fresh, offsets)) == []
 
 
 def test_where_there_is_no_room_is_named(yaml):

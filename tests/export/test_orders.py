@@ -157,6 +157,32 @@ def follow(steps, random):
     return when
 
 
+def test_points_are_come_to_late_and_left_early(plan, tmp_path):
+    """By the localisation error, whoever reads the nodes of the orders."""
+    error = plan["dependencies"]["localisation"]
+    assert error == 0.05
+    motions = {(m["activity"], m["object"]): m for m in plan["motions"]}
+    seen = set()
+    for robot, own in steps_of(plan).items():
+        for step in (s for s in own if s.piece is not None):
+            motion = motions[step.activity, robot]
+            times = [row[0] for row in motion["samples"]]
+            low, high = np.interp(step.piece.rows[[0, -1], 0], times, motion["progress"])
+            for event in (e for e in (*step.begins, *step.happens) if len(e) == 4):
+                at = event[-1]
+                seen.add(event)
+                if event[0] == "reach":
+                    assert high >= min(at + error, motion["progress"][-1]) - 2e-3
+                else:
+                    assert low <= max(at - error, 0.0) + 2e-3
+    ends = (tuple(edge[e]) for edge in plan["dependencies"]["edges"] for e in ("first", "then"))
+    assert seen == {event for event in ends if len(event) == 4}
+    export_plan(plan, "vda5050", tmp_path)
+    told = read(tmp_path / "releases.json")
+    assert told["localisation"] == error
+    assert len(told["narrow"]) >= len(plan["dependencies"]["narrow"])
+
+
 def test_releases_come_in_an_order_that_works(plan, tmp_path):
     """Whatever a message waits for is released by messages before it."""
     export_plan(plan, "vda5050", tmp_path)

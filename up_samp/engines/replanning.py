@@ -18,7 +18,6 @@ from unified_planning.plans import Plan, PlanKind, Schedule
 
 from up_samp.engines.direct import Call, DirectFace
 from up_samp.model import UnsupportedError
-from up_samp.upio.expressions import activities_in
 
 
 class ReplanningFace(DirectFace, ReplannerMixin, PlanRepairerMixin):  # type: ignore[misc]
@@ -160,6 +159,9 @@ class ReplanningFace(DirectFace, ReplannerMixin, PlanRepairerMixin):  # type: ig
 
 def _speakers(problem: SchedulingProblem, activity: Activity) -> Iterator[str]:
     """Yield what the problem or another activity says of ``activity``."""
+    # with UP problems comes geometry, which engines that are only named need not import
+    from up_samp.upio.expressions import activities_in
+
     for chronicle in (problem._base, *problem.activities):
         if chronicle is activity:
             continue

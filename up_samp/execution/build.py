@@ -419,8 +419,9 @@ def dependencies_of(
     """Return the dependency graph of a valid plan: acyclic, transitively reduced, with reasons.
 
     ``margin``: clearance in m that is kept where the plan keeps it (None: the one that the plan
-    was made with). It grows by ``localisation``, how far (m) a robot may be from where it tells to
-    be, for each of two bodies that drives; where the plan keeps less, see ``Dependencies.narrow``.
+    was made with). It grows until it covers ``localisation``, how far (m) a robot may be from where
+    it tells to be, for each of two bodies that drives, and 1 cm more (``TOLERANCES.margin``); where
+    the plan keeps less, see ``Dependencies.narrow``.
 
     Raises :class:`ProblemError` where the plan breaks the problem,
     :class:`UnsupportedError` for what no executive can keep.

@@ -111,9 +111,10 @@ class Narrow:
 
 
 def narrow_places(meetings: Iterable[Meeting], margin: float) -> tuple[Narrow, ...]:
-    """Return where meetings do not keep the margin that they should; ``margin`` (m) is what it was
-    before it grew by the localisation error.
+    """Return where meetings do not keep the margin (m) that they should; ``margin`` is the one that
+    was asked for.
     """
+    rounding = min(margin, TOLERANCES.margin)
     found: dict[tuple[tuple[str, str], tuple[str, str]], Narrow] = {}
     for meeting in meetings:
         if meeting.margin >= meeting.wanted:
@@ -124,7 +125,7 @@ def narrow_places(meetings: Iterable[Meeting], margin: float) -> tuple[Narrow, .
         x, y = path_a.poses_at(path_a.edges[cell : cell + 1])[0][:2]
         pieces = (meeting.a, meeting.b)
         doing = tuple(p.activity if isinstance(p, DriveCells) else "" for p in pieces)
-        kept = max(0.0, meeting.margin - margin) / movers
+        kept = max(0.0, meeting.margin - rounding) / movers
         key = meeting.pair, (doing[0], doing[1])
         if key not in found or kept < found[key].kept:
             found[key] = Narrow(*key, (float(x), float(y)), kept)
@@ -136,9 +137,10 @@ def meetings_of(
 ) -> list[Meeting]:
     """Return all meetings of different objects; :class:`ProblemError` where the plan collides.
 
-    The margin (m) grows by ``localisation`` (m) for each of the two that drives, where the plan
-    keeps so much; less where it does not (see :attr:`Meeting.wanted`). A meeting without rows is
-    one that only the grown margin has.
+    Bodies that are told to be so much apart may be nearer, by ``localisation`` (m) for each of the
+    two that drives. Where the margin (m) is less than that and rounding (``TOLERANCES.margin``), it
+    grows to it, where the plan keeps so much; less where it does not (see :attr:`Meeting.wanted`).
+    A meeting without rows is one that only the grown margin has.
     """
     found = []
     for one, other in pairs_of(lives):
@@ -148,7 +150,8 @@ def meetings_of(
 
 def _pair(one: Life, other: Life, margin: float, localisation: float) -> list[Meeting]:
     p, q = one.boxes, other.boxes
-    grown = localisation * (bool(one.drives) + bool(other.drives))
+    apart = localisation * (bool(one.drives) + bool(other.drives))
+    grown = max(0.0, min(margin, TOLERANCES.margin) + apart - margin)
     margins = margin, grown
     margin += grown
     near = (

@@ -3,7 +3,10 @@
 A step drives a stretch of a motion without a stop that the plan asks for, or does an activity on
 the spot. Stretches end where the plan's dependencies speak of a point of the path, and where the
 direction of travel changes. Whoever follows the steps, each robot in its order and each step only
-when all that it waits for has happened, keeps the plan's promises however late robots are.
+when all that it waits for has happened, keeps the plan's promises however late robots are, and
+however wrong about where they are, up to the localisation error of the plan's dependencies: a point
+has been come to once so much more is told, and stretches end so much before a point that is not to
+be left.
 """
 
 from __future__ import annotations
@@ -15,7 +18,9 @@ from typing import Any
 
 import numpy as np
 
+from up_samp.execution.build import Dependencies
 from up_samp.execution.files import dependencies_from_plan
+from up_samp.execution.state import told_places
 from up_samp.export.legs import FloatArray, PathPiece, pieces_of
 from up_samp.export.precision import PRECISION
 from up_samp.io import PlanDict
@@ -62,18 +67,41 @@ def steps_of(plan: PlanDict) -> dict[str, list[RobotStep]]:
             f"the plan of '{plan['problem']}' has no dependencies, without which such orders are "
             "unsafe; solve the problem again, or add them with up_samp.execution"
         )
-    dependencies_from_plan(plan)  # refuses those that cannot be followed
-    return _StepReader(plan).read()
+    return _StepReader(plan, dependencies_from_plan(plan)).read()
+
+
+def localisation_of(plan: PlanDict) -> tuple[float, list[str]]:
+    """Return how far (m) from where it tells to be a robot may be that follows the steps, and where
+    only less is covered, as text.
+    """
+    dependencies = dependencies_from_plan(plan)
+    _, squeezed = told_places(dependencies.graph, dependencies.localisation)
+    less = [*map(str, dependencies.narrow), *map(str, squeezed)]
+    return dependencies.localisation, less
+
+
+def _told(dependencies: Dependencies) -> dict[tuple[Any, ...], float]:
+    """Return by event, in the plan file's words, the progress (m) to be told at which a point of a
+    path has surely been come to, or surely not been left.
+    """
+    graph = dependencies.graph
+    places, _ = told_places(graph, dependencies.localisation)
+    found = {}
+    for k, place in places.items():
+        event = graph.events[k]
+        found[event.at.value, event.activity, event.object, event.progress] = place
+    return found
 
 
 class _StepReader:
     """Reads one plan."""
 
-    def __init__(self, plan: PlanDict) -> None:
+    def __init__(self, plan: PlanDict, dependencies: Dependencies) -> None:
         self.plan = plan
+        told = _told(dependencies)
         self.unit = float(plan["seconds_per_unit"])
         self.waits: dict[tuple[Any, ...], list[StepWait]] = {}
-        self.points: dict[tuple[str, str], set[float]] = {}
+        self.points: dict[tuple[str, str], dict[tuple[Any, ...], float]] = {}
         self.tasks = {t["activity"]: t for t in plan["dependencies"]["tasks"]}
         self.motions: dict[str, list[Mapping[str, Any]]] = {}
         for motion in plan["motions"]:
@@ -84,7 +112,8 @@ class _StepReader:
                 self.waits.setdefault(tuple(edge["then"]), []).append(wait)
             for event in (edge["first"], edge["then"]):
                 if event[0] in ("reach", "leave"):
-                    self.points.setdefault((event[1], event[2]), set()).add(float(event[3]))
+                    known = self.points.setdefault((event[1], event[2]), {})
+                    known[tuple(event)] = told[tuple(event)]
 
     def _kept_anyway(self, edge: Mapping[str, Any]) -> bool:
         """Return whether a robot that does its steps in order cannot break an edge."""
@@ -129,7 +158,8 @@ class _StepReader:
         if motion is None:
             return [RobotStep(robot, name, begin, (started,), (done,), None, seconds)]
         steps: list[RobotStep] = []
-        for piece, low, high in _stretches(motion, self.points.get((name, robot), set())):
+        points = set(self.points.get((name, robot), {}).values())
+        for piece, low, high in _stretches(motion, points):
             waits = () if steps else begin
             waits += self._at("leave", name, robot, low)
             begins = tuple(self._events("leave", name, robot, low))
@@ -142,8 +172,8 @@ class _StepReader:
         return steps
 
     def _events(self, kind: str, name: str, robot: str, at: float) -> list[tuple[Any, ...]]:
-        points = self.points.get((name, robot), ())
-        return [(kind, name, robot, p) for p in sorted(points) if abs(p - at) <= PRECISION.near]
+        points = sorted(self.points.get((name, robot), {}).items())
+        return [e for e, p in points if e[0] == kind and abs(p - at) <= PRECISION.near]
 
     def _at(self, kind: str, name: str, robot: str, at: float) -> tuple[StepWait, ...]:
         events = self._events(kind, name, robot, at)

@@ -21,7 +21,7 @@ import numpy as np
 
 from up_samp.export.legs import FloatArray, PathPiece, simplified, wrapped
 from up_samp.export.precision import PRECISION
-from up_samp.export.steps import RobotStep, StepWait, steps_of
+from up_samp.export.steps import RobotStep, StepWait, localisation_of, steps_of
 from up_samp.io import PlanDict
 from up_samp.model import ProblemError
 
@@ -61,11 +61,14 @@ def export(plan: PlanDict, folder: Path, version: str = VERSION) -> list[Path]:
             written.append(_write(folder / name, later(message) if version == LATER else message))
             last = next(n["sequenceId"] for n in reversed(message["nodes"]) if n["released"])
             releases.append(_Release(str(name), order.robot, last, waits))
+    error, less = localisation_of(plan)
     listed = [_listed(r, seen) for r in _sorted(releases, seen, others)]
     written.append(
         _write(
             folder / "releases.json",
             {
+                "localisation": error,
+                "narrow": less,
                 "messages": listed,
                 "activities": [
                     {"activity": s.activity, "after": [_condition(w, seen) for w in s.waits]}

@@ -6,6 +6,7 @@ that tells what it had to assume; the file is then yours to edit.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -75,15 +76,20 @@ def import_file(
     except UnsupportedError:
         raise
     except ProblemError as error:
-        if str(source) in str(error):
+        parts = str(error).split(str(source))
+        text = str(source).join(_LONG.sub(lambda word: short(word[0]), part) for part in parts)
+        if len(parts) > 1 and text == str(error):
             raise
-        raise ProblemError(f"{source}: {error}") from error  # found in what was made of it
+        named = text if len(parts) > 1 else f"{source}: {text}"  # found in what was made of it
+        raise ProblemError(named) from error
     except _OTHER_SHAPE as error:
         said = f"{error} is not there" if isinstance(error, KeyError) else str(error)
         text = short(" ".join(said.split()) or type(error).__name__, 200)
         raise wrong(source, None, f"not readable as {TITLES[kind]}: {text}") from error
 
 
+_LONG = re.compile(r"\S{200,}")
+"""Words of a file that are not told whole."""
 _OTHER_SHAPE = (
     ArithmeticError,
     AttributeError,
