@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from functools import partial
 from typing import TypeVar
 
+from up_samp.extensions import parts
 from up_samp.model import Body, Configuration, PathReport, Placed
 from up_samp.model.refinement import Refinement
 from up_samp.motion import MotionService
@@ -63,7 +64,11 @@ def _statements(tuning: SearchTuning) -> Sequence[tuple[Statement, Ideas]]:
 
     return (
         (
-            Statement("copies of activities", lambda s: used_in_order(s.knowledge)),
+            # what is stated from outside may tell copies apart
+            Statement(
+                "copies of activities",
+                lambda s: [] if parts("constraints") else used_in_order(s.knowledge),
+            ),
             ("bounds_first", "native"),
         ),
         (
@@ -82,6 +87,7 @@ def _statements(tuning: SearchTuning) -> Sequence[tuple[Statement, Ideas]]:
             ),
             ("bounds_first", "profiles"),
         ),
+        *((Statement(name, told), ("refine",)) for name, told in parts("statements").items()),
     )
 
 
@@ -95,10 +101,12 @@ def _after_failure(tuning: SearchTuning) -> Sequence[tuple[Statement, Ideas]]:
 
 
 def _attempts(tuning: SearchTuning) -> Sequence[tuple[Attempt, Ideas]]:
-    """Return what a late motion may tell: its goal was just left by another one; it waits for a
-    door; what rests is in its way; it meets another one at a whole range of start offsets.
+    """Return what a late motion may tell: what parts from outside know; its goal was just left by
+    another one; it waits for a door; what rests is in its way; it meets another one at a whole
+    range of start offsets.
     """
     return (
+        *((attempt, ("refine",)) for attempt in parts("cuts").values()),
         (partial(handover_cuts, tuning=tuning.handovers), ("profiles",)),
         (door_cuts, ()),
         (rest_cuts, ()),
@@ -121,8 +129,8 @@ def components_of(params: Parameters, *, native: bool) -> Components:
     # other engines' schedules are full of motions that nothing needs
     lean = () if native else ((PruneCandidate(tuning.tidy), ("tidy", "incumbents")),)
 
-    def with_ideas(parts: Sequence[tuple[Part, Ideas]]) -> tuple[Part, ...]:
-        return tuple(part for part, needed in parts if ideas.issuperset(needed))
+    def with_ideas(some: Sequence[tuple[Part, Ideas]]) -> tuple[Part, ...]:
+        return tuple(part for part, needed in some if ideas.issuperset(needed))
 
     return Components(
         statements=with_ideas(_statements(tuning)),
