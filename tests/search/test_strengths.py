@@ -15,6 +15,7 @@ from tests.fuzz.cases import Case, Robot, Style
 from tests.fuzz.floors import rooms
 from tests.fuzz.problems import build
 from up_samp.benchmarks.places import box
+from up_samp.extensions import extended
 from up_samp.model import (
     Body,
     Deadline,
@@ -26,7 +27,7 @@ from up_samp.model import (
     TimedMotion,
 )
 from up_samp.model.refinement import Layer, Strength
-from up_samp.motion import MotionService, register_planner
+from up_samp.motion import MotionService
 from up_samp.motion.planners.car import CarPlanner
 from up_samp.search.events import Observer
 from up_samp.search.facts import LATE, Facts
@@ -106,13 +107,15 @@ def around_a_robot():
 @pytest.mark.parametrize("planner", [Hurried, Patient])
 def test_only_a_finished_search_proves_anything(planner):
     """What is found is the same on a slow machine and on a fast one; what is proven is less."""
-    register_planner(planner.name, planner)
     problem = around_a_robot()
-    with OneshotPlanner(
-        name="samp-refine[cpsat]",
-        params={"path_planner": planner.name},
-        optimality_guarantee=OptimalityGuarantee.SOLVED_OPTIMALLY,
-    ) as solver:
+    with (
+        extended("planners", planner.name, planner),
+        OneshotPlanner(
+            name="samp-refine[cpsat]",
+            params={"path_planner": planner.name},
+            optimality_guarantee=OptimalityGuarantee.SOLVED_OPTIMALLY,
+        ) as solver,
+    ):
         result = solver.solve(problem, timeout=6)
     assert validate_plan(problem, result.plan).valid
     if planner.complete:
@@ -151,20 +154,20 @@ def test_units_forgive_rounding_and_no_more_than_the_validator(unit):
 
 @pytest.mark.parametrize("planner", [Hurried, Patient])
 def test_a_group_is_complete_only_if_all_its_paths_are(planner):
-    register_planner(planner.name, planner)
     body = Body(box(2, 1), Kinematics(MotionModel.REEDSSHEPP, 1.0, 2.0, 1.0))
     ways = {
         "east": ((0.0, 0.0, 0.0), (20.0, 0.0, 0.0)),
         "north": ((9.0, -9.0, 1.6), (9.0, 9.0, 1.6)),
     }
     motions = tuple(TimedMotion(n, n, body, poses, 0.0, 100.0) for n, poses in ways.items())
-    service = MotionService(None, planner=planner.name)
-    for _ in range(2):  # what was cut short is not remembered as anything better
-        report = service.coordinate(GroupQuery(motions), Deadline.after(60))
-        assert report.outcome is Outcome.FOUND
-        assert report.complete is planner.complete
-        alone = service.plan(PathQuery(body, ways["east"]), Deadline.after(60))
-        assert alone.complete is planner.complete
+    with extended("planners", planner.name, planner):
+        service = MotionService(None, planner=planner.name)
+        for _ in range(2):  # what was cut short is not remembered as anything better
+            report = service.coordinate(GroupQuery(motions), Deadline.after(60))
+            assert report.outcome is Outcome.FOUND
+            assert report.complete is planner.complete
+            alone = service.plan(PathQuery(body, ways["east"]), Deadline.after(60))
+            assert alone.complete is planner.complete
 
 
 def through_a_doorway(folder):

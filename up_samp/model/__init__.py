@@ -29,6 +29,7 @@ from up_samp.model.motion import (
     Trajectory,
     interpolate,
 )
+from up_samp.model.objective import Objective
 from up_samp.model.refusal import Refusal
 from up_samp.model.schedule import (
     CandidateSchedule,
@@ -51,6 +52,7 @@ __all__ = [
     "Kinematics",
     "MotionModel",
     "Movable",
+    "Objective",
     "OutOfTimeError",
     "Outcome",
     "PathQuery",

@@ -2,7 +2,6 @@
 
 from up_samp.motion.cache import MotionCache
 from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
-from up_samp.motion.registry import register_planner
 from up_samp.motion.service import MotionService
 
-__all__ = ["Leg", "LegQuery", "MotionCache", "MotionPlanner", "MotionService", "register_planner"]
+__all__ = ["Leg", "LegQuery", "MotionCache", "MotionPlanner", "MotionService"]

@@ -8,6 +8,7 @@ import logging
 from collections.abc import Callable
 from typing import Any
 
+from up_samp.extensions import parts
 from up_samp.geometry import Scene
 from up_samp.model import Body, MotionModel, ProblemError, UnsupportedError
 from up_samp.motion.protocol import MotionPlanner
@@ -24,7 +25,9 @@ PLANNERS: dict[str, str | Factory] = {
     "control": "up_samp.motion.planners.ompl:ControlPlanner",
 }
 """Planners by name: ``module:factory`` (imported when needed) or a factory(scene, seed). Beside
-these, OMPL's planners are known by their own names (see :mod:`up_samp.motion.planners.ompl`).
+these, OMPL's planners are known by their own names (see :mod:`up_samp.motion.planners.ompl`), and
+those from outside (:mod:`up_samp.extensions`); one of these that has a ``default_for`` plans for
+these motion models.
 """
 
 DEFAULTS: dict[MotionModel, str] = {
@@ -43,36 +46,21 @@ SECOND_OPINIONS: dict[MotionModel, tuple[str, ...]] = {
 """Planners asked after the default one found nothing, before the answer is "out of time"."""
 
 
-def register_planner(
-    name: str,
-    factory: str | Factory,
-    *,
-    default_for: tuple[MotionModel, ...] = (),
-    second_opinion_for: tuple[MotionModel, ...] = (),
-) -> None:
-    """Make a planner known under ``name``."""
-    PLANNERS[name] = factory
-    for model in default_for:
-        DEFAULTS[model] = name
-    for model in second_opinion_for:
-        known = SECOND_OPINIONS.get(model, ())
-        SECOND_OPINIONS[model] = (*(n for n in known if n != name), name)
-
-
 def make_planner(name: str, scene: Scene, seed: int) -> MotionPlanner:
     """Return the planner called ``name`` for a scene."""
-    if name not in PLANNERS:
+    planners = PLANNERS | parts("planners")
+    if name not in planners:
         from up_samp.motion.planners.ompl import PLANNERS as OMPL
         from up_samp.motion.planners.ompl import OmplPlanner
 
         try:
             return OmplPlanner(name, scene, seed)
         except ProblemError as error:
-            known = ", ".join((*sorted(PLANNERS), *OMPL))
+            known = ", ".join((*sorted(planners), *OMPL))
             raise ProblemError(
                 f"there is no motion planner '{name}'; known are default, {known}"
             ) from error
-    factory: Any = PLANNERS[name]
+    factory: Any = planners[name]
     if isinstance(factory, str):
         module, _, attribute = factory.partition(":")
         factory = getattr(importlib.import_module(module), attribute)
@@ -85,12 +73,14 @@ def planner_names(name: str, body: Body) -> tuple[str, ...]:
     if name != "default":
         return (name,)
     model = body.kinematics.model
-    if model not in DEFAULTS:
+    added = parts("planners").items()
+    defaults = DEFAULTS | {m: n for n, made in added for m in getattr(made, "default_for", ())}
+    if model not in defaults:
         raise UnsupportedError(f"no motion planner for the motion model {model.name}")
     others = SECOND_OPINIONS.get(model, ())
     if others and not has_ompl():
         others = tuple(n for n in others if n in PLANNERS)
-    return (DEFAULTS[model], *others)
+    return (defaults[model], *others)
 
 
 @functools.cache

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TypeVar
 
+from up_samp.extensions import parts
 from up_samp.model import Body, Configuration, PathReport, Placed
 from up_samp.model.refinement import Refinement
 from up_samp.motion import MotionService
@@ -62,7 +63,11 @@ def _statements() -> Sequence[tuple[Statement, Ideas]]:
 
     return (
         (
-            Statement("copies of activities", lambda s: used_in_order(s.knowledge)),
+            # what is stated from outside may tell copies apart
+            Statement(
+                "copies of activities",
+                lambda s: [] if parts("constraints") else used_in_order(s.knowledge),
+            ),
             ("bounds_first", "native"),
         ),
         (
@@ -79,6 +84,7 @@ def _statements() -> Sequence[tuple[Statement, Ideas]]:
             Statement("handing over places", lambda s: proven_handovers(s.motions)),
             ("bounds_first", "profiles"),
         ),
+        *((Statement(name, told), ("refine",)) for name, told in parts("statements").items()),
     )
 
 
@@ -109,17 +115,19 @@ def components_of(params: Parameters, *, native: bool) -> Components:
     ideas = {name for name in SWITCHES if getattr(params, name)} | ({"native"} if native else set())
 
     tuning = tuning_of(params.tuning).search
+    # what parts from outside know comes first
+    outside = tuple(parts("cuts").values()) if "refine" in ideas else ()
     repair = RepairDurations("slack" in ideas, tuning.repair)
     # other engines' schedules are full of motions that nothing needs
     lean = () if native else ((prune_candidate, ("tidy", "incumbents")),)
 
-    def with_ideas(parts: Sequence[tuple[Part, Ideas]]) -> tuple[Part, ...]:
-        return tuple(part for part, needed in parts if ideas.issuperset(needed))
+    def with_ideas(some: Sequence[tuple[Part, Ideas]]) -> tuple[Part, ...]:
+        return tuple(part for part, needed in some if ideas.issuperset(needed))
 
     return Components(
         statements=with_ideas(_statements()),
         layers=with_ideas(LAYERS),
-        cuts=_cuts(ideas, with_ideas(ATTEMPTS), params.seed),
+        cuts=_cuts(ideas, (*outside, *with_ideas(ATTEMPTS)), params.seed),
         pace=Staged() if ideas >= {"native", "incumbents"} else AtOnce(),
         shapers=with_ideas((*lean, (slack, ("slack",)))),
         builders=with_ideas(((InOrder(tuning.in_order), ("incumbents",)),)),

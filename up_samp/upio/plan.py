@@ -119,7 +119,9 @@ def _value(problem: Any, schedule: CandidateSchedule, parameter: Any) -> Any:
 
 
 def up_path(trajectory: Trajectory, model: MotionModel) -> SE2Path | SE3Path | SE2WithControlsPath:
-    """Return a UP path: poses with controls (m/s, rad/s, s) for cars, poses for others."""
+    """Return a UP path: poses with controls (m/s, rad/s, s) for what drives along its heading,
+    poses for others.
+    """
     poses = trajectory.poses
     if model is MotionModel.SE3:
         return SE3Path([SE3(*p) for p in poses.tolist()])
@@ -128,6 +130,9 @@ def up_path(trajectory: Trajectory, model: MotionModel) -> SE2Path | SE3Path | S
     steps = np.diff(trajectory.times)
     moves = np.diff(poses, axis=0)
     middle = poses[:-1, 2] + 0.5 * moves[:, 2]
+    across = moves[:, 1] * np.cos(middle) - moves[:, 0] * np.sin(middle)
+    if model is MotionModel.CONTROL and np.abs(across).max(initial=0.0) > 1e-6:  # m
+        return SE2Path([SE2(*p) for p in poses.tolist()])
     chord = moves[:, 0] * np.cos(middle) + moves[:, 1] * np.sin(middle)
     half = 0.5 * moves[:, 2]
     stretch = np.ones_like(half)

@@ -6,6 +6,7 @@ from typing import Any
 
 from unified_planning.model import metrics
 
+from up_samp.extensions import parts
 from up_samp.model import UnsupportedError
 from up_samp.validation.conditions import holds_throughout
 from up_samp.validation.timeline import Reading, StateTimeline
@@ -16,6 +17,9 @@ def evaluate_metric(metric: Any, timeline: StateTimeline) -> Value:
     """Return the value of ``metric``: the makespan is the latest end of a present activity; values
     of fluents and goals are those after all effects.
     """
+    for objective in parts("objectives").values():
+        if type(metric) is objective.metric:
+            return objective.judged(metric, timeline)
     if isinstance(metric, metrics.MinimizeMakespan):
         return timeline.decisions.makespan
     final = Reader(

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from unified_planning.model import OperatorKind, TimepointKind
 
+from up_samp.extensions import parts
 from up_samp.model import UnsupportedError
 from up_samp.validation.conditions import (
     _reader_at,
@@ -55,7 +56,11 @@ def judge_schedule(problem: Any, plan: Any) -> JudgedSchedule:
     decisions, broken = read_decisions(problem, plan)
     if decisions is None or broken:
         return JudgedSchedule(Verdict(tuple(broken), False))
-    return judge_decisions(problem, decisions)
+    judged = judge_decisions(problem, decisions)
+    found = [v for rule in parts("rules").values() for v in rule(problem, plan)]
+    if not found:
+        return judged
+    return replace(judged, verdict=Verdict((*judged.verdict.violations, *found), False))
 
 
 def judge_decisions(problem: Any, decisions: Decisions) -> JudgedSchedule:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,6 +43,17 @@ class Imported:
 
     problem: Path
     notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Importer:
+    """How files of one kind are imported: ``read`` a file into a folder; what such files are called
+    in messages; the endings of names that tell them (in lower case).
+    """
+
+    read: Callable[[Path, Path, Options], Imported]
+    title: str
+    endings: tuple[str, ...] = ()
 
 
 def finish(folder: Path, data: dict[str, Any], notes: Collection[str]) -> Imported:

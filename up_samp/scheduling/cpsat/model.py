@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 from unified_planning.model import FNode
 from unified_planning.model.scheduling import SchedulingProblem
 
+from up_samp.extensions import parts as parts_from_outside
 from up_samp.model import Deadline, OutOfTimeError, UnsupportedError, check_time, in_force
 from up_samp.scheduling.cpsat.encode.disjunctions import Disjunctions, find_groups, merge_forms
 from up_samp.scheduling.cpsat.encode.durations import LIMITS, constant_bounds, constants, least
@@ -139,6 +140,8 @@ class ScheduleModel:
 
     def _written(self, draft: ModelDraft) -> None:
         draft.forms = self._forms(draft.parts, first=True)
+        for state in parts_from_outside("constraints").values():
+            draft.forms.extend(state(self))
         if not self.plain:
             self.world.domains = domains(draft.forms, self.variables)
         self.horizon.preconditions(draft.form.preconditions)

@@ -17,6 +17,7 @@ from functools import partial
 
 from unified_planning.model.scheduling import SchedulingProblem
 
+from up_samp.extensions import parts
 from up_samp.model import CandidateSchedule, Deadline, ScheduleReport, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.tuning import CpsatTuning
@@ -188,7 +189,9 @@ class Descent:
     """
 
     tuning: NeighbourhoodsTuning = field(default_factory=NeighbourhoodsTuning)
-    choices: Sequence[Choice] = CHOICES
+    choices: Sequence[Choice] = field(
+        default_factory=lambda: (*CHOICES, *parts("neighbourhoods").values())
+    )
 
     def __call__(self, search: Search, stuck: bool) -> Iterator[Incumbent]:
         """Yield plans that are better than all before them, for a share of the time: where the

@@ -10,6 +10,7 @@ from typing import Any
 from unified_planning.model import FNode
 from unified_planning.model import metrics as up
 
+from up_samp.extensions import parts
 from up_samp.model import UnsupportedError
 from up_samp.scheduling.cpsat.encode.durations import LIMITS
 from up_samp.scheduling.cpsat.encode.forms import TRUE, Cmp, Form, Lin, comparisons, constant
@@ -127,14 +128,11 @@ def objective_of(problem: Any, states: States, exact: Callable[[], None]) -> Lin
     metric = metrics[0]
     if isinstance(metric, up.MinimizeMakespan):
         return None
+    known = OBJECTIVES | {o.metric: o.scheduled for o in parts("objectives").values()}
+    if type(metric) not in known:
+        raise UnsupportedError(f"cpsat does not support the metric '{metric}'")
     terms = Terms(states.world, states.reader(None, TRUE, states.far, states.far))
-    if isinstance(metric, up.MinimizeExpressionOnFinalState):
-        return terms.linear(metric.expression)
-    if isinstance(metric, up.MaximizeExpressionOnFinalState):
-        return times(terms.linear(metric.expression), -1)
-    if isinstance(metric, up.Oversubscription):
-        return _oversubscription(metric, terms)
-    raise UnsupportedError(f"cpsat does not support the metric '{metric}'")
+    return known[type(metric)](metric, terms)
 
 
 def _oversubscription(metric: up.Oversubscription, terms: Terms) -> Lin:
@@ -145,3 +143,13 @@ def _oversubscription(metric: up.Oversubscription, terms: Terms) -> Lin:
             raise UnsupportedError(f"cpsat takes integer gains only, not {gain}")
         total = total.plus(indicator(literal), -gain)
     return total
+
+
+OBJECTIVES: dict[type, Callable[[Any, Terms], Lin]] = {
+    up.MinimizeExpressionOnFinalState: lambda metric, terms: terms.linear(metric.expression),
+    up.MaximizeExpressionOnFinalState: lambda metric, terms: times(
+        terms.linear(metric.expression), -1
+    ),
+    up.Oversubscription: _oversubscription,
+}
+"""What is minimised for each class of metrics beside the makespan."""
