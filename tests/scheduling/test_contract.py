@@ -137,4 +137,4 @@ def test_schedules_travel_both_ways():
         candidate = scheduler.solve(Deadline.after(20.0)).schedule
     assert candidate.parameters["park.where"] == "box"
     assert 2 <= candidate.parameters["level"] <= 4
-    assert to_candidate(problem, to_up_schedule(problem, candidate)) == candidate
+    assert to_candidate(to_up_schedule(problem, candidate)) == candidate

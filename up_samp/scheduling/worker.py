@@ -155,7 +155,8 @@ class _Engines:
 def run(task: WorkerTask, engines: _Engines) -> WorkerAnswer:
     """Solve one task; every failure of the engine becomes an answer."""
     from up_samp.model import UnsupportedError
-    from up_samp.scheduling.compilers.write import plain_schedule, write_problem
+    from up_samp.scheduling.compilers.write import write_problem
+    from up_samp.scheduling.schedules import to_candidate
 
     started = time.monotonic()
     try:
@@ -178,8 +179,10 @@ def run(task: WorkerTask, engines: _Engines) -> WorkerAnswer:
         logs = "; ".join(str(m.message) for m in result.log_messages or [])
         if result.plan is None:
             return WorkerAnswer(result.status.name, None, {}, logs[-2000:], seconds)
-        times, parameters = plain_schedule(result.plan)
-        return WorkerAnswer(result.status.name, times, parameters, logs[-2000:], seconds)
+        found = to_candidate(result.plan)
+        return WorkerAnswer(
+            result.status.name, found.times, found.parameters, logs[-2000:], seconds
+        )
     except UnsupportedError as error:
         return WorkerAnswer("unsupported", message=str(error), seconds=time.monotonic() - started)
     except Exception as error:

@@ -457,7 +457,7 @@ def start_of(problem: SchedulingProblem, plan: Plan) -> CandidateSchedule:
     """
     if not isinstance(plan, Schedule):
         raise ProblemError(f"a search begins from schedules only, not from a {type(plan).__name__}")
-    told = to_candidate(problem, plan)
+    told = to_candidate(plan)
     known = {a.name for a in problem.activities}
     times = {name: span for name, span in told.times.items() if name in known}
     for activity in problem.activities:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 from unified_planning.model import FNode
@@ -22,7 +22,6 @@ from unified_planning.model.motion import (
 from up_samp.model import (
     Configuration,
     MotionModel,
-    Movable,
     ProblemError,
     UnsupportedError,
 )
@@ -49,12 +48,13 @@ def read_problem(problem: SchedulingMotionProblem, seconds_per_unit: float = 1.0
     maps, map_of = read_maps(problem, configurations)
     tasks, changes = _read_activities(problem, frozenset(objects), maps)
     initial = _read_initial(problem)
-    parts = _Parts(objects, configurations, initial, tasks, changes)
-    _check_initial(parts)
-    _check_dimensions(parts)
-    check_flat(maps, objects)
     heights = {name: maps[number].height for name, number in map_of.items()}
     floor = RideFloor(objects, configurations, initial, heights)
+    users = [(t.activity, t.object, tuple(t.terms)) for t in tasks]
+    users += [(c.activity, c.object, (c.term,)) for c in changes]
+    _check_initial(floor, users)
+    _check_dimensions(floor, users)
+    check_flat(maps, objects)
     tasks, changes = find_rides(tasks, changes, floor)
     return Snapshot(
         name=problem.name or "problem",
@@ -264,61 +264,49 @@ def _read_initial(problem: SchedulingMotionProblem) -> dict[str, str]:
     return initial
 
 
-@dataclass(frozen=True)
-class _Parts:
-    """What is read of a problem, before it is checked."""
-
-    objects: Mapping[str, Movable]
-    configurations: Mapping[str, Configuration]
-    initial: Mapping[str, str]
-    tasks: Sequence[MotionTask]
-    changes: Sequence[ChangeTask]
-
-    def users(self) -> list[tuple[str, str, tuple[Term, ...]]]:
-        """Return (activity, object, places) of every motion and every change."""
-        users = [(t.activity, t.object, tuple(t.terms)) for t in self.tasks]
-        return users + [(c.activity, c.object, (c.term,)) for c in self.changes]
+Users = Sequence[tuple[str, str, tuple[Term, ...]]]
+"""(activity, object, places) of every motion and every change."""
 
 
-def _check_initial(parts: _Parts) -> None:
-    for activity, name, _ in parts.users():
-        if name not in parts.initial:
+def _check_initial(floor: RideFloor, users: Users) -> None:
+    for activity, name, _ in users:
+        if name not in floor.initial:
             raise ProblemError(
                 f"object '{name}', moved by activity '{activity}', has no initial configuration; "
                 "call problem.set_initial_configuration"
             )
-    for name, place in parts.initial.items():
-        if name not in parts.objects:
+    for name, place in floor.initial.items():
+        if name not in floor.objects:
             raise ProblemError(
                 f"initial configuration of '{name}', which is no movable object of the problem"
             )
-        if place not in parts.configurations:
+        if place not in floor.configurations:
             raise ProblemError(
                 f"object '{name}' starts at '{place}', which is no configuration of the problem "
                 "(add it with problem.add_object)"
             )
 
 
-def _check_dimensions(parts: _Parts) -> None:
-    for name, place in parts.initial.items():
-        model = parts.objects[name].body.kinematics.model
-        if len(parts.configurations[place]) != (7 if model is MotionModel.SE3 else 3):
+def _check_dimensions(floor: RideFloor, users: Users) -> None:
+    for name, place in floor.initial.items():
+        model = floor.objects[name].body.kinematics.model
+        if len(floor.configurations[place]) != (7 if model is MotionModel.SE3 else 3):
             raise ProblemError(
                 f"object '{name}' starts at '{place}', which is of the wrong type for it "
                 f"({model.value})"
             )
-    for activity, name, terms in parts.users():
-        body = parts.objects[name].body
+    for activity, name, terms in users:
+        body = floor.objects[name].body
         size = 7 if body.kinematics.model is MotionModel.SE3 else 3
         for term in terms:
             if term.kind is not TermKind.CONSTANT:
                 continue
-            if term.name not in parts.configurations:
+            if term.name not in floor.configurations:
                 raise ProblemError(
                     f"activity '{activity}' uses the configuration '{term.name}', which is "
                     "not in the problem (add it with problem.add_object)"
                 )
-            if len(parts.configurations[term.name]) != size:
+            if len(floor.configurations[term.name]) != size:
                 raise ProblemError(
                     f"activity '{activity}': configuration '{term.name}' is of the wrong "
                     f"type for '{name}' ({body.kinematics.model.value} needs {size} numbers)"

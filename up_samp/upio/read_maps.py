@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from unified_planning.model.motion import MotionModels, MovableObject, SchedulingMotionProblem
@@ -220,14 +220,7 @@ def _read_control(obj: MovableObject, limits: Kinematics) -> Kinematics:
                 raise ProblemError(f"object '{obj.name}': its control model cannot turn")
             return _bicycle(obj, limits, curvature, given)
     law = ControlLaw(obj.control_model, bounds, obj.name)
-    return Kinematics(
-        MotionModel.CONTROL,
-        limits.turning_radius,
-        limits.v_max,
-        limits.a_max,
-        limits.omega_max,
-        law,
-    )
+    return replace(limits, model=MotionModel.CONTROL, control=law)
 
 
 def _bicycle(
@@ -242,12 +235,11 @@ def _bicycle(
         speed = min(speed, -float(given.get("v_min", -speed)))
     radius = 1.0 / curvature
     # a bicycle drives along its heading: a body that could move anywhere is a car with it
-    return Kinematics(
-        MotionModel.REEDSSHEPP if limits.model is MotionModel.SE2 else limits.model,
+    return replace(
+        limits,
+        model=MotionModel.REEDSSHEPP if limits.model is MotionModel.SE2 else limits.model,
         turning_radius=max(limits.turning_radius, radius) if "turning_radius" in own else radius,
         v_max=min(limits.v_max, speed) if "v_max" in own else speed,
-        a_max=limits.a_max,
-        omega_max=limits.omega_max,
     )
 
 

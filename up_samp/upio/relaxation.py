@@ -26,7 +26,7 @@ from up_samp.model.refinement import Literal
 from up_samp.model.snapshot import Snapshot, Term, TermKind
 from up_samp.upio.expressions import walk
 from up_samp.upio.rewrite import Rewriter
-from up_samp.upio.whereabouts import Changes, changes_of
+from up_samp.upio.whereabouts import FluentChanges, changes_of
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class Relaxation:
         return {str(expression): expression for expression in self.given_values}
 
     @cached_property
-    def given_changes(self) -> tuple[Changes, frozenset[Fluent]]:
+    def given_changes(self) -> tuple[FluentChanges, frozenset[Fluent]]:
         """What activities change of the problem's own fluents, and those that are set loosely."""
         return changes_of(self.problem)
 

@@ -42,15 +42,15 @@ def whereabouts(problem: SchedulingMotionProblem) -> Mapping[FNode, str]:
     return found
 
 
-Changes = dict[FNode, list[tuple[Activity, Timing, Effect]]]
+FluentChanges = dict[FNode, list[tuple[Activity, Timing, Effect]]]
 """Fluent expression -> what activities do to it, and when."""
 
 
-def changes_of(problem: SchedulingProblem) -> tuple[Changes, frozenset[Fluent]]:
+def changes_of(problem: SchedulingProblem) -> tuple[FluentChanges, frozenset[Fluent]]:
     """Return what activities change, and the fluents that something sets without an activity, or
     with arguments that are decided.
     """
-    found: Changes = {}
+    found: FluentChanges = {}
     loose = set()
     for timing, effect, activity in problem.all_effects():
         if activity is None or not all(a.is_constant() for a in effect.fluent.args):

@@ -63,7 +63,7 @@ def compile_support(problem: PlainProblem) -> Compiled:
         near = [e for e in problem.effects if e.fluent[1] in read]
         instant = behind == 0  # or nothing
         renewed = not instant and any(
-            _own(condition, e) and _renews(problem, condition, e) for e in near
+            condition.lets(e) and _renews(problem, condition, e) for e in near
         )
         wanted = renewed or (len(read) > 1 and not instant)
         said = _effect_by_effect(problem, condition, near) if wanted else None
@@ -85,11 +85,6 @@ def _conjuncts(conditions: Iterable[Condition]) -> Iterator[Condition]:
             yield replace(condition, expression=part)
 
 
-def _own(condition: Condition, effect: Effect) -> bool:
-    """Return whether the effect may come within the interval of the condition at all."""
-    return None in (condition.owner, effect.owner) or condition.owner == effect.owner
-
-
 def _effect_by_effect(
     problem: PlainProblem, condition: Condition, effects: list[Effect]
 ) -> tuple[list[Condition], list[Expr]] | None:
@@ -106,7 +101,7 @@ def _effect_by_effect(
     conditions = [replace(condition, high=low)]
     constraints: list[Expr] = []
     for effect in effects:
-        if not _own(condition, effect):
+        if not condition.lets(effect):
             constraints.append(outside(problem, condition, effect))
             continue
         since, until = least(problem, low, effect.time), least(problem, effect.time, high)
@@ -191,7 +186,7 @@ def _may_meet(problem: PlainProblem, condition: Condition, effect: Effect) -> bo
     """Return whether an effect may come at the condition's last instant, and matters to it."""
     if effect.fluent[1] not in {f[1] for f in fluents_in(condition.expression)}:
         return False
-    if None not in (condition.owner, effect.owner) and condition.owner != effect.owner:
+    if not condition.lets(effect):
         return False
     before = least(problem, effect.time, condition.high)
     after = least(problem, condition.high, effect.time)
@@ -242,9 +237,7 @@ def compile_stillness(problem: PlainProblem) -> Compiled:
             conditions[condition] = None
         else:
             constraints += [
-                outside(problem, condition, e)
-                for e in effects[fluent]
-                if e.owner is not None and condition.owner not in (None, e.owner)
+                outside(problem, condition, e) for e in effects[fluent] if not condition.lets(e)
             ]
     return Compiled(
         replace(
@@ -263,9 +256,7 @@ def compile_apart(problem: PlainProblem) -> Compiled:
         outside(problem, condition, effect)
         for condition in problem.conditions
         for effect in problem.effects
-        if effect.fluent in set(subexpressions(condition.expression))
-        and effect.owner is not None
-        and condition.owner not in (None, effect.owner)
+        if not condition.lets(effect) and effect.fluent in set(subexpressions(condition.expression))
     ]
     return Compiled(replace(problem, constraints=(*problem.constraints, *constraints)))
 

@@ -190,6 +190,12 @@ class Condition:
     owner: str | None = None
     dense: bool = False
 
+    def lets(self, effect: Effect) -> bool:
+        """Return whether an effect may come within the interval at all: it is of the same activity,
+        or one of the two is the problem's own.
+        """
+        return None in (self.owner, effect.owner) or self.owner == effect.owner
+
 
 @dataclass(frozen=True)
 class Effect:

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import itertools
 from collections import defaultdict
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 from up_samp.model import UnsupportedError
@@ -60,23 +60,14 @@ def compile_precedences(problem: PlainProblem) -> Compiled:
     return _PrecedenceCompiler(problem).compile()
 
 
-@dataclass(frozen=True)
-class _Change:
-    """An effect and when it happens at all (``happens`` has presence and its condition)."""
-
-    time: Expr
-    value: Expr
-    happens: Expr
-    owner: str | None
-
-
 class _PrecedenceCompiler:
     def __init__(self, problem: PlainProblem):
         self.problem = problem
         self.taken = names_in_use(problem)
         self.variables = dict(problem.variables)
         self.constraints: list[Expr] = []
-        self.changes: dict[Expr, list[_Change]] = defaultdict(list)
+        self.changes: dict[Expr, list[Effect]] = defaultdict(list)
+        """By fluent; what each is conditional on includes that its owner is there."""
         self.counted: set[Expr] = {e.fluent for e in problem.effects if e.kind != "assign"}
 
     def compile(self) -> Compiled:
@@ -110,7 +101,7 @@ class _PrecedenceCompiler:
         )
         return Compiled(compiled, hiding(set(self.variables) - set(self.problem.variables)))
 
-    def _change(self, effect: Effect) -> _Change:
+    def _change(self, effect: Effect) -> Effect:
         for part in (effect.value, effect.condition):
             if fluents_in(part):
                 raise UnsupportedError(
@@ -118,16 +109,15 @@ class _PrecedenceCompiler:
                 )
         if effect.time[1] == "horizon":
             raise UnsupportedError(f"the effect on {show(effect.fluent)} at the plan's end")
-        happens = self.problem.happens(effect)
-        return _Change(effect.time, effect.value, happens, effect.owner)
+        return replace(effect, condition=self.problem.happens(effect))
 
-    def _bounds(self, fluent: Expr, changes: list[_Change]) -> None:
+    def _bounds(self, fluent: Expr, changes: list[Effect]) -> None:
         """Values from parameters must be values of the fluent; no effect is before time 0."""
         tpe = self.problem.fluents[fluent[1]].type
         for change in changes:
             if change.time[3] < 0:
                 in_time = ("le", integer(0), change.time)
-                self.constraints.append(disjunction([negation(change.happens), in_time]))
+                self.constraints.append(disjunction([negation(change.condition), in_time]))
             if tpe[0] == "int" and change.value[0] != "bool":
                 low, high = tpe[1:]
                 inside = [] if low is None else [("le", integer(low), change.value)]
@@ -135,16 +125,16 @@ class _PrecedenceCompiler:
                 inside = [c for c in (evaluate(c) for c in inside) if c != TRUE]
                 if inside:
                     right = conjunction(inside)
-                    self.constraints.append(disjunction([negation(change.happens), right]))
+                    self.constraints.append(disjunction([negation(change.condition), right]))
 
-    def _apart(self, a: _Change, b: _Change) -> None:
+    def _apart(self, a: Effect, b: Effect) -> None:
         if a.time[:3] == b.time[:3] and a.time[3] != b.time[3]:
             return
         self.constraints.append(
             disjunction(
                 [
-                    negation(a.happens),
-                    negation(b.happens),
+                    negation(a.condition),
+                    negation(b.condition),
                     ("lt", a.time, b.time),
                     ("lt", b.time, a.time),
                 ]
@@ -203,9 +193,9 @@ class _PrecedenceCompiler:
         """
         said = [self._holds(replace(condition, high=condition.low), expression)]
         for change in (c for f in fluents for c in self.changes[f]):
-            ways = [negation(change.happens), self._before(change.time, condition.low)]
+            ways = [negation(change.condition), self._before(change.time, condition.low)]
             ways += self._behind(condition, change)
-            if self._own(condition, change):
+            if condition.lets(change):
                 then = later(change.time, 1)
                 ways.append(self._holds(replace(condition, low=then, high=then), expression))
             said.append(disjunction(ways))
@@ -233,24 +223,21 @@ class _PrecedenceCompiler:
                 continue
             timely = [self._before(change.time, low)]
             equal = [("le", visible, variable), ("le", variable, visible)]
-            ways.append(conjunction([change.happens, value_right, *equal, *timely]))
+            ways.append(conjunction([change.condition, value_right, *equal, *timely]))
         return conjunction([disjunction(ways), *undisturbed])
 
     def _no_threat(
-        self, condition: Condition, change: _Change, since: Expr, value_right: Expr
+        self, condition: Condition, change: Effect, since: Expr, value_right: Expr
     ) -> Expr:
         """State that a change does not come between the supporter and the interval's end."""
-        ways = [negation(change.happens), ("le", later(change.time, 1), since)]
-        if self._own(condition, change):
+        ways = [negation(change.condition), ("le", later(change.time, 1), since)]
+        if condition.lets(change):
             ways.append(value_right)  # another supporter, from there on
         return disjunction([*ways, *self._behind(condition, change)])
 
-    def _own(self, condition: Condition, change: _Change) -> bool:
-        return None in (change.owner, condition.owner) or change.owner == condition.owner
-
-    def _behind(self, condition: Condition, change: _Change) -> list[Expr]:
+    def _behind(self, condition: Condition, change: Effect) -> list[Expr]:
         """Return the ways in which a change comes after the interval (none: it cannot)."""
-        high, time, own = condition.high, change.time, self._own(condition, change)
+        high, time, own = condition.high, change.time, condition.lets(change)
         if high[1] != "horizon":
             return [("le", high, later(time, 0 if own else -1))]
         return [reaches_end(self.problem, int(high[3]) + (not own), time)] if high[3] < 0 else []

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import unified_planning as up
 from unified_planning.environment import Environment, get_environment
 from unified_planning.model import (
     Fluent as UpFluent,
@@ -188,26 +187,3 @@ class _ProblemWriter:
         if operator == "pres":
             return manager.PresentExp(Presence(expression[1]))
         return manager.TimingExp(self.timing(expression))
-
-
-def plain_schedule(
-    schedule: up.plans.Schedule,
-) -> tuple[dict[str, tuple[int, int]], dict[str, Any]]:
-    """Return times of the present activities and values of all parameters of a UP schedule."""
-    assignment: dict[Any, int] = {}
-    parameters: dict[str, Any] = {}
-    for variable, value in schedule.assignment.items():
-        if isinstance(variable, Timepoint):
-            constant = value.constant_value()
-            if constant != int(constant):
-                raise ValueError(f"{variable} is at {constant}, which is not an integer")
-            assignment[variable.container, variable.kind] = int(constant)
-        elif isinstance(variable, Parameter):  # cpse lists presences as well
-            parameters[variable.name] = (
-                value.object().name if value.is_object_exp() else value.constant_value()
-            )
-    times = {
-        a.name: (assignment[a.name, TimepointKind.START], assignment[a.name, TimepointKind.END])
-        for a in schedule.activities
-    }
-    return times, parameters

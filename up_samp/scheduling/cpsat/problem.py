@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -27,7 +28,7 @@ class Additions:
     rewritten: bool = False
     """Something was taken back or exchanged, not only appended."""
     whole: bool = True
-    """Whether nothing was left out (see :func:`.routing.reduce.without`)."""
+    """Whether nothing was left out (see :func:`.routing.relaxation.without`)."""
     vague: frozenset[str] = frozenset()
     """Activities of whose durations nothing is known but their constant bounds."""
 
@@ -37,11 +38,9 @@ class Watcher:
 
     def __init__(self, problem: SchedulingProblem) -> None:
         self.problem = problem
-        self._constraints: dict[str | None, list[Any]] = {}
-        self._conditions: dict[str | None, dict[TimeInterval, list[FNode]]] = {}
-        self._effects: dict[str | None, dict[Timing, list[Effect]]] = {}
+        self._seen: dict[tuple[Any, ...], list[Any]] = {}
+        """By whose it is (``None``: the problem's own), what it is, and when: what was seen."""
         self._durations: dict[str, Any] = {}
-        self._parameters: dict[str | None, list[Any]] = {}
         self._activities: list[Activity] = []
         self._state: tuple[Any, ...] = ()
         self._written_out = QuantifierRemover(problem)
@@ -74,51 +73,34 @@ class Watcher:
         return new
 
     def _chronicle(self, activity: Activity | None, chronicle: Any, new: Additions) -> None:
-        key = None if activity is None else activity.name
-        parameters = chronicle.parameters
-        seen = self._parameters.get(key, [])
-        if len(seen) != len(parameters):
-            new.rewritten |= parameters[: len(seen)] != seen
-            for parameter in parameters[len(seen) :]:
-                if activity is None:
-                    new.variables.append(parameter)
-                else:
-                    new.parameters.append((activity, parameter))
-            self._parameters[key] = list(parameters)
-        scoped = chronicle.scoped_constraints
-        done = self._constraints.get(key, [])
-        if any(a is not b[0] for a, b in zip(done, scoped, strict=False)) or len(done) > len(
-            scoped
-        ):
-            new.rewritten = True
-        new.constraints += [
-            (self._written_out(c), [self._written_out(s) for s in scope], activity)
-            for c, scope in scoped[len(done) :]
-        ]
-        self._constraints[key] = [c for c, _ in scoped]
-        self._timed(self._conditions.setdefault(key, {}), chronicle.conditions, new, activity, True)
-        self._timed(self._effects.setdefault(key, {}), chronicle.effects, new, activity, False)
+        name, put = None if activity is None else activity.name, self._written_out
+        for parameter in self._appended((name, "parameters"), chronicle.parameters, new):
+            if activity is None:
+                new.variables.append(parameter)
+            else:
+                new.parameters.append((activity, parameter))
+        constraints = self._appended((name, "constraints"), chronicle.scoped_constraints, new)
+        new.constraints += [(put(c), [put(s) for s in scope], activity) for c, scope in constraints]
+        for span, items in self._timed((name, "conditions"), chronicle.conditions, new):
+            new.conditions += [(with_timings(span), put(c), activity) for c in items]
+        for time, items in self._timed((name, "effects"), chronicle.effects, new):
+            new.effects += [(time, each, activity) for e in items for each in put.effects(e)]
 
     def _timed(
-        self, seen: Any, now: Any, new: Additions, activity: Activity | None, is_cond: bool
-    ) -> None:
-        if any(t not in now for t in seen):
-            new.rewritten = True
+        self, key: tuple[Any, ...], now: dict[Any, list[Any]], new: Additions
+    ) -> Iterator[tuple[Any, list[Any]]]:
+        """Yield what was appended at each time."""
+        new.rewritten |= any(time not in now for time in self._seen.get(key, ()))
+        self._seen[key] = list(now)
         for time, items in now.items():
-            old = seen.get(time, [])
-            if len(items) == len(old) and all(a is b for a, b in zip(items, old, strict=True)):
-                continue
-            if items[: len(old)] != old:
-                new.rewritten = True
-            target: list[Any] = new.conditions if is_cond else new.effects
-            when = with_timings(time) if is_cond else time
-            added = items[len(old) :]
-            if is_cond:
-                added = [self._written_out(c) for c in added]
-            else:
-                added = [each for effect in added for each in self._written_out.effects(effect)]
-            target += [(when, item, activity) for item in added]
-            seen[time] = list(items)
+            yield time, self._appended((*key, time), items, new)
+
+    def _appended(self, key: tuple[Any, ...], now: list[Any], new: Additions) -> list[Any]:
+        """Return what was appended to a list since it was looked at."""
+        old = self._seen.get(key, [])
+        new.rewritten |= now[: len(old)] != old
+        self._seen[key] = list(now)
+        return list(now[len(old) :])
 
     def _duration(self, activity: Activity, new: Additions) -> None:
         duration = activity.duration

@@ -574,16 +574,12 @@ def _marked(states: States, state: StateVar) -> Unary | None:
 
 def _takes_and_frees(states: States, state: StateVar) -> dict[int, tuple[Write, Write]]:
     """Return the two effects of each owner; nothing if there are any others."""
-    by_owner: dict[int, list[Write]] = {}
-    for write in state.writes:
-        if write.owner is None or write.value.terms:
-            return {}
-        if write.active != states.activity(write.owner).present:
-            return {}
-        by_owner.setdefault(write.owner, []).append(write)
     pairs = {}
-    for owner, writes in by_owner.items():
-        if len(writes) != 2:
+    for owner, writes in state.by_owner().items():
+        if owner is None or len(writes) != 2:
+            return {}
+        present = states.activity(owner).present
+        if any(write.value.terms or write.active != present for write in writes):
             return {}
         one, other = writes
         if states.difference(other.time, one.time)[0] >= 1:
@@ -626,13 +622,9 @@ def _held(states: States, state: StateVar) -> Unary | None:
 
 
 def _spans(states: States, state: StateVar, at_end: bool) -> Iterator[Section]:
-    writes: dict[int, list[Write]] = {}
-    for write in state.writes:
-        if write.owner is not None:
-            writes.setdefault(write.owner, []).append(write)
     seen = set()
     for read in state.reads:
-        mine = writes.get(-1 if read.owner is None else read.owner, [])
+        mine = state.by_owner().get(read.owner, [])
         if len(mine) != 1 or read.owner is None or read.owner in seen or read.loose:
             continue
         write = mine[0]

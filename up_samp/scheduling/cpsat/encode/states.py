@@ -82,12 +82,16 @@ class StateVar:
         """Return the writes that conditions of ``owner`` are not kept apart from."""
         if owner is None:
             return self.writes
+        return [*self.by_owner().get(None, ()), *self.by_owner().get(owner, ())]
+
+    def by_owner(self) -> dict[int | None, list[Write]]:
+        """Return the writes by whose they are."""
         if self._indexed != len(self.writes):
             self._by_owner = {}
             for write in self.writes:
                 self._by_owner.setdefault(write.owner, []).append(write)
             self._indexed = len(self.writes)
-        return [*self._by_owner.get(None, ()), *self._by_owner.get(owner, ())]
+        return self._by_owner
 
     def held(self) -> Iterable[int]:
         """Return the values that it has at first or that something gives it (all, if that hangs on

@@ -11,8 +11,15 @@ from up_samp.model import CandidateSchedule
 from up_samp.scheduling.cpsat.encode.states import Key
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.dispatch import RoutedTask, RoutedWork, UnitPlace
-from up_samp.scheduling.cpsat.routing.expand import calm, changes_by_name, expand
-from up_samp.scheduling.cpsat.routing.route import Entrance, Move, Route, Still
+from up_samp.scheduling.cpsat.routing.route import (
+    Entrance,
+    Move,
+    Route,
+    Still,
+    calm,
+    changes_by_name,
+    expand,
+)
 from up_samp.scheduling.cpsat.routing.sequences import Found, Sequences
 
 Step = tuple[int, int]

@@ -28,10 +28,9 @@ from up_samp.scheduling.cpsat.encode.forms import (
 from up_samp.scheduling.cpsat.encode.states import Write
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.normal import Constraint, split
+from up_samp.scheduling.cpsat.normal import Constraint, TimedEffect, split
 from up_samp.scheduling.cpsat.problem import Additions
 from up_samp.scheduling.cpsat.routing.dispatch import RoutedTask, find_tasks, find_unit_places
-from up_samp.scheduling.cpsat.routing.expand import changes_by_name, expand
 from up_samp.scheduling.cpsat.routing.legs import (
     Arc,
     Course,
@@ -40,7 +39,13 @@ from up_samp.scheduling.cpsat.routing.legs import (
     entry_form,
     find_levels,
 )
-from up_samp.scheduling.cpsat.routing.route import Entrance, Route, way_back
+from up_samp.scheduling.cpsat.routing.route import (
+    Entrance,
+    Route,
+    changes_by_name,
+    expand,
+    way_back,
+)
 
 
 class PrecedenceClosure:
@@ -74,9 +79,6 @@ class PrecedenceClosure:
 
 
 # ------------------ A problem without some of its activities
-
-
-TimedEffect = tuple[Timing, Effect, Activity | None]
 
 
 def without(parts: Additions, removed: set[str]) -> Additions:
