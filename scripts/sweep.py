@@ -245,10 +245,9 @@ CASES: dict[str, tuple[Callable[[str, Table], Values], tuple[str, ...]]] = {
         "pillars, car, 5, 1", "pillars, omni, 10, 0", "pillars, car, 5, 0, st-rrt*",
     )),
     "shop": (shop, ("transport-1-3-0", "transport-2-4-0", "ft06", "flexible-4x4x3-0")),
-    "example": (example, ("passing_place.py", "unsolvable.yaml", "charging.py", "drones.py",
-                          "pallets.py")),
+    "example": (example, ("passing_place.py", "unsolvable.yaml", "charging.py", "drones.py")),
     "random": (random_problem, ("1", "4", "7", "wide 3")),
-    "fleet": (fleet, ("2x3", "3x4")),
+    "fleet": (fleet, ("2x3",)),
     "warehouse": (store, ("2x3", "5x10")),
     "first plan": (first_plan, (
         "navigation-r3", "jobshop-r2-j2-m1", "kitting-r2-k2-p2-d2", "doors-r2-d2",

@@ -27,11 +27,10 @@ from up_samp.scheduling.cpsat.solve import runner
 from up_samp.search.attempt import try_candidate
 from up_samp.search.conclusion import conclude_without_schedule
 from up_samp.search.loop import get_schedule, improve, is_better, state_what_is_known
-from up_samp.search.neighbourhoods import Descent
+from up_samp.search.neighbourhoods import Descent, DescentSettings
 from up_samp.search.params import Parameters
 from up_samp.search.search import Search
 from up_samp.search.session import Wrapped, open_search
-from up_samp.search.tuning import NeighbourhoodsTuning
 from up_samp.upio import SampSchedule
 from up_samp.validation import validate_plan
 
@@ -138,7 +137,7 @@ def main() -> None:
         search = first_plan(name, options.encoding, options.seed)
         count = len(search.knowledge.relaxation.problem.activities)
         print(f"{name}, seed {options.seed}, {count} activities: first plan {search.bounds.upper}")
-        first = Descent(NeighbourhoodsTuning(activities=0))
+        first = Descent(DescentSettings(activities=0))
         way(search, options.seconds, "neighbourhoods", (first,))
         way(search, options.seconds, "the whole", ())
 

@@ -103,9 +103,9 @@ LIMITS = {
     "wide_functions": 21,
     "long_files": 0,
     "said_twice": 23,
-    "tunables": 117,
+    "tunables": 106,
 }
-NUMBERS = 306
+NUMBERS = 295
 COUNTS = {"shared_names": 0, "type_circles": 0, "big_rooms": 1}
 """What the figures may be at most: lower them when they fall, never raise them for convenience."""
 

@@ -136,9 +136,7 @@ def components_of(params: Parameters, *, native: bool) -> Components:
         ),
         after_failure=with_ideas(AFTER_FAILURE),
         for_proofs=() if native else with_ideas(((UNARY_PLACES, ("certificates",)),)),
-        improvers=with_ideas(
-            ((Descent(tuning.neighbourhoods), ("neighbourhoods", "native", "incumbents")),)
-        ),
+        improvers=with_ideas(((Descent(), ("neighbourhoods", "native", "incumbents")),)),
         finishers=with_ideas(((prune_motions, ("tidy",)),)),
         learns="refine" in ideas,
     )

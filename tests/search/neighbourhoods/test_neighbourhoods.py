@@ -10,7 +10,6 @@ from concurrent.futures import (
     ThreadPoolExecutor,
 )
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
 
@@ -22,7 +21,7 @@ from up_samp.benchmarks.instances import instance
 from up_samp.model import CandidateSchedule, Deadline, ScheduleReport, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.search.attempt import try_candidate
-from up_samp.search.neighbourhoods import CHOICES, Descent, Freed, Roulette
+from up_samp.search.neighbourhoods import CHOICES, Descent, DescentSettings, Freed, Roulette
 from up_samp.search.neighbourhoods.choices import (
     View,
     last_robots,
@@ -33,7 +32,6 @@ from up_samp.search.neighbourhoods.choices import (
 from up_samp.search.neighbourhoods.descent import small_problem
 from up_samp.search.params import Parameters
 from up_samp.search.session import Wrapped, open_search
-from up_samp.search.tuning import NeighbourhoodsTuning
 from up_samp.system.workers import Workers
 from up_samp.upio.restrict import restrict
 from up_samp.validation import validate_plan
@@ -185,7 +183,7 @@ def test_the_end_of_a_plan_hangs_on_its_critical_path(begun):
 
 
 def test_what_brings_more_is_drawn_more():
-    tuning = NeighbourhoodsTuning(robots=2, growth=0.5)
+    tuning = DescentSettings(robots=2, growth=0.5)
     roulette = Roulette(CHOICES, tuning, random.Random(0), most=4)
     for _ in range(30):
         roulette.learn(0, 1.0)
@@ -207,7 +205,7 @@ def test_a_plan_gets_better_and_nothing_is_proven():
     search = search_of()
     plan = poor_plan(search)
     search.bounds.lower = 7
-    descent = Descent(replace(search.tuning.neighbourhoods, stale=6, effort=0.05))
+    descent = Descent(DescentSettings(stale=6, effort=0.05))
     found = [better.schedule.makespan for better in descent(search, True)]
     assert found
     assert found == sorted(set(found), reverse=True)
@@ -241,7 +239,7 @@ def test_what_was_searched_wholly_is_not_searched_again(begun, monkeypatch):
         return iter([found] * len(some))
 
     monkeypatch.setattr(Descent, "_schedules", schedules)
-    tuning = NeighbourhoodsTuning(stale=12, together=1)
+    tuning = DescentSettings(stale=12, together=1)
     assert list(Descent(tuning, choices=[lambda *_: whole])(search, True)) == []
     assert asked[0] == [whole]
     assert not any(asked[1:])
@@ -253,14 +251,14 @@ def test_what_was_searched_wholly_is_not_searched_again(begun, monkeypatch):
 def test_the_whole_is_tried_first_where_that_may_help(begun):
     search, _ = begun
     count = sum(a.optional for a in search.knowledge.relaxation.problem.activities)
-    assert list(Descent(NeighbourhoodsTuning(activities=count + 1, stale=1))(search, False)) == []
+    assert list(Descent(DescentSettings(activities=count + 1, stale=1))(search, False)) == []
     asked = []
 
     def choice(view, chance, size):
         asked.append(size)
         return Freed(frozenset())
 
-    descent = Descent(NeighbourhoodsTuning(activities=count, stale=1, together=1), choices=[choice])
+    descent = Descent(DescentSettings(activities=count, stale=1, together=1), choices=[choice])
     list(descent(search, False))
     assert len(asked) == 1
     list(descent(search, False))  # once only
@@ -274,7 +272,7 @@ def test_workers_change_nothing(begun, monkeypatch, caplog):
     search, plan = begun
     view, chance = view_of(search, plan), random.Random(1)
     some = [choice(view, chance, 2) for choice in CHOICES[:4]]
-    descent = Descent(replace(search.tuning.neighbourhoods, effort=0.1))
+    descent = Descent(DescentSettings(effort=0.1))
     deadline = Deadline.after(100.0)
     alone = list(descent._schedules(search, view, some, deadline))
     assert len({r.schedule.makespan for r in alone}) > 1
@@ -294,7 +292,7 @@ def test_what_cannot_be_sent_is_solved_here(begun, monkeypatch, caplog):
     search, plan = begun
     view, chance = view_of(search, plan), random.Random(1)
     some = [choice(view, chance, 2) for choice in CHOICES[:2]]
-    descent = Descent(replace(search.tuning.neighbourhoods, effort=0.1))
+    descent = Descent(DescentSettings(effort=0.1))
     environment = view.relaxation.problem.environment
     monkeypatch.setattr(environment, "law", lambda state: state, raising=False)
     workers = Workers(Backwards())
@@ -349,5 +347,5 @@ def steps_of(executor):
     search = search_of("logistics-do-oc-r2-i3")
     poor_plan(search)
     search.workers = None if executor is None else Workers(executor)
-    descent = Descent(replace(search.tuning.neighbourhoods, stale=4, effort=0.02))
+    descent = Descent(DescentSettings(stale=4, effort=0.02))
     return [better.schedule for better in descent(search, True)], search.workers

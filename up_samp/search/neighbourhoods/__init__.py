@@ -16,6 +16,6 @@ way).
 """
 
 from up_samp.search.neighbourhoods.choices import CHOICES, Choice, Freed
-from up_samp.search.neighbourhoods.descent import Descent, Roulette
+from up_samp.search.neighbourhoods.descent import Descent, DescentSettings, Roulette
 
-__all__ = ["CHOICES", "Choice", "Descent", "Freed", "Roulette"]
+__all__ = ["CHOICES", "Choice", "Descent", "DescentSettings", "Freed", "Roulette"]

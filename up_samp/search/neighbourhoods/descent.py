@@ -27,9 +27,35 @@ from up_samp.search.history import IMPROVING
 from up_samp.search.knowledge import Incumbent
 from up_samp.search.neighbourhoods.choices import CHOICES, Choice, Freed, View, owners_of
 from up_samp.search.search import Search
-from up_samp.search.tuning import NeighbourhoodsTuning
 from up_samp.system.workers import WorkItem
 from up_samp.upio.restrict import restrict
+
+
+@dataclass(frozen=True)
+class DescentSettings:
+    """How hard better plans are sought in neighbourhoods: for ``share`` of the remaining time
+    (``first_share`` where they come before the first attempt at a proof, from so many optional
+    ``activities`` on), each with so much ``effort`` (CP-SAT's deterministic time), so many drawn
+    ``together``, until so many in a row brought no better plan (``stale``).
+
+    ``robots`` are freed at first; ``growth`` more after a neighbourhood was searched wholly and
+    brought nothing, twice as many less after one whose search was cut short. Its last try decides a
+    share of a neighbourhood's weight (``reaction``: Ropke and Pisinger 2006, doubled, for there are
+    fewer tries here), which keeps a ``least_weight``; a better schedule whose motions did not fit
+    is ``nearly`` worth a plan.
+    """
+
+    share: float = 0.5
+    first_share: float = 0.9
+    effort: float = 0.5
+    activities: int = 300
+    together: int = 4
+    robots: int = 3
+    growth: float = 0.2
+    stale: int = 60
+    reaction: float = 0.2
+    least_weight: float = 0.1
+    nearly: float = 0.3
 
 
 @dataclass
@@ -41,7 +67,7 @@ class Roulette:
     """
 
     choices: Sequence[Choice]
-    tuning: NeighbourhoodsTuning
+    tuning: DescentSettings
     chance: random.Random
     most: int
     weights: list[float] = field(default_factory=list)
@@ -188,7 +214,7 @@ class Descent:
     search remembers: the component may outlive it.
     """
 
-    tuning: NeighbourhoodsTuning = field(default_factory=NeighbourhoodsTuning)
+    tuning: DescentSettings = field(default_factory=DescentSettings)
     choices: Sequence[Choice] = field(
         default_factory=lambda: (*CHOICES, *parts("neighbourhoods").values())
     )
