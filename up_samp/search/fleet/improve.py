@@ -170,6 +170,8 @@ class FleetLNS:
     rng: random.Random
     tried: set[tuple[object, ...]] = field(default_factory=set)
     """Exchanges of jobs that did not help since the last change."""
+    without_traffic: float = math.inf
+    """When (s) all jobs are done at the soonest, as far as shared places tell."""
     _known: dict[str, Any] = field(default_factory=dict)
     """What was asked of the best tours."""
 
@@ -375,16 +377,17 @@ def deal_again(search: FleetLNS, deadline: Deadline) -> Change | None:
     """All jobs dealt out anew with what is known now of drives and of changes at shared places, and
     all tours decided in rounds.
     """
-    dealt, tuning = search.dealt, search.tuning
+    dealt = search.dealt
     handover = search.tours.changeover(search.best)
     known = replace(
         dealt.tuning,
         handover=dealt.tuning.handover if handover is None else handover,
-        exchanges=tuning.exchanges,
-        steep=tuning.steep,
+        steep=search.tuning.steep,
     )
     found = replace(dealt, rehearsal=replace(dealt.rehearsal, tuning=known))
     found = mended(exchanged(found, search.rng, deadline), search.rng, deadline)
+    ends = found.rehearsal.ends(found.tours).values()
+    search.without_traffic = min(search.without_traffic, max(end for end, _ in ends))
     return Change({}, Priorities(), replace(found, rehearsal=dealt.rehearsal))
 
 

@@ -99,6 +99,9 @@ class TourPlanner(SequentialPlanner):
         self._chains: dict[str, list[str]] = defaultdict(list)
         for motion in itinerary.motions:
             self._chains[motion.object].append(motion.activity)
+        own = {name: set(chain) for chain in self._chains.values() for name in chain}
+        self._others = {n: (self._must[n] | self._leave[n]) - own[n] for n in own}
+        """What others have to do before a motion."""
         self._dead: set[tuple[str, float]] = set()
         """Stays (motion, until) of the present tour from which there is no way on."""
         self._tries = 0
@@ -371,10 +374,8 @@ class TourPlanner(SequentialPlanner):
         that is not decided.
         """
         found: list[str] = []
-        left = self._left(robot)
-        others = self._waiting.keys() - set(left)
-        for name in left:
-            if (self._must[name] | self._leave[name]) & others:
+        for name in self._left(robot):
+            if not self._waiting.keys().isdisjoint(self._others[name]):
                 break
             found.append(name)
         return found
