@@ -32,9 +32,6 @@ from up_samp.search.search import Search
 from up_samp.search.world import contested, motion_key
 from up_samp.upio import Itinerary
 
-MOMENT = 1e-3
-"""Time (s) between two turns at least, so that their order is known."""
-
 
 class TourEnd(enum.Enum):
     """How the search for a tour, or for what is left of one, ended."""
@@ -316,7 +313,9 @@ class TourPlanner(SequentialPlanner):
             end = TourEnd.STUCK if turn is None else self._decide(pieces[turn], deadline)
             if end is TourEnd.DECIDED:
                 if turn is not None:
-                    now = self._turns[pieces[turn][0]] = max(rank, now + MOMENT)
+                    # no two at once, so that their order is known
+                    now = max(rank, math.nextafter(now, math.inf))
+                    self._turns[pieces[turn][0]] = now
                     if self._done(self._chains[turn]) > priorities.latest:
                         return turn
                 self._past = priorities.past
