@@ -119,6 +119,8 @@ def metrics_of(params: Parameters, search: Search) -> dict[str, str]:
     }
     if bounds.relative and bounds.absolute:
         metrics["absolute_bound"] = str(bounds.absolute)
+    if history.without_traffic is not None:
+        metrics["without_traffic"] = str(history.without_traffic)
     if history.recognised or history.left_over:
         metrics["recognised"] = "; ".join(history.recognised)
         metrics["left_over"] = "; ".join(history.left_over)

@@ -125,6 +125,11 @@ class History:
     refuted: list[str] = field(default_factory=list)
     """Claims of ours that were refuted: errors of the package."""
 
+    without_traffic: int | None = None
+    """The least makespan (units) found of a large problem in which robots heed each other at shared
+    places only, each taken by one at a time with the least change-over that a plan has shown.
+    """
+
     last_plan_round: int | None = None
     """In which round the best plan was found ..."""
     last_plan_at: float | None = None

@@ -10,7 +10,7 @@ from up_samp.model import Deadline
 from up_samp.search.fleet import improve
 from up_samp.search.fleet.improve import FleetLNS, other_ways, plan_tours
 from up_samp.search.fleet.tours import Priorities
-from up_samp.search.fleet.tuning import LargeTuning
+from up_samp.search.fleet.tuning import LargeTuning, ToursTuning
 from up_samp.validation import validate_plan
 
 
@@ -25,9 +25,9 @@ def first_tours(size, seed=0):
 
 
 def search_of(found, dealt, *, stale=12, seed=0):
-    tuning = LargeTuning(stale=stale, delayed=1.0)
-    rng = random.Random(seed)
-    return FleetLNS(dealt, found.tours, found.decided, found.ahead, lambda *_: None, tuning, rng)
+    tuning = LargeTuning(stale=stale, delayed=1.0, again_dealt=0)
+    rest = lambda *_: None, tuning, ToursTuning(), random.Random(seed)  # no others to do jobs
+    return FleetLNS(dealt, found.tours, found.decided, *rest)
 
 
 @pytest.fixture(
@@ -63,15 +63,28 @@ def test_each_move_brings_plans_that_are_no_worse(one_move):
     assert validate_plan(problem, whole).violations == ()
 
 
-def test_a_round_of_all_can_be_made_again():
-    """What one change leaves behind does not show in the next one."""
+def test_tours_decided_in_the_same_turns_are_the_same():
+    """From any moment on; and what one change leaves behind does not show in the next one."""
+    _, found, _, dealt = first_tours((4, 8), seed=1)
+    better, tours = search_of(found, dealt), found.tours
+    heads = [piece[0] for robot in tours.robots for piece in tours.pieces(robot)]
+    moments = sorted(found.decided.turns[head] for head in heads)
+    for moment in (moments[-1], moments[len(moments) // 2], moments[0]):
+        kept = better.since(tours.robots, moment)
+        assert tours.adopt(found.decided, kept)
+        assert len(tours._waiting) == sum(len(tours._chains[r]) - kept[r] for r in tours.robots) > 0
+        turns = Priorities(turns=found.decided.turns)
+        assert tours.decide_in_turns(turns, Deadline.never()) is None
+        assert tours.decided().ends() == found.decided.ends()
+
+
+def test_the_next_one_comes_when_the_former_has_left():
     _, found, _, _ = first_tours((4, 8), seed=1)
-    ends = []
-    for ahead in (found.ahead, {}, found.ahead):
-        found.tours.reset()
-        assert found.tours.decide_in_turns(Priorities(ahead=ahead), Deadline.never()) is None
-        ends.append(found.tours.decided().ends())
-    assert ends[0] == ends[2] == found.decided.ends()
+    assert 0.0 < found.tours.changeover(found.decided) < 15.0
+    for robot in found.tours.robots:
+        pieces = found.tours.pieces(robot)
+        assert [name for piece in pieces for name in piece] == found.tours._chains[robot]
+        assert robot not in found.tours.sharing(robot)
 
 
 @pytest.mark.long
@@ -106,7 +119,7 @@ def test_what_takes_longer_than_alone_looks_for_other_ways():
     last = max(found.decided.ends(), key=found.decided.ends().get)
     better = search_of(found, dealt)
     changes = [other_ways(better, Deadline.never()) for _ in range(10)]
-    looking = {name for change in changes for name in change.given.looking}
+    looking = {name for change in changes if change for name in change.given.looking}
     told = {name for some in delays.values() for name, delay in some.items() if delay > 1.0}
     assert looking
     assert looking <= told

@@ -96,7 +96,7 @@ def test_plans_of_large_fleets_get_better():
     get_environment().credits_stream = None
     problem = warehouse(3, 6, encoding="compact")
     # a first plan that leaves something to be done better: a poor share, whole tours, best ways
-    large = {"activities": 1, "stale": 12, "polish": 0}
+    large = {"activities": 1, "stale": 30}
     tours = {"rounds": 0, "past": 0}
     tuning = {"search": {"large": large, "deals": {"exchanges": 0}, "tours": tours}}
     with AnytimePlanner(name="samp-refine[cpsat]", params={"tuning": tuning}) as planner:

@@ -148,14 +148,14 @@ def test_what_is_late_goes_first_and_who_is_not_in_its_way_keeps_its_tour():
     again = tours.decided()
     assert again.ends()[last] <= done.ends()[last]
     # the same tours as a start, and one of them anew with nobody else moved
-    assert tours.adopt(again, [last])
+    assert tours.adopt(again, {last: 0})
     assert tours.decide(Priorities(), Deadline.after(60)) is None
     kept = tours.decided()
     others = [name for name, run in again.runs.items() if run.object != last]
     assert others
     assert all(kept.runs[n].timing is again.runs[n].timing for n in others)
     # nobody ends later than the limit
-    assert tours.adopt(again, [last])
+    assert tours.adopt(again, {last: 0})
     assert tours.decide(Priorities(limit=5), Deadline.after(60)) == last
 
 

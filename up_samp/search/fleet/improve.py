@@ -145,7 +145,7 @@ OpenTours = Callable[[Assignment, Deadline], TourPlanner | None]
 
 
 @dataclass(frozen=True)
-class Change:
+class TourChange:
     """What a move asks for: of some robots only so many motions as are ``kept`` stay as they are;
     all others are decided anew in turns.
 
@@ -170,6 +170,8 @@ class FleetLNS:
     rng: random.Random
     tried: set[tuple[object, ...]] = field(default_factory=set)
     """Exchanges of jobs that did not help since the last change."""
+    without_traffic: float = math.inf
+    """When (s) all jobs are done at the soonest, as far as shared places tell."""
     _known: dict[str, Any] = field(default_factory=dict)
     """What was asked of the best tours."""
 
@@ -237,7 +239,7 @@ class FleetLNS:
             found[robot] = sum(map(len, before))
         return found
 
-    def _decided(self, change: Change, deadline: Deadline) -> FleetSolution | None:
+    def _decided(self, change: TourChange, deadline: Deadline) -> FleetSolution | None:
         """Return what comes of a change; None where somebody is stuck or too late."""
         if change.dealt is not None and not change.kept:
             return self._dealt_again(change.dealt, deadline)
@@ -266,10 +268,10 @@ class FleetLNS:
 # ------------------ Moves: what is withdrawn, and whose turn comes first then
 
 
-Move = Callable[[FleetLNS, Deadline], Change | None]
+Move = Callable[[FleetLNS, Deadline], TourChange | None]
 
 
-def other_turns(search: FleetLNS, deadline: Deadline) -> Change | None:
+def other_turns(search: FleetLNS, deadline: Deadline) -> TourChange | None:
     """Everybody anew from some moment on; some pieces of tours have their turns sooner or later,
     those of the last robots most often.
     """
@@ -284,10 +286,10 @@ def other_turns(search: FleetLNS, deadline: Deadline) -> Change | None:
             turns[piece[0]] -= sooner
             moment = min(moment, turns[piece[0]], search.best.turns[piece[0]])
     kept = search.since(search.tours.robots, moment)
-    return Change(kept, Priorities(turns=turns, latest=search.best.lean().makespan))
+    return TourChange(kept, Priorities(turns=turns, latest=search.best.lean().makespan))
 
 
-def other_ways(search: FleetLNS, deadline: Deadline) -> Change | None:
+def other_ways(search: FleetLNS, deadline: Deadline) -> TourChange | None:
     """The same, and those motions of some of the last that take longest look for other ways, which
     all know from then on.
     """
@@ -309,7 +311,7 @@ def other_ways(search: FleetLNS, deadline: Deadline) -> Change | None:
     return replace(change, kept=kept, given=replace(change.given, looking=looking))
 
 
-def some_of_the_last(search: FleetLNS, deadline: Deadline) -> Change | None:
+def some_of_the_last(search: FleetLNS, deadline: Deadline) -> TourChange | None:
     """One of the last tours anew from some moment on, with those of some that delay it, or work
     where it does, or any others.
     """
@@ -324,7 +326,7 @@ def some_of_the_last(search: FleetLNS, deadline: Deadline) -> Change | None:
     return _anew(search, some)
 
 
-def _anew(search: FleetLNS, some: Sequence[str], dealt: Assignment | None = None) -> Change:
+def _anew(search: FleetLNS, some: Sequence[str], dealt: Assignment | None = None) -> TourChange:
     """Return a change in which some tours are decided anew: one after the other, as they had their
     turns before, or as they come.
     """
@@ -339,7 +341,7 @@ def _anew(search: FleetLNS, some: Sequence[str], dealt: Assignment | None = None
     looks = search.tuning.looks if rng.random() < search.tuning.looking else 0
     limit = search.best.lean().makespan
     given = Priorities(first, turns=turns, looks=looks, limit=limit)
-    return Change(search.since(some, moment), given, dealt)
+    return TourChange(search.since(some, moment), given, dealt)
 
 
 NEAR: tuple[Callable[[FleetLNS, str, Deadline], list[str]], ...] = (
@@ -350,7 +352,7 @@ NEAR: tuple[Callable[[FleetLNS, str, Deadline], list[str]], ...] = (
 """Whose tours may be decided anew with a robot's before any others."""
 
 
-def other_jobs(search: FleetLNS, deadline: Deadline) -> Change | None:
+def other_jobs(search: FleetLNS, deadline: Deadline) -> TourChange | None:
     """A job of the last tour done by another robot, with or without one in exchange: one of those
     changes that are over soonest as far as driving alone tells.
     """
@@ -371,21 +373,22 @@ def other_jobs(search: FleetLNS, deadline: Deadline) -> Change | None:
     return _anew(search, list(changed), search.dealt.with_tours(changed))
 
 
-def deal_again(search: FleetLNS, deadline: Deadline) -> Change | None:
+def deal_again(search: FleetLNS, deadline: Deadline) -> TourChange | None:
     """All jobs dealt out anew with what is known now of drives and of changes at shared places, and
     all tours decided in rounds.
     """
-    dealt, tuning = search.dealt, search.tuning
+    dealt = search.dealt
     handover = search.tours.changeover(search.best)
     known = replace(
         dealt.tuning,
         handover=dealt.tuning.handover if handover is None else handover,
-        exchanges=tuning.exchanges,
-        steep=tuning.steep,
+        steep=search.tuning.steep,
     )
     found = replace(dealt, rehearsal=replace(dealt.rehearsal, tuning=known))
     found = mended(exchanged(found, search.rng, deadline), search.rng, deadline)
-    return Change({}, Priorities(), replace(found, rehearsal=dealt.rehearsal))
+    ends = found.rehearsal.ends(found.tours).values()
+    search.without_traffic = min(search.without_traffic, max(end for end, _ in ends))
+    return TourChange({}, Priorities(), replace(found, rehearsal=dealt.rehearsal))
 
 
 MOVES: tuple[tuple[Move, float], ...] = (

@@ -247,6 +247,8 @@ def improve(search: Search, large: LargeProblem, better: FleetLNS) -> Iterator[I
     while not (search.bounds.met or search.stopped):
         with search.history.stages.of(BUILDING):
             decided = next(changes, None)
+        if better.without_traffic < math.inf:
+            search.history.without_traffic = search.facts.units(better.without_traffic)
         if decided is None:
             return
         plan = plan_of_tours(search, decided)

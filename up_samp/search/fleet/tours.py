@@ -43,8 +43,6 @@ _TRIES = 200
 """Motions tried for one tour."""
 _PRESSED = 0.8
 """Of the longest tour's time alone: who has less to spare is decided before others."""
-MOMENT = 1e-3
-"""Time (s) between two turns at least, so that their order is known."""
 
 
 class TourEnd(enum.Enum):
@@ -110,6 +108,9 @@ class TourPlanner(SequentialPlanner):
         self._chains: dict[str, list[str]] = defaultdict(list)
         for motion in itinerary.motions:
             self._chains[motion.object].append(motion.activity)
+        own = {name: set(chain) for chain in self._chains.values() for name in chain}
+        self._others = {n: (self._must[n] | self._leave[n]) - own[n] for n in own}
+        """What others have to do before a motion."""
         self._dead: set[tuple[str, float]] = set()
         """Stays (motion, until) of the present tour from which there is no way on."""
         self._tries = 0
@@ -324,7 +325,9 @@ class TourPlanner(SequentialPlanner):
             end = TourEnd.STUCK if turn is None else self._decide(pieces[turn], deadline)
             if end is TourEnd.DECIDED:
                 if turn is not None:
-                    now = self._turns[pieces[turn][0]] = max(rank, now + MOMENT)
+                    # no two at once, so that their order is known
+                    now = max(rank, math.nextafter(now, math.inf))
+                    self._turns[pieces[turn][0]] = now
                     if self._done(self._chains[turn]) > priorities.latest:
                         return turn
                 self._past = priorities.past
@@ -382,10 +385,8 @@ class TourPlanner(SequentialPlanner):
         that is not decided.
         """
         found: list[str] = []
-        left = self._left(robot)
-        others = self._waiting.keys() - set(left)
-        for name in left:
-            if (self._must[name] | self._leave[name]) & others:
+        for name in self._left(robot):
+            if not self._waiting.keys().isdisjoint(self._others[name]):
                 break
             found.append(name)
         return found

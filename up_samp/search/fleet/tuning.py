@@ -87,8 +87,7 @@ class LargeTuning(Tunables):
     again_dealt: int = tunable(
         6, "shares of the jobs", "that are tried before the tours of the best are changed", least=0
     )
-    exchanges: int = tunable(6_000, "changes a job", "of annealing over each of them", least=0)
-    steep: int = tunable(12, "power", "of a tour's end that counts then", least=1)
+    steep: int = tunable(12, "power", "of a tour's end that counts in those", least=1)
     looks: int = tunable(
         4, "times", "that other ways from pose to pose are looked for, for better tours", least=0
     )
