@@ -1,7 +1,6 @@
 import io
 import subprocess
 import sys
-from types import SimpleNamespace
 
 import handmade
 import pytest
@@ -14,6 +13,7 @@ from up_samp.cli.progress import Progress, schedule_table, table
 from up_samp.execution import with_dependencies
 from up_samp.io import plan_to_dict, read_plan, write_plan
 from up_samp.model import ProblemError
+from up_samp.search.history import ProgressEvent
 
 SCRIPT = """
 import sys
@@ -60,16 +60,8 @@ class Planner:
 
     def solve(self, problem, timeout):
         self.seen["timeout"] = timeout
-        self.seen["progress"](
-            SimpleNamespace(
-                round=1,
-                phase="schedule",
-                message="7 activities",
-                lower_bound=20,
-                upper_bound=None,
-                elapsed=0.2,
-            )
-        )
+        event = ProgressEvent(1, "schedule", "7 activities", 20, None, 0.2)
+        self.seen["progress"](event)
         if isinstance(self.result, BaseException):
             raise self.result
         return self.result
@@ -251,7 +243,7 @@ class Screen(io.StringIO):
 
 def event(**given):
     values = {"round": 0, "phase": "p", "message": "", "lower_bound": None, "upper_bound": None}
-    return SimpleNamespace(**{**values, "elapsed": 1.0, **given})
+    return ProgressEvent(**{**values, "elapsed": 1.0, **given})
 
 
 def test_progress_on_a_terminal_is_one_line_that_goes_away():

@@ -63,7 +63,7 @@ _QUIET_SECONDS = 2.0
 
 
 class ShownEvent(Protocol):
-    """What the search tells at each step; bounds are makespans in schedule units."""
+    """What the search tells at each step."""
 
     @property
     def round(self) -> int:
@@ -78,12 +78,8 @@ class ShownEvent(Protocol):
         """More about it."""
 
     @property
-    def lower_bound(self) -> int | None:
-        """Proven lower bound on the makespan."""
-
-    @property
-    def upper_bound(self) -> int | None:
-        """Makespan of the best plan so far."""
+    def bounds(self) -> str:
+        """What is known of the objective."""
 
     @property
     def elapsed(self) -> float:
@@ -102,7 +98,7 @@ class Progress:
         self.stream = stream if stream is not None else sys.stderr
         self.live = self.stream.isatty()
         self._phases: set[str] = set()
-        self._bounds: tuple[int | None, int | None] | None = None
+        self._bounds = ""
         self._last_time = float("-inf")
         self._open = False
 
@@ -127,12 +123,11 @@ class Progress:
             self.stream.flush()
             self._open = not kept
             return
-        bounds = (event.lower_bound, event.upper_bound)
-        known = event.phase in self._phases and bounds == self._bounds
+        known = event.phase in self._phases and event.bounds == self._bounds
         if known and now - self._last_time < _QUIET_SECONDS:
             return
         self._phases.add(event.phase)
-        self._bounds, self._last_time = bounds, now
+        self._bounds, self._last_time = event.bounds, now
         print(line, file=self.stream, flush=True)
 
 
@@ -144,11 +139,6 @@ def describe(event: ShownEvent) -> str:
     parts.append(event.phase)
     if event.message:
         parts.append(f"- {event.message}")
-    bounds = [
-        f"{sign} {value}"
-        for sign, value in ((">=", event.lower_bound), ("<=", event.upper_bound))
-        if value
-    ]
-    if bounds:
-        parts.append(f"(makespan {', '.join(bounds)})")
+    if event.bounds:
+        parts.append(f"({event.bounds})")
     return " ".join(parts)

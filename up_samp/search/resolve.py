@@ -37,6 +37,7 @@ from up_samp.search.search import Search
 from up_samp.search.tuning import RepairTuning, SlackTuning, TidyTuning, TurnsTuning
 from up_samp.search.world import groups_of, motion_key
 from up_samp.upio import Itinerary, Relaxation, read_itinerary
+from up_samp.upio.objective import only_makespan
 from up_samp.upio.restrict import restrict
 
 Next = Callable[[CandidateSchedule], "CandidateSchedule | None"]
@@ -279,7 +280,7 @@ class Slack:
     def __call__(self, search: Search, schedule: CandidateSchedule) -> CandidateSchedule:
         """Return a candidate with the same activities and makespan, its motions with more time."""
         relaxation = search.knowledge.relaxation
-        if not _only_makespan(relaxation):
+        if not only_makespan(relaxation.problem):
             return schedule
         return self.spread(search, restrict(relaxation, search.facts.snapshot, schedule), schedule)
 
@@ -313,11 +314,6 @@ def _prefer(problem: SchedulingProblem, goals: dict[object, int], until: int) ->
     problem.add_quality_metric(Oversubscription(goals, problem.environment))
 
 
-def _only_makespan(relaxation: Relaxation) -> bool:
-    """Return whether nothing but the makespan is to be made smaller."""
-    return all(m.is_minimize_makespan() for m in relaxation.problem.quality_metrics)
-
-
 # ------------------------------------------------------------------ needless motions
 
 
@@ -338,7 +334,7 @@ class PruneMotions:
         search.tell.stage(Phase.TIDY)
         relaxation = search.knowledge.relaxation
         weights = _worth_of_leaving_out(relaxation, plan.schedule)
-        if not weights or not _only_makespan(relaxation):
+        if not weights or not only_makespan(relaxation.problem):
             return None
         problem = _with_motions_optional(relaxation, plan.schedule, weights, plan.schedule.makespan)
         small = Subproblem(search, problem, self.tuning.effort)
@@ -377,7 +373,7 @@ class PruneCandidate:
         own, told = search.own_relaxation(), search.knowledge.relaxation
         for relaxation, factor in ((own, 2), (told, 1)):
             weights = _worth_of_leaving_out(relaxation, schedule)
-            if not weights or not _only_makespan(relaxation):
+            if not weights or not only_makespan(relaxation.problem):
                 return schedule
             problem = _with_motions_optional(
                 relaxation, schedule, weights, factor * schedule.makespan
