@@ -1,4 +1,5 @@
 import io
+import math
 import subprocess
 import sys
 
@@ -256,6 +257,41 @@ def test_progress_on_a_terminal_is_one_line_that_goes_away():
     assert "second (makespan <= 7)" in text
     assert text.endswith("\r\x1b[2K")
     assert max(len(part) for part in text.split("\r\x1b[2K")) < 500
+
+
+def test_a_line_for_each_better_plan_stays_on_a_terminal():
+    screen = Screen()
+    with Progress(screen) as progress:
+        for makespan in (9, 8):
+            progress(event(phase="plan", message=f"plan with makespan {makespan}"))
+            progress(event(phase="schedule"))
+    kept = [line.rpartition("\x1b[2K")[2] for line in screen.getvalue().split("\n")[:-1]]
+    assert [line.rpartition(" ")[2] for line in kept] == ["9", "8"]
+
+
+def test_what_is_maximised_is_shown_as_its_value():
+    stream = io.StringIO()
+    with Progress(stream) as progress:
+        progress(event(lower_bound=-5, upper_bound=-3, named="gain", sign=-1))
+    assert stream.getvalue().rstrip().endswith("(gain >= 3, <= 5)")
+
+
+@pytest.mark.parametrize(
+    ("given", "wanted"),
+    [
+        ([], {}),
+        (["--first"], {"first_plan": True}),
+        (["--timeout", "9"], {"patience": math.inf}),
+        (["--timeout", "9", "--patience", "2"], {"patience": 2.0}),
+        (["--optimal"], {"optimal": True}),
+    ],
+)
+def test_how_long_a_solve_goes_on(made, script, answer, given, wanted):
+    seen = answer(made.plan)
+    assert main(["solve", script(), *given]) == 0
+    told = {k: seen[k] for k in ("first_plan", "patience", "optimal") if k in seen}
+    assert told == wanted
+    assert seen["timeout"] == (9.0 if "--timeout" in given else 120.0)
 
 
 def test_progress_elsewhere_is_not_repeated():

@@ -14,6 +14,7 @@ from unified_planning.model.metrics import (
     MaximizeExpressionOnFinalState,
     MinimizeActionCosts,
     MinimizeExpressionOnFinalState,
+    MinimizeMakespan,
     Oversubscription,
     TemporalOversubscription,
 )
@@ -24,12 +25,14 @@ from unified_planning.shortcuts import (
     GlobalEndTiming,
     GlobalStartTiming,
     OneshotPlanner,
+    Replanner,
     TimePointInterval,
     get_environment,
 )
 
 from tests.shuffled import shuffled
 from tests.upio.hall import Hall
+from up_samp.model import UnsupportedError
 from up_samp.validation import validate_plan, value_of
 
 PLACES = {"left0": (3.0, 3.0, 0.0), "mid": (8.0, 5.0, 0.0), "right0": (17.0, 3.0, 0.0)}
@@ -200,3 +203,22 @@ def test_an_anytime_planner_yields_better_and_better_values(lengths, tmp_path):
     assert result.status is Status.SOLVED_OPTIMALLY
     assert values == sorted(values)
     assert values[-1] == -walks.best()
+
+
+def test_what_up_cannot_copy_is_refused_by_name(lengths, tmp_path):
+    walks = Walks(tmp_path, "costs", 0, lengths)
+    with pytest.raises(UnsupportedError, match="UP cannot copy"):
+        Replanner(walks.problem, name="samp-refine[cpsat]")
+
+
+def test_metrics_without_a_meaning_and_several_are_refused_by_name(lengths, tmp_path):
+    for more, why in ((MinimizeMakespan(), "one quality metric"), (None, "by default")):
+        problem = Walks(tmp_path, "least", 0, lengths).problem
+        if more is None:
+            problem.clear_quality_metrics()
+        problem.add_quality_metric(more or MinimizeActionCosts({}))
+        with (
+            OneshotPlanner(name="samp-refine[cpsat]") as planner,
+            pytest.raises(UnsupportedError, match=why),
+        ):
+            planner.solve(problem, timeout=60)

@@ -153,6 +153,20 @@ def objective_of(problem: Any) -> Objective | None:
     return Objective(row.name, row.sign, row.parts(metric, problem), problem.environment)
 
 
+def check_copied(problem: Any) -> None:
+    """Refuse a problem that UP cannot copy.
+
+    :raises UnsupportedError: by its metric's name.
+    """
+    for metric in problem.quality_metrics:
+        if isinstance(metric, metrics.MinimizeActionCosts):
+            raise UnsupportedError(
+                f"UP cannot copy a schedule's problem with the metric '{metric}', which is needed "
+                "for replanning, and where a parameter says what moves: say it as gains of "
+                "Not(activity.present)"
+            )
+
+
 def only_makespan(problem: Any) -> bool:
     """Return whether nothing but the makespan is to be made smaller."""
     return all(m.is_minimize_makespan() for m in problem.quality_metrics)
